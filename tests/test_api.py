@@ -22,14 +22,17 @@ PUBLIC = {
 }
 FUNCTIONS = [name for name, value in PUBLIC.items() if inspect.isfunction(value)]
 CLASSES = [name for name, value in PUBLIC.items() if inspect.isclass(value)]
-METHODS = {**cp.dynamics.SOLVERS, **cp.simulation.INTEGRATORS, **cp.simulation.DRIFTS}
+METHODS = {
+    **cp.dynamics.SOLVERS, **cp.simulation.INTEGRATORS, **cp.simulation.DRIFTS,
+    **cp.contact.CONTACT_SOLVERS,
+}  # fmt: skip
 # Functions that compute, and those of them whose equations are of the literature.
 VERBS = (
     "solve", "derivatives", "inverse_dynamics", "gravity_compensation", "operational_space",
-    "transmission", "impact", "switch", "is_integrable", "simulate", "solve_batch",
+    "transmission", "impact", "switch", "solve_contact", "is_integrable", "simulate", "solve_batch",
     "derivatives_batch", "simulate_batch", "model_hierarchy", "tune",
 )  # fmt: skip
-SOURCED = VERBS[:9]
+SOURCED = VERBS[:10]
 COST = re.compile(r"\bCosts?\b|\bTakes\b|\b(us|ms)\b")
 SOURCE = re.compile(r"^References$|source are those of", re.MULTILINE)
 # What means the same everywhere: methods need not say it again, the first page of the API does.

@@ -663,3 +663,56 @@ def case(text, call):
 def test_bad_input_is_named(call, text):
     with pytest.raises(cp.CondynError, match=text):
         call(loops_of("four_bar"))
+
+
+# Many at once
+
+
+@pytest.mark.parametrize("name", ["cassie", "delta", "five_bar"])
+def test_many_are_closed_as_one_by_one(name):
+    scene = loops_of(name)
+    motors = scene.robot.actuated
+    iq, _ = indices(scene.robot.model, motors)
+    rng = np.random.default_rng(5)
+    angles = scene.state()[0][iq] + 0.1 * rng.normal(size=(6, len(motors)))
+    Q, closed = cp.mechanism.assemble_batch(scene, angles)
+    assert closed.all()
+    np.testing.assert_array_equal(Q[:, iq], angles)
+    for q, goal in zip(Q, angles, strict=True):
+        assert scene.check(q).closed
+        guess = scene.state()[0]
+        guess[iq] = goal
+        one = scene.assemble(guess, fixed=motors)
+        assert np.abs(np.asarray(pin.difference(scene.robot.model, q, one.q))).max() < 1e-6
+    again, _ = cp.mechanism.assemble_batch(scene, angles[3:4])
+    np.testing.assert_array_equal(again[0], Q[3])  # a row depends on no other
+
+
+def test_what_cannot_be_closed_is_masked():
+    scene = loops_of("delta")
+    iq, _ = indices(scene.robot.model, scene.robot.actuated)
+    start = scene.state()[0][iq]
+    far = start + np.array([np.zeros(3), [np.pi, 0.0, 0.0]])
+    Q, closed = cp.mechanism.assemble_batch(scene, far)
+    assert closed.tolist() == [True, False]
+    assert np.isfinite(Q).all()
+    cassie = loops_of("cassie")
+    beyond = np.full((1, 10), 50.0)
+    assert not cp.mechanism.assemble_batch(cassie, beyond)[1].any()
+    none, mask = cp.mechanism.assemble_batch(cassie, np.zeros((0, 10)))
+    assert none.shape == (0, cassie.robot.nq)
+    assert mask.shape == (0,)
+
+
+@pytest.mark.parametrize(
+    ("angles", "joints", "words"),
+    [
+        (np.zeros(2), None, "a row for each robot"),
+        (np.zeros((3, 5)), None, "angles"),
+        (np.full((1, 2), np.nan), None, "angles"),
+        (np.zeros((1, 0)), (), "one coordinate are needed"),
+    ],
+)
+def test_bad_angles_are_named(angles, joints, words):
+    with pytest.raises(cp.InvalidArgument, match=words):
+        cp.mechanism.assemble_batch(loops_of("five_bar"), angles, joints=joints)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 import pickle
 from dataclasses import replace
@@ -35,6 +36,7 @@ from condyn_pin.errors import (
     UnsupportedConstraint,
 )
 from condyn_pin.mechanism import minimal
+from condyn_pin.simulation.archive import decode, encode, scene_of
 
 TILTED = Plane((1.0, -2.0, 4.0), 0.3)
 SHAPES = (Point(), Ball(0.05), Capsule(0.03, 0.2), Box(0.1, 0.05, 0.02))
@@ -415,3 +417,37 @@ def test_feet_without_a_size_are_refused():
     assert ball.shape == Ball(0.2)
     with pytest.raises(CondynError, match="friction"):
         cp.model.rolling_ball().frictional_contacts(-1.0)
+
+
+# ---- files ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "contact",
+    [
+        FrictionalContact("a", Capsule(0.1, 0.2), (1, 2, 3), TILTED, friction=0.1, name="b"),
+        FrictionalContact("a", Box(1, 2, 3), on="c", on_shape=TILTED, friction=0, restitution=1),
+        FrictionalContact("a", friction=0.7),
+        JointLimit("knee", name="stop"),
+        JointFriction("knee", 0.3),
+    ],
+)
+def test_contacts_come_back_from_words(contact):
+    words = json.dumps(encode(contact))
+    assert decode(json.loads(words)) == contact
+
+
+def test_scenes_come_back_with_their_contacts():
+    scene = solo_on_feet()
+    words = {"constraints": [], "contacts": [encode(c) for c in scene.contacts]}
+    assert scene_of(scene.robot, json.loads(json.dumps(words))) == scene
+    assert scene_of(scene.robot, {"constraints": []}) == scene.bilateral  # of before
+
+
+def test_a_motion_that_was_saved_has_its_contacts(tmp_path):
+    scene = solo_on_feet()
+    q, v = scene.state()
+    run = cp.simulate(scene.bilateral, q, v, duration=2e-3, dt=1e-3)
+    phases = tuple(replace(phase, scene=scene) for phase in run.phases)
+    replace(run, phases=phases).save(tmp_path / "fall.npz")
+    assert cp.Trajectory.load(tmp_path / "fall.npz").scene == scene

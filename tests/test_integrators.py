@@ -128,7 +128,8 @@ def test_rows_without_a_position_are_held_or_refused():
         else:
             found = cp.simulate(scene, q, v, duration=0.5, dt=5e-3, integrator=integrator)
             assert found.constraint_velocity.max() < 1e-12
-            assert np.abs(found.v[-1] - exact.v[-1]).max() < 1e-5
+            near = 1e-5 if integrator.order.v > 1 else 0.1
+            assert np.abs(found.v[-1] - exact.v[-1]).max() < near
     for drift in (cp.Projection(), cp.PostStabilization()):
         found = cp.simulate(scene, q, v, duration=0.5, dt=5e-3, drift=drift)
         assert found.constraint_velocity.max() < 1e-9

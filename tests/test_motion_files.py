@@ -167,9 +167,9 @@ def test_what_was_done_before_workers_were_lost_can_be_in_a_file(tmp_path):
     lost = {"statuses": batch.statuses.copy(), "t": batch.t.copy(), "q": batch.q.copy()}
     lost["statuses"][4], lost["t"][4], lost["q"][4] = -1, np.nan, np.nan
     samples = dataclasses.replace(
-        batch.samples, **{name: array.copy() for name, array in vars(batch.samples).items()}
+        batch.samples, **{name: array.copy() for name, array in batch.samples.arrays.items()}
     )
-    for array in vars(samples).values():
+    for array in samples.arrays.values():
         array[4] = np.nan
     done = dataclasses.replace(batch, samples=samples, **lost)
     done.save(tmp_path / "done.npz")

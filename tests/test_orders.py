@@ -38,6 +38,10 @@ VARIANTS = [
     *(cp.RadauIIA(stages=s) for s in (1, 2, 3)),
     *(cp.simulation.GearGuptaLeimkuhler(stages=s) for s in (1, 2, 3)),
     *(cp.DormandPrince(**LOOSE, method=method) for method in (5, 8)),
+    cp.StewartTrinkle(),
+    cp.Moreau(),
+    cp.simulation.Anitescu(),
+    cp.simulation.SoftStep(),
 ]
 
 
@@ -106,7 +110,7 @@ SHOWN_ADAPTIVE = {5: (LONG_SWING, 128, 256), 8: (SPIN, 32, 48)}
 
 # The same of a four-bar or a top: how long [s], and how many steps.
 SHOWN_ELSEWHERE = {
-    1: (0.25, 100, 200),
+    1: (0.25, 400, 800),
     2: (0.25, 144, 288),
     3: (0.25, 64, 128),
     4: (0.25, 48, 96),

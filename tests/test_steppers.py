@@ -15,6 +15,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import (
     Ball,
+    Box,
     FrictionalContact,
     JointFriction,
     JointLimit,
@@ -22,8 +23,9 @@ from condyn_pin.constraints import (
     Point,
 )
 from condyn_pin.contact import SemismoothNewton
-from condyn_pin.model import free_ball, free_box, painleve_rod
+from condyn_pin.model import free_ball, free_box, painleve_rod, together
 from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
+from condyn_pin.simulation.contact_columns import gaps_at
 
 G = 9.81
 SCHEMES = (StewartTrinkle(), Moreau(), Anitescu(), SoftStep())
@@ -336,3 +338,66 @@ def test_work_of_contacts_counts_the_steps_between_samples() -> None:
     half = cp.Event(name="half", at=0.1005, scene=scene)
     watched = cp.simulate(scene, q, v, duration=0.2, events=[never, half])
     assert_allclose(watched.energy.contact[-1], every.energy.contact[-1], rtol=1e-12)
+
+
+def test_a_batch_of_steps_is_what_step_returns_to_the_bit() -> None:
+    scene = robot_scene("solo12")
+    q, v = standing(scene)
+    rng = np.random.default_rng(4)
+    V = rng.normal(scale=0.3, size=(5, len(v)))
+    batch = cp.simulation.step_batch(scene, np.tile(q, (5, 1)), V, dt=1e-3)
+    assert batch.ok
+    for i, start in enumerate(V):
+        now = cp.step(scene, q, start, dt=1e-3)
+        assert np.array_equal(batch.v[i], now.v)
+        assert np.array_equal(batch.lam[i], now.lam)
+        assert [modes[i] for modes in batch.modes.values()] == list(now.modes.values())
+        assert np.array_equal(batch[i].q, batch.q[i])
+    assert len(batch[1:3]) == 2
+    assert "5 ok" in str(batch)
+
+
+def test_a_box_lies_on_a_box() -> None:
+    """Pairs of bodies: the forces on both are in the proof of the step."""
+    half = Box(0.1, 0.1, 0.05)
+    boxes = together({name: free_box(size=(0.2, 0.2, 0.1)) for name in ("lower", "upper")})
+    contacts = [
+        FrictionalContact("lower/box", half, friction=0.5, name="ground"),
+        FrictionalContact(
+            "upper/box", half, on="lower/box", on_shape=half, friction=0.5, name="boxes"
+        ),
+    ]
+    scene = cp.Scene(boxes, contacts=contacts)
+    q = np.array([0, 0, 0.05, 0, 0, 0, 1, 0, 0, 0.15, 0, 0, 0, 1.0])
+    run = cp.simulate(scene, q, np.zeros(12), duration=0.05, dt=1e-3)
+    assert run.status.ok, run.reason
+    assert np.abs(run.v[-1]).max() < 1e-6
+    weight = {
+        part: sum(force[-1, 2] for name, force in run.forces.items() if name.startswith(part))
+        for part in ("ground", "boxes")
+    }
+    assert_allclose((weight["ground"], weight["boxes"]), (2 * G, G), rtol=1e-5)
+    now = cp.step(scene, q, np.zeros(12), dt=1e-3)
+    assert now.dynamics_error < 1e-15
+
+
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("solo12", {}), ("go2", {}), ("talos", {}), ("cassie", {"variant": {"feet": "points"}})],
+)
+def test_robots_fall(name: str, options: dict[str, object]) -> None:
+    """Limp, from random states: every step is answered, and what is closed stays closed."""
+    scene, rng = robot_scene(name, **options), np.random.default_rng(0)
+    q, v = scene.sample(rng)
+    q[2] += 0.02 - gaps_at(scene, q[None])[1].min()
+    run = cp.simulate(scene, q, v, duration=0.25, dt=5e-4)
+    assert run.status.ok, run.reason
+    assert run.contact is not None
+    assert run.contact.natural.max() <= 1e-8
+    assert any((modes != "open").any() for modes in run.modes.values())
+    assert run.violation.max() <= 1e-9
+    assert min(gap.min() for gap in run.gaps.values()) > -1e-3
+    if (
+        not scene.robot.springs
+    ):  # stiff ones lose what they swing with: they act at the end of steps
+        assert np.abs(run.energy.error).max() < 0.05 * run.energy.scale

@@ -28,12 +28,13 @@ def contact_load(
     points, axes = candidates.points(data, q), candidates.axes(data, q)
     cones = 3 * candidates.cones
     wrenches = []
-    touches = chain.from_iterable(bound.touches for bound in bounds)
-    for touch, p, E, force in zip(touches, points, axes, lam[:cones].reshape(-1, 3), strict=True):
-        f = E @ force
-        on_robot = pin.Force(f, np.cross(p, f))  # at the world's origin
-        wrenches.append((touch.joint, data.oMi[touch.joint].actInv(on_robot)))
-        wrenches.append((touch.ground, data.oMi[touch.ground].actInv(-on_robot)))
+    forces = lam[:cones].reshape(-1, 3)
+    for (joint, ground), p, E, force in zip(_bodies(bounds), points, axes, forces, strict=True):
+        if force.any():  # a point of a pair that has none may be nowhere
+            f = E @ force
+            on_robot = pin.Force(f, np.cross(p, f))  # at the world's origin
+            wrenches.append((joint, data.oMi[joint].actInv(on_robot)))
+            wrenches.append((ground, data.oMi[ground].actInv(-on_robot)))
     torque = np.zeros(model.nv)
     stops = chain.from_iterable(bound.stops for bound in bounds)
     dry = chain.from_iterable(bound.dry for bound in bounds)
@@ -41,3 +42,10 @@ def contact_load(
     for (iv, sign), force in zip(along, lam[cones:], strict=True):
         torque[iv] += sign * force
     return Load(torque, np.abs(torque), tuple(wrenches), ())
+
+
+def _bodies(bounds: Sequence[BoundContact]) -> list[tuple[int, int]]:
+    """Return the joints that carry the two sides of each cone, in the order of `Candidates`."""
+    bodies = [(touch.joint, touch.ground) for bound in bounds for touch in bound.touches]
+    pairs = [pair for bound in bounds for pair in bound.pairs]
+    return bodies + [(pair.joint, pair.ground) for pair in pairs for _ in range(pair.points)]

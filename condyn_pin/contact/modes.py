@@ -1,8 +1,8 @@
-"""Modes of contacts: open, stick or slide, read off the impulses.
+"""Modes of contacts: open, stick or slide, read off the impulses and velocities.
 
-P_K(lam - rho d) is lam where a problem is solved. It is zero where a contact is open, and on the
-surface of the cone where it slides: exactly, whatever the solver left of lam. Redundant contacts
-may be there and stick all the same, so that what slides has to move, too.
+With x = lam - d / mean(diag G), where P_K(x) is lam in a solved problem: a contact is open where x
+is in the polar cone of K, whatever the solver left of lam. Of the others those slide that move:
+redundant contacts may be on the surface of their cones and stick all the same.
 """
 
 from __future__ import annotations
@@ -16,14 +16,11 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem
 
-Modes = NDArray[np.int8]
+Modes = NDArray[np.int_]
 
 # A mode as a number is its place here.
 MODES: Final = ("open", "stick", "slide")
 OPEN, STICK, SLIDE = range(3)
-
-# How far inside of the surface rounding puts what is on it, relative.
-_ROUNDED: Final = 1e-12
 
 # Velocity along a row that is none, relative to |g|: ten times what a solved problem leaves.
 _MOVES: Final = 10 * tolerances.CONTACT_SOLVED
@@ -36,15 +33,13 @@ def contact_modes(problem: ContactProblem, lam: Array) -> Modes:
     """
     stiff, speed = problem.scale
     sigma = problem.velocities(lam)
-    nearest = problem.sets.project(lam - problem.dual(sigma) / stiff)
-    moves = np.abs(sigma) > _MOVES * speed
+    x, still = lam - problem.dual(sigma) / stiff, _MOVES * speed
     cones = 3 * len(problem.friction)
+    X, S = x[:cones].reshape(-1, 3), sigma[:cones].reshape(-1, 3)
+    presses = problem.friction * np.hypot(X[:, 0], X[:, 1]) > -X[:, 2]
+    codes = np.where(presses, STICK + (np.hypot(S[:, 0], S[:, 1]) > still), OPEN)
+    if len(x) == cones:
+        return codes
     lines = cones + problem.half_lines
-    t1, t2, n = nearest[:cones].reshape(-1, 3).T
-    slides = np.hypot(t1, t2) >= problem.friction * n * (1 - _ROUNDED)
-    slides &= moves[0:cones:3] | moves[1:cones:3]
-    of_cones = np.where(n > 0, np.where(slides, SLIDE, STICK), OPEN)
-    of_lines = np.where(nearest[cones:lines] > 0, STICK, OPEN)
-    slides = (np.abs(nearest[lines:]) >= problem.limits) & moves[lines:]
-    of_intervals = np.where(slides, SLIDE, STICK)
-    return np.concatenate((of_cones, of_lines, of_intervals)).astype(np.int8)
+    of_lines = np.where(x[cones:lines] > 0, STICK, OPEN)
+    return np.concatenate((codes, of_lines, STICK + (np.abs(sigma[lines:]) > still)))

@@ -46,6 +46,19 @@ class ContactResiduals(NamedTuple):
 def natural_residual(problem: ContactProblem, lam: Array) -> float:
     """Return |lam - P_K(lam - d)|_inf, without a unit; NaN if lam has one.
 
+    Parameters
+    ----------
+    problem : ContactProblem
+    lam : (m,) array
+        Impulses [N s].
+
+    Returns
+    -------
+    float
+        Zero if and only if the problem is solved [1].
+
+    Notes
+    -----
     Cost: one product G lam and a dozen passes over the rows, for hot loops.
     """
     if not len(lam):
@@ -54,11 +67,26 @@ def natural_residual(problem: ContactProblem, lam: Array) -> float:
     d = problem.dual(problem.velocities(lam))
     missed = problem.sets.project(lam - d / stiff)
     missed -= lam
-    return float(np.abs(missed).max()) * stiff / speed
+    return float(np.maximum.reduce(np.abs(missed))) * stiff / speed
 
 
 def contact_residuals(problem: ContactProblem, lam: Array) -> ContactResiduals:
-    """Return all seven residuals of impulses (m,)."""
+    """Return all seven residuals of impulses.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    lam : (m,) array
+        Impulses [N s].
+
+    Returns
+    -------
+    ContactResiduals
+
+    Notes
+    -----
+    Cost: one product G lam and some forty passes over the rows.
+    """
     stiff, speed = problem.scale
     sigma = problem.velocities(lam)
     d = problem.dual(sigma)

@@ -58,6 +58,10 @@ def soft_contact(
     impratio : float
         How much stiffer friction is than the normal [1].
 
+    Returns
+    -------
+    SoftContact
+
     Raises
     ------
     InvalidArgument

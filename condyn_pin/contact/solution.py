@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.residuals import ContactResiduals
+from condyn_pin.contact.residuals import ContactResiduals, contact_residuals
 
 
 class ContactStatus(Enum):
@@ -45,7 +45,7 @@ class ContactStatus(Enum):
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactSolution:
-    """Impulses and velocities of contacts, with seven residuals recomputed.
+    """Impulses and velocities of contacts, with residuals recomputed.
 
     sigma = G lam + g + R lam
 
@@ -55,10 +55,10 @@ class ContactSolution:
         Impulses on the robot, all rows, in the axes of each contact [N s].
     sigma : (m,) array
         Velocities of the contacts after the step [m/s].
-    residuals : ContactResiduals
-        By how much each condition is missed, whatever the solver was.
+    natural : float
+        |lam - P_K(lam - d)|, in units of the problem [1]: zero if and only if it is solved.
     status : ContactStatus
-        OK if `residuals.natural` is within the accuracy that was asked for.
+        OK if `natural` is within the accuracy that was asked for.
     iterations : int
         Of all methods that had a part.
     path : tuple of str
@@ -73,13 +73,19 @@ class ContactSolution:
 
     lam: Array  # [N s]
     sigma: Array  # [m/s]
-    residuals: ContactResiduals
+    natural: float
     status: ContactStatus
     iterations: int
     path: tuple[str, ...]
     solve_time: float  # [s]
     problem: ContactProblem
     unmet: tuple[str, ...] = ()
+
+    @cached_property
+    def residuals(self) -> ContactResiduals:
+        """By how much each condition is missed, whatever the solver was; computed when read."""
+        with np.errstate(all="ignore"):  # of impulses that are not finite
+            return contact_residuals(self.problem, self.lam)
 
     @cached_property
     def unique_forces(self) -> bool:
@@ -129,7 +135,7 @@ class ContactSolution:
     def __repr__(self) -> str:
         return (
             f"ContactSolution({len(self.problem.names)} contacts: {self.status.name.lower()}, "
-            f"natural residual {self.residuals.natural:.1e})"
+            f"natural residual {self.natural:.1e})"
         )
 
     def __str__(self) -> str:

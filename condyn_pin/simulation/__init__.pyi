@@ -1,9 +1,11 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
+from .batch.batch_step import BatchStep as BatchStep
 from .batch.sampling import sample_batch as sample_batch
 from .batch.simulation import simulate_batch as simulate_batch
 from .batch.solution import BatchDerivatives as BatchDerivatives
 from .batch.solution import BatchSolution as BatchSolution
+from .batch.steps import step_batch as step_batch
 from .batch.trajectory import BatchTrajectory as BatchTrajectory
 from .batch.verbs import derivatives_batch as derivatives_batch
 from .batch.verbs import solve_batch as solve_batch

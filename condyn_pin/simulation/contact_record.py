@@ -21,7 +21,7 @@ class ContactRecord:
     names : tuple of str
         Of the candidates.
     columns : (k, 2 + candidates) array
-        Natural residual and work as below, and modes as places in `MODES`, open while a candidate
+        Natural residual [1], work [J], and modes as places in `MODES` [1], open while a candidate
         is away: what a file has.
     """
 

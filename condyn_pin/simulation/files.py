@@ -132,11 +132,11 @@ def _count(phases: tuple[Phase, ...]) -> int:
         start, stop = phase.samples.start, phase.samples.stop
         if type(start) is not int or type(stop) is not int or start != count or stop <= start:
             raise ValueError(f"samples {start} to {stop} of a phase do not follow {count}")
-        columns = phase.columns
+        columns, rows = phase.columns, len(row_names(phase.scene))
         if not all(type(column) is int and column >= 0 for column in columns) or not (
-            len(columns) == len(set(columns)) == len(row_names(phase.scene))
+            len(columns) == len(set(columns)) == rows
         ):
-            raise ValueError(f"columns {columns}: a different one for each row is needed")
+            raise ValueError(f"columns {columns}: {rows} different ones are needed")
         count = stop
     return count
 

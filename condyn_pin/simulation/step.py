@@ -90,7 +90,7 @@ def step(
         said = "; ".join((str(solution.status), *solution.contact.notices))
         raise SolveFailed(
             f"a step of {dt:g} s by {integrator!r}: {said} "
-            f"(natural residual {solution.contact.residuals.natural:.1e})",
+            f"(natural residual {solution.contact.natural:.1e})",
             solution,
         )
     return solution
@@ -110,7 +110,28 @@ def contact_problem(
 
     sigma = G lam + g,    G = J_c M^-1 J_c^T along the constraints
 
-    Arguments and errors are those of `step`.
+    Parameters
+    ----------
+    scene : Scene
+    q, v : (nq,), (nv,) array_like
+    tau : 0 or (nv,) array_like, optional
+        Torques applied [N, N m].
+    dt : float
+        [s]
+    integrator : ContactScheme, optional
+        `StewartTrinkle()` by default.
+    forces : sequence of AppliedForce, optional
+        Forces from outside, constant; none by default.
+
+    Returns
+    -------
+    ContactProblem
+        In the rows of the contacts that take part.
+
+    Raises
+    ------
+    InvalidArgument
+        As `step` does.
     """
     memory = _memory(scene, dt, integrator)
     return memory.pose(*_state(scene, q, v), tau, forces).problem
@@ -151,9 +172,9 @@ class _Memory:
         begun = perf_counter()
         q1, v1, a = self._steps.attempt(0.0, q, v)
         took = perf_counter() - begun
-        posed, found, _, work = self._steps.last
+        posed, found, natural, work = self._steps.last
         lam = self._steps.impulses()
-        contact = judged(posed.problem, found, tolerances.CONTACT_SOLVED, took)
+        contact = judged(posed.problem, found, natural, tolerances.CONTACT_SOLVED, took)
         dynamics, slip = self._errors(posed, v, a, v1, lam / self._dt)
         equations, candidates = self._system.equations, self._system.contacts
         violation = equations.open_by(q1, v1)[0]

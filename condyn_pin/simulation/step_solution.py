@@ -91,7 +91,7 @@ class StepSolution:
     def __str__(self) -> str:
         lines = [
             f"{self.scene.robot.name}, a step of {1e3 * self.dt:.4g} ms: {self.status}",
-            f"natural residual {self.contact.residuals.natural:.1e}; "
+            f"natural residual {self.contact.natural:.1e}; "
             f"{self.contact.iterations} iterations of {', '.join(self.contact.path) or 'nothing'}",
             f"dynamics    {self.dynamics_error:.1e} N s",
             f"constraints {self.constraint_error:.1e} m/s, {self.violation:.1e} m",

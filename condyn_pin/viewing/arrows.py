@@ -109,8 +109,8 @@ def arrow_parts(
     """
     arrows = [arrow for c in scene.constraints if c.frames
               for arrow in _arrows(c.name, between=len(c.frames) == 2)]  # fmt: skip
-    arrows += [arrow for bound in scene.contact_bounds for touch in bound.touches
-               for arrow in _touch_arrows(touch.name, between=touch.ground != 0)]  # fmt: skip
+    arrows += [arrow for bound in scene.contact_bounds for name, ground in bound.cones
+               for arrow in _touch_arrows(name, between=ground != 0)]  # fmt: skip
     most = {arrow: arrow.most(moments, peaks) for arrow in arrows}
     for unit in ("N", "N m"):
         same = [arrow for arrow in arrows if arrow.unit == unit]

@@ -18,7 +18,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.viewing import meshes
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import CONE, GROUND, Colour, mode_colour
-from condyn_pin.viewing.part import Part, Pose, at_point, then
+from condyn_pin.viewing.part import Part, at_point, joint_pose, then
 from condyn_pin.viewing.patches import patch_mesh
 from condyn_pin.viewing.touching import Touching
 
@@ -46,64 +46,61 @@ def touch_parts(
         Draw the friction cones.
     """
     for bound in scene.contact_bounds:
-        if not bound.touches:
-            continue
         for i, solid in enumerate(bound.solids):
             shape = patch_mesh(solid.patch).moved(solid.placement.homogeneous)
             path = f"{_folder(bound, moments)}/{bound.name}/shape {i}"
             yield Part(
-                path, _joint(solid.joint), ((shape, mode_colour("")),), opacity=_CLEAR,
+                path, joint_pose(solid.joint), ((shape, mode_colour("")),), opacity=_CLEAR,
                 tint=partial(_shape_colour, bound),
             )  # fmt: skip
-        for touch in bound.touches:
-            path = f"{_folder(bound, moments)}/{touch.name}/point"
+        for name, _ in bound.cones:
+            path = f"{_folder(bound, moments)}/{name}/point"
             ball = ((meshes.sphere(_POINT * size), mode_colour("")),)
-            pose = then(_of(touch), lambda here: at_point(here.at))
-            yield Part(path, pose, ball, on_top=True, tint=partial(_point_colour, touch))
+            pose = then(_of(name), lambda here: at_point(here.at))
+            yield Part(path, pose, ball, on_top=True, tint=partial(_point_colour, name))
             if cones:
-                yield _cone_part(touch, size)
+                yield _cone_part(name, size)
     yield from _ground_parts(scene, moments, size)
 
 
 def _folder(bound: BoundContact, moments: Sequence[Moment]) -> str:
     """Return what the legend knows the parts of a contact by: whether anybody asked its modes."""
-    asked = any(at.touching[t.name].mode for at in moments for t in bound.touches
-                if t.name in at.touching)  # fmt: skip
+    asked = any(mode for at in moments for mode in _modes(bound, at))
     return "touching" if asked else "candidates"
 
 
-def _of(touch: Touch) -> Callable[[Moment], Touching | None]:
-    return lambda at: at.touching.get(touch.name)
+def _modes(bound: BoundContact, at: Moment) -> set[str]:
+    return {at.touching[name].mode for name, _ in bound.cones if name in at.touching}
 
 
-def _joint(joint: int) -> Pose:
-    return lambda at: np.asarray(at.joints[joint].homogeneous)
+def _of(name: str) -> Callable[[Moment], Touching | None]:
+    return lambda at: at.touching.get(name)
 
 
-def _point_colour(touch: Touch, at: Moment) -> Colour:
-    return mode_colour(at.touching[touch.name].mode if touch.name in at.touching else "")
+def _point_colour(name: str, at: Moment) -> Colour:
+    return mode_colour(at.touching[name].mode if name in at.touching else "")
 
 
 def _shape_colour(bound: BoundContact, at: Moment) -> Colour:
-    modes = {at.touching[t.name].mode for t in bound.touches if t.name in at.touching}
+    modes = _modes(bound, at)
     return mode_colour(next((mode for mode in _ORDER if mode in modes), ""))
 
 
-def _cone_part(touch: Touch, size: float) -> Part:
+def _cone_part(name: str, size: float) -> Part:
     """Return the cone of the forces that a contact can give, all sides of one length."""
-    slope = np.hypot(1.0, touch.friction)
-    height, radius = _CONE * size / slope, _CONE * size * touch.friction / slope
-    cone = meshes.turned([(0.0, 0.0), (max(radius, 0.01 * height), height), (0.0, height)])
+    unit = ((meshes.turned([(0.0, 0.0), (1.0, 1.0), (0.0, 1.0)]), CONE),)
 
     def pose(at: Moment) -> Array | None:
-        here = at.touching.get(touch.name)
+        here = at.touching.get(name)
         if here is None or here.mode == "open":
             return None
+        height = _CONE * size / np.hypot(1.0, here.friction)
+        radius = height * max(here.friction, 0.01)  # a needle on ice
         T = at_point(here.at)
-        T[:3, :3] = here.axes
+        T[:3, :3] = here.axes * (radius, radius, height)
         return T
 
-    return Part(f"cones/{touch.name}", pose, ((cone, CONE),), opacity=_CLEAR)
+    return Part(f"cones/{name}", pose, unit, opacity=_CLEAR)
 
 
 def _ground_parts(scene: Scene, moments: Sequence[Moment], size: float) -> Iterator[Part]:
@@ -124,4 +121,4 @@ def _ground_parts(scene: Scene, moments: Sequence[Moment], size: float) -> Itera
         square = meshes.Mesh(corners, np.array([(0, 1, 3), (0, 3, 2)], dtype=np.uint32))
         square = square.moved(plane.homogeneous)
         path = f"grounds/of {touches[0].name}"
-        yield Part(path, _joint(ground), ((square, GROUND),), opacity=_CLEAR)
+        yield Part(path, joint_pose(ground), ((square, GROUND),), opacity=_CLEAR)

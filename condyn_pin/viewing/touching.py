@@ -79,13 +79,14 @@ def touching_at(scene: Scene, data: Any, q: Array, felt: Felt) -> Iterator[tuple
         return
     model = scene.robot.model
     candidates = Candidates(model, scene.contact_bounds)
-    grounds = [touch.ground for bound in scene.contact_bounds for touch in bound.touches]
+    grounds = dict(cone for bound in scene.contact_bounds for cone in bound.cones)
     gaps, points = candidates.gaps(data, q), candidates.points(data, q)
     axes = candidates.axes(data, q)
-    for i, ground in enumerate(grounds):
-        name = candidates.names[i]
+    for i, name in enumerate(candidates.names[: candidates.cones]):
+        if not np.isfinite(gaps[i]):  # two bodies may meet in fewer places
+            continue
         yield name, Touching(
             points[i].copy(), axes[i].copy(), float(gaps[i]), float(candidates.friction[i]),
-            name, model.names[ground], felt.modes.get(name, ""),
+            name, model.names[grounds[name]], felt.modes.get(name, ""),
             np.asarray(felt.forces.get(name, np.zeros(3))),
         )  # fmt: skip

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Patch
+from condyn_pin.constraints.contacts.cores import Core
+from condyn_pin.constraints.contacts.meetings import most_meetings
 
 
 class Touch(NamedTuple):
@@ -20,6 +22,32 @@ class Touch(NamedTuple):
     plane: Any  # pin.SE3 on that joint, z out of the ground
     friction: float
     restitution: float
+
+
+class Pair(NamedTuple):
+    """A shape of one body near one of another: three rows for each place of a point."""
+
+    name: str
+    joint: int
+    placement: Any  # pin.SE3 of the shape on that joint
+    shape: Core
+    ground: int  # the joint that carries the other; 0 for the world
+    ground_placement: Any
+    ground_shape: Core
+    friction: float
+    restitution: float
+
+    @property
+    def points(self) -> int:
+        """Number of places."""
+        return most_meetings(self.shape, self.ground_shape)
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """Names of the places."""
+        if self.points == 1:
+            return (self.name,)
+        return tuple(f"{self.name}/point {i}" for i in range(1, self.points + 1))
 
 
 class Stop(NamedTuple):
@@ -54,12 +82,20 @@ class BoundContact:
 
     name: str
     touches: tuple[Touch, ...] = ()
+    pairs: tuple[Pair, ...] = ()
     stops: tuple[Stop, ...] = ()
     dry: tuple[Dry, ...] = ()
     solids: tuple[Solid, ...] = ()
 
     @property
+    def cones(self) -> tuple[tuple[str, int], ...]:
+        """Name of each of its cones, and the joint that carries what it touches."""
+        on_planes = [(touch.name, touch.ground) for touch in self.touches]
+        of_pairs = [(name, pair.ground) for pair in self.pairs for name in pair.candidates]
+        return (*on_planes, *of_pairs)
+
+    @property
     def candidates(self) -> tuple[str, ...]:
         """Names of its cones, half-lines and intervals."""
-        cones, stops = (touch.name for touch in self.touches), (stop.name for stop in self.stops)
-        return (*cones, *stops, *(each.name for each in self.dry))
+        cones = [name for name, _ in self.cones]
+        return (*cones, *(stop.name for stop in self.stops), *(each.name for each in self.dry))

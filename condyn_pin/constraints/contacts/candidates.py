@@ -1,6 +1,7 @@
 """All candidates of a scene for contact, evaluated together: gaps, contact points and rows.
 
-Cones come first, three rows (t1, t2, n) each, with n from the ground to the robot; then half-lines,
+Cones come first, three rows (t1, t2, n) each, with n from the ground to the robot: those on planes,
+and then those of pairs of bodies. Then come half-lines,
 the ends of the ranges of joints, +1 at a lower end and -1 at an upper one; then intervals, the dry
 friction of joints. For each cone and half-line d gap/dt is its row of J v along the normal.
 """
@@ -14,7 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin.constraints.contacts.bound import BoundContact
+from condyn_pin.constraints.contacts.bound import BoundContact, Pair, Touch
+from condyn_pin.constraints.contacts.pairs import Pairs
 from condyn_pin.constraints.contacts.touches import Touches
 
 
@@ -46,17 +48,22 @@ class Candidates:
 
     def __init__(self, model: Any, bounds: Sequence[BoundContact]) -> None:
         touches = [touch for bound in bounds for touch in bound.touches]
+        pairs = [pair for bound in bounds for pair in bound.pairs]
         stops = [stop for bound in bounds for stop in bound.stops]
         dry = [each for bound in bounds for each in bound.dry]
-        self.cones, self.half_lines, self.intervals = len(touches), len(stops), len(dry)
-        of_cones = tuple(touch.name for touch in touches)
+        # a pair has several cones
+        cones: list[Touch | Pair] = [*touches]
+        cones += [pair for pair in pairs for _ in range(pair.points)]
+        self.cones, self.half_lines, self.intervals = len(cones), len(stops), len(dry)
+        of_cones = (*(touch.name for touch in touches),
+                    *(name for pair in pairs for name in pair.candidates))  # fmt: skip
         others = (*(stop.name for stop in stops), *(each.name for each in dry))
         self.names = (*of_cones, *others)
         self.row_names = (*(f"{name}.{axis}" for name in of_cones for axis in _AXES), *others)
-        self.friction = read_only(np.array([touch.friction for touch in touches]))
-        self.restitution = read_only(np.array([touch.restitution for touch in touches]))
+        self.friction = read_only(np.array([each.friction for each in cones]))
+        self.restitution = read_only(np.array([each.restitution for each in cones]))
         self.limits = read_only(np.array([each.limit for each in dry]))
-        self._touches = Touches(model, touches)
+        self._touches, self._pairs = Touches(model, touches), Pairs(model, pairs)
         self._iq = np.array([stop.iq for stop in stops], dtype=np.int_)
         self._sign = np.array([stop.sign for stop in stops])
         self._limit = np.array([stop.limit for stop in stops])
@@ -75,6 +82,8 @@ class Candidates:
     def gaps(self, data: Any, q: Array) -> Array:
         """Return the signed distances of cones and half-lines [m, rad]; reads data.oMi at q."""
         touching = self._touches.gaps(data)
+        if self._pairs.size:
+            touching = np.concatenate((touching, self._pairs.gaps(data)))
         if not self.half_lines:
             return touching
         return np.concatenate((touching, self._sign * (q[self._iq] - self._limit)))
@@ -91,6 +100,8 @@ class Candidates:
             A flag for each of `names`.
         """
         J = self._touches.jacobian(data)
+        if self._pairs.size:
+            J = np.concatenate((J, self._pairs.jacobian(data)))
         if len(self._coordinates):
             J = np.concatenate((J, self._coordinates))
         return J if active.all() else J[self.rows_of(active)]
@@ -101,11 +112,13 @@ class Candidates:
 
     def points(self, data: Any, q: Array) -> Array:
         """Return the contact point of each cone in the world (cones, 3) [m]."""
-        return self._touches.points(data)
+        points = self._touches.points(data)
+        return np.concatenate((points, self._pairs.points(data))) if self._pairs.size else points
 
     def axes(self, data: Any, q: Array) -> Array:
         """Return t1, t2 and n of each cone in the world, as columns (cones, 3, 3)."""
-        return self._touches.axes(data)
+        axes = self._touches.axes(data)
+        return np.concatenate((axes, self._pairs.axes(data))) if self._pairs.size else axes
 
 
 _AXES = ("t1", "t2", "n")

@@ -7,15 +7,15 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite, shown
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import Vector3, check_size, floats, text
 from condyn_pin.constraints.contacts.base import Contact, Mode
-from condyn_pin.constraints.contacts.bound import BoundContact, Solid, Touch
+from condyn_pin.constraints.contacts.bound import BoundContact, Pair, Solid, Touch
 from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.contacts.shapes import Feeler, Point, Shape
 from condyn_pin.constraints.planar_contact import PlanarContact
@@ -41,8 +41,9 @@ class FrictionalContact(Contact):
     on : Plane or str
         What it may touch: a plane of the world, z = 0 by default, or a frame of another body, which
         carries `on_shape`.
-    on_shape : Plane, optional
-        What `on` carries, in its axes.
+    on_shape : Plane or Shape, optional
+        What `on` carries, in its axes: a plane, or a shape round its origin. Two shapes have 1, 4
+        (capsule and box), 5 (capsules) or 8 (boxes) points where they meet.
     friction : float
         Coulomb's coefficient [1]. There is no default: 0 is ice, 0.7 rubber on a dry floor.
     restitution : float
@@ -60,7 +61,7 @@ class FrictionalContact(Contact):
     shape: Shape = Point()  # noqa: RUF009  a value
     offset: Vector3 = (0.0, 0.0, 0.0)
     on: Plane | str = Plane()  # noqa: RUF009  a value
-    on_shape: Plane | None = None
+    on_shape: Plane | Shape | None = None
     friction: float = None  # type: ignore[assignment]
     restitution: float = 0.0
 
@@ -98,35 +99,44 @@ class FrictionalContact(Contact):
             raise InvalidArgument(
                 f"on = {shown(self.on)}: a Plane, or the name of a frame of another body, is needed"
             )
-        if not isinstance(self.on_shape, Plane):
+        if not isinstance(self.on_shape, Plane | Shape):
             raise InvalidArgument(
-                f"on_shape = {shown(self.on_shape)}: what {self.on!r} carries is needed, a Plane"
+                f"on_shape = {shown(self.on_shape)}: what {self.on!r} carries is needed, a Plane, "
+                "Ball, Capsule or Box"
             )
 
     def bind(self, machine: Machine) -> BoundContact:
-        """Return its feelers over the plane."""
+        """Return its feelers over the plane, or the pair of shapes."""
         joint, placement = machine.frame(self.frame)
-        ground, plane = self._ground(machine)
+        in_world = isinstance(self.on, Plane)
+        ground, origin = (0, pin.SE3.Identity()) if in_world else machine.frame(str(self.on))
         if joint == ground:
             where = "the world" if joint == 0 else f"joint {machine.model.names[joint]!r}"
             raise InvalidArgument(
                 f"{self.name}: frame {self.frame!r} and what it touches both belong to {where}; "
                 "name frames on two bodies that move against each other"
             )
-        at = shifted(placement, self.offset)
-        touches = tuple(
-            Touch(
-                self._called(feeler), joint, at.act(np.array(feeler.point)), feeler.radius,
-                ground, plane, float(self.friction), float(self.restitution),
-            )
-            for feeler in self.shape.feelers
-        )  # fmt: skip
-        patch = self.shape.patch
-        solids = (Solid(joint, at, patch),) if patch else ()
-        return BoundContact(self.name, touches=touches, solids=solids)
+        at, law = shifted(placement, self.offset), (float(self.friction), float(self.restitution))
+        below = self.on if isinstance(self.on, Plane) else self.on_shape
+        if isinstance(below, Shape):
+            pair = Pair(self.name, joint, at, self.shape.core, ground, origin, below.core, *law)
+            return BoundContact(self.name, pairs=(pair,), solids=_solids(
+                (joint, at, self.shape), (ground, origin, below)
+            ))  # fmt: skip
+        assert below is not None  # checked when it was made
+        plane = origin * below.placement
+        touches = (
+            Touch(self._called(f), joint, at.act(np.array(f.point)), f.radius, ground, plane, *law)
+            for f in self.shape.feelers
+        )
+        return BoundContact(
+            self.name, touches=tuple(touches), solids=_solids((joint, at, self.shape))
+        )
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return its feelers where they are: points and balls that stick, or slide on the plane."""
+        if not isinstance(self.on, Plane):
+            return self._between_bodies(modes)
         chosen = {}
         for feeler in self.shape.feelers:
             name = self._called(feeler)
@@ -138,10 +148,7 @@ class FrictionalContact(Contact):
         )
 
     def _holding(self, name: str, feeler: Feeler, *, sticks: bool) -> Constraint:
-        if not isinstance(self.on, Plane):
-            raise UnsupportedConstraint(
-                f"{name} is between two bodies: hold them with a Loop of your own"
-            )
+        assert isinstance(self.on, Plane)
         x, y, z = (a + b for a, b in zip(self.offset, feeler.point, strict=True))
         if not sticks:
             return PlanarContact(self.frame, (x, y, z), self.on.normal, name=name)
@@ -154,13 +161,21 @@ class FrictionalContact(Contact):
             )
         return RollingBall(self.frame, feeler.radius, self.on.normal, name=name)
 
+    def _between_bodies(self, modes: Mapping[str, Mode] | None) -> tuple[()]:
+        """Return nothing if all its candidates are open."""
+        mine = {name: mode for name, mode in (modes or {}).items() if name.startswith(self.name)}
+        if modes is None or set(mine.values()) - {"open"}:
+            raise UnsupportedConstraint(
+                f"{self.name} is between two bodies: hold them with a Loop of your own"
+            )
+        return ()
+
     def _called(self, feeler: Feeler) -> str:
         return f"{self.name}/{feeler.called}" if feeler.called else self.name
 
-    def _ground(self, machine: Machine) -> tuple[int, Any]:
-        """Return the joint that carries the plane, and the plane on it."""
-        if isinstance(self.on, Plane):
-            return 0, self.on.placement
-        assert self.on_shape is not None
-        joint, placement = machine.frame(self.on)
-        return joint, placement * self.on_shape.placement
+
+def _solids(*placed: tuple[int, Any, Shape]) -> tuple[Solid, ...]:
+    """Return what is to be drawn of shapes on joints."""
+    return tuple(
+        Solid(joint, at, shape.patch) for joint, at, shape in placed if shape.patch is not None
+    )

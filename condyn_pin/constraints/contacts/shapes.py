@@ -14,6 +14,7 @@ from typing import NamedTuple
 from condyn_pin._core.registry import enter
 from condyn_pin.constraints.base import Patch
 from condyn_pin.constraints.constraint_fields import Vector3, check_positive
+from condyn_pin.constraints.contacts.cores import Core, box_core, points_core
 
 # All shapes by the names of their classes, by which archives find them.
 SHAPES: dict[str, type[Shape]] = {}
@@ -43,6 +44,12 @@ class Shape(ABC):
     def patch(self) -> Patch | None:
         """What it is drawn as; None for what has no size."""
         return None
+
+    @property
+    def core(self) -> Core:
+        """Itself without its round skin; what feelers there are make a ball or a capsule."""
+        radius = self.feelers[0].radius
+        return points_core(*(feeler.point for feeler in self.feelers), radius=radius)
 
 
 @dataclass(frozen=True)
@@ -140,3 +147,8 @@ class Box(Shape):
     def patch(self) -> Patch:
         """Itself."""
         return Patch("box", (2.0 * self.x, 2.0 * self.y, 2.0 * self.z))
+
+    @property
+    def core(self) -> Core:
+        """The box."""
+        return box_core(self.x, self.y, self.z)

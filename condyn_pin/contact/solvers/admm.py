@@ -29,7 +29,7 @@ class ADMM(ContactSolver):
     Parameters
     ----------
     tolerance : float
-        What the natural residual is to be, without a unit. Pinocchio is asked for a quarter: its
+        What the natural residual is to be [1]. Pinocchio is asked for a quarter: its
         own measure is up to three times smaller.
     max_iterations : int
         Of each run. The answer of a robot on its feet takes 10 to 50.

@@ -61,8 +61,11 @@ class ContactSolver(ABC):
 
     @abstractmethod
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
-        """Return impulses (m,); `guess` is where to begin."""
+        """Return impulses (m,) of a `problem`; `guess` is where to begin."""
 
     def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
-        """Yield other attempts, each counting the iterations and methods of those before it."""
+        """Yield other attempts at a `problem` than `found`.
+
+        Each counts the iterations and names the methods of those before it.
+        """
         yield from ()

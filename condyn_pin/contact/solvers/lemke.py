@@ -34,8 +34,8 @@ class Lemke(ContactSolver):
     Parameters
     ----------
     sides : int
-        Of each polygon, even. Friction is right along its corners, and less by 1 - cos(pi / sides)
-        between them.
+        Of each polygon, even. Friction is right along its corners; between them it is less, by
+        1 - cos(pi / sides) at most, and up to pi / sides off the direction of slip.
     max_iterations : int
         Pivots; about as many as there are directions.
 

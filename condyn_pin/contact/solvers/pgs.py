@@ -29,7 +29,8 @@ class PGS(ContactSolver):
     Parameters
     ----------
     tolerance : float
-        On which Pinocchio stops, in units of the problem [1].
+        On which Pinocchio stops, in units of the problem [1]. A hundredth of what the natural
+        residual is to be: it looks at how much the last round changed.
     max_iterations : int
         Rounds.
     over_relaxation : float, optional
@@ -54,7 +55,7 @@ class PGS(ContactSolver):
     laws: ClassVar[tuple[Law, ...]] = ("ncp",)
     sweeps: ClassVar[tuple[Grid, ...]] = ({"tolerance": (1e-4, 1e-6, 1e-8, 1e-10)},)
 
-    tolerance: float = 1e-9
+    tolerance: float = 1e-10
     max_iterations: int = 5000
     over_relaxation: float | None = None
 

@@ -127,7 +127,7 @@ class ContactScheme(Integrator, ABC):
         return np.asarray(gaps < max(_NEAR, 2 * dt * fastest))
 
     def check(self, candidates: Candidates) -> None:
-        """Refuse contacts that rebound where the scheme lets none."""
+        """Refuse `candidates` that rebound where the scheme lets none."""
         if self.takes_restitution or not candidates.restitution.any():
             return
         k = int(candidates.restitution.argmax())
@@ -138,7 +138,7 @@ class ContactScheme(Integrator, ABC):
 
     @abstractmethod
     def asked(self, near: Near) -> tuple[Array, Array | None]:
-        """Return g (m,) [m/s] and the compliance R (m,) [1/kg], or None if nothing gives way."""
+        """Return g (m,) [m/s] and R (m,) [1/kg] of contacts that are `near`; no R if hard."""
 
 
 def closing_velocities(near: Near) -> Array:

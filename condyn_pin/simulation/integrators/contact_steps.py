@@ -24,7 +24,6 @@ from condyn_pin.contact.condense import Condensed, condense
 from condyn_pin.contact.judge import attempt_contact
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.sets import ContactSets
 from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.errors import StepFailed
@@ -132,13 +131,14 @@ class ContactSteps:
         """Return the same of whatever the contact solver has answered."""
         posed = self.pose(t, q, v)
         now, problem = posed.condensed, posed.problem
-        found = attempt_contact(problem, self._scheme.contact, None, tolerances.CONTACT_SOLVED)
+        solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
+        found, natural = attempt_contact(problem, solver, None, accuracy)
         lam, dt = found.lam, self._dt
         v1 = now.velocity(lam)
         contact_velocities = posed.before + now.contact_velocities + problem.G.dot(lam)
         work = 0.5 * float(lam.dot(contact_velocities))
         self._system.contact_work += work
-        self.last = Taken(posed, found, natural_residual(problem, lam), work)
+        self.last = Taken(posed, found, natural, work)
         moved = 0.5 * dt * (v + v1) if self._scheme.at_midpoint else dt * v1
         return self._closed(now, self._system.integrate(q, moved)), v1, (v1 - v) / dt
 
@@ -182,7 +182,7 @@ class ContactSteps:
     def modes(self) -> Modes:
         """Return the modes of all candidates in the last step."""
         posed = self.last.posed
-        modes = np.full(len(posed.chosen.active), OPEN, dtype=np.int8)
+        modes = np.full(len(posed.chosen.active), OPEN)
         if posed.problem.rows:
             modes[posed.chosen.active] = contact_modes(posed.problem, self.last.attempt.lam)
         return modes

@@ -51,7 +51,7 @@ class Moreau(ContactScheme):
         return np.asarray(gaps <= _TOUCHING)
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:
-        """Return g (m,) [m/s]; nothing gives way."""
+        """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
         g = near.free.copy()
         g[near.normals] += near.restitution * near.before[near.normals]
         return g, None

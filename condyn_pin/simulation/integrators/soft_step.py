@@ -40,9 +40,11 @@ class SoftStep(ContactScheme):
     ----------
     contact : ContactSolver
         What answers the contact problem of each step.
-    solref, solimp : tuple of float
-        As in `condyn_pin.dynamics.Soft`; MuJoCo's by default. MuJoCo allows no timeconst below two
+    solref : (timeconst, dampratio), or (-stiffness, -damping)
+        As in `condyn_pin.dynamics.Soft` [s, 1; 1/s^2, 1/s]. MuJoCo allows no timeconst below two
         steps.
+    solimp : (d_0, d_width, width, midpoint, power)
+        As in `condyn_pin.dynamics.Soft`, `width` in [m, rad].
 
     References
     ----------
@@ -69,7 +71,7 @@ class SoftStep(ContactScheme):
         return np.asarray(gaps <= 0)
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:
-        """Return g (m,) [m/s] and R (m,) [1/kg]."""
+        """Return g (m,) [m/s] and R (m,) [1/kg] of contacts that are `near`."""
         c = np.zeros_like(near.free)
         c[near.normals] = near.gaps
         d = impedance(np.abs(near.depth), self.solimp)

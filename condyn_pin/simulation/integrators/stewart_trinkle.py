@@ -38,7 +38,7 @@ class StewartTrinkle(ContactScheme):
     use: ClassVar[str] = "by default with contacts: nothing penetrates, whatever dt is"
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:
-        """Return g (m,) [m/s]; nothing gives way."""
+        """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
         return closing_velocities(near), None
 
     def start(self, system: System, dt: float) -> Stepper:

@@ -1,0 +1,132 @@
+"""Falls: limp robots from random states, every step looked at; write results/falls.{json,md}.
+
+    python benchmarks/falls.py [--falls 1000] [--only solo12] [--dt 5e-4]
+
+Each robot is let go 2 cm above the floor, in a random state, without torques. Of every step: the
+natural residual of the contact problem, how far loops are open, and how deep contacts penetrate.
+What a step costs is beside what `pin.aba` costs on the same robot.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from time import perf_counter
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
+from condyn_pin._core.machine import machine
+from condyn_pin.simulation.contact_columns import gaps_at
+
+RESULTS = Path(__file__).resolve().parent / "results"
+ROBOTS = {"solo12": {}, "go2": {}, "talos": {}, "cassie": {"variant": {"feet": "points"}}}
+FRICTION = 0.7  # [1]
+HEIGHT = 0.02  # [m]
+DURATION = 0.5  # [s]
+CALLS = 200
+
+# What is allowed: natural residual [1], loops [m, rad], penetration [m].
+NATURAL, LOOPS, DEPTH = 1e-8, 1e-5, 1e-3
+
+
+@dataclass
+class Falls:
+    """The falls of one robot."""
+
+    robot: str
+    falls: int = 0
+    steps: int = 0
+    broken: int = 0  # runs that did not go to their end
+    natural: float = 0.0  # [1], the largest
+    loops: float = 0.0  # [m, rad]
+    penetration: float = 0.0  # [m]
+    deep: int = 0  # falls that penetrate further than DEPTH
+    fastest: float = 0.0  # [rad/s, m/s]
+    step_us: float = 0.0  # median over falls
+    aba_us: float = 0.0
+
+
+def fall(robot: str, count: int, dt: float) -> Falls:
+    """Return what `count` falls of a robot have shown."""
+    scene = scene_of(robot)
+    found, times = Falls(robot, aba_us=aba(scene)), []
+    for seed in range(count):
+        q, v = scene.sample(np.random.default_rng(seed), spread=0.3)
+        q[2] += HEIGHT - gaps_at(scene, q[None])[1].min()
+        run = cp.simulate(scene, q, v, duration=DURATION, dt=dt)
+        assert run.contact is not None
+        depth = -min(gap.min() for gap in run.gaps.values())
+        found.falls += 1
+        found.steps += len(run) - 1
+        found.broken += not run.status.ok
+        found.natural = max(found.natural, float(run.contact.natural.max()))
+        found.loops = max(found.loops, float(run.violation.max()))
+        found.penetration, found.deep = max(found.penetration, depth), found.deep + (depth > DEPTH)
+        found.fastest = max(found.fastest, float(np.abs(run.v).max()))
+        times.append(1e6 * run.run.wall_time / (len(run) - 1))
+    found.step_us = float(np.median(times))
+    return found
+
+
+def scene_of(robot: str) -> cp.Scene:
+    """Return a robot on its loops, its feet over the floor."""
+    loaded = cp.load_robot(robot, **ROBOTS[robot])
+    return cp.Scene(loaded, loaded.loops, contacts=loaded.frictional_contacts(FRICTION))
+
+
+def aba(scene: cp.Scene) -> float:
+    """Return what `pin.aba` takes on this machine now [us]."""
+    model = pin.Model(scene.robot.model)
+    data, q, v = model.createData(), pin.neutral(model), np.zeros(model.nv)
+    times = []
+    for _ in range(CALLS):
+        begun = perf_counter()
+        pin.aba(model, data, q, v, v)
+        times.append(perf_counter() - begun)
+    return 1e6 * float(np.median(times))
+
+
+def table(rows: list[Falls], dt: float) -> str:
+    """Return the falls as text."""
+    lines = [
+        f"{DURATION:g} s in steps of {1e3 * dt:g} ms from {1e2 * HEIGHT:g} cm; allowed: natural "
+        f"{NATURAL:g}, loops {LOOPS:g} m, penetration {1e3 * DEPTH:g} mm.",
+        "",
+        "| robot | falls | broken | natural | loops [m] | deepest [mm] | deeper than 1 mm "
+        "| fastest [rad/s] | step [us] | aba |",
+        "|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    lines += [
+        f"| {r.robot} | {r.falls} | {r.broken} | {r.natural:.1e} | {r.loops:.1e} | "
+        f"{1e3 * r.penetration:.2f} | {r.deep} | {r.fastest:.0f} | {r.step_us:.0f} | "
+        f"{r.step_us / r.aba_us:.0f} |"
+        for r in rows
+    ]
+    where = ", ".join(f"{key} {value}" for key, value in machine().items())
+    return "\n".join([*lines, "", where]) + "\n"
+
+
+def main() -> None:
+    """Let them fall."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--falls", type=int, default=1000)
+    parser.add_argument("--only", choices=ROBOTS)
+    parser.add_argument("--dt", type=float, default=5e-4, help="[s]")
+    asked = parser.parse_args()
+    rows = [fall(name, asked.falls, asked.dt) for name in ROBOTS if asked.only in (None, name)]
+    text = table(rows, asked.dt)
+    print(text)
+    if asked.only is None:
+        (RESULTS / "falls.md").write_text(text)
+        (RESULTS / "falls.json").write_text(json.dumps([asdict(row) for row in rows], indent=1))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,165 @@
+"""The verb step_batch: one step with contacts from many states."""
+
+from __future__ import annotations
+
+import threading
+from concurrent.futures import Executor
+from dataclasses import dataclass, field, replace
+from functools import partial
+from math import nan
+from time import perf_counter
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core.arrays import read_only
+from condyn_pin._core.parallel.chunks import Progress, silent
+from condyn_pin._core.parallel.memory import Arrays, Kind
+from condyn_pin._core.parallel.rows import Rows
+from condyn_pin._core.parallel.transports import Messages
+from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.contact.modes import MODES
+from condyn_pin.contact.solution import ContactStatus
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import CondynError
+from condyn_pin.simulation.batch.batch_step import ERRORS, ROWS, STATUSES, BatchStep
+from condyn_pin.simulation.batch.inputs import check_states
+from condyn_pin.simulation.batch.recipe import Recipe
+from condyn_pin.simulation.contact_columns import candidates_of, row_names
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
+from condyn_pin.simulation.step import contact_problem, step
+from condyn_pin.simulation.step_solution import StepSolution
+
+_DEFAULT: Final = StewartTrinkle()
+
+
+def step_batch(
+    scene: Scene,
+    Q: ArrayLike,
+    V: ArrayLike,
+    TAU: float | ArrayLike = 0.0,
+    *,
+    dt: float,
+    integrator: ContactScheme = _DEFAULT,
+    executor: Executor | None = None,
+    chunk: int | None = None,
+    progress: Progress = silent,
+) -> BatchStep:
+    """Return the states after one step with contacts from many states, with the errors of each.
+
+    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = 0,    row by row
+
+    Parameters
+    ----------
+    scene : Scene
+    Q, V : (N, nq), (N, nv) array_like
+        States, as in `step`. As all numbers here they are taken in double precision.
+    TAU : 0, (nv,) or (N, nv) array_like, optional
+        Torques applied [N, N m].
+    dt : float
+        [s]
+    integrator : ContactScheme, optional
+        As in `step`.
+    executor, chunk, progress
+        As in `solve_batch`.
+
+    Returns
+    -------
+    BatchStep
+        To the bit what `step` returns, whoever did the work: every step begins cold. Steps that
+        are not ok raise nothing: ``failed`` has their indices, ``counts`` their number.
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument cannot be used; the text names the row.
+    WorkersLost, Interrupted
+        As in `solve_batch`.
+
+    Notes
+    -----
+    Cost: that of N steps, divided by the workers.
+    """
+    begun = perf_counter()
+    check_scene(scene)
+    q, v, tau = check_states(scene.robot.model, Q, V, TAU)
+    tau = np.broadcast_to(tau, v.shape).copy()
+    robot, candidates = scene.robot, candidates_of(scene)
+    if len(q):  # choices that cannot be used are refused before the work
+        contact_problem(scene, q[0], v[0], tau[0], dt=dt, integrator=integrator)
+    kinds = {
+        "q": Kind((robot.nq,)), "v": Kind((robot.nv,)), "lam": Kind((len(row_names(scene)),)),
+        "codes": Kind((len(candidates.names),), "i1"), "errors": Kind((len(ERRORS),)),
+        "statuses": Kind((), "i1"),
+    }  # fmt: skip
+    kernel = _Steps(tuple(scene.contacts), float(dt), integrator)
+    rows = Rows(kernel, Recipe(scene.bilateral), executor, chunk, 500, progress)
+    inputs = {"q0": q, "v0": v, "tau0": tau}
+    made = partial(_batch, scene, float(dt), integrator, inputs, begun)
+    return rows.fill(len(q), inputs, kinds, made)
+
+
+def _batch(
+    scene: Scene, dt: float, integrator: ContactScheme, inputs: Arrays, begun: float,
+    outputs: Arrays,
+) -> BatchStep:  # fmt: skip
+    """Return the outputs as a value."""
+    read_only(tuple(inputs.values()))
+    arrays = {name: (inputs | outputs)[name] for name in ROWS}
+    seconds = perf_counter() - begun
+    return BatchStep(scene=scene, dt=dt, integrator=integrator, seconds=seconds, **arrays)
+
+
+# The scene of this thread's last chunk: a worker does chunk after chunk of one batch.
+_last = threading.local()
+
+
+@dataclass(frozen=True)
+class _Steps:
+    """The kernel: some rows of states in, their steps out; workspaces know no contacts."""
+
+    contacts: tuple[Contact, ...]
+    dt: float  # [s]
+    integrator: ContactScheme = field(default=_DEFAULT)
+
+    def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
+        """Take the steps; return why there are none of some states."""
+        scene, words = self._scene(workspace), {}
+        for i, (q, v) in enumerate(zip(inputs["q0"], inputs["v0"], strict=True)):
+            try:
+                now = step(
+                    scene, q, v, inputs["tau0"][i], dt=self.dt, integrator=self.integrator,
+                    throw=False,
+                )  # fmt: skip
+            except CondynError as error:
+                words[i] = str(error)
+                _put_nothing(outputs, i)
+            else:
+                _put(outputs, i, now)
+        return words
+
+    def _scene(self, workspace: Workspace) -> Scene:
+        known: tuple[Workspace, _Steps, Scene] | None = getattr(_last, "scene", None)
+        if known is None or known[0] is not workspace or known[1] != self:
+            scene = replace(workspace.scene, contacts=self.contacts)
+            _last.scene = known = workspace, self, scene
+        return known[2]
+
+
+def _put(outputs: Arrays, i: int, now: StepSolution) -> None:
+    outputs["q"][i], outputs["v"][i], outputs["lam"][i] = now.q, now.v, now.lam
+    outputs["codes"][i] = [MODES.index(mode) for mode in now.modes.values()]
+    errors = [getattr(now, name) for name in ERRORS[1:]]
+    outputs["errors"][i] = now.contact.natural, *errors
+    outputs["statuses"][i] = STATUSES.index(now.status)
+
+
+def _put_nothing(outputs: Arrays, i: int) -> None:
+    """Put the status of a state whose equations cannot be made."""
+    for name in ("q", "v", "lam", "errors"):
+        outputs[name][i] = nan
+    outputs["codes"][i] = 0
+    outputs["statuses"][i] = STATUSES.index(ContactStatus.NOT_FINITE)

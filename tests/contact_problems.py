@@ -1,0 +1,119 @@
+"""Contact problems with known answers, and others that are well posed."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+import condyn_pin as cp
+from condyn_pin.contact import ContactProblem
+
+GRAVITY = 9.81  # [m/s^2]
+
+
+class Touching(NamedTuple):
+    """A contact problem, and the body that it is about."""
+
+    problem: ContactProblem
+    J: np.ndarray
+    M: np.ndarray
+    v_free: np.ndarray
+
+    def after(self, lam: np.ndarray) -> np.ndarray:
+        """Return the velocity after the step."""
+        return self.v_free + np.linalg.solve(self.M, self.J.T @ lam)
+
+
+def touching(J, M, v_free, friction, **fields) -> Touching:
+    X = np.linalg.solve(np.linalg.cholesky(M), J.T)
+    return Touching(ContactProblem(X.T @ X, J @ v_free, friction, **fields), J, M, v_free)
+
+
+def box(v=(0.0, 0.0, 0.0), push=(0.0, 0.0, 0.0), mu=0.5, dt=1e-2, slope=0.0, **fields) -> Touching:
+    """Return a box of 1 kg, 0.2 x 0.2 x 0.1 m, on its four corners; slope [rad] down along x."""
+    size = np.array([0.2, 0.2, 0.1])
+    inertia = (size @ size - size**2) / 12
+    corners = [(x, y, -0.05) for x in (0.1, -0.1) for y in (0.1, -0.1)]
+    J = np.vstack([np.hstack([np.eye(3), -pin.skew(np.array(p))]) for p in corners])
+    fall = GRAVITY * np.array([np.sin(slope), 0.0, -np.cos(slope)])
+    v_free = np.concatenate([np.array(v) + dt * (fall + push), np.zeros(3)])
+    M = np.diag([1.0, 1.0, 1.0, *inertia])
+    return touching(J, M, v_free, np.full(4, mu), **fields)
+
+
+def solo12(v_x=0.0, mu=0.7, dt=1e-3, **fields) -> Touching:
+    """Return Solo12 on its four feet, its motors carrying it, at v_x [m/s]."""
+    robot = cp.load_robot("solo12")
+    q, *_ = cp.Scene(robot, robot.contacts).state()
+    model, data = robot.model, robot.model.createData()
+    v = np.zeros(model.nv)
+    v[0] = v_x
+    pin.computeAllTerms(model, data, q, v)
+    M = np.triu(data.M) + np.triu(data.M, 1).T
+    frames = [model.getFrameId(contact.frame) for contact in robot.contacts]
+    along = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    J = np.vstack([pin.computeFrameJacobian(model, data, q, frame, along)[:3] for frame in frames])
+    weight = GRAVITY * sum(body.mass for body in model.inertias)
+    tau = data.nle - J.T @ np.tile([0.0, 0.0, weight / 4], 4)
+    tau[:6] = 0.0
+    v_free = v + dt * np.linalg.solve(M, tau - data.nle)
+    return touching(J, M, v_free, np.full(4, mu), **fields)
+
+
+def rod(mu: float, dt: float, angle: float = 63.4349) -> ContactProblem:
+    """Return Painleve's rod of 1 kg and 2 m that slides at 1 m/s, `angle` [deg] to the ground."""
+    cos, sin = np.cos(np.radians(angle)), np.sin(np.radians(angle))
+    J = np.array([[1.0, 0.0, sin], [0.0, 0.0, 0.0], [0.0, 1.0, -cos]])
+    M = np.diag([1.0, 1.0, 1 / 3])
+    return touching(J, M, np.array([-1.0, -dt * GRAVITY, 0.0]), [mu]).problem
+
+
+def random(
+    seed: int,
+    cones: int = 4,
+    mu: float = 0.7,
+    half_lines: int = 0,
+    intervals: int = 0,
+    joints: int = 18,
+    **fields,
+) -> ContactProblem:
+    """Return a problem of a robot with random Jacobians: g is a velocity that it can have."""
+    rng = np.random.default_rng(seed)
+    m = 3 * cones + half_lines + intervals
+    X = rng.normal(size=(joints, m)) / np.sqrt(joints)
+    g = X.T @ rng.normal(size=joints)
+    limits = rng.uniform(0.0, 0.5, intervals)
+    return ContactProblem(X.T @ X, g, np.full(cones, mu), half_lines, limits, **fields)
+
+
+def natural(problem: ContactProblem, lam: np.ndarray) -> float:
+    """Return the natural residual, contact by contact as one would write it on a whiteboard."""
+    R = np.zeros(problem.rows) if problem.R is None else problem.R
+    sigma = problem.G @ lam + R * lam + problem.g
+    rho = problem.rows / np.trace(problem.G)
+    k, lines = len(problem.friction), problem.half_lines
+    worst = 0.0
+    for i, mu in enumerate(problem.friction):
+        rows = slice(3 * i, 3 * i + 3)
+        d = sigma[rows].copy()
+        if problem.law == "ncp":
+            d[2] += mu * np.linalg.norm(d[:2])
+        worst = max(worst, np.abs(lam[rows] - onto_cone(lam[rows] - rho * d, mu)).max())
+    for j in range(3 * k, 3 * k + lines):
+        worst = max(worst, abs(lam[j] - max(lam[j] - rho * sigma[j], 0.0)))
+    for j, limit in enumerate(problem.limits, 3 * k + lines):
+        worst = max(worst, abs(lam[j] - np.clip(lam[j] - rho * sigma[j], -limit, limit)))
+    return worst / rho / np.abs(problem.g).max()
+
+
+def onto_cone(x: np.ndarray, mu: float) -> np.ndarray:
+    """Return the point of |x_t| <= mu x_n that is nearest to x."""
+    slip, n = np.linalg.norm(x[:2]), x[2]
+    if mu * slip <= -n:
+        return np.zeros(3)
+    if slip <= mu * n:
+        return x
+    normal = (mu * slip + n) / (1 + mu**2)
+    return np.array([*(mu * normal * x[:2] / slip), normal])

@@ -1,0 +1,245 @@
+"""Bodies on bodies: gaps, points and rows of balls, capsules and boxes near each other."""
+
+from __future__ import annotations
+
+from itertools import product
+
+import coal
+import numpy as np
+import pinocchio as pin
+import pytest
+
+import condyn_pin as cp
+from condyn_pin.constraints import Ball, Box, Capsule, FrictionalContact, Plane, Point
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+
+SHAPES = {
+    "point": Point(),
+    "ball": Ball(0.1),
+    "capsule": Capsule(0.05, 0.3),
+    "box": Box(0.2, 0.15, 0.1),
+    "plank": Box(0.5, 0.08, 0.05),
+}
+COMBINATIONS = [*product(SHAPES, repeat=2)]
+
+
+def two_bodies() -> cp.Robot:
+    return cp.model.together({"upper": cp.model.free_box(), "lower": cp.model.free_box()})
+
+
+BODIES = two_bodies()
+
+
+def scene_of(upper, lower, **fields) -> cp.Scene:
+    contact = FrictionalContact(
+        "upper/box", upper, on="lower/box", on_shape=lower, friction=0.5, name="pair", **fields
+    )
+    return cp.Scene(BODIES, contacts=[contact])
+
+
+class At:
+    """The candidates of a scene at a configuration."""
+
+    def __init__(self, scene: cp.Scene, q: np.ndarray) -> None:
+        model = scene.robot.model
+        self.data, self.q = model.createData(), q
+        pin.computeJointJacobians(model, self.data, q)
+        self.candidates = Candidates(model, scene.contact_bounds)
+        self.gaps = self.candidates.gaps(self.data, q)
+        self.points = self.candidates.points(self.data, q)
+        self.axes = self.candidates.axes(self.data, q)
+
+    def rows(self) -> np.ndarray:
+        everything = np.ones(len(self.candidates.names), dtype=bool)
+        return self.candidates.jacobian(self.data, self.q, everything)
+
+
+def placed(upper: pin.SE3, lower: pin.SE3 | None = None) -> np.ndarray:
+    lower = pin.SE3.Identity() if lower is None else lower
+    return np.concatenate([pin.SE3ToXYZQUAT(upper), pin.SE3ToXYZQUAT(lower)])
+
+
+def above(z: float, rpy=(0.0, 0.0, 0.0), x: float = 0.0, y: float = 0.0) -> pin.SE3:
+    return pin.SE3(pin.rpy.rpyToMatrix(*rpy), np.array([x, y, z]))
+
+
+def near(one, two, rng, gap: float) -> np.ndarray:
+    """Return a random placement of two shapes, moved until their distance is about `gap`."""
+    upper, lower = pin.SE3.Random(), pin.SE3.Identity()
+    upper.rotation = pin.exp3(2 * rng.normal(size=3))
+    direction = rng.normal(size=3)
+    direction /= np.linalg.norm(direction)
+    scene, far = scene_of(one, two), 1.5
+    inside, outside = 0.0, far
+    for _ in range(40):
+        upper.translation = (inside + outside) / 2 * direction
+        if At(scene, placed(upper, lower)).gaps.min() > gap:
+            outside = (inside + outside) / 2
+        else:
+            inside = (inside + outside) / 2
+    return placed(upper, lower)
+
+
+@pytest.mark.parametrize(("one", "two"), COMBINATIONS)
+def test_rows_are_the_rates_of_the_gaps(one, two):
+    scene, model = scene_of(SHAPES[one], SHAPES[two]), BODIES.model
+    rng = np.random.default_rng(COMBINATIONS.index((one, two)))
+    compared = 0
+    for gap in (5e-3, 0.05, -0.01, -0.06):
+        q, v = near(SHAPES[one], SHAPES[two], rng, gap), rng.normal(size=model.nv)
+        here, h = At(scene, q), 1e-6
+        if here.gaps.min() != pytest.approx(gap, abs=1e-6):
+            continue  # nothing gets that deep into a point
+        after, before = (At(scene, pin.integrate(model, q, s * v)) for s in (h, -h))
+        there = np.isfinite(here.gaps) & np.isfinite(after.gaps) & np.isfinite(before.gaps)
+        rate = (after.gaps[there] - before.gaps[there]) / (2 * h)
+        np.testing.assert_allclose((here.rows()[2::3] @ v)[there], rate, atol=1e-7)
+        compared += np.count_nonzero(there)
+    assert compared >= 2
+
+
+@pytest.mark.parametrize(("one", "two"), COMBINATIONS)
+def test_the_least_gap_is_the_distance(one, two):
+    rng = np.random.default_rng(COMBINATIONS.index((one, two)))
+    scene = scene_of(SHAPES[one], SHAPES[two])
+    for gap in (2e-2, 4e-3):
+        q = near(SHAPES[one], SHAPES[two], rng, gap)
+        least, exact = At(scene, q).gaps.min(), distance(SHAPES[one], SHAPES[two], q)
+        assert least == pytest.approx(exact, abs=1e-5)  # coal's own tolerance
+
+
+def distance(one, two, q: np.ndarray) -> float:
+    """Return what coal says."""
+    request, result = coal.DistanceRequest(), coal.DistanceResult()
+    at = [pin.XYZQUATToSE3(x) for x in (q[:7], q[7:])]
+    placements = [coal.Transform3s(x.rotation, x.translation) for x in at]
+    first, second = solid(one), solid(two)
+    return coal.distance(first, placements[0], second, placements[1], request, result)
+
+
+def solid(shape):
+    if isinstance(shape, Box):
+        return coal.Box(2 * shape.x, 2 * shape.y, 2 * shape.z)
+    if isinstance(shape, Capsule):
+        return coal.Capsule(shape.radius, 2 * shape.half_length)
+    return coal.Sphere(shape.radius if isinstance(shape, Ball) else 0.0)
+
+
+def test_two_balls_meet_between_their_middles():
+    at = At(scene_of(Ball(0.1), Ball(0.2)), placed(above(0.31)))
+    np.testing.assert_allclose(at.gaps, [0.01], atol=1e-15)
+    np.testing.assert_allclose(at.points, [[0, 0, 0.21]], atol=1e-15)
+    np.testing.assert_array_equal(at.axes, [np.eye(3)])
+    deep = At(scene_of(Ball(0.1), Ball(0.2)), placed(above(0.0)))
+    np.testing.assert_allclose(deep.gaps, [-0.3])  # one in the middle of the other: no NaN
+    assert np.isfinite(deep.rows()).all()
+
+
+@pytest.mark.parametrize("tilt", [0.0, 5e-3, -0.02])
+def test_each_corner_of_a_box_on_a_box_has_its_own_gap(tilt):
+    on = Box(0.5, 0.5, 0.1)
+    R = pin.rpy.rpyToMatrix(0.0, tilt, 0.3)
+    at = At(scene_of(Box(0.1, 0.06, 0.02), on), placed(above(0.13, (0.0, tilt, 0.3))))
+    below = np.array([0.1, 0.06, 0.02]) * np.array([*product((1, -1), (1, -1), (-1,))])
+    heights = (R @ below.T)[2] + 0.03
+    found = np.sort(at.gaps[np.isfinite(at.gaps)])
+    np.testing.assert_allclose(found, np.sort(heights), atol=1e-14)
+    assert at.candidates.names[:2] == ("pair/point 1", "pair/point 2")
+
+
+def test_boxes_of_one_size_stand_on_four_corners():
+    box = Box(0.1, 0.1, 0.1)
+    for turn in (0.0, np.pi / 2):
+        at = At(scene_of(box, box), placed(above(0.2, (0.0, 0.0, turn))))
+        there = np.isfinite(at.gaps)
+        np.testing.assert_allclose(at.gaps[there], 0.0, atol=1e-15)
+        assert np.count_nonzero(there) == 4
+        np.testing.assert_allclose(np.abs(at.points[there]), 0.1, atol=1e-15)
+
+
+def test_squares_across_each_other_meet_in_an_octagon():
+    box = Box(0.1, 0.1, 0.1)
+    at = At(scene_of(box, box), placed(above(0.201, (0.0, 0.0, np.pi / 4))))
+    np.testing.assert_allclose(at.gaps, 1e-3, atol=1e-14)
+    radii = np.hypot(*at.points[:, :2].T)
+    np.testing.assert_allclose(radii, 0.1 / np.cos(np.pi / 8), atol=1e-12)
+
+
+@pytest.mark.parametrize("tilt", [(0.0, 0.0), (1e-4, 0.0), (1e-4, 2e-4)])
+def test_planks_across_each_other_meet_where_their_edges_cross(tilt):
+    plank = Box(0.5, 0.08, 0.05)
+    at = At(scene_of(plank, plank), placed(above(0.1, (*tilt, np.pi / 2))))
+    there = np.isfinite(at.gaps)
+    assert np.count_nonzero(there) == 4
+    np.testing.assert_allclose(np.abs(at.points[there][:, :2]), 0.08, atol=1e-4)
+    np.testing.assert_allclose(at.gaps[there], 0.0, atol=1e-4)
+
+
+def test_a_box_on_its_edge_stands_on_two_corners_and_edge_on_edge_on_one():
+    box = Box(0.1, 0.1, 0.1)
+    up = 0.1 + 0.1 * np.sqrt(2)
+    on_edge = At(scene_of(box, Box(1.0, 1.0, 0.1)), placed(above(up + 1e-3, (np.pi / 4, 0, 0))))
+    low = on_edge.gaps < 0.01
+    assert np.count_nonzero(low) == 2
+    np.testing.assert_allclose(on_edge.gaps[low], 1e-3, atol=1e-14)
+    lower = above(0.0, (0.0, np.pi / 4, 0.0))
+    crossed = At(
+        scene_of(box, box), placed(above(0.2 * np.sqrt(2) - 1e-3, (np.pi / 4, 0, 0)), lower)
+    )
+    first = int(crossed.gaps.argmin())
+    assert crossed.gaps[first] == pytest.approx(-1e-3, abs=1e-13)
+    np.testing.assert_allclose(crossed.axes[first][:, 2], [0, 0, 1], atol=1e-12)
+
+
+def test_a_capsule_lies_on_its_ends_or_across_an_edge():
+    lying = (0.0, np.pi / 2, 0.0)
+    flat = At(scene_of(Capsule(0.05, 0.3), Box(1, 1, 0.1)), placed(above(0.152, lying)))
+    np.testing.assert_allclose(np.sort(flat.gaps)[:2], 2e-3, atol=1e-14)
+    assert np.count_nonzero(flat.gaps < 0.01) == 2
+    bridge = At(scene_of(Capsule(0.05, 0.3), Box(0.1, 1, 0.1)), placed(above(0.152, lying)))
+    low = bridge.gaps < 0.01
+    assert np.count_nonzero(low) == 2
+    np.testing.assert_allclose(np.abs(bridge.points[low][:, 0]), 0.1, atol=1e-12)
+    cross = At(
+        scene_of(Capsule(0.05, 0.3), Capsule(0.02, 0.3)),
+        placed(above(0.08, lying), above(0.0, (np.pi / 2, 0, 0))),
+    )
+    assert np.sort(cross.gaps)[0] == pytest.approx(0.01, abs=1e-14)
+
+
+def test_an_obstacle_of_the_world_and_a_moving_floor():
+    ball = cp.model.free_ball(radius=0.05)
+    step = FrictionalContact("ball", Ball(0.05), on="world", on_shape=Box(1, 1, 0.2), friction=1)
+    scene = cp.Scene(ball, contacts=[step])
+    at = At(scene, np.array([0, 0, 0.26, 0, 0, 0, 1.0]))
+    np.testing.assert_allclose(at.gaps, [0.01], atol=1e-15)
+    floor = At(scene_of(Box(0.1, 0.1, 0.1), Plane(height=0.05)), placed(above(0.2)))
+    np.testing.assert_allclose(np.sort(floor.gaps)[:4], 0.05, atol=1e-15)
+    far = At(scene, np.array([0, 0, 50.0, 0, 0, 0, 1.0]))
+    assert 40 < far.gaps[0] <= 49.75
+
+
+def test_the_same_place_gives_the_same_points():
+    scene = scene_of(SHAPES["box"], SHAPES["plank"])
+    rng = np.random.default_rng(7)
+    one, other = (near(SHAPES["box"], SHAPES["plank"], rng, 1e-3) for _ in range(2))
+    fresh, used = At(scene, one), At(scene, other)
+    pin.computeJointJacobians(BODIES.model, used.data, one)
+    np.testing.assert_array_equal(used.candidates.gaps(used.data, one), fresh.gaps)
+    np.testing.assert_array_equal(used.candidates.points(used.data, one), fresh.points)
+
+
+def test_pairs_are_held_by_no_constraint():
+    scene = scene_of(Ball(0.1), Ball(0.1))
+    with pytest.raises(UnsupportedConstraint, match="pair is between two bodies"):
+        scene.closed()
+    with pytest.raises(UnsupportedConstraint, match="pair is between two bodies"):
+        scene.closed({"pair": "stick"})
+    assert scene.closed({"pair": "open"}).constraints == ()
+
+
+@pytest.mark.parametrize("mesh", [coal.Box(1, 1, 1), "box", None, 0.1])
+def test_other_shapes_are_refused(mesh):
+    with pytest.raises(InvalidArgument, match="on_shape"):
+        scene_of(Ball(0.1), mesh)
