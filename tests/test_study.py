@@ -52,7 +52,9 @@ def errors(table: cp.study.Table) -> list[tuple]:
 
 
 # Motions that are short, and in which only the solver makes an error.
-MEASURES = {name: name for name, kind in cp.study.MEASURES.items() if kind.asks is cp.dynamics.Solver} | {
+MEASURES = {
+    name: name for name, kind in cp.study.MEASURES.items() if kind.asks is cp.dynamics.Solver
+} | {
     "trajectory": cp.study.TrajectoryMeasure(
         duration=2e-3,
         dt=1e-3,

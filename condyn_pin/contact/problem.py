@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin._core.tolerances import HUGE
 from condyn_pin.contact.sets import ContactSets
 from condyn_pin.errors import InvalidArgument
 
@@ -78,14 +79,13 @@ class ContactProblem:
 
     def __post_init__(self) -> None:
         put = object.__setattr__
-        g = finite("g", self.g, (np.size(self.g),))
-        m = len(g)
-        put(self, "g", read_only(g))
-        put(self, "G", read_only(_symmetric(finite("G", self.G, (m, m)))))
-        put(self, "friction", read_only(_not_negative("friction", self.friction)))
-        put(self, "limits", read_only(_not_negative("limits", self.limits)))
+        m = np.size(self.g)
+        put(self, "g", _kept("g", self.g, (m,)))
+        put(self, "G", read_only(_symmetric(_kept("G", self.G, (m, m)))))
+        put(self, "friction", _not_negative("friction", self.friction, tolerances.MOST_FRICTION))
+        put(self, "limits", _not_negative("limits", self.limits))
         if self.R is not None:
-            put(self, "R", read_only(_not_negative("R", self.R)))
+            put(self, "R", _not_negative("R", self.R))
             if len(self.R) != m:
                 raise InvalidArgument(f"R: {len(self.R)} numbers; {m} are needed, one a row")
         if isinstance(self.half_lines, bool) or not isinstance(self.half_lines, int):
@@ -168,8 +168,20 @@ def _symmetric(G: Array) -> Array:
     return (G + G.T) / 2
 
 
-def _not_negative(name: str, value: ArrayLike) -> Array:
-    array = finite(name, value, (np.size(value),))
+def _kept(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = HUGE) -> Array:
+    """Return a copy that nobody writes to, of numbers that are finite and not too large."""
+    array = finite(name, value, shape)
+    largest = float(np.abs(array).max(initial=0.0))
+    if largest > most:
+        raise InvalidArgument(
+            f"{name}: {largest:g} is in it, and {most:g} is the most; rounding or squares of what "
+            "is larger hide the rest"
+        )
+    return read_only(np.array(array))
+
+
+def _not_negative(name: str, value: ArrayLike, most: float = HUGE) -> Array:
+    array = _kept(name, value, (np.size(value),), most)
     if (array < 0).any():
         k = int(array.argmin())
         raise InvalidArgument(f"{name}[{k}] = {array[k]:g}: a number >= 0 is needed")

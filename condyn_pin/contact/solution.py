@@ -10,6 +10,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
+from condyn_pin.contact.certificate import unmet_contacts
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import ContactResiduals, contact_residuals
 
@@ -105,8 +106,8 @@ class ContactSolution:
     @property
     def forces(self) -> dict[str, Array]:
         """Impulses by contact [N s]: (t1, t2, n) of a cone, one number of a stop or of friction."""
-        sizes = np.bincount(self.problem.sets.blocks, minlength=len(self.problem.names))
-        return dict(zip(self.problem.names, np.split(self.lam, np.cumsum(sizes)[:-1]), strict=True))
+        blocks = self.problem.sets.blocks
+        return {name: self.lam[blocks == i] for i, name in enumerate(self.problem.names)}
 
     @property
     def notices(self) -> tuple[str, ...]:
@@ -114,6 +115,11 @@ class ContactSolution:
         said = []
         if self.unmet:
             said.append(f"no impulse can meet {', '.join(self.unmet)}")
+        if self._locked:
+            said.append(
+                f"friction locks {', '.join(self._locked)}: they carry any load among themselves, "
+                "and Coulomb's law need not have an answer; with less friction it has"
+            )
         if self.status.ok and not self.unique_forces:
             said.append("the contacts are redundant: lam is one of many, what it does is not")
             sliding = int((self._slips > tolerances.CONTACT_SOLVED).sum())
@@ -123,6 +129,14 @@ class ContactSolution:
                     "leaves lam open there, and may leave the velocities open by a little"
                 )
         return tuple(said)
+
+    @cached_property
+    def _locked(self) -> tuple[str, ...]:
+        """Contacts that a ccp has no answer for, where an ncp was not answered."""
+        if self.status is not ContactStatus.INACCURATE or self.problem.law != "ncp":
+            return ()
+        with np.errstate(all="ignore"):
+            return unmet_contacts(self.problem.replaced(law="ccp"))
 
     @property
     def _slips(self) -> Array:
@@ -142,7 +156,7 @@ class ContactSolution:
         impulses = self.problem.level == "impulse"
         lines = [
             f"{self.status.name.lower()} in {1e6 * self.solve_time:.1f} us, "
-            f"{self.iterations} iterations of {', '.join(self.path)}",
+            f"{self.iterations} iterations of {', '.join(self.path) or 'nothing'}",
             *(f"{name:<16} {size:.1e}" for name, size in self.residuals._asdict().items()),
             f"{'impulses' if impulses else 'forces'} on the robot, axes of each contact "
             f"[{'N s' if impulses else 'N'}]:",

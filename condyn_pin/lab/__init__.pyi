@@ -1,8 +1,8 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .contact_extremes import CONTACT_EXTREMES as CONTACT_EXTREMES
-from .extremes.contact_verdict import judge_contact as judge_contact
 from .extremes import EXTREMES as EXTREMES
+from .extremes.contact_verdict import judge_contact as judge_contact
 from .extremes.verdict import Verdict as Verdict
 from .extremes.verdict import judge as judge
 from .extremes.verdict import right_answers as right_answers

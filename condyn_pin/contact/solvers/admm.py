@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import ClassVar
 
-from condyn_pin._core import _pin
+from condyn_pin._core import _pin_contacts
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import Grid, check_accuracy, check_count, check_iterations
 from condyn_pin.contact.padded import padded
@@ -83,7 +83,7 @@ class ADMM(ContactSolver):
         if _taken(problem):
             found = refine(problem, found.lam, _RESCUE).after(found)
             yield found
-            if self.anderson and _pin.HAS_ANDERSON:
+            if self.anderson and _pin_contacts.HAS_ANDERSON:
                 again = self._run(problem, None, 0)
                 found = again._replace(path=("ADMM without Anderson",)).after(found)
                 yield found
@@ -92,7 +92,7 @@ class ADMM(ContactSolver):
     def _run(self, problem: ContactProblem, guess: Array | None, anderson: int) -> Attempt:
         small, unit = normalised(problem)
         rows = padded(small)
-        found = _pin.admm(
+        found = _pin_contacts.admm(
             rows.G, rows.g, rows.friction, rows.limits,
             ncp=problem.law == "ncp", tolerance=_SHARE * self.tolerance,
             max_iterations=self.max_iterations, anderson=anderson,
@@ -103,4 +103,4 @@ class ADMM(ContactSolver):
 
 def _taken(problem: ContactProblem) -> bool:
     """Whether the installed Pinocchio takes the law and the sets of the problem."""
-    return _pin.solves_contacts(problem.law == "ncp", len(problem.limits))
+    return _pin_contacts.solves_contacts(problem.law == "ncp", len(problem.limits))

@@ -39,7 +39,9 @@ class Attempt(NamedTuple):
 
     def after(self, before: Attempt) -> Attempt:
         """Return these impulses, with the iterations and methods of what came `before`."""
-        return Attempt(self.lam, before.iterations + self.iterations, (*before.path, *self.path))
+        goes_on = before.path[-1:] == self.path[:1]
+        path = (*before.path, *(self.path[1:] if goes_on else self.path))
+        return Attempt(self.lam, before.iterations + self.iterations, path)
 
 
 @dataclass(frozen=True)

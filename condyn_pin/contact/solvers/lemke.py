@@ -135,12 +135,12 @@ def lemke(A: Array, b: Array, max_pivots: int) -> tuple[Array, int]:
 
 
 def _leaving(T: Array, enter: int, artificial: Array) -> int:
-    """Return the row with the smallest ratio, lexicographically; -1 if there is none: a ray."""
+    """Return the row with the smallest ratio, lexicographically; -1 if there is none."""
     column = T[:, enter]
     rows = np.flatnonzero(column > _NO_PIVOT * np.abs(column).max())
-    if not len(rows):
-        return -1
     ratios = T[rows, -1] / column[rows]
+    if not len(rows) or not np.isfinite(ratios).all():
+        return -1
     tied = rows[ratios <= ratios.min() + _TIED]
     if len(tied) == 1:
         return int(tied[0])

@@ -4,28 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
-from math import isfinite
-from typing import ClassVar, NamedTuple
+from typing import ClassVar
 
 import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import check_iterations
+from condyn_pin.contact.natural_map import newton
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.scaling import normalised
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.contact.solvers.lemke import Lemke
-
-_EPS = float(np.finfo(np.float64).eps)
-
-# A residual that is rounding, relative to the impulses of the normalised problem.
-_ROUNDING = 4 * _EPS
-
-# Halvings of a step before a point counts as a minimum of |F|^2 that is no root.
-_HALVINGS = 20
-
-# Singular values of the generalised Jacobian that redundant contacts leave, and steps ignore.
-_REDUNDANT = 1e-12
 
 # Compliance of the first problem of a continuation, in units of G, what it shrinks by, and its end.
 _SOFTEST, _HARDER, _HARDEST = 1.0, 0.1, 1e-10
@@ -138,85 +127,3 @@ def _fixed_point(problem: ContactProblem, max_iterations: int) -> tuple[Array, i
         if not np.abs(slips - before).max(initial=0.0) > _SAME:
             break
     return lam, iterations
-
-
-class _End(NamedTuple):
-    lam: Array
-    iterations: int
-    residual: float  # |F|_inf
-
-
-def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> _End:
-    """Return the end of Newton's method on a normalised problem."""
-    steps, point = 0, _natural_map(problem, lam)
-    while steps < max_iterations and isfinite(point.size):
-        if point.largest <= _ROUNDING * max(1.0, float(np.abs(lam).max(initial=0.0))):
-            break
-        D = _derivative(problem, point)
-        try:
-            step, *_ = np.linalg.lstsq(D, -point.F, rcond=_REDUNDANT)
-        except np.linalg.LinAlgError:
-            break
-        steps += 1
-        shrunk = _descend(problem, lam, np.asarray(step), point)
-        if shrunk is None:
-            break
-        lam, point = shrunk
-    return _End(lam, steps, point.largest)
-
-
-class _Point(NamedTuple):
-    F: Array  # (m,)
-    x: Array  # (m,) lam - d, which is projected
-    sigma: Array  # (m,)
-    size: float  # |F|
-
-    @property
-    def largest(self) -> float:
-        return float(np.abs(self.F).max(initial=0.0))
-
-
-def _descend(
-    problem: ContactProblem, lam: Array, step: Array, point: _Point
-) -> tuple[Array, _Point] | None:
-    """Return the first of lam + step, + step/2, ... with a smaller residual."""
-    share = 1.0
-    for _ in range(_HALVINGS):
-        there = lam + share * step
-        reached = _natural_map(problem, there)
-        if reached.size < (1 - 1e-4 * share) * point.size:
-            return there, reached
-        share /= 2
-    return None
-
-
-def _natural_map(problem: ContactProblem, lam: Array) -> _Point:
-    sigma = problem.velocities(lam)
-    x = lam - problem.dual(sigma)
-    F = lam - problem.sets.project(x)
-    return _Point(F, x, sigma, float(np.sqrt(F @ F)))
-
-
-def _derivative(problem: ContactProblem, point: _Point) -> Array:
-    """Return I - P'(x) (I - d'(sigma) G), of any of the one-sided derivatives."""
-    G, cones = problem.G, problem.sets.parts[0]
-    P, free = problem.sets.slopes(point.x)
-    D = np.empty_like(G)
-    D[cones.stop :] = free[:, None] * G[cones.stop :]
-    rows = np.arange(cones.stop, len(G))
-    D[rows, rows] += 1 - free
-    k = len(P)
-    E = _dual_derivative(problem, point.sigma[cones].reshape(k, 3))
-    D[cones] = (P @ E @ G[cones].reshape(k, 3, len(G))).reshape(3 * k, len(G))
-    own = np.arange(3 * k).reshape(k, 3)
-    D[own[:, :, None], own[:, None, :]] += np.eye(3) - P
-    return D
-
-
-def _dual_derivative(problem: ContactProblem, S: Array) -> Array:
-    """Return d'(sigma) (k, 3, 3): 1, and mu sigma_t / |sigma_t| in the normal row of an ncp."""
-    E = np.broadcast_to(np.eye(3), (len(S), 3, 3)).copy()
-    if problem.law == "ncp":
-        slip = np.hypot(S[:, 0], S[:, 1])
-        E[:, 2, :2] = (problem.friction / np.where(slip > 0, slip, 1.0))[:, None] * S[:, :2]
-    return E

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin._core import _pin
+from condyn_pin._core import _pin_contacts
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parameters import Grid, check_accuracy, check_iterations
 from condyn_pin.contact.padded import padded
@@ -41,7 +41,8 @@ class PGS(ContactSolver):
     Notes
     -----
     Only for an ncp: Pinocchio's has no other. Cost O(m^2) a round. Where masses are wide apart, or
-    contacts redundant, it takes thousands of them.
+    contacts redundant, it takes thousands of them. Pinocchio 3's stops after the first one where
+    there is no friction at all.
 
     References
     ----------
@@ -70,13 +71,13 @@ class PGS(ContactSolver):
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
         """Return the impulses after the last round, from `guess` or from none."""
-        if not _pin.solves_contacts(True, len(problem.limits)):
+        if not _pin_contacts.solves_contacts(True, len(problem.limits)):
             raise UnsupportedBackend(
                 "dry friction of joints by PGS needs Pinocchio 4; take SemismoothNewton()"
             )
         small, unit = normalised(problem)
         rows = padded(small)
-        found = _pin.pgs(
+        found = _pin_contacts.pgs(
             rows.G, rows.g, rows.friction, rows.limits,
             tolerance=self.tolerance, max_iterations=self.max_iterations,
             over_relaxation=self._relaxation(rows.G, problem),

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from math import inf
 from typing import ClassVar
@@ -19,6 +20,11 @@ _EPS = float(np.finfo(np.float64).eps)
 
 # A slope along a step that counts as level, relative to that at its start.
 _LEVEL = 1e-8
+
+# Compliances of a continuation, in units of the diagonal of G.
+_SOFTER = 0.1 ** np.arange(8)
+
+# Newton's steps along one of the steps.
 _SEARCH = 60
 
 
@@ -35,13 +41,14 @@ class SAP(ContactSolver):
     Parameters
     ----------
     max_iterations : int
-        Steps. Ten are many where R is a hundredth of the diagonal of G, as in MuJoCo and Drake;
-        where it is a millionth, a hundred are few, and ADMM is the better choice.
+        Steps from each start. Ten are many where R is a hundredth of the diagonal of G, as in
+        MuJoCo and Drake; where it is a millionth, a hundred may be few.
 
     Notes
     -----
     Only for a ccp, with R > 0 in every row and the same along t1 and t2. Cost O(m^3) a step, one
-    linear system.
+    linear system. Where steps run out, it begins again with problems of more compliance, each ten
+    times harder than the one before.
 
     References
     ----------
@@ -72,6 +79,15 @@ class SAP(ContactSolver):
             x = x + at.exact_step(x, dx) * dx
         return Attempt(lam, steps, (self.title,))
 
+    def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
+        """Yield the minimum by way of softer problems."""
+        stiff, _ = problem.scale
+        R, start = _Function(problem).R, None
+        for softer in stiff * _SOFTER:
+            at = self.attempt(problem.replaced(R=np.maximum(R, softer)), start)
+            found, start = at.after(found), at.lam
+        yield self.attempt(problem, start).after(found)
+
 
 class _Function:
     """What is minimised, with its slope and its curvature."""
@@ -84,7 +100,7 @@ class _Function:
         t1, t2, n = R[cones].reshape(-1, 3).T
         if not np.allclose(t1, t2, rtol=_EPS, atol=0.0):
             raise InvalidArgument("R: it differs along t1 and t2 of a cone; ADMM() takes that")
-        self.G, self.g, self.root = problem.G, problem.g, np.sqrt(R)
+        self.G, self.g, self.R, self.root = problem.G, problem.g, R, np.sqrt(R)
         # the same sets where the metric is the usual one
         self.sets = ContactSets(
             problem.friction * np.sqrt(t1 / n),

@@ -18,8 +18,8 @@ from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.errors import CondynError
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.contact_extremes import CONTACT_EXTREMES
-from condyn_pin.lab.extremes.contact_verdict import judge_contact
 from condyn_pin.lab.extremes.base import EXTREMES, Case
+from condyn_pin.lab.extremes.contact_verdict import judge_contact
 from condyn_pin.lab.extremes.motion_verdict import judge_flight, judge_run
 from condyn_pin.lab.extremes.verdict import Outcome, Task, Verdict, judge, right_answers, turned
 

@@ -1,0 +1,109 @@
+"""Newton's method on the natural map of a normalised contact problem.
+
+F(lam) = lam - P_K(lam - d(lam)) = 0,    F' = 1 - P_K' (1 - d' G)
+
+F is piecewise smooth, and any of its one-sided derivatives makes a step. Where contacts are
+redundant, F' is singular, and the smallest step is taken; it is halved until |F| falls.
+"""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.problem import ContactProblem
+
+# A residual that is rounding, relative to the impulses of the normalised problem.
+_ROUNDING: Final = 4 * float(np.finfo(np.float64).eps)
+
+# Halvings of a step before a point counts as a minimum of |F|^2 that is no root.
+_HALVINGS: Final = 20
+
+# Singular values of F' that redundant contacts leave, and steps ignore.
+_REDUNDANT: Final = 1e-12
+
+
+class End(NamedTuple):
+    """Where Newton's method ended."""
+
+    lam: Array
+    iterations: int
+
+
+def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> End:
+    """Return the end of Newton's method on a normalised problem."""
+    steps, point = 0, _natural_map(problem, lam)
+    while steps < max_iterations and isfinite(point.size):
+        if point.largest <= _ROUNDING * max(1.0, float(np.abs(lam).max(initial=0.0))):
+            break
+        D = _derivative(problem, point)
+        try:
+            step, *_ = np.linalg.lstsq(D, -point.F, rcond=_REDUNDANT)
+        except np.linalg.LinAlgError:
+            break
+        steps += 1
+        shrunk = _descend(problem, lam, np.asarray(step), point)
+        if shrunk is None:
+            break
+        lam, point = shrunk
+    return End(lam, steps)
+
+
+class _Point(NamedTuple):
+    F: Array  # (m,)
+    x: Array  # (m,) lam - d, which is projected
+    sigma: Array  # (m,)
+    size: float  # |F|
+
+    @property
+    def largest(self) -> float:
+        return float(np.abs(self.F).max(initial=0.0))
+
+
+def _descend(
+    problem: ContactProblem, lam: Array, step: Array, point: _Point
+) -> tuple[Array, _Point] | None:
+    """Return the first of lam + step, + step/2, ... with a smaller residual."""
+    share = 1.0
+    for _ in range(_HALVINGS):
+        there = lam + share * step
+        reached = _natural_map(problem, there)
+        if reached.size < (1 - 1e-4 * share) * point.size:
+            return there, reached
+        share /= 2
+    return None
+
+
+def _natural_map(problem: ContactProblem, lam: Array) -> _Point:
+    sigma = problem.velocities(lam)
+    x = lam - problem.dual(sigma)
+    F = lam - problem.sets.project(x)
+    return _Point(F, x, sigma, float(np.sqrt(F @ F)))
+
+
+def _derivative(problem: ContactProblem, point: _Point) -> Array:
+    """Return I - P'(x) (I - d'(sigma) G), of any of the one-sided derivatives."""
+    G, cones = problem.G, problem.sets.parts[0]
+    P, free = problem.sets.slopes(point.x)
+    D = np.empty_like(G)
+    D[cones.stop :] = free[:, None] * G[cones.stop :]
+    rows = np.arange(cones.stop, len(G))
+    D[rows, rows] += 1 - free
+    k = len(P)
+    E = _dual_derivative(problem, point.sigma[cones].reshape(k, 3))
+    D[cones] = (P @ E @ G[cones].reshape(k, 3, len(G))).reshape(3 * k, len(G))
+    own = np.arange(3 * k).reshape(k, 3)
+    D[own[:, :, None], own[:, None, :]] += np.eye(3) - P
+    return D
+
+
+def _dual_derivative(problem: ContactProblem, S: Array) -> Array:
+    """Return d'(sigma) (k, 3, 3): 1, and mu sigma_t / |sigma_t| in the normal row of an ncp."""
+    E = np.broadcast_to(np.eye(3), (len(S), 3, 3)).copy()
+    if problem.law == "ncp":
+        slip = np.hypot(S[:, 0], S[:, 1])
+        E[:, 2, :2] = (problem.friction / np.where(slip > 0, slip, 1.0))[:, None] * S[:, :2]
+    return E
