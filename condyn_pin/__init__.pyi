@@ -17,6 +17,7 @@ from ._core.parallel.chunks import map_chunks as map_chunks
 from ._core.parallel.processes import Processes as Processes
 from .constraints.applied_force import AppliedForce as AppliedForce
 from .constraints.baumgarte import Baumgarte as Baumgarte
+from .constraints.contacts.frictional_contact import FrictionalContact as FrictionalContact
 from .constraints.coupling import Coupling as Coupling
 from .constraints.loop import Loop as Loop
 from .constraints.point_contact import PointContact as PointContact

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import json
+import pickle
 from itertools import product
 
 import coal
@@ -10,9 +12,10 @@ import pinocchio as pin
 import pytest
 
 import condyn_pin as cp
-from condyn_pin.constraints import Ball, Box, Capsule, FrictionalContact, Plane, Point
+from condyn_pin.constraints import Ball, Box, Capsule, Convex, FrictionalContact, Plane, Point
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.simulation.archive import decode, encode
 
 SHAPES = {
     "point": Point(),
@@ -243,3 +246,54 @@ def test_pairs_are_held_by_no_constraint():
 def test_other_shapes_are_refused(mesh):
     with pytest.raises(InvalidArgument, match="on_shape"):
         scene_of(Ball(0.1), mesh)
+
+
+# ---- solids by their corners ------------------------------------------------
+
+CORNERS = tuple(product((0.2, -0.2), (0.15, -0.15), (0.1, -0.1)))
+PRISM = tuple((x, y, z) for z in (0.1, -0.1) for x, y in ((0.2, 0), (-0.1, 0.2), (-0.1, -0.2)))
+
+
+@pytest.mark.parametrize("other", SHAPES)
+def test_a_box_by_its_corners_is_the_box(other):
+    rng = np.random.default_rng(8)
+    for gap in (2e-3, -2e-3):
+        q = near(Box(0.2, 0.15, 0.1), SHAPES[other], rng, gap)
+        box, hull = (At(scene_of(s, SHAPES[other]), q) for s in (SHAPES["box"], Convex(CORNERS)))
+        order, others = np.argsort(box.gaps.round(9)), np.argsort(hull.gaps.round(9))
+        np.testing.assert_allclose(hull.gaps[others], box.gaps[order], atol=1e-12)
+    flat = At(scene_of(Convex(CORNERS), Plane()), placed(above(0.25)))
+    np.testing.assert_allclose(np.sort(flat.gaps)[:4], 0.15, atol=1e-15)
+
+
+@pytest.mark.parametrize("other", SHAPES)
+def test_rows_of_a_prism_are_the_rates_of_its_gaps(other):
+    scene, rng = scene_of(SHAPES[other], Convex(PRISM)), np.random.default_rng(9)
+    for gap in (5e-3, -5e-3):
+        q, v, h = near(SHAPES[other], Convex(PRISM), rng, gap), rng.normal(size=12), 1e-6
+        here = At(scene, q)
+        after, before = (At(scene, pin.integrate(BODIES.model, q, s * v)) for s in (h, -h))
+        there = np.isfinite(here.gaps) & np.isfinite(after.gaps) & np.isfinite(before.gaps)
+        rate = (after.gaps[there] - before.gaps[there]) / (2 * h)
+        np.testing.assert_allclose((here.rows()[2::3] @ v)[there], rate, atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "words"),
+    [
+        ((*CORNERS, (0.0, 0.0, 0.05)), r"vertices\[8\] = \(0.0, 0.0, 0.05\): it is no corner"),
+        ([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], "in a plane"),
+        (CORNERS[:3], "3 of them"),
+        ("mesh", "a list of points"),
+        ([(0, 0)] * 4, r"vertices\[0\]"),
+    ],
+)
+def test_what_is_not_convex_is_refused(vertices, words):
+    with pytest.raises(InvalidArgument, match=words):
+        Convex(vertices)
+
+
+def test_a_solid_comes_back_from_a_file():
+    contact = FrictionalContact("a", Convex(PRISM), friction=0.5)
+    assert decode(json.loads(json.dumps(encode(contact)))) == contact
+    assert pickle.loads(pickle.dumps(contact)) == contact

@@ -196,6 +196,20 @@ def test_the_stops_are_as_far_as_the_limits():
     assert gaps["FR_KFE/upper"] == model.upperPositionLimit[i] - q[i]
 
 
+@pytest.mark.parametrize("on", [Plane(height=-1.2), "world"])
+def test_a_robot_of_one_joint_has_rows_too(on):
+    shape = Box(1.0, 1.0, 1.2) if on == "world" else None
+    contact = FrictionalContact("tip", Ball(0.1), on=on, on_shape=shape, friction=0.5)
+    scene = cp.Scene(cp.model.pendulum(length=2.0), contacts=[contact])
+    q = np.array([0.3])
+    candidates, data = evaluated(scene, q)
+    rows = candidates.jacobian(data, q, every(candidates))
+    assert rows.shape == (3, 1)
+    if on != "world":
+        np.testing.assert_allclose(candidates.gaps(data, q), [1.1 - 2 * np.cos(0.3)])
+        np.testing.assert_allclose(rows[2], [2 * np.sin(0.3)])
+
+
 def test_no_contacts_is_a_scene_as_before():
     candidates = Candidates(robot("solo12").model, ())
     data = robot("solo12").model.createData()

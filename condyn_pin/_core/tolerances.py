@@ -38,6 +38,26 @@ NEARLY_CLOSED: Final = 1e-4
 # digits. A larger one is told to the user, for the file may mean another place.
 DRAWN: Final = 1e-6
 
+# A corner is still over a face, and edges still cross, when they are beside each other by this
+# share of the size of a shape: of boxes that stand flush on each other every corner is on an edge.
+ON_FACE: Final = 1e-9
+
+# A corner belongs to a face of a solid if it is off its plane by no more than this share of the
+# size: files write corners with six digits.
+FLAT: Final = 1e-6
+
+# Points of one contact that are nearer to each other than this share of the size of a shape are
+# one: flush boxes name each corner up to four times.
+ONE_POINT: Final = 1e-6
+
+# What separates two solids along a pair of edges has to be more than along a face by this share of
+# their size. Flat on each other both are the same to rounding, and a face has all four points.
+EDGE_ON: Final = 1e-6
+
+# Cosine between the normal of two edges that cross and the axis of the contact: below it the edges
+# pass each other sideways, and a face or a corner touches first.
+CROSSING: Final = 0.7
+
 # Two engines on one robot, relative. A file of ours says all digits and agrees to 1e-12; files are
 # written with six, and MuJoCo's compiler finds principal axes of inertia to 1e-7.
 ENGINES: Final = 1e-6
@@ -159,17 +179,6 @@ CONTACT_RANK: Final = 1e-12
 CERTIFICATE: Final = 1e-10
 
 # A corner is still over a face, and edges still cross, when they are beside each other by this
-# share of the size of a shape: of boxes that stand flush on each other every corner is on an edge.
-ON_FACE: Final = 1e-9
-
 # Points of one contact that are nearer to each other than this share of the size of a shape are
-# one: flush boxes name each corner up to four times.
-ONE_POINT: Final = 1e-6
-
 # What separates two solids along a pair of edges has to be more than along a face by this share of
-# their size. Flat on each other both are the same to rounding, and a face has all four points.
-EDGE_ON: Final = 1e-6
-
 # Cosine between the normal of two edges that cross and the axis of the contact: below it the edges
-# pass each other sideways, and a face or a corner touches first.
-CROSSING: Final = 0.7

@@ -4,6 +4,7 @@ from .applied_force import AppliedForce as AppliedForce
 from .base import Constraint as Constraint
 from .baumgarte import Baumgarte as Baumgarte
 from .contacts.base import Contact as Contact
+from .contacts.convex import Convex as Convex
 from .contacts.frictional_contact import FrictionalContact as FrictionalContact
 from .contacts.joint_friction import JointFriction as JointFriction
 from .contacts.joint_limit import JointLimit as JointLimit

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from abc import ABC
+from collections.abc import Sequence
 from typing import Any, Final
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint, Patch
 from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.protocols import Machine
@@ -39,7 +41,7 @@ class WithWorld(Constraint, ABC):
         return Patch("ball", (0.012 * size,))
 
 
-def plane(normal: Vector3, height: float | None) -> Any:
+def plane(normal: Sequence[float] | Array, height: float | None) -> Any:
     """Return a frame in a plane of the world, z along its normal."""
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array(normal))
     return pin.SE3(turn.matrix(), (height or 0.0) * np.array(normal))

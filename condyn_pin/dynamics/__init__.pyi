@@ -1,5 +1,6 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
+from .contact_gaps import contact_gaps as contact_gaps
 from .derivatives.base import Derivatives as Derivatives
 from .force import ConstraintForce as ConstraintForce
 from .impacts import Impact as Impact

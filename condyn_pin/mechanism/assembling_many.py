@@ -51,6 +51,7 @@ def assemble_batch(
     Q : (n, nq) array
         What is not closed is where the gap was smallest.
     closed : (n,) bool array
+        Which of them are open by 1e-10 [m, rad] at most.
 
     Raises
     ------

@@ -43,7 +43,7 @@ class Candidates:
 
     Notes
     -----
-    Gaps and rows of four points on a plane take 20 us.
+    Gaps and rows of four points on planes of the world take 16 us, two boxes on each other 0.3 ms.
     """
 
     def __init__(self, model: Any, bounds: Sequence[BoundContact]) -> None:

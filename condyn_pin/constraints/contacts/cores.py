@@ -34,6 +34,11 @@ class Core(NamedTuple):
         The vertices of each face, one after the other around it.
     radius : float
         Of the skin [m].
+    directions : (d, 3) array
+        Unit vectors along the edges, one for parallel ones.
+    size, reach : float
+        The longest distance along a coordinate of its own axes, and of a point of the shape from
+        the origin [m].
     """
 
     vertices: Array
@@ -42,6 +47,9 @@ class Core(NamedTuple):
     heights: Array
     loops: tuple[Indices, ...]
     radius: float
+    directions: Array
+    size: float
+    reach: float
 
     @property
     def is_point(self) -> bool:
@@ -53,18 +61,13 @@ class Core(NamedTuple):
         """Whether it has an inside."""
         return len(self.normals) > 0
 
-    @property
-    def reach(self) -> float:
-        """The largest distance of a point of the shape from the origin [m]."""
-        return float(np.sqrt((self.vertices**2).sum(axis=1).max())) + self.radius
-
     def placed(self, at: Any) -> Core:
         """Return it in the world, at a placement."""
         R, p = at.rotation, at.translation
         normals = self.normals.dot(R.T)
         return self._replace(
             vertices=self.vertices.dot(R.T) + p, normals=normals,
-            heights=self.heights + normals.dot(p),
+            heights=self.heights + normals.dot(p), directions=self.directions.dot(R.T),
         )  # fmt: skip
 
 
@@ -72,19 +75,47 @@ def points_core(*vertices: tuple[float, float, float], radius: float) -> Core:
     """Return the core of a ball, or of a capsule between two points."""
     ends = np.array(vertices)
     edges = np.array([*pairwise(range(len(ends)))], dtype=np.int_).reshape(-1, 2)
-    return Core(ends, edges, np.zeros((0, 3)), np.zeros(0), (), radius)
+    return _core(ends, edges, np.zeros((0, 3)), np.zeros(0), (), radius)
 
 
 def box_core(x: float, y: float, z: float) -> Core:
     """Return a box with half-edges x, y and z, its corners in the order of `Box.feelers`."""
     half = np.array([x, y, z])
     vertices = half * np.array([*product((1.0, -1.0), repeat=3)])
-    edges = [(i, i + step) for step in (4, 2, 1) for i in range(8) if not i & step]
+    edges = np.array([(i, i + step) for step in (4, 2, 1) for i in range(8) if not i & step])
     normals = np.vstack([np.eye(3), -np.eye(3)])
-    # around a face: the two signs of the other axes, in the order of Gray
     around = [np.array([0, a, a + b, b]) for a, b in ((2, 1), (4, 1), (4, 2))]
     loops = (*around, *(loop + bit for loop, bit in zip(around, (4, 2, 1), strict=True)))
-    return Core(vertices, np.array(edges), normals, np.concatenate([half, half]), loops, 0.0)
+    return solid_core(vertices, edges, normals, np.concatenate([half, half]), loops)
+
+
+def solid_core(
+    vertices: Array, edges: Indices, normals: Array, heights: Array, loops: tuple[Indices, ...]
+) -> Core:
+    """Return a convex solid; what each of them is `Core` says."""
+    return _core(vertices, edges, normals, heights, loops, 0.0)
+
+
+def _core(
+    vertices: Array,
+    edges: Indices,
+    normals: Array,
+    heights: Array,
+    loops: tuple[Indices, ...],
+    radius: float,
+) -> Core:
+    along = vertices[edges[:, 1]] - vertices[edges[:, 0]]
+    _, units = lengths_of(along)
+    kept: list[Array] = []
+    for unit in units:
+        if all(abs(unit.dot(other)) < 1.0 - tolerances.PARALLEL**2 for other in kept):
+            kept.append(unit)
+    return Core(
+        vertices, edges, normals, heights, loops, radius,
+        directions=np.reshape(kept, (-1, 3)),
+        size=float(np.ptp(vertices, axis=0).max()),
+        reach=float(lengths_of(vertices)[0].max()) + radius,
+    )  # fmt: skip
 
 
 def nearest(core: Core, points: Array) -> tuple[Array, Array]:
@@ -124,7 +155,7 @@ def lengths_of(vectors: Array) -> tuple[Array, Array]:
 def on_face(core: Core, points: Array) -> NDArray[np.bool_]:
     """Return for points (k, 3) of the planes of its faces whether they are on the core."""
     heights = points.dot(core.normals.T) - core.heights
-    return np.asarray((heights <= tolerances.ON_FACE * size_of(core)).all(axis=1))
+    return np.asarray((heights <= tolerances.ON_FACE * core.size).all(axis=1))
 
 
 def segments(core: Core, chosen: Indices | None = None) -> tuple[Array, Array]:
@@ -134,6 +165,11 @@ def segments(core: Core, chosen: Indices | None = None) -> tuple[Array, Array]:
     return start, core.vertices[edges[:, 1]] - start
 
 
-def size_of(core: Core) -> float:
-    """Return the largest extent of the core along an axis [m]."""
-    return float(np.ptp(core.vertices, axis=0).max())
+def across(one: Array, two: Array) -> tuple[Array, Array]:
+    """Return the unit vectors across two rows of vectors (k, 3), and the lengths of the products.
+
+    As `numpy.cross`, which takes ten times as long for a few.
+    """
+    (x, y, z), (u, v, w) = one.T, two.T
+    lengths, normals = lengths_of(np.array([y * w - z * v, z * u - x * w, x * v - y * u]).T)
+    return normals, lengths

@@ -36,7 +36,7 @@ class FrictionalContact(Contact):
     frame : str
         Frame of the robot that carries the shape.
     shape : Shape
-        `Point`, `Ball`, `Capsule` or `Box`; a point by default.
+        `Point`, `Ball`, `Capsule`, `Box` or `Convex`; a point by default.
     offset : (3,) sequence of float
         The middle of the shape, in the axes of `frame` [m].
     on : Plane or str
@@ -44,7 +44,7 @@ class FrictionalContact(Contact):
         carries `on_shape`.
     on_shape : Plane or Shape, optional
         What `on` carries, in its axes: a plane, or a shape round its origin. Two shapes have 1, 4
-        (capsule and box), 5 (capsules) or 8 (boxes) points where they meet.
+        (a capsule and a solid), 5 (capsules) or 8 (solids) points where they meet.
     friction : float
         Coulomb's coefficient [1]. There is no default: 0 is ice, 0.7 rubber on a dry floor.
     restitution : float
@@ -71,7 +71,7 @@ class FrictionalContact(Contact):
         if not isinstance(self.shape, Shape):
             raise InvalidArgument(
                 f"shape = {shown(self.shape)}: a Point(), Ball(radius), "
-                "Capsule(radius, half_length) or Box(x, y, z) is needed"
+                "Capsule(radius, half_length), Box(x, y, z) or Convex(vertices) is needed"
             )
         object.__setattr__(self, "offset", floats("offset", self.offset, 3))
         self._check_ground()
@@ -103,7 +103,7 @@ class FrictionalContact(Contact):
         if not isinstance(self.on_shape, Plane | Shape):
             raise InvalidArgument(
                 f"on_shape = {shown(self.on_shape)}: what {self.on!r} carries is needed, a Plane, "
-                "Ball, Capsule or Box"
+                "Ball, Capsule, Box or Convex"
             )
 
     def bind(self, machine: Machine) -> BoundContact:

@@ -9,6 +9,7 @@ from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.contacts.base import CONTACTS as CONTACTS
 from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact
+from condyn_pin.constraints.contacts.convex import Convex as Convex
 from condyn_pin.constraints.contacts.frictional_contact import (
     FrictionalContact as FrictionalContact,
 )

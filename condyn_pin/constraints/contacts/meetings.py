@@ -27,11 +27,11 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.cores import (
     Core,
     Indices,
+    across,
     lengths_of,
     nearest,
     on_face,
     segments,
-    size_of,
 )
 
 _SOLID: Final = 8  # two quadrangles cut each other in an octagon
@@ -39,12 +39,29 @@ _CAPSULES: Final = 5  # four ends, and a crossing
 _CAPSULE_ON_SOLID: Final = 4  # two ends, and two edges
 
 
-class Meeting(NamedTuple):
-    """A point where two shapes are near each other."""
+class Meetings(NamedTuple):
+    """The points where two shapes are near each other."""
 
-    gap: float  # [m]
-    point: Array  # (3,) in the world [m]
-    normal: Array  # (3,) from the second shape to the first
+    gaps: Array  # (k,) [m]
+    points: Array  # (k, 3) on the first shape, in the world [m]
+    normals: Array  # (k, 3) from the second shape to the first
+
+    def turned(self) -> Meetings:
+        """Return the same for the shapes in the other order."""
+        return Meetings(self.gaps, self.points - self.gaps[:, None] * self.normals, -self.normals)
+
+    def taken(self, chosen: Indices) -> Meetings:
+        """Return some of them."""
+        return Meetings(*(part[chosen] for part in self))
+
+    def least(self, count: int) -> Meetings:
+        """Return the nearest few, the nearest one first."""
+        # without the digits that rounding makes [m]
+        return self.taken(np.round(self.gaps, 12).argsort(kind="stable")[:count])
+
+
+def _joined(*parts: Meetings) -> Meetings:
+    return Meetings(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 def most_meetings(A: Core, B: Core) -> int:
@@ -56,98 +73,84 @@ def most_meetings(A: Core, B: Core) -> int:
     return _CAPSULE_ON_SOLID if A.is_solid or B.is_solid else _CAPSULES
 
 
-def meetings(A: Core, B: Core) -> list[Meeting]:
+def meetings(A: Core, B: Core) -> Meetings:
     """Return where two shapes, placed in the world, meet: no more than `most_meetings`.
 
     The least gap is the distance of the shapes; where they penetrate, the least shift that takes
     them apart, negative.
     """
     if A.is_solid and not B.is_solid:
-        return [_turned(each) for each in meetings(B, A)]
+        return meetings(B, A).turned()
     if A.is_point:
-        found = _round(A, B)
-    elif B.is_point:
-        found = [_turned(each) for each in _round(B, A)]
-    elif A.is_solid or (B.is_solid and _separation(A, B)[1] < 0.0):
-        found = _solids(A, B)
-    else:
-        found = _round(A, B)
-        between = _between(A, B)
-        found += _least(between, 2) if B.is_solid else between
-    return _distinct(found, max(size_of(A), size_of(B)))[: most_meetings(A, B)]
+        return _round(A, B)
+    if B.is_point:
+        return _round(B, A).turned()
+    if A.is_solid or (B.is_solid and _separation(A, B)[1] < 0.0):
+        return _solids(A, B)
+    between = _between(A, B)
+    found = _joined(_round(A, B), between.least(2) if B.is_solid else between)
+    return found.taken(_distinct(found, max(A.size, B.size))[: most_meetings(A, B)])
 
 
-def _round(A: Core, B: Core) -> list[Meeting]:
+def _round(A: Core, B: Core) -> Meetings:
     """Return where the balls round the corners of A meet B."""
     distances, normals = nearest(B, A.vertices)
-    points = A.vertices - A.radius * normals
-    gaps = (distances - A.radius - B.radius).tolist()
-    return [Meeting(*each) for each in zip(gaps, points, normals, strict=True)]
+    return Meetings(distances - A.radius - B.radius, A.vertices - A.radius * normals, normals)
 
 
-def _least(found: list[Meeting], count: int) -> list[Meeting]:
-    """Return the nearest few."""
-    return sorted(found, key=lambda each: _coarse(each.gap))[:count]
-
-
-def _turned(each: Meeting) -> Meeting:
-    """Return what was found of (A, B) for (B, A): the point is on the skin of B then."""
-    return Meeting(each.gap, each.point - each.gap * each.normal, -each.normal)
-
-
-def _between(A: Core, B: Core) -> list[Meeting]:
+def _between(A: Core, B: Core) -> Meetings:
     """Return where corners of B, and edges of both between their ends, are nearest to A.
 
     For cores that are apart.
     """
     p, q, _, _ = _crossings(A, A.edges, B, B.edges)
     distances, normals = lengths_of(p - q)
-    gaps = (distances - A.radius - B.radius).tolist()
-    crossing = zip(gaps, p - A.radius * normals, normals, strict=True)
-    return [*(_turned(each) for each in _round(B, A)), *(Meeting(*each) for each in crossing)]
+    crossing = Meetings(distances - A.radius - B.radius, p - A.radius * normals, normals)
+    return _joined(_round(B, A).turned(), crossing)
 
 
-def _solids(A: Core, B: Core) -> list[Meeting]:
+def _solids(A: Core, B: Core) -> Meetings:
     """Return where a solid A, or the segment of a capsule that is in B, meets a solid B."""
     axis, gap, by_edges = _separation(A, B)
     top = int(B.normals.dot(axis).argmax())
     corners, edges = A.vertices, A.edges
+    parts = []
     if A.is_solid:
         bottom = int(A.normals.dot(axis).argmin())
         corners, edges = corners[A.loops[bottom]], _around(A, bottom)
-    found = _corners_on(corners, B, top)
-    if A.is_solid:
-        found += [_turned(each) for each in _corners_on(B.vertices[B.loops[top]], A, bottom)]
-    found += _edges_on_edges(A, edges, B, _around(B, top), axis)
+        parts.append(_corners_on(B.vertices[B.loops[top]], A, bottom).turned())
+    parts.insert(0, _corners_on(corners, B, top))
+    parts.append(_edges_on_edges(A, edges, B, _around(B, top), axis))
     if by_edges:
-        found += _edges_on_edges(A, _lowest(A, axis), B, _lowest(B, -axis), axis)
-    size = max(size_of(A), size_of(B))
-    if all(each.gap > gap + tolerances.EDGE_ON * size for each in found):
-        # nothing is over what separates them
-        found += _least(_round(A, B) + _between(A, B), 1) if gap > 0.0 else _first(A, axis, gap)
-    return [
-        Meeting(each.gap - A.radius, each.point - A.radius * each.normal, each.normal)
-        for each in _nearest(found, size)
-    ]
+        parts.append(_edges_on_edges(A, _lowest(A, axis), B, _lowest(B, -axis), axis))
+    found, size = _joined(*parts), max(A.size, B.size)
+    if (found.gaps > gap + tolerances.EDGE_ON * size).all():  # nothing is over what separates them
+        first = _joined(_round(A, B), _between(A, B)) if gap > 0.0 else _first(A, axis, gap)
+        found = _joined(found, first.least(1))
+    found = found._replace(
+        gaps=found.gaps - A.radius, points=found.points - A.radius * found.normals
+    )
+    return _nearest(found, size)
 
 
-def _first(A: Core, axis: Array, gap: float) -> list[Meeting]:
+def _first(A: Core, axis: Array, gap: float) -> Meetings:
     """Return the corner of A that is first along an axis, at a gap."""
-    return [Meeting(gap, A.vertices[int(A.vertices.dot(axis).argmin())], axis)]
+    first = int(A.vertices.dot(axis).argmin())
+    return Meetings(np.array([gap]), A.vertices[first][None], axis[None])
 
 
-def _nearest(found: list[Meeting], size: float) -> list[Meeting]:
-    """Return those of different points that are nearest, in the order in which they came."""
-    order = sorted(range(len(found)), key=lambda i: (_coarse(found[i].gap), i))
-    distinct = _distinct([found[i] for i in order], size)[:_SOLID]
-    return [each for each in found if any(each is other for other in distinct)]
+def _nearest(found: Meetings, size: float) -> Meetings:
+    """Return those at different points that are nearest, in the order in which they came."""
+    order = np.round(found.gaps, 12).argsort(kind="stable")
+    distinct = order[_distinct(found.taken(order), size)]
+    return found.taken(np.sort(distinct[:_SOLID]))
 
 
 def _separation(A: Core, B: Core) -> tuple[Array, float, bool]:
     """Return the axis along which two solids are furthest apart, how far, and if edges give it."""
     over_B = A.vertices.dot(B.normals.T).min(axis=0) - B.heights
     over_A = B.vertices.dot(A.normals.T).min(axis=0) - A.heights
-    margin = tolerances.EDGE_ON * max(size_of(A), size_of(B))
+    margin = tolerances.EDGE_ON * max(A.size, B.size)
     i = int(over_B.argmax())
     axis, gap = B.normals[i], over_B[i]
     if A.is_solid and over_A.max() > gap + margin:  # rounding must not choose among equals
@@ -156,85 +159,79 @@ def _separation(A: Core, B: Core) -> tuple[Array, float, bool]:
     axes = _edge_axes(A, B)
     if len(axes):
         along_A, along_B = A.vertices.dot(axes.T), B.vertices.dot(axes.T)
-        apart = np.array([along_A.min(axis=0) - along_B.max(axis=0),
-                          along_B.min(axis=0) - along_A.max(axis=0)])  # fmt: skip
-        best = int(apart.max(axis=0).argmax())
-        way = int(apart[:, best].argmax())
-        if apart[way, best] > gap + margin:
-            return (-axes[best] if way else axes[best]), float(apart[way, best]), True
+        above, below = (
+            along_A.min(axis=0) - along_B.max(axis=0),
+            along_B.min(axis=0) - along_A.max(axis=0),
+        )
+        best = int(np.maximum(above, below).argmax())
+        if max(above[best], below[best]) > gap + margin:
+            sign = 1.0 if above[best] >= below[best] else -1.0
+            return sign * axes[best], float(max(above[best], below[best])), True
     return axis, float(gap), False
 
 
 def _edge_axes(A: Core, B: Core) -> Array:
-    """Return the unit vectors across an edge of A and one of B (k, 3), parallel ones left out."""
-    one, two = (segments(core)[1] for core in (A, B))
-    one, two = (d / np.sqrt((d**2).sum(axis=1))[:, None] for d in (one, two))
-    across = np.cross(one[:, None], two[None]).reshape(-1, 3)
-    lengths = np.sqrt((across**2).sum(axis=1))
-    kept = lengths > tolerances.PARALLEL
-    return np.asarray(across[kept] / lengths[kept][:, None])
+    """Return the unit vectors across edges of A and of B (k, 3), without those of parallel ones."""
+    normals, sines = across(*_every_pair(A.directions, B.directions))
+    skew = sines > tolerances.PARALLEL
+    return np.asarray(normals[skew])
 
 
-def _corners_on(corners: Array, B: Core, face: int) -> list[Meeting]:
+def _every_pair(one: Array, two: Array) -> tuple[Array, Array]:
+    """Return each row of one beside each row of another."""
+    return np.repeat(one, len(two), axis=0), np.tile(two, (len(one), 1))
+
+
+def _corners_on(corners: Array, B: Core, face: int) -> Meetings:
     """Return the corners (k, 3) that are over a face of B."""
     normal = B.normals[face]
     gaps = corners.dot(normal) - B.heights[face]
     over = on_face(B, corners - gaps[:, None] * normal)
-    return [Meeting(float(gaps[i]), corners[i], normal) for i in np.flatnonzero(over)]
+    return Meetings(gaps[over], corners[over], np.repeat(normal[None], over.sum(), axis=0))
 
 
-def _edges_on_edges(A: Core, of_A: Indices, B: Core, of_B: Indices, axis: Array) -> list[Meeting]:
+def _edges_on_edges(A: Core, of_A: Indices, B: Core, of_B: Indices, axis: Array) -> Meetings:
     """Return where edges of A cross edges of B, one above the other along an axis."""
-    found = []
-    for p, q, one, two in zip(*_crossings(A, of_A, B, of_B), strict=True):
-        normal = np.cross(one, two)
-        normal /= np.copysign(np.sqrt(normal.dot(normal)), normal.dot(axis))
-        if normal.dot(axis) > tolerances.CROSSING:
-            found.append(Meeting(float((p - q).dot(normal)), p, normal))
-    return found
+    p, q, one, two = _crossings(A, of_A, B, of_B)
+    normals, _ = across(one, two)
+    cosines = normals.dot(axis)
+    normals = np.sign(cosines)[:, None] * normals
+    above = np.abs(cosines) > tolerances.CROSSING
+    return Meetings(((p - q) * normals).sum(axis=1)[above], p[above], normals[above])
 
 
 def _crossings(A: Core, of_A: Indices, B: Core, of_B: Indices) -> tuple[Array, Array, Array, Array]:
     """Return the nearest points of lines along edges that cross, and the edges (k, 3) each."""
     (a, d), (b, e) = segments(A, of_A), segments(B, of_B)
-    i, j = (index.ravel() for index in np.indices((len(a), len(b))))
-    a, d, b, e = a[i], d[i], b[j], e[j]
-    dd, ee, de = ((x * y).sum(axis=1) for x, y in ((d, d), (e, e), (d, e)))
+    (a, b), (d, e) = _every_pair(a, b), _every_pair(d, e)
     apart = a - b
+    dd, ee, de = (d * d).sum(axis=1), (e * e).sum(axis=1), (d * e).sum(axis=1)
     da, ea = (d * apart).sum(axis=1), (e * apart).sum(axis=1)
     area = dd * ee - de**2
     skew = area > tolerances.PARALLEL**2 * dd * ee
     area = np.where(skew, area, 1.0)
-    s, t = (de * ea - ee * da) / area, (dd * ea - de * da) / area
-    slack = tolerances.ON_FACE
-    kept = skew & (s >= -slack) & (s <= 1 + slack) & (t >= -slack) & (t <= 1 + slack)
-    p, q = a + s[:, None] * d, b + t[:, None] * e
-    return p[kept], q[kept], d[kept], e[kept]
+    shares = np.array([de * ea - ee * da, dd * ea - de * da]) / area
+    kept = skew & (np.abs(shares - 0.5) <= 0.5 + tolerances.ON_FACE).all(axis=0)
+    s, t = shares[:, kept, None]
+    a, d, b, e = a[kept], d[kept], b[kept], e[kept]
+    return a + s * d, b + t * e, d, e
 
 
 def _around(core: Core, face: int) -> Indices:
     """Return the edges around a face (k, 2)."""
     loop = core.loops[face]
-    return np.column_stack([loop, np.roll(loop, -1)])
+    return np.array([loop, (*loop[1:], loop[0])]).T
 
 
 def _lowest(core: Core, axis: Array) -> Indices:
     """Return the edges whose middles are lowest along an axis."""
     along = core.vertices.dot(axis)[core.edges].sum(axis=1)
-    lowest: NDArray[np.bool_] = along <= along.min() + tolerances.EDGE_ON * size_of(core)
+    lowest: NDArray[np.bool_] = along <= along.min() + tolerances.EDGE_ON * core.size
     return core.edges[lowest]
 
 
-def _distinct(found: list[Meeting], size: float) -> list[Meeting]:
-    """Return what was found without points that are there already."""
-    near = tolerances.ONE_POINT * size
-    kept: list[Meeting] = []
-    for each in found:
-        if all(np.abs(each.point - other.point).max() > near for other in kept):
-            kept.append(each)
-    return kept
-
-
-def _coarse(gap: float) -> float:
-    """Return a gap without the digits that rounding makes [m]."""
-    return round(gap, 12)
+def _distinct(found: Meetings, size: float) -> Indices:
+    """Return the numbers of those whose point none before them has."""
+    apart = np.abs(found.points[:, None] - found.points).max(axis=2)
+    again = np.tril(apart <= tolerances.ONE_POINT * size, -1).any(axis=1)
+    return np.flatnonzero(~again)

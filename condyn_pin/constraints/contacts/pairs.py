@@ -1,6 +1,8 @@
 """Pairs of bodies of a scene, each with a fixed number of places for the points where they meet.
 
-A place without a point has an infinite gap, and the normal of the first one.
+A place without a point has an infinite gap, and the rows of the last one that has. Shapes that are
+further apart than their own sizes are taken for the balls round them, whose gap is a bound from
+below: features are looked for where it is worth while.
 """
 
 from __future__ import annotations
@@ -12,7 +14,9 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.bound import Pair
-from condyn_pin.constraints.contacts.meetings import Meeting, meetings
+from condyn_pin.constraints.contacts.cores import lengths_of
+from condyn_pin.constraints.contacts.meetings import Meetings, meetings
+from condyn_pin.constraints.contacts.placements import Placements
 from condyn_pin.constraints.contacts.touches import columns, relative_rows
 from condyn_pin.constraints.with_world import plane
 
@@ -35,7 +39,17 @@ class Pairs:
             for _ in range(3 * pair.points)
         ]
         self._moves = np.reshape(rows, (3 * self.size, model.nv))
-        self._at: bytes = b""
+        self._placements = Placements(j for pair in pairs for j in (pair.joint, pair.ground))
+        # columns: the middles of the shapes, two a pair
+        self._middles = np.zeros((self._placements.size, 2 * len(pairs)))
+        for i, pair in enumerate(pairs):
+            for column, joint, at in (
+                (2 * i, pair.joint, pair.placement),
+                (2 * i + 1, pair.ground, pair.ground_placement),
+            ):
+                self._middles[self._placements.rows(joint), column] = (*at.translation, 1.0)
+        self._reaches = np.array([pair.shape.reach + pair.ground_shape.reach for pair in pairs])
+        self._at = np.full((3, self._placements.size), np.nan)
         self._found: tuple[Array, Array, Array] = np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3))
 
     def gaps(self, data: Any) -> Array:
@@ -53,38 +67,46 @@ class Pairs:
     def jacobian(self, data: Any) -> Array:
         """Return the rows t1, t2, n of each place (3 k, nv); reads data.oMi and data.J."""
         _, points, axes = self._evaluated(data)
-        return relative_rows(points.T, axes.transpose(1, 0, 2).reshape(3, -1), data.J, self._moves)
+        J = data.J.reshape(6, -1)  # a single column comes as a vector
+        return relative_rows(points.T, axes.transpose(1, 0, 2).reshape(3, -1), J, self._moves)
 
     def _evaluated(self, data: Any) -> tuple[Array, Array, Array]:
         """Return gaps, points and axes; the last ones where no body has moved since."""
-        placements = [
-            data.oMi[joint] * at
-            for pair in self._pairs
-            for joint, at in ((pair.joint, pair.placement), (pair.ground, pair.ground_placement))
-        ]
-        now = b"".join(p.rotation.tobytes() + p.translation.tobytes() for p in placements)
-        if now != self._at:
-            places: list[Meeting] = []
-            for pair, one, two in zip(self._pairs, placements[::2], placements[1::2], strict=True):
-                places += _filled(pair, one, two)
-            self._found = (
-                np.array([each.gap for each in places]),
-                np.array([each.point for each in places]),
-                np.array([plane(tuple(each.normal), 0.0).rotation for each in places]),
-            )
-            self._at = now
+        now = self._placements.read(data)
+        if not np.array_equal(now, self._at):
+            middles = now.dot(self._middles).T.reshape(-1, 2, 3)
+            apart, normals = lengths_of(middles[:, 0] - middles[:, 1])
+            far = apart > 2.0 * self._reaches
+            found = [
+                _as_balls(pair, middle[0], normal, gap) if away else _closely(pair, data)
+                for pair, middle, normal, gap, away in zip(
+                    self._pairs, middles, normals, apart - self._reaches, far, strict=True
+                )
+            ]
+            filled = map(_filled, found, (pair.points for pair in self._pairs))
+            gaps, points, normals = (np.concatenate(parts) for parts in zip(*filled, strict=True))
+            self._found = gaps, points, np.array([plane(n, 0.0).rotation for n in normals])
+            self._at[:] = now
         return self._found
 
 
-def _filled(pair: Pair, one: Any, two: Any) -> list[Meeting]:
-    """Return the points where a pair meets, and places without a point behind them."""
-    apart = one.translation - two.translation
-    far = float(np.sqrt(apart.dot(apart)))
-    reach = pair.shape.reach + pair.ground_shape.reach
-    if far > 2.0 * reach:  # as balls round them: what is nearer is looked at closely
-        normal = apart / far
-        found = [Meeting(far - reach, one.translation - pair.shape.reach * normal, normal)]
-    else:
-        found = meetings(pair.shape.placed(one), pair.ground_shape.placed(two))
-    empty = found[0]._replace(gap=np.inf)
-    return found + [empty] * (pair.points - len(found))
+def _closely(pair: Pair, data: Any) -> Meetings:
+    """Return where the features of two shapes meet."""
+    return meetings(
+        pair.shape.placed(data.oMi[pair.joint] * pair.placement),
+        pair.ground_shape.placed(data.oMi[pair.ground] * pair.ground_placement),
+    )
+
+
+def _as_balls(pair: Pair, middle: Array, normal: Array, gap: float) -> Meetings:
+    """Return where the balls round two shapes meet: none is nearer, and most pairs are far."""
+    point = middle - pair.shape.reach * normal
+    return Meetings(np.array([gap]), point[None], normal[None])
+
+
+def _filled(found: Meetings, points: int) -> Meetings:
+    """Return what was found, and places without a point behind it."""
+    count = len(found.gaps)
+    filled = found.taken(np.minimum(np.arange(points), count - 1))
+    filled.gaps[count:] = np.inf
+    return filled
