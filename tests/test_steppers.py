@@ -397,7 +397,5 @@ def test_robots_fall(name: str, options: dict[str, object]) -> None:
     assert any((modes != "open").any() for modes in run.modes.values())
     assert run.violation.max() <= 1e-9
     assert min(gap.min() for gap in run.gaps.values()) > -1e-3
-    if (
-        not scene.robot.springs
-    ):  # stiff ones lose what they swing with: they act at the end of steps
+    if not scene.robot.springs:  # stiff ones, at the end of a step, lose what they swing with
         assert np.abs(run.energy.error).max() < 0.05 * run.energy.scale

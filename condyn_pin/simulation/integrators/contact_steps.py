@@ -35,8 +35,11 @@ from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System, total_torque
 
-# Newton's steps that close loops behind a step, at most: the first leaves dt |v| of a gap.
-_CLOSINGS = 5
+# Newton's steps that close loops behind a step, at most: a few, and more beside a dead point.
+_CLOSINGS = 10
+
+# Gaps that the factors of the step still close, each time up to a share dt |v| [m, rad].
+_SMALL = 1e-6
 
 
 class Chosen:
@@ -213,23 +216,24 @@ class ContactSteps:
         return M
 
     def _closed(self, now: Condensed, q: Array) -> Array:
-        """Return q with loops closed: by the factors of the step, then by those of where it is."""
-        if not now.factors.rank:
+        """Return q with loops closed: by the factors of the step where that will do."""
+        factors = now.factors
+        if not factors.rank:
             return q
-        best, gap, closing = q, inf, now.factors.closing
+        best, least = q, inf
         for _ in range(_CLOSINGS):
             c, J_b = self._equations.position_level(q)
-            before, gap = gap, float(np.abs(c).max())
-            if not gap < before:  # rounding, or out of reach
+            gap = float(np.abs(c).max())
+            if not gap < least:  # rounding, or out of reach
                 return best
-            best = q
+            best, least = q, gap
             if gap <= tolerances.CLOSED:
-                return q
-            if before < inf:
+                break
+            if gap > _SMALL:
                 M = self._with_inertia(self._system.mass(q), q)
-                closing = factorise(M, J_b, tolerances.RANK).at_most(self._rank).closing
-            q = self._system.integrate(q, closing(c))
-        return q
+                factors = factorise(M, J_b, tolerances.RANK).at_most(self._rank)
+            q = self._system.integrate(q, factors.closing(c))
+        return best
 
 
 def contact_stepper(scheme: ContactScheme, system: System, dt: float) -> Stepper:
