@@ -87,9 +87,7 @@ class Patch(NamedTuple):
     """The shape that a contact is drawn with."""
 
     shape: Literal["ball", "box", "capsule", "rod"]
-    size: tuple[
-        float, ...
-    ]  # [m]: radius; three edges; radius and length, of a capsule without ends
+    size: tuple[float, ...]  # [m]: radius; three edges; radius and length between the ends
     along: Vector3 = (0.0, 0.0, 1.0)  # axis of a rod
     turns: bool = True  # with the body; else its axes are the world's
 

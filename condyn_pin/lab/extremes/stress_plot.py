@@ -13,6 +13,7 @@ import numpy as np
 from condyn_pin._core.plot_style import write_figure
 from condyn_pin._core.plots import axes, panels
 from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.lab.contact_extremes import CONTACT_EXTREMES
 from condyn_pin.lab.extremes.base import EXTREMES
 from condyn_pin.lab.extremes.stress_table import Map, short
 from condyn_pin.lab.extremes.verdict import Verdict
@@ -51,8 +52,9 @@ def severity_map(found: Map, ax: Any = None) -> Any:
     ax.tick_params(axis="x", rotation=90)
     ax.set_yticks(range(len(found.methods)), found.methods)
     ax.tick_params(labelsize=_SMALL)
-    if found.family in EXTREMES:
-        ax.set_xlabel(fill(EXTREMES[found.family].title, 48), fontsize=_SMALL)
+    known = {**EXTREMES, **CONTACT_EXTREMES}
+    if found.family in known:
+        ax.set_xlabel(fill(known[found.family].title, 48), fontsize=_SMALL)
     ax.set_title(found.label, fontsize=9, fontweight="bold")
     return ax
 

@@ -110,8 +110,8 @@ class ContactMeasure(Measure):
     def answer(self, workspace: Posed, state: State, truth: Array, accuracy: float) -> Answer:
         """Return the answer of a contact solver at a state."""
         problem, solver = self._posed(workspace, state), workspace.solver
-        found = attempt_contact(problem, solver, None, _goal(solver))
-        solution = judged(problem, found, accuracy, solve_time=0.0)
+        found, natural = attempt_contact(problem, solver, None, _goal(solver))
+        solution = judged(problem, found, natural, accuracy, solve_time=0.0)
         least = workspace.scene.robot.mass * (self._gravity(workspace.scene) * self.dt) ** 2
         lost, error = inf, inf
         if np.isfinite(solution.lam).all():
@@ -123,7 +123,7 @@ class ContactMeasure(Measure):
             error=error,
             status=solution.status.name.lower(),
             dynamics_error=lost,
-            constraint_error=_or_inf(solution.residuals.natural),
+            constraint_error=_or_inf(natural),
             iterations=solution.iterations,
         )
 
@@ -131,7 +131,7 @@ class ContactMeasure(Measure):
         """Return the solve as steps do it, and the one with all seven residuals."""
         solver, goal = workspace.solver, _goal(workspace.solver)
 
-        def once(q: Array, v: Array, tau: Array) -> Attempt:
+        def once(q: Array, v: Array, tau: Array) -> tuple[Attempt, float]:
             return attempt_contact(self._posed(workspace, (q, v, tau)), solver, None, goal)
 
         def solve(q: Array, v: Array, tau: Array) -> ContactSolution:
