@@ -30,6 +30,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem
 
+_EPS = float(np.finfo(np.float64).eps)
+
 
 class ContactResiduals(NamedTuple):
     """Sizes of the residuals of impulses, all without a unit."""
@@ -55,7 +57,7 @@ def natural_residual(problem: ContactProblem, lam: Array) -> float:
     Returns
     -------
     float
-        Zero if and only if the problem is solved [1].
+        Zero if and only if the problem is solved, but for the rounding of lam [1].
 
     Notes
     -----
@@ -67,7 +69,8 @@ def natural_residual(problem: ContactProblem, lam: Array) -> float:
     d = problem.dual(problem.velocities(lam))
     missed = problem.sets.project(lam - d / stiff)
     missed -= lam
-    return float(np.maximum.reduce(np.abs(missed))) * stiff / speed
+    missed, most = np.abs(missed), _EPS * np.abs(lam)  # d is lost beside an impulse that is huge
+    return float(np.maximum.reduce(np.maximum(missed, most))) * stiff / speed
 
 
 def contact_residuals(problem: ContactProblem, lam: Array) -> ContactResiduals:

@@ -77,10 +77,13 @@ class PGS(ContactSolver):
             )
         small, unit = normalised(problem)
         rows = padded(small)
+        relaxation = self._relaxation(rows.G, problem)
+        if not relaxation > 0:  # nothing moves a contact along t1 or t2, by which it divides
+            return Attempt(np.full(problem.rows, np.nan), 0, (self.title,))
         found = _pin_contacts.pgs(
             rows.G, rows.g, rows.friction, rows.limits,
             tolerance=self.tolerance, max_iterations=self.max_iterations,
-            over_relaxation=self._relaxation(rows.G, problem),
+            over_relaxation=relaxation,
             guess=rows.spread(None if guess is None else guess / unit),
         )  # fmt: skip
         return Attempt(found.lam[rows.kept] * unit, found.iterations, (self.title,))
