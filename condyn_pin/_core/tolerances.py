@@ -177,19 +177,3 @@ CONTACT_RANK: Final = 1e-12
 # |G z| of impulses that take g . z = -1 from a contact problem, both normalised: what is below
 # proves that no impulse closes the contacts. Rows that contradict each other leave 1e-16.
 CERTIFICATE: Final = 1e-10
-
-# A corner is still over a face, and edges still cross, when they are beside each other by this
-# share of the size of a shape: of boxes that stand flush on each other every corner is on an edge.
-ON_FACE: Final = 1e-9
-
-# Points of one contact that are nearer to each other than this share of the size of a shape are
-# one: flush boxes name each corner up to four times.
-ONE_POINT: Final = 1e-6
-
-# What separates two solids along a pair of edges has to be more than along a face by this share of
-# their size. Flat on each other both are the same to rounding, and a face has all four points.
-EDGE_ON: Final = 1e-6
-
-# Cosine between the normal of two edges that cross and the axis of the contact: below it the edges
-# pass each other sideways, and a face or a corner touches first.
-CROSSING: Final = 0.7

@@ -38,6 +38,9 @@ from condyn_pin.simulation.system import System, total_torque
 # Newton's steps that close loops behind a step, at most: a few, and more beside a dead point.
 _CLOSINGS = 10
 
+# A gap that is left to rounding [m, rad].
+_CLOSED = 1e-13
+
 # Gaps that the factors of the step still close, each time up to a share dt |v| [m, rad].
 _SMALL = 1e-6
 
@@ -222,16 +225,18 @@ class ContactSteps:
             return q
         best, least = q, inf
         for _ in range(_CLOSINGS):
-            c, J_b = self._equations.position_level(q)
+            c = self._equations.violation(q)
             gap = float(np.abs(c).max())
             if not gap < least:  # rounding, or out of reach
                 return best
             best, least = q, gap
-            if gap <= tolerances.CLOSED:
+            if gap <= _CLOSED:
                 break
             if gap > _SMALL:
-                M = self._with_inertia(self._system.mass(q), q)
-                factors = factorise(M, J_b, tolerances.RANK).at_most(self._rank)
+                M, J_b = self._system.mass(q), self._equations.jacobian(q)
+                factors = factorise(self._with_inertia(M, q), J_b, tolerances.RANK).at_most(
+                    self._rank
+                )
             q = self._system.integrate(q, factors.closing(c))
         return best
 
