@@ -36,6 +36,7 @@ SCRIPTS = {
     "stress": lambda script: [script.load(RESULTS / "stress.json")],
     "campaign_report": lambda script: [script.load(RESULTS / "campaign.json")],
     "conjugate_gradient": lambda script: script.load(),
+    "contact_models": lambda script: script.read(),
     "auto_mu": lambda script: script.load(RESULTS / "auto_mu.json"),
 }
 
