@@ -12,7 +12,7 @@ from __future__ import annotations
 import argparse
 import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
 
@@ -23,7 +23,7 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.machine import machine
-from condyn_pin.simulation.contact_columns import gaps_at
+from condyn_pin.dynamics import contact_gaps
 
 RESULTS = Path(__file__).resolve().parent / "results"
 ROBOTS = {"solo12": {}, "go2": {}, "talos": {}, "cassie": {"variant": {"feet": "points"}}}
@@ -43,7 +43,7 @@ class Falls:
     robot: str
     falls: int = 0
     steps: int = 0
-    broken: int = 0  # runs that did not go to their end
+    broken: list[str] = field(default_factory=list)  # why runs did not go to their end
     natural: float = 0.0  # [1], the largest
     loops: float = 0.0  # [m, rad]
     penetration: float = 0.0  # [m]
@@ -59,16 +59,18 @@ def fall(robot: str, count: int, dt: float) -> Falls:
     found, times = Falls(robot, aba_us=aba(scene)), []
     for seed in range(count):
         q, v = scene.sample(np.random.default_rng(seed), spread=0.3)
-        q[2] += HEIGHT - gaps_at(scene, q[None])[1].min()
+        q[2] += HEIGHT - min(contact_gaps(scene, q).values())
         run = cp.simulate(scene, q, v, duration=DURATION, dt=dt)
         assert run.contact is not None
-        depth = -min(gap.min() for gap in run.gaps.values())
+        depth = -min(float(gap.min()) for gap in run.gaps.values())
         found.falls += 1
         found.steps += len(run) - 1
-        found.broken += not run.status.ok
+        if not run.status.ok:
+            found.broken.append(f"{robot}, seed {seed}: {run.reason}")
         found.natural = max(found.natural, float(run.contact.natural.max()))
         found.loops = max(found.loops, float(run.violation.max()))
-        found.penetration, found.deep = max(found.penetration, depth), found.deep + (depth > DEPTH)
+        found.penetration = max(found.penetration, depth)
+        found.deep += int(depth > DEPTH)
         found.fastest = max(found.fastest, float(np.abs(run.v).max()))
         times.append(1e6 * run.run.wall_time / (len(run) - 1))
     found.step_us = float(np.median(times))
@@ -104,13 +106,14 @@ def table(rows: list[Falls], dt: float) -> str:
         "|---|---|---|---|---|---|---|---|---|---|",
     ]
     lines += [
-        f"| {r.robot} | {r.falls} | {r.broken} | {r.natural:.1e} | {r.loops:.1e} | "
+        f"| {r.robot} | {r.falls} | {len(r.broken)} | {r.natural:.1e} | {r.loops:.1e} | "
         f"{1e3 * r.penetration:.2f} | {r.deep} | {r.fastest:.0f} | {r.step_us:.0f} | "
         f"{r.step_us / r.aba_us:.0f} |"
         for r in rows
     ]
     where = ", ".join(f"{key} {value}" for key, value in machine().items())
-    return "\n".join([*lines, "", where]) + "\n"
+    broken = [reason for row in rows for reason in row.broken]
+    return "\n".join([*lines, "", *broken, "", where]) + "\n"
 
 
 def main() -> None:

@@ -92,7 +92,7 @@ def natural(problem: ContactProblem, lam: np.ndarray) -> float:
     """Return the natural residual, contact by contact as one would write it on a whiteboard."""
     R = np.zeros(problem.rows) if problem.R is None else problem.R
     sigma = problem.G @ lam + R * lam + problem.g
-    rho = problem.rows / np.trace(problem.G)
+    rho = problem.rows / (np.trace(problem.G) + R.sum())
     k, lines = len(problem.friction), problem.half_lines
     worst = 0.0
     for i, mu in enumerate(problem.friction):

@@ -24,7 +24,7 @@ SHAPES = {
     "box": Box(0.2, 0.15, 0.1),
     "plank": Box(0.5, 0.08, 0.05),
 }
-COMBINATIONS = [*product(SHAPES, repeat=2)]
+COMBINATIONS = [pair for pair in product(SHAPES, repeat=2) if pair != ("point", "point")]
 
 
 def two_bodies() -> cp.Robot:
@@ -100,6 +100,20 @@ def test_rows_are_the_rates_of_the_gaps(one, two):
         np.testing.assert_allclose((here.rows()[2::3] @ v)[there], rate, atol=1e-7)
         compared += np.count_nonzero(there)
     assert compared >= 2
+
+
+@pytest.mark.parametrize(("one", "two"), COMBINATIONS[::3])
+def test_rows_are_the_slip_of_the_material_points(one, two):
+    scene, rng = scene_of(SHAPES[one], SHAPES[two]), np.random.default_rng(12)
+    q, v = near(SHAPES[one], SHAPES[two], rng, 2e-3), rng.normal(size=12)
+    at = At(scene, q)
+    for p, E, found in zip(at.points, at.axes, (at.rows() @ v).reshape(-1, 3), strict=True):
+        of_body = [
+            at.data.oMi[i].rotation @ v[k : k + 3]
+            + np.cross(at.data.oMi[i].rotation @ v[k + 3 : k + 6], p - at.data.oMi[i].translation)
+            for i, k in ((1, 0), (2, 6))
+        ]
+        np.testing.assert_allclose(found, E.T @ (of_body[0] - of_body[1]), atol=1e-13)
 
 
 @pytest.mark.parametrize(("one", "two"), COMBINATIONS)
@@ -244,6 +258,8 @@ def test_pairs_are_held_by_no_constraint():
 
 @pytest.mark.parametrize("mesh", [coal.Box(1, 1, 1), "box", None, 0.1])
 def test_other_shapes_are_refused(mesh):
+    with pytest.raises(InvalidArgument, match="points do not meet"):
+        scene_of(Point(), Point())
     with pytest.raises(InvalidArgument, match="on_shape"):
         scene_of(Ball(0.1), mesh)
 

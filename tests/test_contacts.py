@@ -194,6 +194,9 @@ def test_the_stops_are_as_far_as_the_limits():
     gaps = contact_gaps(scene, q)
     assert gaps["FR_KFE/lower"] == q[i] - model.lowerPositionLimit[i]
     assert gaps["FR_KFE/upper"] == model.upperPositionLimit[i] - q[i]
+    text = str(replace(scene, contacts=(*scene.contacts, JointFriction("FR_KFE", 1))).summary(q))
+    assert f"FR_KFE/lower: open by {np.degrees(gaps['FR_KFE/lower']):.3g} deg" in text
+    assert "FR_KFE/friction: dry friction" in text
 
 
 @pytest.mark.parametrize("on", [Plane(height=-1.2), "world"])
@@ -334,8 +337,14 @@ def test_nothing_bilateral_takes_contacts():
     with pytest.raises(UnsupportedConstraint, match="4 contacts may open"):
         minimal(scene, error=0.1)
     q, v = scene.state()
-    with pytest.raises(UnsupportedConstraint, match="4 contacts may open"):
-        cp.solve(scene, q, v, np.zeros(scene.robot.nv))
+    for ask in (
+        lambda: cp.solve(scene, q, v, np.zeros(scene.robot.nv)),
+        lambda: cp.impact(scene, q, v),
+        lambda: cp.inverse_dynamics(scene, q, v, np.zeros(scene.robot.nv)),
+        lambda: cp.Study(scene).run(),
+    ):
+        with pytest.raises(UnsupportedConstraint, match="4 contacts may open"):
+            ask()
 
 
 def test_closed_contacts_are_constraints_where_they_are():
@@ -364,6 +373,12 @@ def test_round_and_wide_shapes_close_too():
     ):
         with pytest.raises(UnsupportedConstraint, match="FL_FOOT"):
             on_solo(contact).closed()
+    two = on_solo(
+        FrictionalContact("FL_FOOT", friction=1, name="foot 2"),
+        FrictionalContact("FR_FOOT", on="base_link", on_shape=Plane(), friction=1, name="foot"),
+        JointLimit("FL_KFE", name="f"),
+    )
+    assert two.closed({"foot 2": "stick"}).names == ("foot 2",)
     stops = on_solo(JointLimit("FL_KFE"))
     assert stops.closed().constraints == ()
     with pytest.raises(UnsupportedConstraint, match=r"scene\.lock\(\['FL_KFE'\]"):
@@ -374,14 +389,14 @@ def test_summary_and_assembly_say_gaps():
     scene = solo_on_feet()
     q, _ = scene.state()
     gap = contact_gaps(scene, q)["FL_FOOT"]
-    assert f"FL_FOOT: open by {gap:.3g}" in str(scene.summary())
+    assert f"FL_FOOT: open by {1e3 * gap:.3g} mm" in str(scene.summary())
     low = q.copy()
     low[2] -= gap + 1e-3
     found = scene.assemble(low)
     assert found.penetration.keys() == {"FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT"}
-    assert found.penetration["HL_FOOT"] == pytest.approx(1e-3, abs=1e-12)
-    assert "penetrates by 0.001" in str(found)
-    assert "penetrates by 0.001" in str(scene.summary(low))
+    assert found.penetration["HL_FOOT"] == pytest.approx((1e-3, 0.0), abs=1e-12)
+    assert "penetrates by 1 mm" in str(found)
+    assert "penetrates by 1 mm" in str(scene.summary(low))
     assert scene.bilateral.assemble(low).penetration == {}
 
 

@@ -22,10 +22,12 @@ from condyn_pin.constraints import (
     Plane,
     Point,
 )
-from condyn_pin.contact import SemismoothNewton
+from condyn_pin.contact import ContactProblem, SemismoothNewton
+from condyn_pin.contact.solvers.base import Attempt
+from condyn_pin.dynamics import contact_gaps
 from condyn_pin.model import free_ball, free_box, painleve_rod, together
 from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
-from condyn_pin.simulation.contact_columns import gaps_at
+from condyn_pin.simulation.integrators import contact_steps
 
 G = 9.81
 SCHEMES = (StewartTrinkle(), Moreau(), Anitescu(), SoftStep())
@@ -63,8 +65,8 @@ def robot_scene(name: str, friction: float = 0.7, **options: object) -> cp.Scene
 def standing(scene: cp.Scene) -> tuple[Array, Array]:
     """The first posture, its lowest contact on the ground."""
     q, v = scene.state()
-    gaps = cp.step(scene, q, v, dt=1e-9).gaps.values()
-    return np.concatenate([q[:2], [q[2] - min(gaps)], q[3:]]), v
+    q[2] -= min(contact_gaps(scene, q).values())
+    return q, v
 
 
 @pytest.mark.parametrize("scheme", HARD)
@@ -389,7 +391,7 @@ def test_robots_fall(name: str, options: dict[str, object]) -> None:
     """Limp, from random states: every step is answered, and what is closed stays closed."""
     scene, rng = robot_scene(name, **options), np.random.default_rng(0)
     q, v = scene.sample(rng)
-    q[2] += 0.02 - gaps_at(scene, q[None])[1].min()
+    q[2] += 0.02 - min(contact_gaps(scene, q).values())
     run = cp.simulate(scene, q, v, duration=0.25, dt=5e-4)
     assert run.status.ok, run.reason
     assert run.contact is not None
@@ -399,3 +401,46 @@ def test_robots_fall(name: str, options: dict[str, object]) -> None:
     assert min(gap.min() for gap in run.gaps.values()) > -1e-3
     if not scene.robot.springs:  # stiff ones, at the end of a step, lose what they swing with
         assert np.abs(run.energy.error).max() < 0.05 * run.energy.scale
+
+
+def test_a_foot_that_lands_with_both_ends_in_one_step() -> None:
+    """Its ends are asked to approach each other by 1e-7 m/s, which no rigid foot does."""
+    scene = robot_scene("cassie", variant={"feet": "points"})
+    q, v = scene.sample(np.random.default_rng(2), spread=0.3)
+    q[2] += 0.02 - min(contact_gaps(scene, q).values())
+    run = cp.simulate(scene, q, v, duration=0.5, dt=5e-4)
+    assert run.status.ok, run.reason
+    assert run.violation.max() < 1e-9
+
+
+def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) -> None:
+    def give_up(problem: ContactProblem, *_: object) -> tuple[Attempt, float]:
+        return Attempt(np.zeros(problem.rows), 1, ("nothing",)), float(problem.rows > 0)
+
+    monkeypatch.setattr(contact_steps, "attempt_contact", give_up)
+    scene, q, v = thrown()
+    q[2] += 0.05
+    run = cp.simulate(scene, q, v, duration=0.3)
+    assert run.status.name == "FAILED"
+    assert "leaves a natural residual of 1.0e+00" in run.reason
+    assert "smaller dt" in run.reason
+    assert 0 < run.t[-1] < 0.3
+    with pytest.raises(cp.SolveFailed, match="inaccurate"):
+        cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3)
+    now = cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3, throw=False)
+    assert not now.status.ok
+
+
+def test_a_run_goes_on_from_its_own_end() -> None:
+    """Also where loops have turned since the last step, so that v is a little off them."""
+    scene = robot_scene("cassie", variant={"feet": "points"})
+    q, v = scene.sample(np.random.default_rng(1))
+    q[2] += 0.02 - min(contact_gaps(scene, q).values())
+    whole = cp.simulate(scene, q, v, duration=0.1, dt=1e-3)
+    half = cp.simulate(scene, q, v, duration=0.05, dt=1e-3)
+    rest = cp.simulate(scene, half.q[-1], half.v[-1], duration=0.05, dt=1e-3)
+    assert half.constraint_velocity[-1] > 1e-4  # else there is nothing to allow
+    assert np.array_equal(rest.q[-1], whole.q[-1])
+    fast = half.v[-1] + np.random.default_rng(0).normal(size=len(v))
+    with pytest.raises(cp.NotAssembled, match="slips"):
+        cp.simulate(scene, half.q[-1], fast, duration=0.05, dt=1e-3)

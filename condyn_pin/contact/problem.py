@@ -132,12 +132,13 @@ class ContactProblem:
 
     @cached_property
     def scale(self) -> tuple[float, float]:
-        """The sizes that errors are measured by: mean of the diagonal of G [1/kg], and |g| [m/s].
+        """The sizes that errors are measured by: mean diagonal of G + R [1/kg], and |g| [m/s].
 
         1 where there is nothing to measure by.
         """
         # numpy's own trace and max take three times as long for the few rows of a robot
-        stiff = float(np.add.reduce(self.G.diagonal())) / max(len(self.g), 1)
+        diagonal = self.G.diagonal() if self.R is None else self.G.diagonal() + self.R
+        stiff = float(np.add.reduce(diagonal)) / max(len(self.g), 1)
         return stiff or 1.0, max(map(abs, self.g.tolist()), default=0.0) or 1.0
 
     def velocities(self, lam: Array) -> Array:

@@ -1,8 +1,8 @@
 """ContactResiduals: by how much impulses miss each condition of a contact problem.
 
-Impulses are measured by |g| / mean diag G, and velocities by |g| (`ContactProblem.scale`), so that
-all seven are plain numbers. With l and s the impulse and the velocity of one contact, t and n their
-tangential and normal parts, and d what is dual to l,
+Impulses are measured by |g| / mean diag (G + R), and velocities by |g| (`ContactProblem.scale`), so
+that all seven are plain numbers. With l and s the impulse and the velocity of one contact, t and n
+their tangential and normal parts, and d what is dual to l,
 
     cone             distance of l from K
     dual             distance of d from the dual cone K*

@@ -23,7 +23,7 @@ from condyn_pin._core.names import checked
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed, worst
 from condyn_pin.dynamics.at_state import gaps
-from condyn_pin.dynamics.contact_gaps import contact_gaps
+from condyn_pin.dynamics.contact_gaps import penetration
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled, unknown_name
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
@@ -110,12 +110,9 @@ class Assembly:
         return closed(self.violation)
 
     @property
-    def penetration(self) -> dict[str, float]:
-        """Contacts and stops of the scene that are passed at q, and how far [m, rad]: by name."""
-        if not self.scene.contacts:
-            return {}
-        gaps = contact_gaps(self.scene, self.q)
-        return {name: -gap for name, gap in gaps.items() if gap < -tolerances.CLOSED}
+    def penetration(self) -> dict[str, ConstraintViolation]:
+        """Contacts and stops of the scene that are passed at q, by name, and how far [m, rad]."""
+        return penetration(self.scene, self.q)
 
     def error(self) -> NotAssembled | BranchChanged:
         """Return what `assemble` raises if the status is not CLOSED."""
@@ -134,7 +131,7 @@ class Assembly:
             f"branch of {name}: {f'{side:+d}' if side else 'in a dead point'}"
             for name, side in self.branch.items()
         ]
-        lines += [f"{name:<28} penetrates by {by:.3g}" for name, by in self.penetration.items()]
+        lines += [f"{name:<28} penetrates by {by}" for name, by in self.penetration.items()]
         lines += [beyond_text(self.beyond_limits)] if self.beyond_limits else []
         return "\n".join(lines)
 

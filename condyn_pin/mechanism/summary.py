@@ -9,11 +9,10 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
-from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import few
-from condyn_pin.dynamics.contact_gaps import gaps_at
+from condyn_pin.dynamics.contact_gaps import gap_text, gaps_at
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.closed_chains import chains_of
@@ -55,8 +54,8 @@ class Summary:
     unused : tuple of str
         What the description has and the dynamics do not use.
     source, licence : str
-    contacts : tuple of (name, gap)
-        Candidates for contact and their gaps there [m, rad]; None for dry friction, which has none.
+    contacts : tuple of (name, text)
+        Candidates for contact, and how far each is from touching there.
     """
 
     robot: str
@@ -78,7 +77,7 @@ class Summary:
     unused: tuple[str, ...]
     source: str
     licence: str
-    contacts: tuple[tuple[str, float | None], ...] = ()  # [m, rad]
+    contacts: tuple[tuple[str, str], ...] = ()
 
     def facts(self) -> dict[str, str]:
         """Return the summary as label and text, for printing."""
@@ -106,7 +105,7 @@ class Summary:
         lines += [
             f"{'constraint':<16} {n}: {kind}, {rows} rows" for n, kind, rows in self.constraints
         ]
-        lines += [f"{'contact':<16} {name}: {_gap_text(gap)}" for name, gap in self.contacts]
+        lines += [f"{'contact':<16} {name}: {text}" for name, text in self.contacts]
         lines += [f"{'not used':<16} {text}" for text in self.unused]
         lines += [f"{'note':<16} {text}" for text in self.notes]
         return "\n".join(lines)
@@ -143,19 +142,16 @@ def summarise(scene: Scene, q: ArrayLike | None) -> Summary:
     )
 
 
-def _contacts(scene: Scene, q: Array) -> Iterator[tuple[str, float | None]]:
-    """Yield the candidates for contact with their gaps at q."""
-    if scene.contacts:
-        candidates, gaps = gaps_at(scene, q)
-        yield from zip_longest(candidates.names, gaps.tolist())
-
-
-def _gap_text(gap: float | None) -> str:
-    if gap is None:
-        return "dry friction"
-    if gap < -tolerances.CLOSED:
-        return f"penetrates by {-gap:.3g}"
-    return "closed" if gap <= tolerances.CLOSED else f"open by {gap:.3g}"
+def _contacts(scene: Scene, q: Array) -> Iterator[tuple[str, str]]:
+    """Yield the candidates for contact, and what their gaps are at q."""
+    if not scene.contacts:
+        return
+    candidates, gaps = gaps_at(scene, q)
+    texts = [
+        gap_text(gap, is_length=is_length)
+        for gap, is_length in zip(gaps.tolist(), candidates.is_length.tolist(), strict=True)
+    ]
+    yield from zip_longest(candidates.names, texts, fillvalue="dry friction")
 
 
 def _unused(scene: Scene) -> Iterator[str]:

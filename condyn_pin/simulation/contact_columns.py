@@ -30,7 +30,7 @@ def contact_rows(candidates: Candidates) -> dict[str, slice]:
     return {name: slice(end - size, end) for name, end, size in pairs}
 
 
-def gaps_at(scene: Scene, Q: Array) -> tuple[tuple[str, ...], Array]:
+def gaps_along(scene: Scene, Q: Array) -> tuple[tuple[str, ...], Array]:
     """Return the names of what has a gap, and the gaps at Q (k, nq) [m, rad]."""
     candidates, model = candidates_of(scene), scene.robot.unedited
     data = model.createData()

@@ -9,14 +9,13 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.at_state import gaps, slips
+from condyn_pin.dynamics.contact_gaps import gaps_at
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.check import Check
-from condyn_pin.simulation.contact_columns import candidates_of
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.measures import gauge_of
@@ -45,20 +44,31 @@ def anchored(
     return placed
 
 
-def check_fit(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
-    """Raise NotAssembled, said after `what`, if a loop or an anchored contact is open or slips."""
-    _raise(scene, gauge_of(scene).equations.violation(q), q, v, what)
+def check_fit(scene: Scene, q: Array, v: Array, *, slip: float = 0.0, what: str = "") -> None:
+    """Raise NotAssembled, said after `what`, if a loop or an anchored contact is open or slips.
+
+    A `slip` |J v| [m/s, rad/s] is allowed on top.
+    """
+    _raise(scene, gauge_of(scene).equations.violation(q), q, v, what, slip)
+
+
+def slip_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, dt: float) -> float:
+    """Return the |J v| [m/s, rad/s] of states that an integrator goes through.
+
+    Schemes with contacts hold J(q) v+ = 0, and q goes on by dt v+: J v is dt J' v at the end of a
+    step, and the next one takes it back. Twice that is allowed.
+    """
+    if not (scene.rows and isinstance(integrator, ContactScheme)):
+        return 0.0
+    _, _, _, gamma = gauge_of(scene).equations.parts(q, v)
+    return 2 * dt * float(np.abs(gamma).max())
 
 
 def check_penetration(scene: Scene, q: Array, integrator: Integrator) -> None:
     """Raise NotAssembled if a contact penetrates at q, unless it does at rest too."""
     if not scene.contacts or (isinstance(integrator, ContactScheme) and integrator.gives_way):
         return
-    candidates = candidates_of(scene)
-    model = scene.robot.unedited
-    data = model.createData()
-    pin.forwardKinematics(model, data, q)
-    gaps = candidates.gaps(data, q)
+    candidates, gaps = gaps_at(scene, q)
     if len(gaps) and gaps.min() < -tolerances.NEARLY_CLOSED:
         k = int(gaps.argmin())
         raise NotAssembled(
@@ -72,12 +82,12 @@ def check_slip(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
     _raise(scene, np.zeros(scene.rows), q, v, what)
 
 
-def _raise(scene: Scene, c: Array, q: Array, v: Array, what: str) -> None:
+def _raise(scene: Scene, c: Array, q: Array, v: Array, what: str, slip: float = 0.0) -> None:
     velocity = gauge_of(scene).equations.jacobian(q) @ v
     speed = max(1.0, float(np.abs(v).max(initial=0.0)))
     fit = Check(gaps(scene, c), slips(scene, velocity), speed, {})
     limit = tolerances.NEARLY_CLOSED
     try:
-        fit.raise_if_open(violation=limit, constraint_velocity=limit)
+        fit.raise_if_open(violation=limit, constraint_velocity=limit + slip / speed)
     except NotAssembled as error:
         raise NotAssembled(f"{what}{error}") from None

@@ -23,7 +23,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.events import Ended, Event, Happened, Snapshot, ZenoDetected
-from condyn_pin.simulation.fit import anchored, check_fit, check_slip
+from condyn_pin.simulation.fit import anchored, check_fit, check_slip, slip_of_steps
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.plan import Plan
 from condyn_pin.simulation.recorder import BLOCK
@@ -199,7 +199,8 @@ class HybridSimulator:
         else:
             after = self._placed(event.scene)
             what = f"event {event.name!r}: its scene does not fit the state: "
-            check_fit(after, self.q, self.v, what=what)
+            slip = slip_of_steps(after, self.q, self.v, self.plan.integrator, self.plan.dt)
+            check_fit(after, self.q, self.v, slip=slip, what=what)
             self._asked = event.scene
             self.phase = HybridPhase(after, self.plan)
             self.phase.system.contact_work = self._contact_work

@@ -20,7 +20,7 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.simulation.events import Ended, Event, ZenoDetected
-from condyn_pin.simulation.fit import check_fit, check_penetration
+from condyn_pin.simulation.fit import check_fit, check_penetration, slip_of_steps
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 from condyn_pin.simulation.integrators import Integrator
@@ -84,10 +84,10 @@ def simulate(
     dt : float
         The step [s]. If `duration` is not a whole number of steps, they are a little smaller.
     integrator : Integrator, optional
-        `RungeKutta4()` by default: for the time of four solves a step its error falls with dt^4,
-        so that it needs a tenth of the steps of a method of order 2, and a thousandth of those of
-        Euler's, for six digits. Over very long times, and where energy is all that counts, take one
-        that keeps the constraints.
+        `StewartTrinkle()` by default where contacts may open, else `RungeKutta4()`: for the time of
+        four solves a step its error falls with dt^4, so that it needs a tenth of the steps of a
+        method of order 2, and a thousandth of those of Euler's, for six digits. Over very long
+        times, and where energy is all that counts, take one that keeps the constraints.
     drift : Drift, optional
         What keeps the constraints closed. By default `PostStabilization()`, which has no gains to
         choose; `NoDrift()` where there is nothing to do, in no event's scene either.
@@ -120,11 +120,11 @@ def simulate(
     UnknownName
         If a force is on a frame that does not exist.
     NotAssembled
-        If a loop is open at q, or slips with v.
-    SolveFailed
-        If not even the first state can be solved.
+        If a loop is open at q, or slips with v, or a contact penetrates.
+    SolveFailed, StepFailed
+        If not even the first state can be solved, or no step with contacts leads away from it.
     UnsupportedConstraint
-        If the solver cannot take a kind of constraint.
+        If the solver cannot take a kind of constraint, or the integrator lets no contact open.
 
     Notes
     -----
@@ -141,7 +141,7 @@ def simulate(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
         record=record, effects=effects, events=events, forces=forces, jacobian=jacobian,
     )  # fmt: skip
-    state = start(scene, q, v, closed=close_start)
+    state = start(scene, q, v, planned, closed=close_start)
     if close_start:
         check_penetration(scene, state[0], planned.integrator)
     elif scene.rows:
@@ -240,11 +240,13 @@ def _remedy(simulator: HybridSimulator) -> str:
     return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
 
 
-def start(scene: Scene, q: ArrayLike, v: ArrayLike, *, closed: bool = True) -> tuple[Array, Array]:
+def start(
+    scene: Scene, q: ArrayLike, v: ArrayLike, plan: Plan, *, closed: bool = True
+) -> tuple[Array, Array]:
     """Return the first state, which has to satisfy the constraints if it is to be closed."""
     q_ = normalised(scene.robot.model, "q", q)
     v_ = np.array(finite("v", v, scene.robot.nv))
     scene.robot.check_unedited()
     if closed:
-        check_fit(scene, q_, v_)
+        check_fit(scene, q_, v_, slip=slip_of_steps(scene, q_, v_, plan.integrator, plan.dt))
     return q_, v_

@@ -92,7 +92,9 @@ class StepSolution:
         lines = [
             f"{self.scene.robot.name}, a step of {1e3 * self.dt:.4g} ms: {self.status}",
             f"natural residual {self.contact.natural:.1e}; "
-            f"{self.contact.iterations} iterations of {', '.join(self.contact.path) or 'nothing'}",
+            f"{self.contact.iterations} iterations of {', '.join(self.contact.path)}"
+            if self.contact.path
+            else "no contact takes part",
             f"dynamics    {self.dynamics_error:.1e} N s",
             f"constraints {self.constraint_error:.1e} m/s, {self.violation:.1e} m",
             f"penetration {self.penetration:.1e} m",

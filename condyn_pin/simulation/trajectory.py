@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.simulation.contact_columns import candidates_of, contact_rows, gaps_at, row_names
+from condyn_pin.simulation.contact_columns import candidates_of, contact_rows, gaps_along, row_names
 from condyn_pin.simulation.contact_record import ContactRecord
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
 from condyn_pin.simulation.notices import notices_of
@@ -121,7 +121,7 @@ class Trajectory:
         """Distance of each contact and stop at each sample (k,) [m, rad]; NaN while it is away."""
         gaps: dict[str, Array] = {}
         for phase in self.phases:
-            names, values = gaps_at(phase.scene, self.q[phase.samples])
+            names, values = gaps_along(phase.scene, self.q[phase.samples])
             for name, its in zip(names, values.T, strict=True):
                 gaps.setdefault(name, np.full(len(self.t), np.nan))[phase.samples] = its
         return gaps

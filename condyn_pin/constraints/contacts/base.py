@@ -50,6 +50,10 @@ class Contact(ABC):
             raise InvalidArgument(f"name = {self.name!r}: a text is needed")
         object.__setattr__(self, "name", self.name or default)
 
+    def owns(self, candidate: str) -> bool:
+        """Whether a candidate of this name is its own."""
+        return candidate == self.name or candidate.startswith(f"{self.name}/")
+
     @abstractmethod
     def bind(self, machine: Machine) -> BoundContact:
         """Return it on the joints of a machine."""

@@ -58,6 +58,7 @@ class Stop(NamedTuple):
     iv: int
     sign: float
     limit: float  # [rad, m]
+    is_length: bool
 
 
 class Dry(NamedTuple):

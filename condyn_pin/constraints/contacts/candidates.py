@@ -38,6 +38,8 @@ class Candidates:
         Coefficients [1].
     limits : (intervals,) array
         The largest dry friction [N m, N].
+    is_length : (cones + half_lines,) bool array
+        Which gaps are lengths [m]; the others are angles [rad].
     row_names : tuple of str
         ``name.t1``, ``name.t2``, ``name.n`` of a cone, the name of the others.
 
@@ -63,6 +65,8 @@ class Candidates:
         self.friction = read_only(np.array([each.friction for each in cones]))
         self.restitution = read_only(np.array([each.restitution for each in cones]))
         self.limits = read_only(np.array([each.limit for each in dry]))
+        of_stops = [stop.is_length for stop in stops]
+        self.is_length = read_only(np.array([True] * len(cones) + of_stops, dtype=bool))
         self._touches, self._pairs = Touches(model, touches), Pairs(model, pairs)
         self._iq = np.array([stop.iq for stop in stops], dtype=np.int_)
         self._sign = np.array([stop.sign for stop in stops])

@@ -82,10 +82,12 @@ class FrictionalContact(Contact):
         if finite("friction", self.friction, ()) < 0:
             raise InvalidArgument(f"friction = {shown(self.friction)}: a number >= 0 is needed")
         check_size("friction", self.friction)
+        object.__setattr__(self, "friction", float(self.friction))
         if not 0 <= finite("restitution", self.restitution, ()) <= 1:
             raise InvalidArgument(
                 f"restitution = {shown(self.restitution)}: a number from 0 to 1 is needed"
             )
+        object.__setattr__(self, "restitution", float(self.restitution))
         self._set_name(self.frame)
 
     def _check_ground(self) -> None:
@@ -105,6 +107,8 @@ class FrictionalContact(Contact):
                 f"on_shape = {shown(self.on_shape)}: what {self.on!r} carries is needed, a Plane, "
                 "Ball, Capsule, Box or Convex"
             )
+        if self.shape == self.on_shape == Point():
+            raise InvalidArgument("on_shape = Point(): points do not meet; one has to be a Ball")
 
     def bind(self, machine: Machine) -> BoundContact:
         """Return its feelers over the plane, or the pair of shapes."""
@@ -117,7 +121,7 @@ class FrictionalContact(Contact):
                 f"{self.name}: frame {self.frame!r} and what it touches both belong to {where}; "
                 "name frames on two bodies that move against each other"
             )
-        at, law = shifted(placement, self.offset), (float(self.friction), float(self.restitution))
+        at, law = shifted(placement, self.offset), (self.friction, self.restitution)
         below = self.on if isinstance(self.on, Plane) else self.on_shape
         if isinstance(below, Shape):
             pair = Pair(self.name, joint, at, self.shape.core, ground, origin, below.core, *law)
@@ -164,8 +168,7 @@ class FrictionalContact(Contact):
 
     def _between_bodies(self, modes: Mapping[str, Mode] | None) -> tuple[()]:
         """Return nothing if all its candidates are open."""
-        mine = {name: mode for name, mode in (modes or {}).items() if name.startswith(self.name)}
-        if modes is None or set(mine.values()) - {"open"}:
+        if modes is None or any(m != "open" for name, m in modes.items() if self.owns(name)):
             raise UnsupportedConstraint(
                 f"{self.name} is between two bodies: hold them with a Loop of your own"
             )

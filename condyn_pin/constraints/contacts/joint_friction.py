@@ -41,6 +41,7 @@ class JointFriction(Contact):
             if finite("torque", self.torque, ()) < 0:
                 raise InvalidArgument(f"torque = {shown(self.torque)}: a number >= 0 is needed")
             check_size("torque", self.torque)
+            object.__setattr__(self, "torque", float(self.torque))
         self._set_name(f"{self.joint}/friction")
 
     def bind(self, machine: Machine) -> BoundContact:
@@ -54,9 +55,9 @@ class JointFriction(Contact):
                 f"{self.name}: the description gives joint {self.joint!r} no friction; "
                 "say torque=..."
             )
-        names = [self.name] if joint.nv == 1 else [f"{self.name} {i + 1}" for i in range(joint.nv)]
+        names = [self.name] if joint.nv == 1 else [f"{self.name}/{i + 1}" for i in range(joint.nv)]
         return BoundContact(self.name, dry=tuple(map(Dry, names, numbers, limits)))
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""
-        return not_held(self.joint, self.name, modes)
+        return not_held(self, self.joint, modes)

@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from condyn_pin._core.joints import lengths
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import text
 from condyn_pin.constraints.contacts.base import Contact, Mode
@@ -55,9 +56,9 @@ class JointLimit(Contact):
         stops = [
             Stop(
                 f"{self.name}/{end}" if joint.nv == 1 else f"{self.name}/{end} {k + 1}",
-                joint.idx_q + k, joint.idx_v + k, sign, float(limits[joint.idx_q + k]),
+                joint.idx_q + k, joint.idx_v + k, sign, float(limits[joint.idx_q + k]), is_length,
             )
-            for k in range(joint.nv)
+            for k, is_length in enumerate(lengths(joint))
             for end, sign, limits in ends
             if abs(limits[joint.idx_q + k]) < largest
         ]  # fmt: skip
@@ -70,4 +71,4 @@ class JointLimit(Contact):
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""
-        return not_held(self.joint, self.name, modes)
+        return not_held(self, self.joint, modes)

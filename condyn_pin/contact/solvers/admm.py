@@ -18,7 +18,7 @@ from condyn_pin.contact.solvers.newton import refine, restarts
 # Newton's steps from an answer that is nearly right, and where nothing is known of it.
 _POLISH, _RESCUE = 3, 50
 
-# What the natural residual is at most where Pinocchio's own three are 1.
+# What Pinocchio is asked for, as a share of the tolerance.
 _SHARE = 0.25
 
 
@@ -29,8 +29,8 @@ class ADMM(ContactSolver):
     Parameters
     ----------
     tolerance : float
-        What the natural residual is to be [1]. Pinocchio is asked for a quarter: its
-        own measure is up to three times smaller.
+        What the natural residual is to be [1]. Pinocchio is asked for a quarter: its own measure
+        is up to three times smaller.
     max_iterations : int
         Of each run. The answer of a robot on its feet takes 10 to 50.
     anderson : int

@@ -5,8 +5,8 @@
 2. Set `title`, `cost`, `use` (when to take it), and `laws`, those that it solves. The class
    registers itself under its lower-case name in `CONTACT_SOLVERS`.
 3. Write `attempt(problem, guess)`. It returns an `Attempt`: impulses, iterations, and which methods
-   had a part. It need not look whether it succeeded: `solve_contact` proves the answer by formulas
-   that no solver runs. What cannot be answered is returned as the best that was found; NaN may come
+   had a part. It need not look whether it succeeded: `solve_contact` proves every answer, by the
+   same formulas. What cannot be answered is returned as the best that was found; NaN may come
    out, and becomes a status.
 4. A method that sometimes fails yields from `alternatives` what else is to be tried, in this order.
    The judge asks for the next one while the natural residual is too large.

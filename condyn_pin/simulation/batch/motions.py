@@ -108,7 +108,7 @@ class _Runner:
         """Return the motion from a state; KeyboardInterrupt if it was interrupted, for all."""
         self._plan.tau.hold(None if self.motions.function else tau, forces)
         phase, self._phase = self._phase, None  # one that cannot begin leaves none
-        state = _start(self.workspace, q, v)
+        state = _start(self.workspace, q, v, self._plan)
         check_penetration(self._scene, state[0], self._plan.integrator)
         trajectory, phase = follow(self._plan, *state, phase=phase)
         uninterrupted(trajectory)
@@ -116,14 +116,14 @@ class _Runner:
         return trajectory
 
 
-def _start(workspace: Workspace, q: Array, v: Array) -> tuple[Array, Array]:
+def _start(workspace: Workspace, q: Array, v: Array, plan: Plan) -> tuple[Array, Array]:
     """Return a first state; what is clearly closed is not looked at twice."""
     q_, v_ = normalised(workspace.model, "q", q), v.copy()
     with np.errstate(all="ignore"):  # what overflows is clearly not closed
         gap = max(workspace.equations.open_by(q_, v_))
     if gap < tolerances.NEARLY_CLOSED / 10:
         return q_, v_
-    return start(workspace.scene, q, v)
+    return start(workspace.scene, q, v, plan)
 
 
 def _put(outputs: Arrays, i: int, found: Trajectory) -> None:

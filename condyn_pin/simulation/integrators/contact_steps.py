@@ -9,7 +9,6 @@ tau has dt K v less. Loops that the step leaves open, by dt^2, are closed behind
 
 from __future__ import annotations
 
-from itertools import compress
 from math import inf, isfinite
 from typing import NamedTuple
 
@@ -18,19 +17,19 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import factorise
-from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.contact.condense import Condensed, condense
+from condyn_pin.contact.consistent import without_contradiction
 from condyn_pin.contact.judge import attempt_contact
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.sets import ContactSets
 from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.errors import StepFailed
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.contact_record import touch_of
 from condyn_pin.simulation.integrators.base import Stepper
+from condyn_pin.simulation.integrators.chosen_contacts import Chosen
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System, total_torque
@@ -43,33 +42,6 @@ _CLOSED = 1e-13
 
 # Gaps that the factors of the step still close, each time up to a share dt |v| [m, rad].
 _SMALL = 1e-6
-
-
-class Chosen:
-    """The candidates that take part in a step, and what a contact problem says of them."""
-
-    def __init__(self, candidates: Candidates, active: NDArray[np.bool_], dt: float) -> None:
-        cones = candidates.cones
-        lines = cones + candidates.half_lines
-        self.active, self.rows = active, candidates.rows_of(active)
-        self.gaps = active[:lines]
-        k, stops = np.count_nonzero(active[:cones]), np.count_nonzero(active[cones:lines])
-        self.normals = np.concatenate((np.arange(2, 3 * k, 3), 3 * k + np.arange(stops)))
-        self.restitution = np.zeros(k + stops)
-        self.restitution[:k] = candidates.restitution[active[:cones]]
-        self.friction = candidates.friction[active[:cones]]
-        self.half_lines = int(stops)
-        self.limits = candidates.limits[active[lines:]] * dt  # [N s]
-        self.names = tuple(compress(candidates.names, active))
-        self.sets = ContactSets(self.friction, self.half_lines, self.limits)
-
-    def problem(self, scheme: ContactScheme, near: Near) -> ContactProblem:
-        """Return the contact problem of a step."""
-        g, R = scheme.asked(near)
-        return ContactProblem.trusted(
-            G=near.G, g=g, friction=self.friction, half_lines=self.half_lines, limits=self.limits,
-            R=R, law=scheme.law, level="impulse", names=self.names, sets=self.sets,
-        )  # fmt: skip
 
 
 class Posed(NamedTuple):
@@ -135,10 +107,8 @@ class ContactSteps:
 
     def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return the same of whatever the contact solver has answered."""
-        posed = self.pose(t, q, v)
+        posed, found, natural = self._solved(self.pose(t, q, v))
         now, problem = posed.condensed, posed.problem
-        solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
-        found, natural = attempt_contact(problem, solver, None, accuracy)
         lam, dt = found.lam, self._dt
         v1 = now.velocity(lam)
         contact_velocities = posed.before + now.contact_velocities + problem.G.dot(lam)
@@ -158,10 +128,7 @@ class ContactSteps:
         gaps = self._candidates.gaps(data, at)
         chosen = self._choose(scheme.near(gaps, v, dt))
         J_c = self._candidates.jacobian(data, at, chosen.active)
-        factors = factorise(
-            self._with_inertia(M, at), J_b, tolerances.RANK, why=singular_mass(system.model, at)
-        ).at_most(self._rank)
-        now = condense(factors, J_c, v, dt * (tau - h))
+        now = condense(self._factors(M, J_b, at), J_c, v, dt * (tau - h))
         before = J_c.dot(v)
         near = Near(
             dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, now.G, before,
@@ -200,6 +167,18 @@ class ContactSteps:
         system.contact_work = work
         return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), self.touch()
 
+    def _solved(self, posed: Posed) -> tuple[Posed, Attempt, float]:
+        """Return impulses and their natural residual, and what they solve."""
+        solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
+        found, natural = attempt_contact(posed.problem, solver, None, accuracy)
+        if natural <= accuracy or not (solver.exact and isfinite(natural)):
+            return posed, found, natural
+        consistent = without_contradiction(posed.problem, found.lam)
+        if consistent is None:
+            return posed, found, natural
+        again = attempt_contact(consistent, solver, found.lam, accuracy)
+        return posed._replace(problem=consistent), *again
+
     def _choose(self, near: NDArray[np.bool_]) -> Chosen:
         """Return the candidates that take part; most often they are those of the step before."""
         key = near.tobytes()
@@ -209,14 +188,15 @@ class ContactSteps:
             self._chosen = key, Chosen(self._candidates, active, self._dt)
         return self._chosen[1]
 
-    def _with_inertia(self, M: Array, q: Array) -> Array:
-        """Return M with what springs and damping add to it in a step."""
+    def _factors(self, M: Array, J_b: Array, q: Array) -> MinimumNorm:
+        """Return the factors of J_b and of M with what springs and damping add to it in a step."""
         if self._inertia is not None:
             M[self._diagonal] += self._inertia
         if self._between is not None:
             rows, weights = self._between.inertia_rows(q, self._dt)
             M += rows.T @ (weights[:, None] * rows)
-        return M
+        why = singular_mass(self._system.model, q)
+        return factorise(M, J_b, tolerances.RANK, why=why).at_most(self._rank)
 
     def _closed(self, now: Condensed, q: Array) -> Array:
         """Return q with loops closed: by the factors of the step where that will do."""
@@ -233,10 +213,7 @@ class ContactSteps:
             if gap <= _CLOSED:
                 break
             if gap > _SMALL:
-                M, J_b = self._system.mass(q), self._equations.jacobian(q)
-                factors = factorise(self._with_inertia(M, q), J_b, tolerances.RANK).at_most(
-                    self._rank
-                )
+                factors = self._factors(self._system.mass(q), self._equations.jacobian(q), q)
             q = self._system.integrate(q, factors.closing(c))
         return best
 

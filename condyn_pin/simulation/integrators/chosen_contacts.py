@@ -1,0 +1,40 @@
+"""Chosen: the contacts that take part in a step."""
+
+from __future__ import annotations
+
+from itertools import compress
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.sets import ContactSets
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
+
+
+class Chosen:
+    """The candidates that take part in a step, and what a contact problem says of them."""
+
+    def __init__(self, candidates: Candidates, active: NDArray[np.bool_], dt: float) -> None:
+        cones = candidates.cones
+        lines = cones + candidates.half_lines
+        self.active, self.rows = active, candidates.rows_of(active)
+        self.gaps = active[:lines]
+        k, stops = np.count_nonzero(active[:cones]), np.count_nonzero(active[cones:lines])
+        self.normals = np.concatenate((np.arange(2, 3 * k, 3), 3 * k + np.arange(stops)))
+        self.restitution = np.zeros(k + stops)
+        self.restitution[:k] = candidates.restitution[active[:cones]]
+        self.friction = candidates.friction[active[:cones]]
+        self.half_lines = int(stops)
+        self.limits = candidates.limits[active[lines:]] * dt  # [N s]
+        self.names = tuple(compress(candidates.names, active))
+        self.sets = ContactSets(self.friction, self.half_lines, self.limits)
+
+    def problem(self, scheme: ContactScheme, near: Near) -> ContactProblem:
+        """Return the contact problem of a step."""
+        g, R = scheme.asked(near)
+        return ContactProblem.trusted(
+            G=near.G, g=g, friction=self.friction, half_lines=self.half_lines, limits=self.limits,
+            R=R, law=scheme.law, level="impulse", names=self.names, sets=self.sets,
+        )  # fmt: skip
