@@ -16,7 +16,7 @@ solo = cp.load_robot("solo12")
 stand = solo.postures["standing"].copy()
 names, friction, slope = [foot.name for foot in solo.contacts], 0.7, np.radians(15)
 level = cp.Scene(solo, contacts=solo.frictional_contacts(friction))
-stand[2] -= min(cp.step(level, stand, np.zeros(18), dt=1e-6).gaps.values())  # onto the floor
+stand[2] -= min(cp.dynamics.contact_gaps(level, stand).values())  # down onto the floor
 feet = {name: cp.solve(cp.Scene(solo, [cp.PointContact(name)]), stand, np.zeros(18), np.zeros(18))
         .forces[name].at for name in names}  # fmt: skip
 
