@@ -99,7 +99,7 @@ def test_a_huge_impulse_hides_no_velocity():
     assert natural_residual(problem, lam) > 0.1
 
 
-def test_extended_precision_agrees_where_doubles_do():
+def test_fifty_digits_agree_where_doubles_do():
     rng = np.random.default_rng(0)
     root = rng.normal(size=(9, 9))
     for law in ("ncp", "ccp"):
