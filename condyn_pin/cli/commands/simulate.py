@@ -43,8 +43,8 @@ def simulate(
     Ctrl-C keeps the motion so far.
     """
     from condyn_pin.cli.words import drift_of, integrator_of, scene_of, solver_of
+    from condyn_pin.mechanism.put_down import put_down
     from condyn_pin.simulation.run import simulate as simulate_scene
-    from condyn_pin.study.put_down import put_down
 
     check_ending(save, ".npz")
     check_written(save, csv)
