@@ -23,6 +23,7 @@ from .constraints.loop import Loop as Loop
 from .constraints.point_contact import PointContact as PointContact
 from .constraints.rolling_wheel import RollingWheel as RollingWheel
 from .constraints.surface_contact import SurfaceContact as SurfaceContact
+from .control.controller import Controller as Controller
 from .control.inverse import inverse_dynamics as inverse_dynamics
 from .dynamics.impacts import impact as impact
 from .dynamics.scene import Scene as Scene

@@ -18,6 +18,7 @@ __all__ = [
     "BrowserFailed",
     "CondynError",
     "DerivativesDisagree",
+    "Infeasible",
     "Interrupted",
     "InvalidArgument",
     "InvalidConstraint",
@@ -120,6 +121,10 @@ class BranchChanged(NotAssembled):
 
     def __init__(self, message: str, assembly: Any) -> None:
         super().__init__(message, assembly)
+
+
+class Infeasible(CondynError, ArithmeticError):
+    """No forces satisfy what was asked; the text names the rows that contradict each other."""
 
 
 class DerivativesDisagree(CondynError, ArithmeticError):

@@ -17,7 +17,8 @@ scene = cp.Scene(cassie, cassie.loops, cassie.frictional_contacts(friction=0.7))
 
 # From the posture, 5 cm up; the motors hold it. Springs and damping act by themselves.
 q, v = scene.state()
-q[2] += 0.05 - min(cp.step(scene, q, v, dt=1e-6).gaps.values())
+q = cp.mechanism.put_down(scene, q)
+q[2] += 0.05
 motors = [cassie.model.joints[cassie.model.getJointId(name)] for name in cassie.actuated]
 places = np.array([joint.idx_q for joint in motors])
 columns = np.array([joint.idx_v for joint in motors])

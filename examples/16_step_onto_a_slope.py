@@ -13,10 +13,10 @@ from condyn_pin.viewing import plots_contact
 
 quick, show = "--quick" in sys.argv, "--no-view" not in sys.argv
 solo = cp.load_robot("solo12")
-stand = solo.postures["standing"].copy()
+stand = solo.postures["standing"]
 names, friction, slope = [foot.name for foot in solo.contacts], 0.7, np.radians(15)
 level = cp.Scene(solo, contacts=solo.frictional_contacts(friction))
-stand[2] -= min(cp.step(level, stand, np.zeros(18), dt=1e-6).gaps.values())  # onto the floor
+stand = cp.mechanism.put_down(level, stand)
 feet = {name: cp.solve(cp.Scene(solo, [cp.PointContact(name)]), stand, np.zeros(18), np.zeros(18))
         .forces[name].at for name in names}  # fmt: skip
 

@@ -36,6 +36,8 @@ SCRIPTS = {
     "stress": lambda script: [script.load(RESULTS / "stress.json")],
     "campaign_report": lambda script: [script.load(RESULTS / "campaign.json")],
     "conjugate_gradient": lambda script: script.load(),
+    "contact_models": lambda script: script.read(),
+    "contact_stress": lambda script: [script.load(script.JSON)],
     "auto_mu": lambda script: script.load(RESULTS / "auto_mu.json"),
 }
 

@@ -25,7 +25,7 @@ from condyn_pin.constraints import (
 from condyn_pin.contact import ContactProblem, SemismoothNewton
 from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.dynamics import contact_gaps
-from condyn_pin.model import free_ball, free_box, painleve_rod, together
+from condyn_pin.model import free_ball, free_box, painleve_rod, pendulum, together
 from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
 from condyn_pin.simulation.integrators import contact_steps
 
@@ -457,3 +457,32 @@ def test_a_run_goes_on_from_its_own_end() -> None:
     fast = half.v[-1] + np.random.default_rng(0).normal(size=len(v))
     with pytest.raises(cp.NotAssembled, match="slips"):
         cp.simulate(scene, half.q[-1], fast, duration=0.05, dt=1e-3)
+
+
+@pytest.mark.parametrize("scheme", [StewartTrinkle(), Anitescu()])
+@pytest.mark.parametrize("height", [-0.15, 0.1])  # [m], of the floor above the pivot
+def test_a_fast_tip_lands_where_its_curved_path_ends(
+    scheme: cp.simulation.ContactScheme, height: float
+) -> None:
+    """200 rad/s in steps of 0.5 ms: 1 mm off the tangent in a step, down and up."""
+    floor = Plane(height=height)
+    tip = FrictionalContact("tip", friction=0.5, on=floor)
+    scene = cp.Scene(pendulum(length=0.2), contacts=[tip])
+    begin, speed = (-1.4, 200.0) if height < 0 else (pi - 0.8, -200.0)
+    for phase in np.linspace(0.0, 0.1, 5):
+        run = cp.simulate(
+            scene, [begin + phase], [speed], duration=0.02, dt=5e-4, integrator=scheme
+        )
+        gaps = run.gaps["tip"]
+        assert gaps.min() > -1.5e-4
+        assert gaps.min() < 1e-3  # it was there
+
+
+def test_limp_legs_land_fast() -> None:
+    """The fall that went through by 3.4 mm while paths were taken for straight ones."""
+    scene = robot_scene("go2")
+    q, v = scene.sample(np.random.default_rng(7), spread=0.3)
+    q[2] += 0.02 - min(contact_gaps(scene, q).values())
+    run = cp.simulate(scene, q, v, duration=0.5, dt=1e-3)
+    assert run.status.ok, run.reason
+    assert min(gap.min() for gap in run.gaps.values()) > -1e-3

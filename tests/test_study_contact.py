@@ -221,3 +221,15 @@ def test_condyn_trade_refuses_by_name(words, match):
     said = run("trade", "solo12", *words)
     assert said.exit_code != 0
     assert match in str(said.exception)
+
+
+def test_condyn_simulate_puts_a_robot_onto_its_feet_and_view_shows_it(tmp_path):
+    motion, page = tmp_path / "motion.npz", tmp_path / "page.html"
+    scheme = "Moreau(contact=ADMM(polish=True))"
+    said = run("simulate", "solo12", "--friction", "0.7", "--duration", "0.02", "--integrator",
+               scheme, "--save", str(motion))  # fmt: skip
+    assert said.exit_code == 0, said.stderr
+    assert "Moreau(contact=ADMM(" in said.stdout
+    assert max(abs(gap[0]) for gap in cp.Trajectory.load(motion).gaps.values()) < 1e-9
+    assert run("view", str(motion), "--html", str(page), "--light").exit_code == 0
+    assert "contact that sticks" in page.read_text(encoding="utf-8")

@@ -313,3 +313,23 @@ def test_diagrams_say_what_they_cannot_draw(plot, ax):
 def test_energies_of_a_slide_have_the_work_of_friction(ax):
     plots_motion.energy(sliding(), ax)
     assert lines(ax)["contacts"][-1] == pytest.approx(-0.5 * 0.2**2, rel=1e-2)
+
+
+# In a browser
+
+
+@pytest.mark.chromium
+def test_a_picture_shows_what_slides_on_what(tmp_path):
+    from PIL import Image
+
+    path = tmp_path / "slide.png"
+    cp.view(sliding(), png=path, cones=True)
+    pixels = np.asarray(Image.open(path).convert("RGB"), dtype=float) / 255.0
+
+    def seen(colour):
+        return int((np.abs(pixels - colour).max(axis=2) < 0.06).sum())
+
+    pale = 0.5 * np.array(palette.GROUND) + 0.5  # half clear, over white
+    assert seen(palette.FORCE) > 100
+    assert seen(pale) > 10_000
+    assert seen(0.5 * np.array(palette.STICKS) + 0.5) < 100  # nothing sticks yet

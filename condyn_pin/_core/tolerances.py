@@ -177,3 +177,24 @@ CONTACT_RANK: Final = 1e-12
 # |G z| of impulses that take g . z = -1 from a contact problem, both normalised: what is below
 # proves that no impulse closes the contacts. Rows that contradict each other leave 1e-16.
 CERTIFICATE: Final = 1e-10
+
+# KKT residual of a quadratic program whose answer counts: what it demands of accelerations, and of
+# forces over the mass of the robot [m/s^2], beside gravity; of the gradient relative to its size.
+# A polished answer has 1e-13 to 1e-11, where weights of tasks are eight decades apart.
+KKT: Final = 1e-9
+
+# What rows of a program have to give before they count as contradicting each other [m/s^2]. HiGHS
+# satisfies rows to 1e-7.
+GIVES: Final = 1e-6
+
+# Pivot of an equation, relative to its size, by a Cholesky factorisation of the products of rows:
+# its rounding, 1e-16, is squared there. Above it all rows are independent; below they are looked at
+# by pivots that are not squared.
+INDEPENDENT: Final = 1e-6
+
+# What accelerations of a robot without gravity are compared with, where they are smaller [m/s^2].
+GRAVITY: Final = 9.81
+
+# How far points of contacts are off a plane that counts as theirs [m]: floors are no flatter, and
+# the soles of Talos, as its file has them, lean by 2e-3 rad.
+COPLANAR: Final = 1e-3

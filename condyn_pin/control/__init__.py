@@ -1,10 +1,11 @@
-"""Control: which joints have motors, what these can do, and what they feel.
+"""Control: which joints have motors, what these can do, what they feel, and what to ask of them.
 
-Nouns: `Actuation`, `InverseDynamics`, `OperationalSpace`, `Transmission`.
+Nouns: `Actuation`, `InverseDynamics`, `OperationalSpace`, `Transmission`; `Controller`, `Task`,
+`Hierarchy`, `ControlAnswer`, `QPSolver`; `ForceDistribution`; `Balance`, `SupportPolygon`.
 
     B u + J^T lam = M a + h - passive
 
-It must not know motions.
+It must not know simulations.
 """
 
 import lazy_loader

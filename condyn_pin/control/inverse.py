@@ -20,6 +20,7 @@ from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.control.actuation import Actuation, motors_of
+from condyn_pin.control.distribution.base import ForceDistribution
 from condyn_pin.control.drive import Drive
 from condyn_pin.dynamics.at_state import at_state, load_on
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
@@ -36,7 +37,8 @@ class InverseDynamics:
     Attributes
     ----------
     u : (k,) array
-        Torques of the motors [N m, N], the smallest that do: of least sum of squares.
+        Torques of the motors [N m, N], the smallest that do, of least sum of squares, or those that
+        a `ForceDistribution` chose.
     lam : (m,) array
         Constraint forces, all rows, in the axes of each constraint [N, N m].
     a : (nv,) array
@@ -150,6 +152,7 @@ def inverse_dynamics(
     actuation: Actuation | None = None,
     passive: ArrayLike | None = None,
     forces: Sequence[AppliedForce] = (),
+    distribution: ForceDistribution | None = None,
 ) -> InverseDynamics:
     """Return the motor torques and constraint forces of a motion.
 
@@ -168,6 +171,9 @@ def inverse_dynamics(
         Torques that act anyway [N m, N], such as ``robot.passive_torque(q, v)``; none by default.
     forces : sequence of AppliedForce, optional
         Forces from outside that act anyway; none by default.
+    distribution : ForceDistribution, optional
+        Which of all u and lam of this motion to take, such as ``LargestMargin(cones)``: no foot
+        pulls or slips. By default those of the smallest u, wherever they are.
 
     Returns
     -------
@@ -181,6 +187,8 @@ def inverse_dynamics(
         If an argument has a wrong size or is not finite, or the robot has no motors.
     UnknownName
         If a force is on a frame that does not exist.
+    Infeasible
+        If a `distribution` is asked for, and the floor cannot give the motion.
 
     Notes
     -----
@@ -207,6 +215,9 @@ def inverse_dynamics(
     check_overflow("a", asked, missing)
     drive = Drive(factors, terms.J, actuation.B)
     u, lam, residual = drive.share(missing)
+    null_space = drive.null_space()
+    if distribution is not None:
+        u, lam = distribution.share(Sites(scene, state.q), u, lam, null_space)
     reached = wanted - factors.solve_mass(residual)
     return InverseDynamics(
         u=u,
@@ -217,7 +228,7 @@ def inverse_dynamics(
         rank=drive.rank,
         mobility=n - factors.rank,
         weakest=drive.weakest,
-        null_space=drive.null_space(),
+        null_space=null_space,
         actuation=actuation,
         scene=scene,
         q=state.q,
@@ -233,6 +244,7 @@ def gravity_compensation(
     actuation: Actuation | None = None,
     passive: ArrayLike | None = None,
     forces: Sequence[AppliedForce] = (),
+    distribution: ForceDistribution | None = None,
 ) -> InverseDynamics:
     """Return the motor torques and constraint forces that hold a robot still.
 
@@ -249,6 +261,8 @@ def gravity_compensation(
         Torques that act anyway [N m, N], such as springs.
     forces : sequence of AppliedForce, optional
         Forces from outside that act anyway, such as a load in the hand.
+    distribution : ForceDistribution, optional
+        Which of all u and lam to take, as in `inverse_dynamics`.
 
     Returns
     -------
@@ -256,7 +270,7 @@ def gravity_compensation(
 
     Raises
     ------
-    InvalidArgument
+    InvalidArgument, Infeasible
         As `inverse_dynamics`.
 
     Notes
@@ -266,5 +280,6 @@ def gravity_compensation(
     actuation = motors_of(scene, actuation)  # which looks at the scene too
     still = np.zeros(scene.robot.nv)
     return inverse_dynamics(
-        scene, q, still, still, actuation=actuation, passive=passive, forces=forces
-    )
+        scene, q, still, still, actuation=actuation, passive=passive, forces=forces,
+        distribution=distribution,
+    )  # fmt: skip

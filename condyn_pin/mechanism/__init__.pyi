@@ -9,6 +9,7 @@ from .completion import complete_state as complete_state
 from .integrability import is_integrable as is_integrable
 from .projection import project_acceleration as project_acceleration
 from .projection import project_velocity as project_velocity
+from .put_down import put_down as put_down
 from .rank import Rank as Rank
 from .reduction.fewer_rows import as_planar as as_planar
 from .reduction.fewer_rows import merge_points as merge_points

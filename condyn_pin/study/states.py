@@ -18,7 +18,7 @@ from condyn_pin.control.inverse import gravity_compensation
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.study.put_down import put_down
+from condyn_pin.mechanism.put_down import put_down
 
 
 class States(ABC):

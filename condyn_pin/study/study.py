@@ -76,7 +76,14 @@ class Study:
         return tuple(dict.fromkeys(as_measure(one) for one in several))
 
     def solvers_on(self, scene: Scene, measure: Measure) -> tuple[Method, ...]:
-        """Return the solvers that a scene is measured with."""
+        """Return what a scene is measured with.
+
+        Parameters
+        ----------
+        scene : Scene
+        measure : Measure
+            It says what is asked: solvers, or contact solvers.
+        """
         return default_sweep(scene, measure) if self.solvers is None else tuple(self.solvers)
 
     def run(

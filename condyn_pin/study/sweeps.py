@@ -49,14 +49,14 @@ def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
     if not is_dataclass(one) or not hasattr(one, "sweeps"):
         raise InvalidArgument(f"{one!r}: a solver such as Proximal(), or a measure, is needed")
     grids = ({}, *one.sweeps) if not parameters else (parameters,)
-    known = [field.name for field in fields(one)]  # type: ignore[arg-type]
+    known = [field.name for field in fields(one)]
     for name, values in parameters.items():
         if name not in known:
             raise unknown_name(f"parameter of {type(one).__name__}", name, known)
         if isinstance(values, str) or not hasattr(values, "__iter__"):
             raise InvalidArgument(f"{name} = {values!r}: a list of values is needed")
     made = [
-        replace(one, **dict(zip(grid, values, strict=True)))  # type: ignore[type-var]
+        replace(one, **dict(zip(grid, values, strict=True)))
         for grid in grids
         for values in product(*grid.values())
     ]

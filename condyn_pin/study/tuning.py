@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Final
+from typing import Final, cast
 
 from condyn_pin._core.machine import machine
 from condyn_pin._core.parameters import check_called
@@ -15,6 +15,7 @@ from condyn_pin.study import plan as plans
 from condyn_pin.study.bench import Progress, silent
 from condyn_pin.study.cheapest import Choice, check_error, made, promising, solver_of
 from condyn_pin.study.clocks import TimingEffort
+from condyn_pin.study.method import Method
 from condyn_pin.study.plan import Plan, fingerprint
 from condyn_pin.study.row import Row
 from condyn_pin.study.study import Study
@@ -31,7 +32,7 @@ def tune(
     error: float = SOLVED,
     *,
     measure: str = "acceleration",
-    solvers: Sequence[Solver] | None = None,
+    solvers: Sequence[Method] | None = None,
     progress: Progress = silent,
     save: bool = True,
 ) -> Solver:
@@ -54,7 +55,7 @@ def tune(
 
     Returns
     -------
-    Solver
+    Solver, or ContactSolver for the measure ``contact``
         Its `accuracy` is the error that was asked for, so that `solve` says ok to it; 1e-8 where
         that was less.
 
@@ -75,7 +76,7 @@ def tune(
     choice = choose(scene, error, measure=measure, solvers=solvers, progress=progress)
     if save:
         keep(scene, choice)
-    return choice.solver
+    return cast(Solver, choice.solver)  # or a contact solver, where the measure asks those
 
 
 def choose(
@@ -83,7 +84,7 @@ def choose(
     error: float,
     *,
     measure: str,
-    solvers: Sequence[Solver] | None,
+    solvers: Sequence[Method] | None,
     progress: Progress,
 ) -> Choice:
     """Return what `tune` chooses, with all that was found of it; nothing is kept."""
@@ -146,7 +147,7 @@ def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration")
         raise NotTuned(f"no plan for this scene to {error:g}{_others(found)}; {call} makes one")
     try:
         plan = plans.read(path)
-        return promising(made(plan.solver, plan.parameters), error)
+        return cast(Solver, promising(made(plan.solver, plan.parameters), error))
     except CondynError as reason:
         raise NotTuned(f"{reason}; {call} makes a new one") from reason
 

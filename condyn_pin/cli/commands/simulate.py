@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -21,6 +22,10 @@ def simulate(
     contacts: arg.Contacts = "",
     loops: arg.Loops = True,
     posture: arg.Posture = None,
+    friction: Annotated[
+        float | None,
+        typer.Option(help="Put it onto its feet, which may open and slide with this coefficient."),
+    ] = None,
     duration: Annotated[float, typer.Option(help="Duration of the motion [s].")] = 1.0,
     dt: Annotated[float, typer.Option(help="The step [s].")] = 1e-3,
     integrator: arg.IntegratorName = None,
@@ -38,14 +43,20 @@ def simulate(
     Ctrl-C keeps the motion so far.
     """
     from condyn_pin.cli.words import drift_of, integrator_of, scene_of, solver_of
+    from condyn_pin.mechanism.put_down import put_down
     from condyn_pin.simulation.run import simulate as simulate_scene
 
     check_ending(save, ".npz")
     check_written(save, csv)
     scene = scene_of(robot, contacts, loops, variant)
+    q, v = scene.state(posture)
+    if friction is not None:
+        scene = replace(scene, contacts=scene.robot.frictional_contacts(friction))
+        q = put_down(scene, q)
     found = simulate_scene(
         scene,
-        *scene.state(posture),
+        q,
+        v,
         duration=duration,
         dt=dt,
         integrator=integrator_of(integrator),

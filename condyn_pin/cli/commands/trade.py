@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from condyn_pin.dynamics.scene import Scene
-    from condyn_pin.dynamics.solvers import Solver
+    from condyn_pin.study.method import Method
     from condyn_pin.study.study import Study
     from condyn_pin.study.table import Table
 
@@ -152,7 +152,7 @@ def _tune(
     scene: Scene,
     error: float | None,
     measure: str,
-    solvers: tuple[Solver, ...] | None,
+    solvers: tuple[Method, ...] | None,
     save: bool,
     as_json: Path | None,
 ) -> None:

@@ -121,11 +121,10 @@ def _defects(outcomes: Sequence[Outcome]) -> list[str]:
 def _print(outcomes: Sequence[Outcome], shown: Sequence[Map]) -> None:
     """Print the advice of some maps, the defects, and the counts of everything."""
     from condyn_pin._core._pin import VERSION_TEXT
-    from condyn_pin.lab.contact_extremes import CONTACT_EXTREMES
-    from condyn_pin.lab.extremes.base import EXTREMES
+    from condyn_pin.lab.extremes.families import families
     from condyn_pin.lab.extremes.stress_table import counts
 
-    known = {**EXTREMES, **CONTACT_EXTREMES}
+    known = families()
     for each in shown:
         say(f"{each.label}: {known[each.family].title}")
         for method in each.methods:

@@ -35,6 +35,8 @@ class Candidates:
         Of cones, half-lines and intervals.
     cones, half_lines, intervals : int
         How many there are.
+    feelers : int
+        How many of the cones, the first ones, are on planes.
     friction, restitution : (cones,) array
         Coefficients [1].
     limits : (intervals,) array
@@ -70,6 +72,7 @@ class Candidates:
         self.is_length = read_only(np.array([True] * len(cones) + of_stops, dtype=bool))
         kind = Touches if any(touch.ground for touch in touches) else WorldTouches
         self._touches, self._pairs = kind(model, touches), Pairs(model, pairs)
+        self.feelers = len(touches)
         self._iq = np.array([stop.iq for stop in stops], dtype=np.int_)
         self._sign = np.array([stop.sign for stop in stops])
         self._limit = np.array([stop.limit for stop in stops])
@@ -91,6 +94,10 @@ class Candidates:
         if self._pairs.size:
             gaps = np.concatenate((gaps, self._pairs.gaps(data)))
         return self._with_stops(gaps, q)
+
+    def gaps_over_planes(self, data: Any) -> Array:
+        """Return the signed distances of the first cones, those on planes [m]; reads data.oMi."""
+        return self._touches.gaps(data)
 
     def evaluate(self, data: Any, q: Array) -> tuple[Array, Array]:
         """Return gaps as `gaps` does, and the rows of all candidates (rows, nv).

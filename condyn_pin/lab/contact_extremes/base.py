@@ -4,8 +4,8 @@
    and a random generator, and returns a `ContactProblem`: the first line of its docstring says what
    severity is.
 2. The severities go from tame to absurd. The same severity and seed give the same problem.
-3. The truth is a natural residual of at most 1e-8, in extended precision. An answer that is ok and
-   misses it is wrong; so is one that says ok where there is none.
+3. The truth is a natural residual of at most 1e-8, in 50 digits. An answer that is ok and misses it
+   is wrong.
 4. A problem that cannot be posed may raise a `CondynError`: then every solver has refused it.
 """
 

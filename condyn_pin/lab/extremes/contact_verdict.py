@@ -1,15 +1,17 @@
-"""Verdicts on contact solvers: whether what is said to be ok is, in extended precision.
+"""Verdicts on contact solvers: whether what is said to be ok is, in 50 digits.
 
 With S = mean diag G and s = |g|_inf, an answer is right if
 
     |lam - P_K(lam - d / S)|_inf S / s <= 1e-8,    d = sigma + (0, 0, mu |sigma_t|)
 
-where sigma = G lam + g (+ R lam) and P_K are formed anew, contact by contact, in `longdouble`.
+where sigma = G lam + g (+ R lam) and P_K are formed anew, contact by contact, in decimal numbers.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator, Sequence
+from decimal import Decimal, localcontext
+from math import nan
 
 import numpy as np
 
@@ -21,9 +23,27 @@ from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.lab.extremes.verdict import Verdict
 
+_DIGITS = 50
+_ZERO = Decimal(0)
+
+# What rounding decides: the judge of the library has doubles.
+_EDGE = 1 + 1e-3
+
 
 def judge_contact(problem: ContactProblem, solver: ContactSolver) -> tuple[Verdict, float, str]:
-    """Return the verdict on a solver, the natural residual of its answer, and its status.
+    """Return the verdict on a contact solver.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    solver : ContactSolver
+
+    Returns
+    -------
+    verdict : Verdict
+    error : float
+        The natural residual of its answer, in 50 digits [1].
+    status : str
 
     Raises
     ------
@@ -34,7 +54,7 @@ def judge_contact(problem: ContactProblem, solver: ContactSolver) -> tuple[Verdi
     status, error = solution.status.name.lower(), long_residual(problem, solution.lam)
     if solution.status is not ContactStatus.OK:
         return Verdict.SAID_SO, error, status
-    if not error <= tolerances.CONTACT_SOLVED * (1 + 1e-3):  # what rounding decides
+    if not error <= _EDGE * tolerances.CONTACT_SOLVED:
         return Verdict.WRONG, error, status
     again = solve_contact(problem, solver, throw=False)
     if not np.array_equal(again.lam, solution.lam):
@@ -43,44 +63,59 @@ def judge_contact(problem: ContactProblem, solver: ContactSolver) -> tuple[Verdi
 
 
 def long_residual(problem: ContactProblem, lam: Array) -> float:
-    """Return the natural residual of impulses (m,) in extended precision; NaN if there is one."""
-    if not len(lam):
-        return 0.0
-    G, g, x = (np.asarray(each, dtype=np.longdouble) for each in (problem.G, problem.g, lam))
-    with np.errstate(all="ignore"):
-        sigma = G @ x + g + (0 if problem.R is None else problem.R * x)
-        stiff, speed = (np.longdouble(size) for size in problem.scale)
-        missed = [abs(each) for each in _missed(problem, x, sigma, stiff)]
-        return float(np.max(missed) * stiff / speed)
+    """Return the natural residual of impulses (m,) in 50 digits; NaN if one is no number."""
+    if not np.isfinite(lam).all():
+        return nan
+    with localcontext() as context:
+        context.prec = _DIGITS
+        stiff, speed = map(Decimal, problem.scale)
+        x = [Decimal(each) for each in lam.tolist()]
+        sigma = list(_velocities(problem, x))
+        missed = (abs(each) for each in _missed(problem, x, sigma, stiff))
+        return float(max(missed, default=_ZERO) * stiff / speed)
 
 
-def _missed(problem: ContactProblem, lam: Any, sigma: Any, stiff: Any) -> list[Any]:
-    """Return lam - P_K(lam - d / S), entry by entry."""
-    missed: list[Any] = []
-    for i, mu in enumerate(np.asarray(problem.friction, dtype=np.longdouble)):
-        own = slice(3 * i, 3 * i + 3)
-        d = sigma[own].copy()
+def _velocities(problem: ContactProblem, lam: Sequence[Decimal]) -> Iterator[Decimal]:
+    """Yield the entries of sigma = G lam + g + R lam."""
+    R = np.zeros(problem.rows) if problem.R is None else problem.R
+    for i, (row, g, r) in enumerate(zip(problem.G.tolist(), problem.g.tolist(), R.tolist(),
+                                        strict=True)):  # fmt: skip
+        products = (Decimal(entry) * x for entry, x in zip(row, lam, strict=True) if entry and x)
+        yield sum(products, Decimal(g) + Decimal(r) * lam[i])
+
+
+def _missed(
+    problem: ContactProblem, lam: Sequence[Decimal], sigma: Sequence[Decimal], stiff: Decimal
+) -> Iterator[Decimal]:
+    """Yield the entries of lam - P_K(lam - d / S)."""
+    moved = [x - s / stiff for x, s in zip(lam, sigma, strict=True)]
+    row = 0
+    for friction in problem.friction.tolist():
+        mu, (t1, t2, n) = Decimal(friction), moved[row : row + 3]
         if problem.law == "ncp":
-            d[2] += mu * np.hypot(d[0], d[1])
-        missed += list(lam[own] - _on_cone(lam[own] - d / stiff, mu))
-    row = 3 * len(problem.friction)
+            n -= mu * _hypot(*sigma[row : row + 2]) / stiff
+        for x, nearest in zip(lam[row : row + 3], _on_cone(t1, t2, n, mu), strict=True):
+            yield x - nearest
+        row += 3
     for _ in range(problem.half_lines):
-        missed.append(lam[row] - max(lam[row] - sigma[row] / stiff, np.longdouble(0)))
+        yield lam[row] - max(moved[row], _ZERO)
         row += 1
-    for limit in problem.limits:
-        moved = lam[row] - sigma[row] / stiff
-        missed.append(lam[row] - min(max(moved, -limit), limit))
+    for limit in map(Decimal, problem.limits.tolist()):
+        yield lam[row] - min(max(moved[row], -limit), limit)
         row += 1
-    return missed
 
 
-def _on_cone(x: Any, mu: Any) -> Any:
-    """Return the point of |x_t| <= mu x_n that is nearest to x (3,)."""
-    slip, n = np.hypot(x[0], x[1]), x[2]
+def _on_cone(t1: Decimal, t2: Decimal, n: Decimal, mu: Decimal) -> tuple[Decimal, ...]:
+    """Return the point of |x_t| <= mu x_n that is nearest to (t1, t2, n)."""
+    slip = _hypot(t1, t2)
     if mu * slip <= -n:
-        return np.zeros(3, dtype=np.longdouble)
+        return _ZERO, _ZERO, _ZERO
     if slip <= mu * n:
-        return x
+        return t1, t2, n
     height = (n + mu * slip) / (1 + mu * mu)
-    scale = mu * height / slip
-    return np.array([scale * x[0], scale * x[1], height])
+    share = mu * height / slip
+    return share * t1, share * t2, height
+
+
+def _hypot(x: Decimal, y: Decimal) -> Decimal:
+    return (x * x + y * y).sqrt()

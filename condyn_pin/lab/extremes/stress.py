@@ -16,6 +16,7 @@ from condyn_pin.errors import Interrupted, WorkersLost, unknown_name
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.contact_extremes import CONTACT_EXTREMES
 from condyn_pin.lab.extremes.base import EXTREMES
+from condyn_pin.lab.extremes.families import families as all_families
 from condyn_pin.lab.extremes.verdict import Outcome, Task, Verdict
 
 # The robots that families of any scene are put on: a planar loop, two spatial ones, legs.
@@ -47,7 +48,7 @@ def tasks(
     All of `EXTREMES` by default. Families of any scene are put on every robot; `heavy` cases take
     gigabytes.
     """
-    known = {**EXTREMES, **CONTACT_EXTREMES}
+    known = all_families()
     for name in families:
         if name not in known:
             raise unknown_name("extreme", name, known)

@@ -13,8 +13,7 @@ import numpy as np
 from condyn_pin._core.plot_style import write_figure
 from condyn_pin._core.plots import axes, panels
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.lab.contact_extremes import CONTACT_EXTREMES
-from condyn_pin.lab.extremes.base import EXTREMES
+from condyn_pin.lab.extremes.families import families
 from condyn_pin.lab.extremes.stress_table import Map, short
 from condyn_pin.lab.extremes.verdict import Verdict
 
@@ -52,7 +51,7 @@ def severity_map(found: Map, ax: Any = None) -> Any:
     ax.tick_params(axis="x", rotation=90)
     ax.set_yticks(range(len(found.methods)), found.methods)
     ax.tick_params(labelsize=_SMALL)
-    known = {**EXTREMES, **CONTACT_EXTREMES}
+    known = families()
     if found.family in known:
         ax.set_xlabel(fill(known[found.family].title, 48), fontsize=_SMALL)
     ax.set_title(found.label, fontsize=9, fontweight="bold")

@@ -14,8 +14,7 @@ from typing import Final
 from condyn_pin._core.files.beside import written_beside
 from condyn_pin._core.files.text import read_text
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.lab.contact_extremes import CONTACT_EXTREMES
-from condyn_pin.lab.extremes.base import EXTREMES
+from condyn_pin.lab.extremes.families import families
 from condyn_pin.lab.extremes.verdict import Outcome, Verdict
 
 # From bad to worse: a cell with several seeds is as bad as its worst.
@@ -141,7 +140,7 @@ def short(number: float, digits: int = 6) -> str:
 
 def _by_severity(family: str, found: Iterable[float]) -> tuple[float, ...]:
     """Return severities from tame to absurd: with little time, cases come in a mixed order."""
-    known = {**EXTREMES, **CONTACT_EXTREMES}
+    known = families()
     severities = known[family].severities if family in known else ()
     places = {repr(severity): i for i, severity in enumerate(severities)}  # NaN is unlike itself
     return tuple(sorted(found, key=lambda severity: places.get(repr(severity), len(places))))

@@ -98,13 +98,14 @@ def _judge(case: Case, method: str, right: tuple[Array, ...]) -> Judged:
 def _contact_answers(task: Task, methods: list[str]) -> Iterator[str | Outcome]:
     """Yield the same of a contact problem, and of contact solvers."""
     yield "making the case"
-    family = CONTACT_EXTREMES[task.family]
     for method in methods:
         yield method
-        solver = CONTACT_SOLVERS[method]()
-        yield Outcome(task, method, *_judged(lambda its=solver: judge_contact(
-            family.problem(task.severity, task.seed), its
-        )))  # fmt: skip
+        yield Outcome(task, method, *_judged(partial(_judge_contact, task, method)))
+
+
+def _judge_contact(task: Task, method: str) -> Judged:
+    problem = CONTACT_EXTREMES[task.family].problem(task.severity, task.seed)
+    return judge_contact(problem, CONTACT_SOLVERS[method]())
 
 
 def _judged(verdict: Callable[[], Judged]) -> Judged:

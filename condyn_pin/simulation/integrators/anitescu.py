@@ -36,6 +36,7 @@ class Anitescu(ContactScheme):
     title: ClassVar[str] = "Anitescu"
     use: ClassVar[str] = "to compare with convex simulators; where nothing slides fast"
     law: ClassVar[Law] = "ccp"
+    closes_gaps: ClassVar[bool] = True
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""

@@ -8,7 +8,7 @@ moves the configuration. All else is that of `ContactSteps`.
 
 1. Add one file to `integrators/` with a frozen dataclass that inherits from `ContactScheme`.
 2. Set `law`, and `at_midpoint` if M, h, J and the gaps are those of q (+) dt v / 2; then q moves by
-   dt (v + v+) / 2, else by dt v+.
+   dt (v + v+) / 2, else by dt v+. Set `closes_gaps` if g asks for gaps at the end of the step.
 3. Write `near`, and `asked`, which returns g and R. Write `start`, which returns
    `contact_stepper(self, system, dt)`.
 """
@@ -46,6 +46,8 @@ class Near(NamedTuple):
         [s]
     gaps : (k,) array
         Of cones and half-lines [m, rad].
+    bends : (k,) array
+        How far curved paths take them from gap + dt J_n v+ [m]; zero if the scheme closes no gaps.
     restitution : (k,) array
         Of the same, zero of half-lines [1].
     normals : (k,) array of int, or slice
@@ -60,6 +62,7 @@ class Near(NamedTuple):
 
     dt: float
     gaps: Array
+    bends: Array
     restitution: Array
     normals: Indices | slice
     G: Array
@@ -105,6 +108,7 @@ class ContactScheme(Integrator, ABC):
 
     law: ClassVar[Law] = "ncp"
     at_midpoint: ClassVar[bool] = False
+    closes_gaps: ClassVar[bool] = False  # whether gaps are those at the end of a step
     takes_restitution: ClassVar[bool] = False
     gives_way: ClassVar[bool] = False  # whether contacts at rest penetrate
 
@@ -144,8 +148,13 @@ class ContactScheme(Integrator, ABC):
 def closing_velocities(near: Near) -> Array:
     """Return g of gaps that are zero at the end of a step, and penetrations a fifth less.
 
-    g_n = J_n v_free + gap / dt  (gap > 0),    J_n v_free + 0.2 gap / dt  (gap < 0)
+    g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + (s + 0.2 gap) / dt  (gap < 0)
     """
-    g, gaps = near.free.copy(), near.gaps
-    g[near.normals] += np.maximum(gaps, _PUSHED_OUT * gaps) / near.dt  # the larger by its sign
+    g = near.free.copy()
+    g[near.normals] += (near.bends + allowed_gaps(near.gaps)) / near.dt
     return g
+
+
+def allowed_gaps(gaps: Array) -> Array:
+    """Return by how much gaps may shrink in a step: to zero, and penetrations by -0.2 of them."""
+    return np.maximum(gaps, _PUSHED_OUT * gaps)  # the larger by its sign

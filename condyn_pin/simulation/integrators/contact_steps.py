@@ -38,6 +38,7 @@ from condyn_pin.simulation.contact_record import touch_of
 from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
+from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System, total_torque
 
@@ -50,6 +51,10 @@ _CLOSED = 1e-13
 # Gaps that the factors of the step still close, each time up to a share dt |v| [m, rad].
 _SMALL = 1e-6
 
+# How often a step is posed anew because its paths end elsewhere, at most: each time their error
+# falls by a factor of about dt |v|.
+_AGAIN = 3
+
 
 class Posed(NamedTuple):
     """A step before its contact problem is solved."""
@@ -61,6 +66,7 @@ class Posed(NamedTuple):
     chosen: Chosen
     J_c: Array  # (m, nv), rows of the contacts
     condensed: Condensed
+    near: Near
     problem: ContactProblem
 
 
@@ -87,6 +93,7 @@ class ContactSteps:
     def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
         self._scheme, self._system, self._dt = scheme, system, dt
         self._equations, self._candidates = system.equations, system.contacts
+        self._paths = CurvedPaths(system, dt)
         passive = system.passive
         self._torque = total_torque(system.applied, passive, dt)
         self._inertia = passive.inertia(dt) if passive.inertia(dt).any() else None
@@ -114,7 +121,7 @@ class ContactSteps:
 
     def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return the same of whatever the contact solver has answered."""
-        posed, found, natural = self._solved(self.pose(t, q, v))
+        posed, found, natural = self._answered(self.pose(t, q, v))
         now, lam, dt = posed.condensed, found.lam, self._dt
         v1 = now.velocity(lam)
         mean = 0.5 * (v + v1)
@@ -133,17 +140,20 @@ class ContactSteps:
         data = self._equations.data  # it has the placements and Jacobians of `at` now
         gaps, J = self._candidates.evaluate(data, at)
         chosen = self._choose(scheme.near(gaps, v, dt))
-        J_c, slip, factors = J[chosen.rows], -0.5 * dt * gamma, self._factors(M, J_b, at)
+        J_c, slip = J[chosen.rows], -0.5 * dt * gamma
+        factors = self._factors(M, J_b, at)
         now, mean = condense(factors, J_c, v, dt * (tau - h), slip), v
         if not len(J_c):
             mean = 0.5 * (v + now.free_velocity)
             h = pin.nonLinearEffects(system.model, data, at, mean)
             now = condense(factors, J_c, v, dt * (tau - h), slip)
+        here = gaps[chosen.gaps]
+        bends = self._paths.bends(q, v, here, J_c, chosen) if scheme.closes_gaps else 0.0 * here
         near = Near(
-            dt, gaps[chosen.gaps], chosen.restitution, chosen.normals, now.G, J_c.dot(v),
+            dt, here, bends, chosen.restitution, chosen.normals, now.G, J_c.dot(v),
             now.contact_velocities, chosen.sets.blocks,
         )  # fmt: skip
-        return Posed(at, mean, tau, gaps, chosen, J_c, now, chosen.problem(scheme, near))
+        return Posed(at, mean, tau, gaps, chosen, J_c, now, near, chosen.problem(scheme, near))
 
     def lam(self) -> Array:
         """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""
@@ -187,6 +197,18 @@ class ContactSteps:
             return posed, found, natural
         again = attempt_contact(consistent, solver, found.lam, accuracy)
         return posed._replace(problem=consistent), *again
+
+    def _answered(self, posed: Posed) -> tuple[Posed, Attempt, float]:
+        """Return what `_solved` does, posed anew with the paths of v+ where those of v mislead."""
+        scheme, chosen, answer = self._scheme, posed.chosen, self._solved(posed)
+        for _ in range(_AGAIN if scheme.closes_gaps and chosen.feelers else 0):
+            v1 = posed.condensed.velocity(answer[1].lam)
+            bends = self._paths.missed(posed.at, v1, answer[0].near, posed.J_c, chosen)
+            if bends is None:
+                break
+            near = posed.near._replace(bends=bends)
+            answer = self._solved(posed._replace(near=near, problem=chosen.problem(scheme, near)))
+        return answer
 
     def _choose(self, near: NDArray[np.bool_]) -> Chosen:
         """Return the candidates that take part; most often they are those of the step before."""

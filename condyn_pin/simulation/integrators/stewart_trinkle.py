@@ -16,11 +16,12 @@ from condyn_pin.simulation.system import System
 class StewartTrinkle(ContactScheme):
     """A step in which nothing penetrates and nothing rebounds: the default with contacts.
 
-    g_n = J_n v_free + gap / dt  (gap > 0),    J_n v_free + 0.2 gap / dt  (gap < 0)
-    q+  = q (+) dt v+
+    g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + (s + 0.2 gap) / dt  (gap < 0)
+    q+  = q (+) dt v+,    s = gap(q (+) dt v) - gap - dt J_n v
 
-    A contact touches at the end of the step in which it would have gone through. What rounding and
-    curved paths let penetrate is pushed out over five steps.
+    A contact touches at the end of the step in which it would have gone through; s is how far its
+    path bends in that time. Where v+ bends it by 0.1 mm more the step is taken again with that, and
+    what penetrates still is pushed out over five steps. Between two shapes s is left out.
 
     Parameters
     ----------
@@ -36,6 +37,7 @@ class StewartTrinkle(ContactScheme):
 
     title: ClassVar[str] = "Stewart-Trinkle"
     use: ClassVar[str] = "by default with contacts: nothing penetrates, whatever dt is"
+    closes_gaps: ClassVar[bool] = True
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""

@@ -82,8 +82,8 @@ class Answer:
         return cls(
             error=error,
             status=WRONG if status == "ok" and not error <= promised else status,
-            dynamics_error=_or_inf(solution.dynamics_error),
-            constraint_error=_or_inf(solution.constraint_error),
+            dynamics_error=or_inf(solution.dynamics_error),
+            constraint_error=or_inf(solution.constraint_error),
             iterations=solution.iterations,
         )
 
@@ -171,5 +171,6 @@ def bare(workspace: Workspace) -> Call | None:
     return lambda q, v, tau: call(model, data, q, v, tau, models, datas, settings)
 
 
-def _or_inf(x: float) -> float:
+def or_inf(x: float) -> float:
+    """Return a number that is finite, or infinity."""
     return float(x) if isfinite(x) else inf

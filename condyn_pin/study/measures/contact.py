@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from math import inf, isfinite
+from math import inf
 from typing import ClassVar
 
 import numpy as np
@@ -25,7 +25,7 @@ from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.step import contact_problem
-from condyn_pin.study.measures.base import Answer, Measure
+from condyn_pin.study.measures.base import Answer, Measure, or_inf
 from condyn_pin.study.method import Methods
 
 _FRICTION = 0.7  # of rubber on a dry floor
@@ -37,7 +37,7 @@ _EXACT = 1e-13
 
 
 @dataclass(frozen=True, eq=False)
-class Posed:
+class ContactBench:
     """A contact solver, and the problems of a scene that were posed to it."""
 
     scene: Scene
@@ -92,7 +92,7 @@ class ContactMeasure(Measure):
             )
         return {f"{robot.name} on its feet": Scene(robot, robot.loops, feet)}
 
-    def open(self, scene: Scene, method: ContactSolver) -> Posed:
+    def open(self, scene: Scene, method: ContactSolver) -> ContactBench:
         """Return a contact solver that has seen no problem yet."""
         if not scene.contacts:
             raise InvalidArgument("the scene has no contacts that may let go: Scene(contacts=...)")
@@ -101,13 +101,15 @@ class ContactMeasure(Measure):
                 f"{self.integrator.title} poses the {self.integrator.law}, and {method.title} "
                 f"solves {' and '.join(method.laws)}"
             )
-        return Posed(scene, method)
+        return ContactBench(scene, method)
 
     def truth(self, scene: Scene, state: State) -> Array:
         """Return the impulses of Newton's method, to rounding (m,) [N s]."""
         return solve_contact(self._problem(scene, state), _NEWTON, throw=False).lam
 
-    def answer(self, workspace: Posed, state: State, truth: Array, accuracy: float) -> Answer:
+    def answer(
+        self, workspace: ContactBench, state: State, truth: Array, accuracy: float
+    ) -> Answer:
         """Return the answer of a contact solver at a state."""
         problem, solver = self._posed(workspace, state), workspace.solver
         found, natural = attempt_contact(problem, solver, None, _goal(solver))
@@ -123,11 +125,11 @@ class ContactMeasure(Measure):
             error=error,
             status=solution.status.name.lower(),
             dynamics_error=lost,
-            constraint_error=_or_inf(natural),
+            constraint_error=or_inf(natural),
             iterations=solution.iterations,
         )
 
-    def calls(self, workspace: Posed) -> Mapping[str, Call]:
+    def calls(self, workspace: ContactBench) -> Mapping[str, Call]:
         """Return the solve as steps do it, and the one with all seven residuals."""
         solver, goal = workspace.solver, _goal(workspace.solver)
 
@@ -140,12 +142,12 @@ class ContactMeasure(Measure):
 
         return {"once": once, "solve": solve}
 
-    def _posed(self, posed: Posed, state: State) -> ContactProblem:
+    def _posed(self, bench: ContactBench, state: State) -> ContactProblem:
         """Return the problem of a state, posed when it is first asked for."""
         key = b"".join(x.tobytes() for x in state)
-        if key not in posed.problems:
-            posed.problems[key] = self._problem(posed.scene, state)
-        return posed.problems[key]
+        if key not in bench.problems:
+            bench.problems[key] = self._problem(bench.scene, state)
+        return bench.problems[key]
 
     def _problem(self, scene: Scene, state: State) -> ContactProblem:
         return contact_problem(scene, *state, dt=self.dt, integrator=self.integrator)
@@ -173,7 +175,3 @@ def _distance(
     wrong = max(float(d @ problem.G @ d), 0.0)
     size = max(float(other @ problem.G @ other), least)
     return wrong / 2, (wrong / size) ** 0.5 if size else inf if wrong else 0.0
-
-
-def _or_inf(x: float) -> float:
-    return float(x) if isfinite(x) else inf

@@ -50,7 +50,7 @@ def _usual(registry: Mapping[str, type[_T]]) -> tuple[_T, ...]:
 
 
 @dataclass(frozen=True, eq=False)
-class Moved:
+class MotionBench:
     """A scene, and a solver at work on what of it never lets go."""
 
     scene: Scene
@@ -121,15 +121,15 @@ class TrajectoryMeasure(Measure):
         }
         return replace(self, **made)
 
-    def open(self, scene: Scene, method: Solver) -> Moved:
+    def open(self, scene: Scene, method: Solver) -> MotionBench:
         """Return a scene, and a solver at work on what never lets go."""
-        return Moved(scene, Workspace(scene.bilateral, method))
+        return MotionBench(scene, Workspace(scene.bilateral, method))
 
     def truth(self, scene: Scene, state: State) -> Array:
         """Return q and v at the end (nq + nv,)."""
         return _end(scene, self.duration, *(x.tobytes() for x in state))
 
-    def answer(self, workspace: Moved, state: State, truth: Array, accuracy: float) -> Answer:
+    def answer(self, workspace: MotionBench, state: State, truth: Array, accuracy: float) -> Answer:
         """Return the answer of a motion with a workspace's solver."""
         motion, model = self._motion(workspace, state), workspace.held.model
         q, v = truth[: model.nq], truth[model.nq :]
@@ -147,7 +147,7 @@ class TrajectoryMeasure(Measure):
             iterations=len(motion.t) - 1,
         )
 
-    def calls(self, workspace: Moved) -> Mapping[str, Call]:
+    def calls(self, workspace: MotionBench) -> Mapping[str, Call]:
         """Return the whole simulation, its workspace included."""
 
         def once(q: Array, v: Array, tau: Array) -> Trajectory:
@@ -155,7 +155,7 @@ class TrajectoryMeasure(Measure):
 
         return {"once": once}
 
-    def _motion(self, workspace: Moved, state: State) -> Trajectory:
+    def _motion(self, workspace: MotionBench, state: State) -> Trajectory:
         motion = simulate(
             workspace.scene,
             *state,

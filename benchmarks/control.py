@@ -1,0 +1,128 @@
+"""Time of a control tick: assembly, program, proof; beside each solver on the same program.
+
+    python benchmarks/control.py [--ticks 500]
+
+States move from tick to tick, as under a controller. Writes benchmarks/results/control.csv; "tick"
+is all of `Controller.solve`, "program" what answers the program, and the columns of solvers are
+their own time on it, with the memory that they keep. Times are medians [us].
+"""
+
+from __future__ import annotations
+
+import argparse
+import os
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import numpy as np
+
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
+from condyn_pin._core.machine import machine
+from condyn_pin.contact import FrictionCone, WrenchCone
+from condyn_pin.control import (
+    DAQP,
+    CenterOfMass,
+    Controller,
+    Hierarchy,
+    Orientation,
+    Posture,
+    ProxQP,
+    Quadprog,
+)
+from condyn_pin.mechanism import project_velocity
+from condyn_pin.study.tables import write_csv
+
+RESULTS = Path(__file__).resolve().parent / "results" / "control.csv"
+SOLVERS = (ProxQP(), DAQP(), Quadprog())
+CASES = {
+    "solo12": ("solo12", {}, FrictionCone(0.6, sides=8), "base_link"),
+    "cassie": (
+        "cassie", {"feet": "lines", "springs": "locked"}, WrenchCone(0.6), "pelvis",
+    ),
+    "talos": ("talos", {}, WrenchCone(0.5), "base_link"),
+}  # fmt: skip
+
+
+def measured(name: str, ticks: int) -> list[dict[str, object]]:
+    """Return the rows of one robot: weighted, weighted with cones active, and strict."""
+    known, variant, cone, base = CASES[name]
+    made = cp.load_robot(known, variant=variant) if variant else cp.load_robot(known)
+    scene = cp.Scene(made, [*made.loops, *made.contacts])
+    rest = [Orientation(base, weight=50), Posture(weight=0.1)]
+    stand = [CenterOfMass(kp=20, weight=100), *rest]
+    push = [CenterOfMass(a=(6.0, 0.0, 0.0), weight=100), *rest]
+    wished = {"standing": stand, "pushing": push, "levels": Hierarchy(*[[t] for t in stand])}
+    rows = []
+    for label, tasks in wished.items():
+        controller = Controller(scene, tasks, cones=cone)
+        states = _states(scene, ticks)
+        times, answers = _timed(lambda q, v, of=controller: of.solve(q, v), states)
+        row: dict[str, object] = {
+            "case": f"{name}, {label}",
+            "tick": _us(times),
+            "program": _us([answer.solve_time for answer in answers]),
+            "active rows": max(len(answer.active) for answer in answers),
+            "by the last active set": sum(answer.iterations == 0 for answer in answers),
+            "worst kkt": max(answer.residuals.kkt for answer in answers),
+            "not ok": sum(not answer.status.ok for answer in answers),
+        }
+        rows.append(row | ({} if label == "levels" else _solvers(controller, states)))
+        print(rows[-1], flush=True)
+    return rows
+
+
+def _solvers(controller: Controller, states: list[tuple[np.ndarray, np.ndarray]]) -> dict:
+    """Return size of the program, and the time of each solver on it."""
+    programs = [(controller.program(q, v),) for q, v in states[:100]]
+    found: dict[str, object] = {"size": "x".join(map(str, programs[0][0].sizes))}
+    for solver in SOLVERS:
+        found[type(solver).__name__] = _us(_timed(solver.start(), programs)[0])
+    return found
+
+
+def _states(scene: cp.Scene, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Return the states of a slow motion that keeps the contacts."""
+    q, _ = scene.state()
+    rng = np.random.default_rng(0)
+    wish = rng.normal(size=scene.robot.nv)
+    found = []
+    for k in range(count):
+        v = project_velocity(scene, q, 0.1 * np.sin(0.02 * k) * wish)
+        found.append((q, v))
+        q = pin.integrate(scene.robot.model, q, 1e-3 * v)
+    return found
+
+
+def _timed(function: Callable, cases: list[tuple]) -> tuple[list[float], list]:
+    """Return seconds and answers, one a call, after one that counts for nothing."""
+    function(*cases[0])
+    times, answers = [], []
+    for case in cases:
+        start = perf_counter()
+        answers.append(function(*case))
+        times.append(perf_counter() - start)
+    return times, answers
+
+
+def _us(times: list[float]) -> float:
+    return round(1e6 * float(np.median(times)), 1)
+
+
+def main() -> int:
+    """Run, and write the table."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--ticks", type=int, default=500)
+    parser.add_argument("--csv", type=Path, default=RESULTS)
+    arguments = parser.parse_args()
+    rows = [row for name in CASES for row in measured(name, arguments.ticks)]
+    write_csv(arguments.csv, machine(), list(rows[0]), rows)
+    return int(any(row["not ok"] for row in rows))
+
+
+if __name__ == "__main__":
+    sys.exit(main())

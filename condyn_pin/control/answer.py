@@ -1,0 +1,188 @@
+"""ControlAnswer: what a controller wants of the motors, with its proof."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.cone import Margin
+from condyn_pin.contact.scene_cones import Cones, margins
+from condyn_pin.control.actuation import Actuation
+from condyn_pin.dynamics.force import ConstraintForce, Sites
+from condyn_pin.dynamics.scene import Scene
+
+
+class ControlStatus(Enum):
+    """How a control tick ended; the value is advice."""
+
+    OK = "the program is solved, and the equations of motion hold"
+    INACCURATE = (
+        "what was found does not satisfy the program or the equations of motion well enough: look "
+        "at the residuals; weights many decades apart and states off the loops do that"
+    )
+    INFEASIBLE = (
+        "rows contradict each other, which an elastic program confirms: `infeasible` names those "
+        "that have to give, how much at least, and what stands against them"
+    )
+    UNSOLVED = (
+        "the rows do not contradict each other, and no solver found the answer: another qp, or "
+        "weights that are fewer decades apart, would do"
+    )
+
+    @property
+    def ok(self) -> bool:
+        """Whether the answer can be used as it is."""
+        return self is ControlStatus.OK
+
+    def __str__(self) -> str:
+        return f"{self.name.lower()}: {self.value}"
+
+
+class ControlResiduals(NamedTuple):
+    """What is left of the conditions that an answer satisfies.
+
+    Attributes
+    ----------
+    kkt : float
+        Of the program: equations, inequalities, signs and gradient [m/s^2]; the largest of all
+        levels of a hierarchy.
+    dynamics : float
+        max abs(M a + h - tau - passive - J^T lam), by Newton-Euler [N, N m].
+    constraints : float
+        max abs(J a + gamma - a_ref), by forward kinematics [m/s^2, rad/s^2].
+    """
+
+    kkt: float  # [m/s^2]
+    dynamics: float  # [N, N m]
+    constraints: float  # [m/s^2, rad/s^2]
+
+
+class Give(NamedTuple):
+    """What a row has to give at least.
+
+    Attributes
+    ----------
+    row : str
+    amount : float
+        In its own unit [m/s^2, rad/s^2, N m, N].
+    unit : str
+    """
+
+    row: str
+    amount: float  # [m/s^2, rad/s^2, N m, N]
+    unit: str
+
+
+class Contradiction(NamedTuple):
+    """Which rows of a program contradict each other.
+
+    Attributes
+    ----------
+    gives : tuple of Give
+        What would make the program feasible, the most first: wishes (tasks of infinite weight) give
+        before limits of joints, these before those of motors, and cones last.
+    against : tuple of str
+        The rows that stand against them.
+    """
+
+    gives: tuple[Give, ...]
+    against: tuple[str, ...]
+
+    def __str__(self) -> str:
+        lines = [f"{each.row} gives {each.amount:.6g} {each.unit}" for each in self.gives]
+        return "\n".join([*lines, *(f"against {row}" for row in self.against)])
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ControlAnswer:
+    """Torques, accelerations and contact forces of one control tick.
+
+    M a + h = B u + passive + J^T lam,    J a + gamma = a_ref
+
+    Where the status is INFEASIBLE or UNSOLVED all numbers are NaN.
+
+    Attributes
+    ----------
+    tau : (nv,) array
+        Joint torques that the motors give, B u [N m, N].
+    a : (nv,) array
+        What the joints then do [rad/s^2, m/s^2].
+    lam : (m,) array
+        Constraint forces, all rows, in the axes of each constraint [N, N m].
+    errors : dict of str to (r,) array
+        J a + drift - a_wanted of each task by name, in the units of its rows.
+    active : tuple of str
+        The inequalities that hold with equality, by name, and on which side.
+    infeasible : Contradiction or None
+        Which rows have to give, and how much at least.
+    residuals : ControlResiduals
+    status : ControlStatus
+    path : tuple of str
+        Who had a part in the answer: "last active set", or solvers in order.
+    iterations : int
+        Of the solvers; 0 where the last active set was right.
+    solve_time : float
+        Of the program, without its assembly and without the proof [s].
+    actuation : Actuation
+    cones : Cone or dict of str to Cone
+    scene : Scene
+    q : (nq,) array
+    """
+
+    tau: Array
+    a: Array
+    lam: Array
+    errors: dict[str, Array]
+    active: tuple[str, ...]
+    infeasible: Contradiction | None
+    residuals: ControlResiduals
+    status: ControlStatus
+    path: tuple[str, ...]
+    iterations: int
+    solve_time: float  # [s]
+    actuation: Actuation
+    cones: Cones
+    scene: Scene
+    q: Array
+
+    @property
+    def u(self) -> Array:
+        """Torques of the motors (k,) [N m, N]."""
+        return np.asarray(self.tau[self.actuation.columns] / self.actuation.gears)
+
+    @property
+    def torques(self) -> dict[str, float]:
+        """The torques of the motors by name [N m, N]."""
+        return dict(zip(self.actuation.motors, self.u.tolist(), strict=True))
+
+    @cached_property
+    def forces(self) -> dict[str, ConstraintForce]:
+        """The constraint forces by name, as those of a `Solution`."""
+        return Sites(self.scene, self.q).forces(self.lam)
+
+    @cached_property
+    def margins(self) -> dict[str, Margin]:
+        """How far each contact is from leaving its cone; empty where none has one."""
+        pressing = any(contact.presses for contact in self.scene.constraints)
+        return margins(self, self.cones) if pressing and self.cones else {}
+
+    def __repr__(self) -> str:
+        return (
+            f"ControlAnswer({self.scene.robot.name}: {self.status.name}, "
+            f"{len(self.active)} active rows, kkt {self.residuals.kkt:.1e}, "
+            f"by {', '.join(self.path)})"
+        )
+
+    def __str__(self) -> str:
+        lines = [repr(self)]
+        if self.infeasible:
+            lines.append(str(self.infeasible))
+        else:
+            lines += [f"{name:<28} {value:.6g} N m" for name, value in self.torques.items()]
+            lines += [f"at its bound: {row}" for row in self.active]
+        return "\n".join(lines)

@@ -1,0 +1,112 @@
+"""ContactCones: the friction cones of a scene, bound once and turned in every control tick."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.cone import Cone
+from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.dynamics.force import upward
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument, unknown_name
+
+
+class ContactCones:
+    """The contacts of a scene that have a cone, their rows and their inequalities.
+
+    Attributes
+    ----------
+    touching, held : (m_c,), (m - m_c,) int array
+        Rows of the scene that belong to contacts with a cone, and the others.
+    names : tuple of str
+        Of the inequalities: the contact, and what it does where the row is violated.
+    """
+
+    touching: NDArray[np.int_]
+    held: NDArray[np.int_]
+
+    def __init__(self, scene: Scene, cones: Cones) -> None:
+        self._up = upward(scene)
+        self._groups: list[_Group] = []
+        names: list[str] = []
+        is_touching = np.zeros(scene.rows, dtype=bool)
+        column = row = 0
+        for place, cone in _fitted(scene, cones).items():
+            contact, bound = scene.constraints[place], scene.bounds[place]
+            is_touching[bound.rows] = True
+            table = cone.rows()
+            block = (slice(row, row + len(table.A)), slice(column, column + bound.size))
+            row, column = block[0].stop, block[1].stop
+            names += [f"{bound.name}: {each}" for each in table.names]
+            last = self._groups[-1] if self._groups else None
+            if last is None or not last.takes(contact, cone):
+                last = _Group(contact, cone)
+                self._groups.append(last)
+            last.add(bound, block)
+        self.names = tuple(names)
+        self.touching, self.held = np.flatnonzero(is_touching), np.flatnonzero(~is_touching)
+        self._shape = (row, column)
+
+    def rows(self, oMi: Any) -> Array:
+        """Return A (r, m_c) of A lam <= 0, with the joints at oMi."""
+        A = np.zeros(self._shape)
+        for group in self._groups:
+            group.fill(A, oMi, self._up)
+        return A
+
+
+class _Group:
+    """Contacts of one kind with one cone: their axes are turned together, if they turn at all."""
+
+    def __init__(self, contact: Any, cone: Cone) -> None:
+        self._contact, self._cone, self._key = contact, cone, _key(contact)
+        self._threes = cone.rows().A.reshape(-1, 3)  # forces, and moments, one after the other
+        self._bounds: list[Any] = []
+        self._blocks: list[tuple[slice, slice]] = []
+
+    def takes(self, contact: Any, cone: Cone) -> bool:
+        return cone == self._cone and _key(contact) == self._key
+
+    def add(self, bound: Any, block: tuple[slice, slice]) -> None:
+        self._bounds.append(bound)
+        self._blocks.append(block)
+        self._to_wrench = np.array([bound.whole(row) for row in np.eye(bound.size)]).T
+        self._fixed = self._cone.rows().A @ self._to_wrench if self._contact.has_normal else None
+
+    def fill(self, A: Array, oMi: Any, up: Array) -> None:
+        if self._fixed is not None:  # the axes of its force are those of the floor
+            for block in self._blocks:
+                A[block] = self._fixed
+            return
+        R = np.array([bound.ends(oMi)[0].rotation for bound in self._bounds])
+        T = self._cone.turn(self._contact, R, up)
+        each = (self._threes @ T).reshape(len(T), -1, len(self._to_wrench)) @ self._to_wrench
+        for block, rows in zip(self._blocks, each, strict=True):
+            A[block] = rows
+
+
+def _key(contact: Any) -> Any:
+    return type(contact), contact.support, contact.has_normal
+
+
+def _fitted(scene: Scene, cones: Cones) -> dict[int, Cone]:
+    """Return the cones of the contacts that have one, by their places in the scene."""
+    if isinstance(cones, Mapping):
+        for name in cones:
+            if name not in scene.names:
+                raise unknown_name("constraint", name, scene.names)
+        chosen = dict(cones)
+    else:
+        chosen = {each.name: cones for each in scene.constraints if each.presses}
+    for name, cone in chosen.items():
+        if not isinstance(cone, Cone):
+            raise InvalidArgument(
+                f"cones: {name} has {cone!r}: a FrictionCone or a WrenchCone is needed"
+            )
+    placed = enumerate(scene.constraints)
+    return {i: chosen[each.name].fitted(each) for i, each in placed if each.name in chosen}

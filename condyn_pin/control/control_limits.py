@@ -1,0 +1,117 @@
+"""ControlLimits: what a controller keeps torques and accelerations within.
+
+A joint that is at q and moves at v stays within its limits for a time dt if
+
+    v_lower <= v + dt a <= v_upper,    q_lower <= q + dt v + dt^2 a / 2 <= q_upper.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.control.motion import entry_names
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.model.limits import Limits
+from condyn_pin.model.robot import Robot
+
+_LARGEST = np.finfo(np.float64).max  # what Pinocchio writes for "no limit"
+
+
+@dataclass(frozen=True)
+class ControlLimits:
+    """Limits of motors and joints, those of the robot's model.
+
+    Parameters
+    ----------
+    torque : bool
+        Whether motors keep to the effort limits of their joints.
+    dt : float, optional
+        How far joints look ahead to keep within position and velocity limits [s]; by default these
+        do not count. Several control ticks: over a single one a joint would have to stop at once.
+    acceleration : float or (nv,) array_like, optional
+        The largest of each joint that has a motor, or of each entry of v [rad/s^2, m/s^2]; infinite
+        by default.
+
+    Raises
+    ------
+    InvalidArgument
+        If dt or an acceleration is not positive.
+    """
+
+    torque: bool = True
+    dt: float | None = None  # [s]
+    acceleration: ArrayLike | None = None  # [rad/s^2, m/s^2]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.torque, bool):
+            raise InvalidArgument(f"torque = {self.torque!r}: True or False is needed")
+        if self.dt is not None:
+            check_positive("time [s]", dt=self.dt)
+        if self.acceleration is not None:
+            most = finite("acceleration", self.acceleration, np.shape(self.acceleration))
+            if most.size and most.min() <= 0:
+                raise InvalidArgument(f"acceleration: {most.min():g} is not positive")
+            kept = tuple(most.tolist()) if most.ndim else float(most)
+            object.__setattr__(self, "acceleration", kept)
+
+
+class AccelerationBounds:
+    """Limits of joints at work on one robot: bounds of the accelerations of some of them.
+
+    Attributes
+    ----------
+    columns : (k,) int array
+        Entries of v that have a bound.
+    names : tuple of str
+        Of the joints, one an entry.
+    """
+
+    def __init__(self, robot: Robot, limits: ControlLimits, motors: NDArray[np.int_]) -> None:
+        model, nv = robot.unedited, robot.nv
+        self._dt = limits.dt
+        self._most = np.full(nv, np.inf)
+        if limits.acceleration is not None:
+            where = motors if np.ndim(limits.acceleration) == 0 else np.arange(nv)
+            shape = np.shape(limits.acceleration) or ()
+            if shape not in ((), (nv,)):
+                raise InvalidArgument(
+                    f"acceleration has shape {shape}: one number, or an array of shape ({nv},)"
+                )
+            self._most[where] = limits.acceleration
+        speed = np.array(model.velocityLimit, dtype=float)
+        self._speed = np.where((speed > 0) & (speed < _LARGEST), speed, np.inf)
+        self._joints = Limits.of(model)
+        bounded = np.isfinite(self._most)
+        if limits.dt is not None:
+            bounded |= np.isfinite(self._speed)
+            bounded[self._joints.iv] = True
+        self.columns = np.flatnonzero(bounded)
+        self.names = entry_names(model, self.columns)
+
+    def at(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the bounds (k,) of the accelerations at a state; infinite where there is none."""
+        lower, upper = -self._most, self._most.copy()
+        if self._dt is not None:
+            dt, joints = self._dt, self._joints
+            upper = np.minimum(upper, (self._speed - v) / dt)
+            lower = np.maximum(lower, (-self._speed - v) / dt)
+            ahead = q[joints.iq] + dt * v[joints.iv]
+            highest, lowest = (_or_infinite(x) for x in (joints.upper, joints.lower))
+            upper[joints.iv] = np.minimum(upper[joints.iv], 2.0 * (highest - ahead) / dt**2)
+            lower[joints.iv] = np.maximum(lower[joints.iv], 2.0 * (lowest - ahead) / dt**2)
+        return lower[self.columns], upper[self.columns]
+
+
+def torque_limits(robot: Robot, columns: NDArray[np.int_]) -> Array:
+    """Return the largest torque on the joints of some entries of v [N m, N]; infinite for none."""
+    most = np.array(robot.unedited.effortLimit, dtype=float)[columns]
+    return np.where((most > 0) & (most < _LARGEST), most, np.inf)
+
+
+def _or_infinite(limit: Array) -> Array:
+    return np.where(np.abs(limit) < _LARGEST, limit, np.copysign(np.inf, limit))

@@ -1,0 +1,125 @@
+"""The contract of a force distribution, and how to write one.
+
+Where motors work against each other through contacts and loops, a motion leaves internal forces
+free,
+
+    (u, lam) = (u_0, lam_0) + N w,    B u + J^T lam the same for every w,
+
+and a criterion chooses among those that keep all contacts in their cones:
+
+    min_w  |S (u, lam)|^2    with    A lam + t <= 0.
+
+1. Add one file to this folder with one frozen dataclass that inherits from `ForceDistribution`. It
+   registers itself in `DISTRIBUTIONS`.
+2. Write `measured(at, motors)`, which returns S (r, k + m): torques first, then all rows of the
+   scene. What S leaves open is decided by the smallest forces.
+3. `margin(A, y, N)` returns t, zero by default [N].
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from dataclasses import dataclass, field
+from typing import ClassVar
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.registry import enter
+from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.control.contact_cones import ContactCones
+from condyn_pin.control.contact_wrenches import placements
+from condyn_pin.control.qp.base import QPSolver
+from condyn_pin.control.qp.chain import Chain, ChainAnswer
+from condyn_pin.control.qp.proxqp import ProxQP
+from condyn_pin.control.qp.quadratic_program import QuadraticProgram
+from condyn_pin.dynamics.force import Sites
+from condyn_pin.errors import Infeasible, InvalidArgument
+
+DISTRIBUTIONS: dict[str, type[ForceDistribution]] = {}
+
+# Beside the criterion: the squares of all torques and forces, which decide what it leaves open.
+_SMALLEST = 1e-6
+
+
+@dataclass(frozen=True)
+class ForceDistribution(ABC):
+    """What every criterion has.
+
+    Parameters
+    ----------
+    cones : Cone or dict of str to Cone
+        One for all contacts that press on a floor, or one each by name: forces stay within them.
+    qp : QPSolver
+    """
+
+    title: ClassVar[str]
+
+    cones: Cones
+    qp: QPSolver = field(default_factory=ProxQP, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.qp, QPSolver):
+            raise InvalidArgument(f"qp = {self.qp!r}: a solver such as ProxQP() is needed")
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if getattr(cls.measured, "__isabstractmethod__", False):
+            return
+        enter(DISTRIBUTIONS, cls.__name__, cls, f"a force distribution named {cls.__name__}")
+
+    @abstractmethod
+    def measured(self, at: Sites, motors: int) -> Array:
+        """Return S (r, motors + m), of which |S (u, lam)| is to be small, `at` a configuration."""
+
+    def margin(self, A: Array, y: Array, N: Array) -> float:
+        """Return t [N] of A (y + N w) + t <= 0, y and N the rows of lam."""
+        return 0.0
+
+    def share(self, at: Sites, u: Array, lam: Array, N: Array) -> tuple[Array, Array]:
+        """Return the u and lam of all u + N_u w, lam + N_lam w that the criterion chooses.
+
+        Parameters
+        ----------
+        at : Sites
+            The scene and its configuration.
+        u, lam : (k,), (m,) array
+        N : (k + m, d) array
+            Basis of the internal forces, torques first.
+
+        Raises
+        ------
+        Infeasible
+            If no forces of this motion are within the cones; the text names the rows.
+        """
+        bound = ContactCones(at.scene, self.cones)
+        A = np.zeros((len(bound.names), len(lam)))
+        A[:, bound.touching] = bound.rows(placements(at))
+        mass = at.scene.robot.mass
+        y, k = np.concatenate((u, lam)) / mass, len(u)
+        C, upper = A @ N[k:], -(A @ y[k:])
+        upper -= self.margin(A, lam, N[k:]) / mass
+        S = self.measured(at, k)
+        SN = S @ N
+        H = SN.T @ SN + _SMALLEST * (N.T @ N)
+        g = SN.T @ (S @ y) + _SMALLEST * (N.T @ y)
+        none = np.zeros((0, N.shape[1]))
+        program = QuadraticProgram(H, g, none, np.zeros(0), C, np.full(len(C), -np.inf), upper)
+        answer = Chain(self.qp).solve(program, lambda: (np.zeros(0), np.ones(len(C))))
+        if not answer.solved or answer.answer is None:
+            raise Infeasible(_words(answer, bound.names, mass))
+        found = mass * (y + N @ answer.answer.x)
+        return found[:k], found[k:]
+
+
+def _words(answer: ChainAnswer, names: tuple[str, ...], mass: float) -> str:
+    """Return the sentence on forces that do not exist."""
+    if answer.elastic is None:
+        return f"no solver found forces within the cones, of {', '.join(answer.path)}; try another"
+    given = mass * answer.elastic.of_inequalities
+    order = [i for i in np.argsort(-given).tolist() if given[i] > 0][:4]
+    rows = ", ".join(f"{names[i]!r} by {given[i]:.4g} N" for i in order)
+    return (
+        f"the floor cannot give this motion: at least {rows} would have to give; lean the robot, "
+        "move more slowly, or ask for another acceleration"
+    )

@@ -1,0 +1,28 @@
+"""The smallest torques of the motors: |u|^2."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.control.distribution.base import ForceDistribution
+from condyn_pin.dynamics.force import Sites
+
+
+@dataclass(frozen=True)
+class LeastTorque(ForceDistribution):
+    """The smallest torques of the motors with forces within the cones, in the sum of squares.
+
+    Parameters
+    ----------
+    cones : Cone or dict of str to Cone
+    """
+
+    title: ClassVar[str] = "smallest torques"
+
+    def measured(self, at: Sites, motors: int) -> Array:
+        """Return the rows of all torques."""
+        return np.hstack((np.eye(motors), np.zeros((motors, at.scene.rows))))

@@ -1,0 +1,79 @@
+"""Elimination: accelerations that keep the loops, and torques that the motors then give.
+
+With J_l the rows that are held, J_l a = r, Q_1 R P^T = J_l^T by pivoted QR,
+
+    a = a_0 + N z,    a_0 = Q_1 R^-T (P^T r),    N = Q_2,
+
+and with the columns of the motors, S = N^T E = X_1 s Y_1^T, of what the motors have to give
+
+    N^T E t = N^T f    is    t = (Y_1 s^-1 X_1^T) N^T f + Y_2 w,    X_2^T N^T f = 0.
+
+w is there where motors work against each other through the loops.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+
+
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """The maps of one configuration.
+
+    Attributes
+    ----------
+    N : (nv, k) array
+        Orthonormal basis of the accelerations that the held rows leave.
+    drive : (motors, k) array
+        Torques of the motors for N^T f.
+    undriven : (k, u) array
+        What no motor reaches: X_2.
+    inner : (motors, w) array
+        Torques that do nothing: Y_2.
+    """
+
+    N: Array
+    drive: Array
+    undriven: Array
+    inner: Array
+    _Q: Array
+    _R: Array
+    _pivots: NDArray[np.int_]
+
+    def along(self, rows: Array) -> Array:
+        """Return what is over accelerations (..., nv), a row or many, over z: times N."""
+        return rows @ self.N if len(self._pivots) else rows
+
+    @classmethod
+    def of(cls, J: Array, columns: NDArray[np.int_]) -> Elimination:
+        """Return the maps of held rows J (m, nv) and motors in some entries of v."""
+        # imported here: scipy.linalg takes as long to import as Pinocchio
+        from scipy.linalg import qr
+
+        if len(J):
+            Q, R, pivots = qr(J.T, pivoting=True, check_finite=False)
+            sizes = np.abs(np.diagonal(R))
+            rank = int(np.count_nonzero(sizes > tolerances.RANK * sizes[0]))
+        else:
+            Q, R, pivots, rank = np.eye(J.shape[1]), np.zeros((0, 0)), np.zeros(0, np.int_), 0
+        N = Q[:, rank:]
+        X, s, Yt = np.linalg.svd(N[columns].T)
+        reached = int(np.count_nonzero(s > tolerances.RANK))
+        drive = (Yt[:reached].T / s[:reached]) @ X[:, :reached].T
+        return cls(
+            N, drive, X[:, reached:], Yt[reached:].T, Q[:, :rank], R[:rank, :rank], pivots[:rank]
+        )
+
+    def particular(self, r: Array) -> Array:
+        """Return a_0, the smallest acceleration with J a = r (m,)."""
+        from scipy.linalg.lapack import dtrtrs
+
+        if not len(self._pivots):
+            return np.zeros(len(self.N))
+        return np.asarray(self._Q @ dtrtrs(self._R, r[self._pivots], trans=1)[0])

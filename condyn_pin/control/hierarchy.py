@@ -1,0 +1,155 @@
+"""Hierarchy: levels of tasks, of which none takes anything from those above it.
+
+Level i is answered within what the levels above it leave,
+
+    min_s  w |G_i (x_(i-1) + Z_(i-1) s) - b_i|^2,     x_i = x_(i-1) + Z_(i-1) s,
+    Z_i = Z_(i-1) null(G_i Z_(i-1)),
+
+with all inequalities, those that are strictly active in it from then on as equations, and Z_0 the
+null space of the equations.
+
+References
+----------
+Escande, Mansard, Wieber. Hierarchical quadratic programming: fast online humanoid-robot motion
+generation. International Journal of Robotics Research, 2014.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.numerical_rank import null_space, rank_of
+from condyn_pin.control.program import Level
+from condyn_pin.control.qp.base import QPSolver
+from condyn_pin.control.qp.chain import Chain, ChainAnswer
+from condyn_pin.control.qp.quadratic_program import QuadraticProgram
+from condyn_pin.control.tasks.base import Task
+from condyn_pin.errors import InvalidArgument
+
+Costs = Callable[[], tuple[Array, Array]]
+
+# Multipliers, as a share of the largest, of rows that stay active for the levels below: a level at
+# its best in a corner leaves nothing of it, and rounding would make that a contradiction.
+_STRICTLY = 1e-3
+
+# Rows of inequalities that the levels above have decided: what is left of them is rounding.
+_DECIDED = 1e-9
+
+
+@dataclass(frozen=True, init=False, repr=False)
+class Hierarchy:
+    """Levels of tasks in order; within a level weights count.
+
+    Parameters
+    ----------
+    levels : sequence of Task
+        Each an argument. The first is never worse for what the others want.
+    """
+
+    levels: tuple[tuple[Task, ...], ...]
+
+    def __init__(self, *levels: Sequence[Task]) -> None:
+        if not levels:
+            raise InvalidArgument("levels: none; Hierarchy([task, ...], [task, ...]) is needed")
+        object.__setattr__(self, "levels", tuple(check_tasks(level) for level in levels))
+
+    def __repr__(self) -> str:
+        named = ", ".join(f"[{', '.join(task.name for task in level)}]" for level in self.levels)
+        return f"Hierarchy({named})"
+
+
+def check_tasks(tasks: object) -> tuple[Task, ...]:
+    """Return a list of tasks with names of their own, or raise InvalidArgument."""
+    if isinstance(tasks, Task):
+        raise InvalidArgument("tasks: a list is needed, also for a single task")
+    if isinstance(tasks, str) or not isinstance(tasks, Iterable):
+        raise InvalidArgument(f"tasks = {tasks!r}: a list of tasks is needed")
+    found = tuple(tasks)
+    for task in found:
+        if not isinstance(task, Task):
+            raise InvalidArgument(f"tasks: {task!r} is no task")
+    return found
+
+
+class Cascade:
+    """The programs of the levels, each with the memory of its own last answer."""
+
+    def __init__(self, qp: QPSolver, levels: int, regularisation: float) -> None:
+        self._chains = [Chain(qp) for _ in range(levels)]
+        self._regularisation = regularisation
+
+    def solve(
+        self, program: QuadraticProgram, levels: Sequence[Level], costs: Costs
+    ) -> tuple[Array | None, list[ChainAnswer]]:
+        """Return x, and the answers of the levels up to the first that has none."""
+        if len(levels) == 1:
+            return self._at_once(program, levels[0], costs)
+        x, Z = _start(program)
+        off = np.abs(program.A @ x - program.b).max(initial=0.0)
+        if off > tolerances.GIVES or not Z.shape[1]:
+            # equations contradict each other, which the chain names, or leave nothing
+            return self._at_once(program, levels[0], costs)
+        answers: list[ChainAnswer] = []
+        for chain, level in zip(self._chains, levels, strict=True):
+            if not Z.shape[1]:
+                break  # those above leave nothing
+            inner = _within(program, level, x, Z, self._regularisation)
+            found = chain.solve(inner, lambda: (np.zeros(0), costs()[1]))
+            if found.elastic and not answers:  # once more with equations, which may be wishes
+                return self._at_once(program, level, costs)
+            answers.append(found)
+            if found.answer is None or not found.solved:
+                return (x if len(answers) > 1 else None), answers  # what those above have, stays
+            x = x + Z @ found.answer.x
+            z = np.abs(found.answer.z)
+            strictly = z > _STRICTLY * z.max(initial=0.0)
+            Z = Z @ null_space(np.vstack((level.G @ Z, inner.C[strictly]))).T
+        return x, answers
+
+    def _at_once(
+        self, program: QuadraticProgram, level: Level, costs: Costs
+    ) -> tuple[Array | None, list[ChainAnswer]]:
+        """Return the answer of a level with the equations in its program."""
+        found = self._chains[0].solve(weighted(program, level, self._regularisation), costs)
+        return found.answer.x if found.answer else None, [found]
+
+
+def weighted(program: QuadraticProgram, level: Level, regularisation: float) -> QuadraticProgram:
+    """Return the program with the objective of a level."""
+    WG = level.weights[:, None] * level.G
+    H = level.G.T @ WG
+    H.flat[:: len(H) + 1] += regularisation
+    p = program
+    return QuadraticProgram(H, -(level.b @ WG), p.A, p.b, p.C, p.lower, p.upper)
+
+
+def _within(
+    program: QuadraticProgram, level: Level, x: Array, Z: Array, regularisation: float
+) -> QuadraticProgram:
+    """Return the program of a level over s, with the point x = x + Z s at s = 0 feasible."""
+    GZ, CZ, Cx = level.G @ Z, program.C @ Z, program.C @ x
+    WG = level.weights[:, None] * GZ
+    H = GZ.T @ WG
+    H.flat[:: len(H) + 1] += regularisation
+    g = WG.T @ (level.G @ x - level.b) + regularisation * (Z.T @ x)
+    lower, upper = program.lower - Cx, program.upper - Cx
+    # what the levels above left at a bound is there but for rounding
+    lower[(lower > 0) & (lower < tolerances.KKT)] = 0.0
+    upper[(upper < 0) & (upper > -tolerances.KKT)] = 0.0
+    decided = (np.linalg.norm(CZ, axis=1) < _DECIDED) & (lower <= 0) & (upper >= 0)
+    lower[decided], upper[decided] = -np.inf, np.inf
+    none = np.zeros((0, Z.shape[1]))
+    return QuadraticProgram(H, g, none, np.zeros(0), CZ, lower, upper)
+
+
+def _start(program: QuadraticProgram) -> tuple[Array, Array]:
+    """Return the smallest x with A x = b, and the null space of A."""
+    U, S, Vt = np.linalg.svd(program.A)
+    rank = rank_of(S)
+    x = Vt[:rank].T @ ((U[:, :rank].T @ program.b) / S[:rank])
+    return x, Vt[rank:].T

@@ -1,0 +1,98 @@
+"""Motion: what tasks read of a robot at one state, computed once for all of them."""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.loads import ALIGNED, frame_jacobian
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
+
+
+class Point(NamedTuple):
+    """Where a quantity is, how fast it changes, and J and Jdot v of it: J a + drift."""
+
+    x: Any
+    v: Array
+    J: Array
+    drift: Array
+
+
+class Motion:
+    """The robot of a scene at one state, in the memory of its equations.
+
+    Attributes
+    ----------
+    q, v : (nq,), (nv,) array
+    terms : Terms
+        M, h, J, gamma and a_ref of the scene.
+    """
+
+    q: Array
+    v: Array
+    terms: Terms
+
+    def __init__(self, scene: Scene, equations: Equations) -> None:
+        self.scene = scene
+        self.model, self.data = equations.model, equations.data
+        self._equations = equations
+
+    def move(self, q: Array, v: Array) -> None:
+        """Go to a state: the terms of the scene, joint Jacobians and accelerations with a = 0."""
+        self.q, self.v = q, v
+        self.terms = self._equations.terms(q, v)
+
+    def frame(self, joint: int, placement: Any) -> Point:
+        """Return a frame: its placement in the world, and 6 rows in the axes of the world."""
+        model, data = self.model, self.data
+        velocity = pin.getFrameVelocity(model, data, joint, placement, ALIGNED)
+        drift = pin.getFrameClassicalAcceleration(model, data, joint, placement, ALIGNED)
+        J = frame_jacobian(model, data, joint, placement, ALIGNED)
+        return Point(data.oMi[joint] * placement, velocity.vector, J, drift.vector)
+
+    def center_of_mass(self) -> Point:
+        """Return the centre of mass: 3 rows in the axes of the world."""
+        data = self.data
+        pin.centerOfMass(self.model, data, pin.KinematicLevel.ACCELERATION, False)
+        x, v, drift = np.array(data.com[0]), np.array(data.vcom[0]), np.array(data.acom[0])
+        return Point(x, v, pin.jacobianCenterOfMass(self.model, data, False), drift)
+
+    def angular_momentum(self) -> Point:
+        """Return the angular momentum about the centre of mass; it is its own "velocity"."""
+        model, data = self.model, self.data
+        drift = np.array(pin.computeCentroidalMomentumTimeVariation(model, data).angular)
+        momentum = np.array(data.hg.angular)
+        J = np.array(pin.ccrba(model, data, self.q, self.v)[3:])
+        return Point(momentum, momentum, J, drift)
+
+
+def moving(scene: Scene, frame: str) -> tuple[int, Any]:
+    """Return the joint of a frame and its placement there; the frame has to move."""
+    joint, place = scene.robot.frame(frame)
+    if joint == 0:
+        raise InvalidArgument(f"frame = {frame!r}: it belongs to the world, which does not move")
+    return joint, place
+
+
+def placed(scene: Scene, joint: int, place: Any, q: Array) -> Any:
+    """Return the placement of a frame in the world at q."""
+    model = scene.robot.unedited
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    return data.oMi[joint] * place
+
+
+def entry_names(model: Any, columns: NDArray[np.int_]) -> tuple[str, ...]:
+    """Return a name for each of some entries of v: the joint, numbered where it has several."""
+    names = [""] * int(model.nv)
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        for i in range(joint.nv):
+            names[joint.idx_v + i] = str(name) if joint.nv == 1 else f"{name}.{i}"
+    return tuple(names[i] for i in columns.tolist())

@@ -1,0 +1,72 @@
+"""The contract of a solver of quadratic programs, and how to write one.
+
+1. Add one file to this folder with one frozen dataclass that inherits from `QPSolver`. Its fields
+   are its parameters, each with a default, and in the docstring the reason of the default.
+2. Set `title` and `use`. The class registers itself under its lower-case name in `QPS`, and the
+   tests find it there.
+3. Write `start()`. It imports the package, with `package` for the error of one that is missing,
+   and returns a function of a `QuadraticProgram` that returns a `QPResult`. The function may keep
+   memory and a start from one call to the next, where the sizes are the same.
+4. Rows of A are independent when it is called, no lower bound is above its upper one, and bounds
+   that do not exist are infinite. z has the signs of `quadratic_program`.
+5. Nothing is believed: an answer is polished on its active set and judged by its KKT residual, and
+   "infeasible" is asked again elsewhere (`condyn_pin.control.qp.chain`). Rough answers are welcome.
+6. A solver that can answer more roughly, where it says "infeasible" by mistake, returns itself with
+   another tolerance as its `rougher`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
+from typing import Any, ClassVar
+
+from condyn_pin._core.registry import enter
+from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
+from condyn_pin.errors import MissingExtra
+
+QPS: dict[str, type[QPSolver]] = {}
+
+BoundQP = Callable[[QuadraticProgram], QPResult]
+
+
+@dataclass(frozen=True)
+class QPSolver(ABC):
+    """A way to solve quadratic programs; a frozen value."""
+
+    title: ClassVar[str]
+    use: ClassVar[str]  # when to take it
+    module: ClassVar[str]  # of the package that solves
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if getattr(cls.start, "__isabstractmethod__", False):
+            return
+        enter(QPS, cls.__name__.lower(), cls, f"a QP solver named {cls.__name__}")
+
+    @abstractmethod
+    def start(self) -> BoundQP:
+        """Return this solver at work, with memory of its own."""
+
+    @property
+    def rougher(self) -> QPSolver | None:
+        """The same with a tolerance that finds no false infeasibility; None if it has none."""
+        return None
+
+    @property
+    def installed(self) -> bool:
+        """Whether its package is there."""
+        return find_spec(self.module) is not None
+
+
+def package(name: str) -> Any:
+    """Return a package that solves quadratic programs, or raise MissingExtra."""
+    try:
+        return import_module(name)
+    except ImportError as error:
+        raise MissingExtra(
+            f'{name} is missing: python -m pip install "condyn_pin[control]"'
+        ) from error

@@ -1,0 +1,174 @@
+"""The chain: a quadratic program is answered, or it is proved that nothing answers it.
+
+1. The active set of the last program, polished: from one control tick to the next it is the same.
+2. The solver, then the same rougher, then others that are there; each answer is polished.
+3. The elastic program, which says whether rows contradict each other, and which.
+
+An answer counts if its KKT residual does, whatever the solver said of it: "infeasible" is what
+ProxQP also says of programs that have an answer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.control.qp.base import BoundQP, QPSolver
+from condyn_pin.control.qp.daqp import DAQP
+from condyn_pin.control.qp.elastic import Elastic, elastic
+from condyn_pin.control.qp.polish import Polished, polish, start
+from condyn_pin.control.qp.proxqp import ProxQP
+from condyn_pin.control.qp.quadprog import Quadprog
+from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
+
+# Where a polish ends: below this is rounding. What counts is tolerances.KKT.
+_AIM = 1e-12
+
+# Changes of the active set that the last one is worth; more cost as much as the solver.
+_FROM_LAST = 2
+_FROM_SOLVER = 10
+_FROM_ELASTIC = 50
+
+
+@dataclass(frozen=True, eq=False)
+class ChainAnswer:
+    """What became of a program.
+
+    Attributes
+    ----------
+    answer : Polished or None
+        The best that was found, if any.
+    elastic : Elastic or None
+        What rows have to give, where nothing answers the program.
+    path : tuple of str
+        Who had a part in it, in order.
+    iterations : int
+        Of the solvers.
+    """
+
+    answer: Polished | None
+    elastic: Elastic | None
+    path: tuple[str, ...]
+    iterations: int
+
+    @property
+    def solved(self) -> bool:
+        """Whether its optimality holds."""
+        return self.answer is not None and self.answer.residual <= tolerances.KKT
+
+
+class Chain:
+    """The solvers of one program that changes from call to call, and its last active set."""
+
+    def __init__(self, qp: QPSolver) -> None:
+        self._solver = qp
+        self._bound: dict[QPSolver, BoundQP] = {qp: qp.start()}  # a missing package is said now
+        self._last: Polished | None = None
+
+    def solve(
+        self, program: QuadraticProgram, costs: Callable[[], tuple[Array, Array]]
+    ) -> ChainAnswer:
+        """Return the answer of a program, or what its rows have to give.
+
+        Parameters
+        ----------
+        program : QuadraticProgram
+        costs : callable
+            Returns what rows cost that give: of equations and of inequalities (`elastic`).
+        """
+        path: list[str] = []
+        iterations, best = 0, None
+        for name, steps, found in self._answers(program):
+            path.append(name)
+            iterations += steps
+            if found and (best is None or found.residual < best.residual):
+                best = found
+            if best and best.residual <= tolerances.KKT:
+                self._last = best
+                return ChainAnswer(best, None, tuple(path), iterations)
+        self._last = None
+        path.append("elastic program")
+        return self._contradiction(program, costs, best, path, iterations)
+
+    def _answers(self, program: QuadraticProgram) -> Iterator[tuple[str, int, Polished | None]]:
+        """Yield who answered, after how many iterations, and the polished answer."""
+        if not len(program.g):
+            nothing = start(program, np.zeros(0), np.zeros(len(program.lower)))
+            residual = program.kkt_residual(nothing.x, nothing.y, nothing.z)
+            yield "no unknowns", 0, replace(nothing, residual=residual)
+            return
+        last = self._last
+        if last and (len(last.x), len(last.z)) == (len(program.g), len(program.lower)):
+            # equations that depend on each other are no trouble to the polish
+            begin = start(program, last.x, last.z, last)
+            yield "last active set", 0, polish(program, begin, _AIM, _FROM_LAST)
+        asked = _independent(program)
+        if asked is None or (program.lower > program.upper).any():
+            return
+        for qp in self._solvers():
+            result = self._ask(qp, asked)
+            found = None
+            if np.isfinite(result.x).all() and np.isfinite(result.z).all():
+                begin = start(program, result.x, result.z)
+                found = polish(program, begin, _AIM, _FROM_SOLVER)
+            yield repr(qp), result.iterations, found
+
+    def _solvers(self) -> Iterator[QPSolver]:
+        yield self._solver
+        if self._solver.rougher:
+            yield self._solver.rougher
+        for other in (DAQP(), ProxQP(), Quadprog()):
+            if type(other) is not type(self._solver) and other.installed:
+                yield other
+
+    def _ask(self, qp: QPSolver, program: QuadraticProgram) -> QPResult:
+        if qp not in self._bound:
+            self._bound[qp] = qp.start()
+        return self._bound[qp](program)
+
+    def _contradiction(
+        self,
+        program: QuadraticProgram,
+        costs: Callable[[], tuple[Array, Array]],
+        best: Polished | None,
+        path: list[str],
+        iterations: int,
+    ) -> ChainAnswer:
+        """Return what has to give; or, if nothing has to, the answer from a feasible point."""
+        found = elastic(program, *costs())
+        if found is None:
+            return ChainAnswer(best, None, tuple(path), iterations)
+        given = max(found.of_equations.max(initial=0.0), found.of_inequalities.max(initial=0.0))
+        if given > tolerances.GIVES:
+            return ChainAnswer(None, found, tuple(path), iterations)
+        begin = start(program, found.x, np.zeros(len(program.lower)))
+        last = polish(program, begin, _AIM, _FROM_ELASTIC)
+        if best is None or last.residual < best.residual:
+            best = last
+        return ChainAnswer(best, None, tuple(path), iterations)
+
+
+def _independent(program: QuadraticProgram) -> QuadraticProgram | None:
+    """Return the program with independent equations; None if they contradict each other."""
+    from scipy.linalg import lstsq, qr
+    from scipy.linalg.lapack import dpotrf
+
+    A, b = program.A, program.b
+    if not len(b):
+        return program
+    sizes = np.linalg.norm(A, axis=1)
+    factor, info = dpotrf(A @ A.T, lower=1)
+    if not info and (np.diagonal(factor) > tolerances.INDEPENDENT * sizes).all():
+        return program
+    R, pivots = qr(A.T, mode="r", pivoting=True)
+    pivot_sizes = np.abs(np.diagonal(R))
+    rank = int(np.count_nonzero(pivot_sizes > tolerances.RANK * pivot_sizes[0]))
+    x = lstsq(A[pivots[:rank]], b[pivots[:rank]])[0] if rank else np.zeros(A.shape[1])
+    if np.abs(A @ x - b).max() > tolerances.GIVES * (1.0 + np.abs(b).max()):
+        return None
+    kept = np.sort(pivots[:rank])
+    return replace(program, A=A[kept], b=b[kept])

@@ -1,0 +1,93 @@
+"""ProxQP: the proximal augmented Lagrangian of ProxSuite, on dense matrices."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar
+
+import numpy as np
+
+from condyn_pin._core.parameters import check_accuracy, check_iterations
+from condyn_pin.control.qp.base import BoundQP, QPSolver, package
+from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram, Verdict
+
+_NO_BOUND = 1e20  # what ProxSuite takes for infinite
+_ROUGHER = 100.0
+
+
+@dataclass(frozen=True)
+class ProxQP(QPSolver):
+    """Proximal augmented Lagrangian with a warm start: dependent rows are no trouble.
+
+    Parameters
+    ----------
+    tolerance : float
+        Absolute, of equations, inequalities and gradient [m/s^2]. 1e-6 finds the active set, and
+        the polish the digits; at 1e-9 programs of Cassie that have an answer are called infeasible.
+    max_iterations, max_inner : int
+        Outer and inner iterations. By ProxSuite's own limits a single program ran for 100 s.
+
+    Notes
+    -----
+    A call starts from the multipliers of the last one with the penalty of a first one: with the
+    penalty of the last one too, ProxSuite calls feasible programs infeasible.
+
+    References
+    ----------
+    Bambade, El-Kazdadi, Taylor, Carpentier. PROX-QP: yet another quadratic programming solver for
+    robotics and beyond. RSS 2022.
+    """
+
+    title: ClassVar[str] = "ProxQP, dense"
+    use: ClassVar[str] = "weighted tasks: the default"
+    module: ClassVar[str] = "proxsuite"
+
+    tolerance: float = 1e-6
+    max_iterations: int = 200
+    max_inner: int = 100
+
+    def __post_init__(self) -> None:
+        check_accuracy("tolerance", self.tolerance)
+        check_iterations(self.max_iterations)
+        check_iterations(self.max_inner)
+
+    @property
+    def rougher(self) -> ProxQP:
+        """The same with a tolerance a hundred times as large."""
+        return replace(self, tolerance=_ROUGHER * self.tolerance)
+
+    def start(self) -> BoundQP:
+        """Return it at work: one object of ProxSuite for each size of program."""
+        proxqp = package(self.module).proxqp
+        made: dict[tuple[int, int, int], Any] = {}
+
+        def solve(program: QuadraticProgram) -> QPResult:
+            size = program.sizes
+            lower = np.maximum(program.lower, -_NO_BOUND)
+            upper = np.minimum(program.upper, _NO_BOUND)
+            data = (program.H, program.g, program.A, program.b, program.C, lower, upper)
+            if size in made:
+                qp = made[size]
+                qp.update(*data, update_preconditioner=False)
+            else:
+                qp = made[size] = self._make(proxqp, size)
+                qp.init(*data)
+            qp.solve()
+            found = qp.results
+            if found.info.status == proxqp.PROXQP_SOLVED:
+                verdict: Verdict = "solved"
+            else:
+                infeasible = found.info.status == proxqp.PROXQP_PRIMAL_INFEASIBLE
+                verdict = "infeasible" if infeasible else "failed"
+                del made[size]  # its penalties are not to be started from
+            return QPResult(np.array(found.x), np.array(found.z), verdict, int(found.info.iter))
+
+        return solve
+
+    def _make(self, proxqp: Any, size: tuple[int, int, int]) -> Any:
+        """Return a new object of ProxSuite."""
+        qp = proxqp.dense.QP(*size)
+        qp.settings.eps_abs, qp.settings.eps_rel = self.tolerance, 0.0
+        qp.settings.max_iter, qp.settings.max_iter_in = self.max_iterations, self.max_inner
+        qp.settings.initial_guess = proxqp.InitialGuess.COLD_START_WITH_PREVIOUS_RESULT
+        return qp

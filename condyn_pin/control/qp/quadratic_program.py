@@ -1,0 +1,90 @@
+"""QuadraticProgram: a strictly convex quadratic program, and what is left of its optimality.
+
+    min  1/2 x^T H x + g^T x    with    A x = b,    lower <= C x <= upper
+
+At its answer, with multipliers y and z, z > 0 at an upper bound and z < 0 at a lower one,
+
+    H x + g + A^T y + C^T z = 0,    A x = b,    C x = clip(C x + z, lower, upper).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+
+Verdict = Literal["solved", "infeasible", "failed"]
+
+
+@dataclass(frozen=True, eq=False)
+class QuadraticProgram:
+    """The data of one program; bounds that do not exist are infinite.
+
+    Attributes
+    ----------
+    H : (n, n) array
+        Positive definite [1].
+    g : (n,) array
+        [m/s^2]
+    A, b : (p, n), (p,) array
+        Equations [1], [m/s^2]; rows may depend on each other.
+    C, lower, upper : (r, n), (r,), (r,) array
+        Inequalities [1], [m/s^2].
+    """
+
+    H: Array
+    g: Array
+    A: Array
+    b: Array
+    C: Array
+    lower: Array
+    upper: Array
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Numbers of unknowns, of equations and of inequalities."""
+        return len(self.g), len(self.b), len(self.lower)
+
+    def kkt_residual(self, x: Array, y: Array, z: Array) -> float:
+        """Return the largest of the three; that of the gradient relative to its largest term.
+
+        Parameters
+        ----------
+        x, y, z : (n,), (p,), (r,) array
+            An answer, and the multipliers of equations and inequalities.
+        """
+        Hx, Cx = self.H @ x, self.C @ x
+        size = 1.0 + max(_largest(self.g), _largest(Hx))
+        nearest = np.minimum(np.maximum(Cx + z / size, self.lower), self.upper)
+        found = max(
+            _largest(Hx + self.g + y @ self.A + z @ self.C) / size,
+            _largest(self.A @ x - self.b),
+            _largest(Cx - nearest),
+        )
+        return found if np.isfinite(found) else np.inf
+
+
+def _largest(v: Array) -> float:
+    """Return the largest size of an entry; NaN if one is."""
+    return float(np.abs(v).max()) if len(v) else 0.0
+
+
+class QPResult(NamedTuple):
+    """What a solver of quadratic programs returns.
+
+    Attributes
+    ----------
+    x, z : (n,), (r,) array
+        Answer, and multipliers of the inequalities; they tell which rows are active.
+    verdict : {"solved", "infeasible", "failed"}
+        What the solver itself says; nobody has checked it yet.
+    iterations : int
+    """
+
+    x: Array
+    z: Array
+    verdict: Verdict
+    iterations: int

@@ -1,0 +1,156 @@
+"""SupportPolygon: a convex polygon on a plane, and what of a robot touches the floor."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin.dynamics.force import Sites
+from condyn_pin.errors import InvalidArgument
+
+
+class SupportPlane(NamedTuple):
+    """A plane in the world.
+
+    Attributes
+    ----------
+    origin : (3,) array
+        Middle of what touches [m].
+    axes : (3, 3) array
+        Two directions in the plane, and its normal, row by row [1].
+    """
+
+    origin: Array
+    axes: Array
+
+
+@dataclass(frozen=True, eq=False)
+class SupportPolygon:
+    """A convex polygon on a plane.
+
+    Attributes
+    ----------
+    plane : SupportPlane
+    corners : (k, 2) array
+        Counter-clockwise, along the two directions of the plane [m]; two of an edge, one of a
+        point, none where nothing is possible.
+    """
+
+    plane: SupportPlane
+    corners: Array
+
+    @property
+    def in_world(self) -> Array:
+        """The corners in the world (k, 3) [m]."""
+        return np.asarray(self.plane.origin + self.corners @ self.plane.axes[:2])
+
+    def margin(self, point: ArrayLike) -> float:
+        """Return how far a point is within the polygon, negative if it is outside [m].
+
+        Parameters
+        ----------
+        point : (3,) array_like
+            In the world [m]; along the normal it is moved into the plane.
+        """
+        p = self.plane.axes[:2] @ (finite("point", point, 3) - self.plane.origin)
+        return margin_of(self.corners, p)
+
+
+def margin_of(corners: Array, p: Array) -> float:
+    """Return how far p (2,) is within a convex polygon, counter-clockwise; negative outside."""
+    if not len(corners):
+        return -np.inf
+    nexts = np.roll(corners, -1, axis=0)
+    along, to = nexts - corners, p - corners
+    lengths = np.maximum(np.einsum("ij,ij->i", along, along), np.finfo(float).tiny)
+    share = np.clip(np.einsum("ij,ij->i", along, to) / lengths, 0.0, 1.0)
+    distance = float(np.linalg.norm(to - share[:, None] * along, axis=1).min())
+    left = along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0]
+    return distance if len(corners) > 2 and (left >= 0).all() else -distance
+
+
+def hull(plane: SupportPlane, points: Array) -> SupportPolygon:
+    """Return the convex hull of points on a plane."""
+    return SupportPolygon(plane, convex_hull((points - plane.origin) @ plane.axes[:2].T))
+
+
+def touching_points(at: Sites) -> dict[str, Array]:
+    """Return the corners of each contact in the world (k, 3), by name."""
+    found = {}
+    forces = at.forces(np.zeros(at.scene.rows))
+    for contact in at.scene.constraints:
+        support = contact.support
+        if support is None:
+            continue
+        x, y, axis = support
+        if x is None or y is None:
+            raise InvalidArgument(
+                f"{contact.name}: half_length or half_width is not set, so that nobody knows where "
+                "it touches"
+            )
+        if axis is not None:
+            corners = np.outer((-x, x), np.eye(3)[axis])
+        elif support.is_point:
+            corners = np.zeros((1, 3))
+        else:
+            corners = np.array([(i * x, j * y, 0.0) for i in (-1, 1) for j in (-1, 1)])
+        force = forces[contact.name]
+        found[contact.name] = force.at + corners @ force.rotation.T
+    if not found:
+        raise InvalidArgument("no contact: nothing here presses on a floor")
+    return found
+
+
+def plane_of(points: Array, up: Array) -> SupportPlane | None:
+    """Return the plane of points (k, 3), its normal upwards; None if they are on none.
+
+    Points on a line, or a single one, are on many planes: the one that is nearest to level counts.
+    """
+    origin = points.mean(axis=0)
+    _, S, Vt = np.linalg.svd(points - origin, full_matrices=True)
+    spread = np.zeros(3)
+    spread[: len(S)] = S / np.sqrt(len(points))
+    flat = int(np.count_nonzero(spread > tolerances.COPLANAR))
+    if flat == 3:
+        return None
+    if flat == 2:
+        normal = Vt[2] * (1.0 if Vt[2] @ up >= 0 else -1.0)
+    else:
+        normal = up - Vt[:flat].T @ (Vt[:flat] @ up)
+        if not normal.any():
+            return None
+        normal /= np.linalg.norm(normal)
+    return SupportPlane(origin, axes_of(normal))
+
+
+def axes_of(normal: Array) -> Array:
+    """Return two directions across a normal and itself, row by row; those of the world if level."""
+    return np.array(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), normal).matrix().T)
+
+
+def convex_hull(points: Array) -> Array:
+    """Return the corners of the convex hull of points (k, 2), counter-clockwise (Andrew 1979)."""
+    size = max(float(np.abs(points).max(initial=0.0)), np.finfo(float).tiny)
+    order = np.unique(np.round(points / size, 12), axis=0) * size
+
+    def chain(sequence: Array) -> list[Array]:
+        kept: list[Array] = []
+        for p in sequence:
+            while len(kept) > 1 and _turn(kept[-2], kept[-1], p) <= 1e-12 * size**2:
+                kept.pop()
+            kept.append(p)
+        return kept
+
+    if len(order) == 1:
+        return np.asarray(order)
+    return np.array(chain(order)[:-1] + chain(order[::-1])[:-1])
+
+
+def _turn(a: Array, b: Array, c: Array) -> float:
+    return float((b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0]))

@@ -1,0 +1,184 @@
+"""The contract of a task, and how to write one.
+
+A task is a row, or several, of what a controller minimises:
+
+    w |J a + drift - a_wanted|^2        over accelerations
+    w |F lam - f_wanted|^2              over contact forces
+
+1. Add one file to this folder with one frozen dataclass that inherits from `Task`, or from
+   `Tracking` if it follows a reference by feedback. The class registers itself in `TASKS`.
+2. Its fields are what a user says of it: names, numbers, tuples of numbers, functions of t. Checks
+   are in `__post_init__`, which ends with that of its base.
+3. `bind(scene, home)` looks names up, once, and returns a `BoundTask`: names of its rows, their
+   unit, and `rows(motion, t)`, which returns (J, b) with J x = b wanted. `home()` is a
+   configuration of the scene with its loops closed: where a task without a reference belongs.
+4. `rows` is called in every control tick. It reads `motion`, and writes to nothing that is not its
+   own; the arrays that it returns are not written to.
+5. A weight of infinity makes the rows equations, which nothing is weighed against.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar, Literal
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array, finite, shown
+from condyn_pin._core.parameters import check_accuracy, check_called
+from condyn_pin._core.registry import enter
+from condyn_pin.control.motion import Motion
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
+
+TASKS: dict[str, type[Task]] = {}
+
+Home = Callable[[], Array]
+
+
+@dataclass(frozen=True, eq=False)
+class BoundTask:
+    """A task at work on one scene.
+
+    Attributes
+    ----------
+    over : {"accelerations", "forces"}
+        Of what its rows are.
+    names : tuple of str
+        Of the rows.
+    unit : str
+    rows : callable
+        Of (motion, t); returns J (r, nv) or (r, m) and b (r,).
+    """
+
+    over: Literal["accelerations", "forces"]
+    names: tuple[str, ...]
+    unit: str
+    rows: Callable[[Motion, float], tuple[Array, Array]]
+
+
+@dataclass(frozen=True)
+class Task(ABC):
+    """What every task has.
+
+    Parameters
+    ----------
+    weight : float
+        Of the squares of its rows [s^4/m^2, s^4/rad^2, 1/N^2]; infinity makes them equations.
+    name : str, optional
+        What its rows are called by.
+    """
+
+    weight: float = field(default=1.0, kw_only=True)
+    name: str = field(default="", kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.weight != math.inf:
+            check_accuracy("weight", self.weight)
+        if not isinstance(self.name, str):
+            raise InvalidArgument(f"name = {shown(self.name)}: a text is needed")
+        object.__setattr__(self, "name", self.name or self._called)
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if getattr(cls.bind, "__isabstractmethod__", False):
+            return
+        enter(TASKS, cls.__name__, cls, f"a task named {cls.__name__}")
+
+    @property
+    def _called(self) -> str:
+        """What it is called where nothing is said."""
+        return type(self).__name__
+
+    @abstractmethod
+    def bind(self, scene: Scene, home: Home) -> BoundTask:
+        """Return it at work on a scene; `home` finds where it belongs without a reference."""
+
+    def _row_names(self, axes: Sequence[str]) -> tuple[str, ...]:
+        return tuple(f"{self.name}.{axis}" for axis in axes)
+
+
+@dataclass(frozen=True)
+class Tracking(Task):
+    """A task that follows a reference: a_wanted = a_r + kp (x_r - x) + kd (v_r - v).
+
+    Parameters
+    ----------
+    reference : array_like or callable, optional
+        Where it belongs, in its own unit, or a function of t that returns (x, v, a). By default
+        where it is in the first posture of the robot.
+    a : array_like, optional
+        An acceleration that is wanted as it is, in place of a reference and without feedback.
+    kp : float
+        [1/s^2]
+    kd : float, optional
+        [1/s]; 2 sqrt(kp) by default, which is critical damping.
+    """
+
+    unit: ClassVar[str] = "m/s^2"
+
+    reference: Any = field(default=None, kw_only=True)
+    a: Any = field(default=None, kw_only=True)
+    kp: float = field(default=100.0, kw_only=True)  # [1/s^2]
+    kd: float | None = field(default=None, kw_only=True)  # [1/s]
+
+    def __post_init__(self) -> None:
+        check_accuracy("kp", self.kp)
+        if self.kd is None:
+            object.__setattr__(self, "kd", 2.0 * math.sqrt(self.kp))
+        check_accuracy("kd", self.kd)  # type: ignore[arg-type]
+        if self.a is not None and self.reference is not None:
+            raise InvalidArgument("a: it takes the place of a reference; leave one of them out")
+        if callable(self.reference):
+            check_called("reference", self.reference, "t")
+        elif self.reference is not None:
+            object.__setattr__(self, "reference", self._value(self.reference))
+        if self.a is not None:
+            object.__setattr__(self, "a", _tuple(finite("a", self.a, np.shape(self.a))))
+        super().__post_init__()
+
+    def _value(self, reference: Any) -> Any:
+        """Return a reference that is no function as what hashes, or raise InvalidArgument."""
+        return _tuple(finite("reference", reference, np.shape(reference)))
+
+    def _feedback(
+        self, size: int, start: Callable[[], Any], error: Callable[[Any, Any], Array]
+    ) -> Callable[[Any, Array, float], Array]:
+        """Return a_wanted (size,) as a function of x, v and t.
+
+        Parameters
+        ----------
+        size : int
+        start : callable
+            Returns the reference where none was given.
+        error : callable
+            Of the reference and x: how far the reference is (size,).
+        """
+        if self.a is not None:
+            fixed = finite("a", np.atleast_1d(self.a), size)
+            return lambda x, v, t: fixed
+        kp, kd = self.kp, float(self.kd or 0.0)
+        if not callable(self.reference):
+            target = start() if self.reference is None else self.reference
+            return lambda x, v, t: kp * error(target, x) - kd * v
+        at = self.reference
+
+        def follow(x: Any, v: Array, t: float) -> Array:
+            found = at(t)
+            if not isinstance(found, tuple | list) or len(found) != 3:
+                raise InvalidArgument(
+                    f"{self.name}: reference({t:g}) = {shown(found)}: (x, v, a) is needed"
+                )
+            x_r = self._value(found[0])
+            v_r, a_r = (finite(f"{self.name}: reference({t:g})", y, size) for y in found[1:])
+            return np.asarray(a_r + kp * error(x_r, x) + kd * (v_r - v))
+
+        return follow
+
+
+def _tuple(value: Array) -> Any:
+    """Return an array as tuples, which hash."""
+    return tuple(map(_tuple, value)) if value.ndim else float(value)

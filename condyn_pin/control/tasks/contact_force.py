@@ -1,0 +1,64 @@
+"""The force of a contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.parameters import check_called
+from condyn_pin.constraints.constraint_fields import text
+from condyn_pin.control.motion import Motion
+from condyn_pin.control.tasks.base import BoundTask, Home, Task
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument, unknown_name
+
+
+@dataclass(frozen=True)
+class ContactForce(Task):
+    """The force of a contact on the robot follows a reference: 3 rows.
+
+    Parameters
+    ----------
+    contact : str
+        Name of a constraint of the scene that has a cone.
+    reference : (3,) array_like or callable, optional
+        In the axes of the world [N], or a function of t; zero by default.
+    """
+
+    contact: str
+    reference: Any = None
+
+    def __post_init__(self) -> None:
+        text("contact", self.contact, "contact")
+        if callable(self.reference):
+            check_called("reference", self.reference, "t")
+        else:
+            f = np.zeros(3) if self.reference is None else finite("reference", self.reference, 3)
+            object.__setattr__(self, "reference", tuple(f.tolist()))
+        super().__post_init__()
+
+    @property
+    def _called(self) -> str:
+        return f"{self.contact} force"
+
+    def bind(self, scene: Scene, home: Home) -> BoundTask:
+        """Return it at work on a scene; its columns are all rows of the scene."""
+        if self.contact not in scene.names:
+            raise unknown_name("contact", self.contact, scene.names)
+        place = scene.names.index(self.contact)
+        bound: Any = scene.bounds[place]
+        if not scene.constraints[place].presses:
+            raise InvalidArgument(f"contact = {self.contact!r}: it does not press on a floor")
+        W = np.array([bound.whole(row)[:3] for row in np.eye(bound.size)])
+
+        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+            R = bound.ends(motion.data.oMi)[0].rotation
+            F = np.zeros((3, scene.rows))
+            F[:, bound.rows] = R @ W.T
+            wanted = self.reference(t) if callable(self.reference) else self.reference
+            return F, finite(f"{self.name}: reference({t:g})", wanted, 3)
+
+        return BoundTask("forces", self._row_names("xyz"), "N", rows)

@@ -1,0 +1,84 @@
+"""A frame of the robot: the position of its origin, or its pose."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any, Literal, get_args
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin.constraints.constraint_fields import placement, text
+from condyn_pin.control.motion import Motion, moving, placed
+from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
+from condyn_pin.control.tasks.orientation import turn_to
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
+
+Of = Literal["position", "pose"]
+
+
+@dataclass(frozen=True)
+class FrameTask(Tracking):
+    """A frame of the robot follows a point or a placement of the world: 3 rows or 6.
+
+    Parameters
+    ----------
+    frame : str
+    reference : (3,) or (7,) array_like, pin.SE3 or callable, optional
+        Position [m], and for a pose the quaternion x y z w after it; or a function of t that
+        returns (x, v, a), of a pose v and a (6,) linear first in the axes of the world. By default
+        where the frame is in the first posture of the robot.
+    of : {"position", "pose"}
+        Three rows, those of the origin, or six.
+    """
+
+    frame: str
+    of: Of = field(default="position", kw_only=True)
+
+    def __post_init__(self) -> None:
+        text("frame", self.frame)
+        if self.of not in get_args(Of):
+            raise InvalidArgument(f"of = {self.of!r}: one of {', '.join(get_args(Of))} is needed")
+        super().__post_init__()
+
+    @property
+    def _called(self) -> str:
+        return f"{self.frame} {self.of}"
+
+    def _value(self, reference: Any) -> Any:
+        if self.of == "pose":
+            return placement("reference", reference)
+        return tuple(finite("reference", reference, 3).tolist())
+
+    def bind(self, scene: Scene, home: Home) -> BoundTask:
+        """Return it at work on a scene; by default it stays where it is at `home`."""
+        joint, place = moving(scene, self.frame)
+        size, axes = (3, "xyz") if self.of == "position" else (6, _SIX)
+        error = _position_error if self.of == "position" else _pose_error
+
+        def start() -> Any:
+            pose = tuple(pin.SE3ToXYZQUAT(placed(scene, joint, place, home())).tolist())
+            return pose[: 7 if size == 6 else 3]
+
+        wanted = self._feedback(size, start, error)
+
+        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+            now = motion.frame(joint, place)
+            return now.J[:size], wanted(now.x, now.v[:size], t) - now.drift[:size]
+
+        return BoundTask("accelerations", self._row_names(axes), self.unit, rows)
+
+
+_SIX = ("x", "y", "z", "about x", "about y", "about z")
+
+
+def _position_error(reference: Any, x: Any) -> Array:
+    return np.asarray(np.array(reference) - x.translation)
+
+
+def _pose_error(reference: Any, x: Any) -> Array:
+    target = pin.XYZQUATToSE3(np.array(reference))
+    turn = turn_to(target.rotation, x.rotation)
+    return np.concatenate((target.translation - x.translation, turn))

@@ -1,0 +1,64 @@
+"""One joint, such as a hinge that follows an angle."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, ClassVar
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.joints import indices
+from condyn_pin._core.names import checked
+from condyn_pin.constraints.constraint_fields import text
+from condyn_pin.control.motion import Motion
+from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
+
+
+@dataclass(frozen=True)
+class JointTask(Tracking):
+    """A joint with one degree of freedom follows an angle or a length: 1 row.
+
+    Parameters
+    ----------
+    joint : str
+    reference : float or callable, optional
+        [rad, m], or a function of t that returns (x, v, a). By default where the joint is in the
+        first posture of the robot.
+    """
+
+    unit: ClassVar[str] = "rad/s^2, m/s^2"
+
+    joint: str
+
+    def __post_init__(self) -> None:
+        text("joint", self.joint, "joint")
+        super().__post_init__()
+
+    @property
+    def _called(self) -> str:
+        return self.joint
+
+    def _value(self, reference: Any) -> Any:
+        return float(finite("reference", reference, ()))
+
+    def bind(self, scene: Scene, home: Home) -> BoundTask:
+        """Return it at work on a scene; by default the joint stays where it is at `home`."""
+        model = scene.robot.model
+        checked("joint", [self.joint], scene.robot.joints, "joint")
+        in_q, in_v = indices(model, [self.joint])
+        if (len(in_q), len(in_v)) != (1, 1):
+            raise InvalidArgument(
+                f"joint = {self.joint!r}: it has {len(in_v)} degrees of freedom; "
+                f"Posture(joints=[{self.joint!r}]) takes it"
+            )
+        i, k = int(in_q[0]), int(in_v[0])
+        J = np.eye(model.nv)[k : k + 1]
+        wanted = self._feedback(1, lambda: home()[i], lambda r, x: np.array([r - x]))
+
+        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+            return J, wanted(motion.q[i], motion.v[k : k + 1], t)
+
+        return BoundTask("accelerations", (self.name,), self.unit, rows)

@@ -1,0 +1,100 @@
+"""The posture: joints go to where they are in a configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any, ClassVar
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.joints import indices
+from condyn_pin._core.names import checked
+from condyn_pin.control.motion import Motion, entry_names
+from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument, unknown_name
+
+
+@dataclass(frozen=True)
+class Posture(Tracking):
+    """Joints follow a configuration of the whole robot: a row for each degree of freedom.
+
+    Parameters
+    ----------
+    posture : str or (nq,) array_like, optional
+        Name of a posture of the robot, or a configuration [rad, m]; by default the first posture
+        of the robot with its loops closed.
+    reference : callable, optional
+        In its place a function of t that returns (q, v, a), of sizes nq, nv and nv.
+    joints : sequence of str, optional
+        Those that follow; by default the joints with a motor.
+    """
+
+    unit: ClassVar[str] = "rad/s^2, m/s^2"
+
+    posture: Any = None
+    joints: Sequence[str] | None = field(default=None, kw_only=True)
+
+    def __post_init__(self) -> None:
+        if self.reference is not None and (
+            self.posture is not None or not callable(self.reference)
+        ):
+            raise InvalidArgument("reference: a function of t, in place of a posture")
+        if self.posture is not None and not isinstance(self.posture, str):
+            q = finite("posture", self.posture, np.shape(self.posture))
+            object.__setattr__(self, "posture", tuple(q.tolist()))
+        if self.joints is not None and not isinstance(self.joints, str):
+            object.__setattr__(self, "joints", tuple(self.joints))
+        if self.a is not None:
+            raise InvalidArgument("a: a posture is a reference; JointTask takes an acceleration")
+        super().__post_init__()
+
+    def bind(self, scene: Scene, home: Home) -> BoundTask:
+        """Return it at work on a scene; by default joints stay where they are at `home`."""
+        robot = scene.robot
+        chosen = robot.actuated if self.joints is None else self.joints
+        joints = checked("joints", chosen, robot.joints, "joint")
+        if not joints:
+            raise InvalidArgument(f"joints: {robot.name} names no joint with a motor; name some")
+        columns = indices(robot.model, joints)[1]
+        J = np.eye(robot.nv)[columns]
+        at = self._at(scene, home)
+        kp, kd = self.kp, float(self.kd or 0.0)
+
+        def rows(motion: Motion, t: float) -> tuple[Array, Array]:
+            q_r, v_r, a_r = at(t)
+            error = pin.difference(motion.model, motion.q, q_r)
+            return J, (a_r + kp * error + kd * (v_r - motion.v))[columns]
+
+        names = self._row_names(entry_names(robot.model, columns))
+        return BoundTask("accelerations", names, self.unit, rows)
+
+    def _at(self, scene: Scene, home: Home) -> Any:
+        """Return the reference as a function of t that returns (q, v, a)."""
+        robot, still = scene.robot, np.zeros(scene.robot.nv)
+        if not callable(self.reference):
+            if self.posture is None:
+                q = home()
+            elif isinstance(self.posture, str):
+                if self.posture not in robot.postures:
+                    raise unknown_name("posture", self.posture, robot.postures)
+                q = np.array(robot.postures[self.posture])
+            else:
+                q = normalised(robot.model, "posture", self.posture)
+            return lambda t: (q, still, still)
+        function = self.reference
+
+        def at(t: float) -> tuple[Array, Array, Array]:
+            q, v, a = function(t)
+            what = f"{self.name}: reference({t:g})"
+            return (
+                normalised(robot.model, what, q),
+                finite(what, v, robot.nv),
+                finite(what, a, robot.nv),
+            )
+
+        return at

@@ -1,0 +1,55 @@
+"""put_down: a floating robot on the ground that its contacts may touch."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.dynamics.scene import Scene, check_scene
+
+# Shifts until every plane is clear: one for each of those that form a wedge, and some.
+_SHIFTS = 20
+
+
+def put_down(scene: Scene, q: ArrayLike) -> Array:
+    """Return a configuration with the floating base shifted until the lowest contact just touches.
+
+    x <- x - gap n,  with gap and n of the contact that is lowest, until none is below its plane
+
+    Parameters
+    ----------
+    scene : Scene
+        With contacts that may let go.
+    q : (nq,) array_like
+        Loops keep what they have: only the place of the base changes.
+
+    Returns
+    -------
+    q : (nq,) array
+        What was given for a robot that does not float, and where nothing touches.
+
+    Raises
+    ------
+    InvalidArgument
+        If q is no configuration.
+    """
+    check_scene(scene)
+    model = scene.robot.unedited
+    placed = normalised(model, "q", q)
+    candidates = Candidates(model, scene.contact_bounds)
+    if not candidates.cones or model.joints[1].shortname() != "JointModelFreeFlyer":
+        return placed
+    data = model.createData()
+    for _ in range(_SHIFTS):
+        pin.forwardKinematics(model, data, placed)
+        gaps = candidates.gaps(data, placed)[: candidates.cones]
+        lowest = int(gaps.argmin())
+        if not tolerances.CLOSED < abs(gaps[lowest]) < np.inf:
+            break
+        placed[:3] -= gaps[lowest] * candidates.axes(data, placed)[lowest, :, 2]
+    return placed

@@ -1,0 +1,707 @@
+"""Whole-body control: closed forms, limits and cones, switching, strict levels, what is refused."""
+
+from __future__ import annotations
+
+import functools
+import pickle
+
+import numpy as np
+import pytest
+from shared import robot
+
+import condyn_pin as cp
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin.contact import FrictionCone, WrenchCone, margins
+from condyn_pin.control import (
+    DAQP,
+    QPS,
+    TASKS,
+    Actuation,
+    AngularMomentum,
+    CenterOfMass,
+    CentredPressure,
+    ContactForce,
+    Controller,
+    ControlLimits,
+    ControlStatus,
+    FrameTask,
+    Hierarchy,
+    JointTask,
+    LargestMargin,
+    LeastNorm,
+    LeastTorque,
+    Orientation,
+    Posture,
+    ProxQP,
+    gravity_compensation,
+    support_polygon,
+)
+from condyn_pin.dynamics.force import Sites
+from condyn_pin.mechanism import project_velocity, without
+
+pytest.importorskip("proxsuite")
+pytest.importorskip("daqp")
+pytest.importorskip("quadprog")
+pytest.importorskip("qpsolvers")
+
+FEET = ("FL_FOOT", "FR_FOOT", "HL_FOOT", "HR_FOOT")
+WEIGHT = 2.50000279 * 9.81  # of Solo12 [N]
+STAND = (
+    CenterOfMass(kp=20, weight=100),
+    Orientation("base_link", weight=50),
+    Posture("standing", weight=0.1),
+)
+OCTAGON = FrictionCone(0.6, sides=8)
+
+
+@functools.cache
+def solo() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    made = robot("solo12")
+    scene = cp.Scene(made, made.contacts)
+    return (scene, *scene.state())
+
+
+@functools.cache
+def cassie() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    made = cp.load_robot("cassie", variant={"feet": "lines", "springs": "locked"})
+    scene = cp.Scene(made, [*made.loops, *made.contacts])
+    return (scene, *scene.state())
+
+
+@functools.cache
+def talos() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    made = robot("talos")
+    scene = cp.Scene(made, made.contacts)
+    return (scene, *scene.state())
+
+
+def tasks_of(base: str) -> tuple:
+    return CenterOfMass(kp=20, weight=100), Orientation(base, weight=50), Posture(weight=0.1)
+
+
+CASES = {
+    "solo12": (solo, STAND, OCTAGON),
+    "cassie": (cassie, tasks_of("pelvis"), WrenchCone(0.6)),
+    "talos": (talos, tasks_of("base_link"), WrenchCone(0.5)),
+}
+
+
+def normal_forces(answer) -> np.ndarray:
+    return np.array([force.in_world()[2] for force in answer.forces.values()])
+
+
+def is_proved(answer) -> bool:
+    """By a solve of the forward dynamics, which knows nothing of the program."""
+    forward = cp.solve(answer.scene, answer.q, np.zeros(answer.scene.robot.nv), answer.tau)
+    return np.abs(forward.a - answer.a).max() < 1e-7 * max(np.abs(answer.a).max(), 9.81)
+
+
+# Known answers
+
+
+def test_solo_stands_on_four_equal_forces():
+    scene, q, v = solo()
+    out = Controller(scene, STAND, cones=OCTAGON).solve(q, v)
+    assert out.status.ok
+    assert np.allclose(normal_forces(out), 6.131, atol=5e-4)
+    assert np.allclose(normal_forces(out), WEIGHT / 4, atol=1e-6)
+    assert out.residuals.kkt <= 1e-9
+    assert out.residuals.dynamics <= 1e-11
+    assert is_proved(out)
+
+
+def test_without_a_foot_the_two_beside_it_carry_all():
+    """The centre of mass is above the diagonal: 12.262, 12.262 and nothing."""
+    scene, q, v = solo()
+    four = Controller(scene, STAND, cones=OCTAGON)
+    three = four.use(without(scene, ["FL_FOOT"]))
+    out = three.solve(q, v)
+    assert out.status.ok
+    assert np.allclose(normal_forces(out), [12.262, 12.262, 0.0], atol=1e-3)
+    assert all(margin.least > -1e-9 for margin in out.margins.values())
+
+
+def test_above_the_centroid_of_three_feet_each_carries_a_third():
+    scene, q, v = solo()
+    model, feet = scene.robot.model, all_feet()
+    centroid = np.mean(feet[1:], axis=0)
+    for _ in range(20):  # the base moves, the legs follow, and the mass is elsewhere again
+        q = q.copy()
+        q[:2] += (centroid - com_of(model, q))[:2]
+        q = legs_to(scene.robot, q, dict(zip(FEET, feet, strict=True)))
+    assert np.abs((centroid - com_of(model, q))[:2]).max() < 1e-9
+    stay = (CenterOfMass(reference=com_of(model, q), weight=100), STAND[1], Posture(q))
+    four = Controller(scene, stay, cones=OCTAGON)
+    out = four.use(without(scene, ["FL_FOOT"])).solve(q, v)
+    assert out.status.ok
+    assert np.allclose(normal_forces(out), 8.175, atol=5e-4)
+    before = normal_forces(four.solve(q, v))  # the smallest forces on four
+    assert before.sum() == pytest.approx(WEIGHT, abs=1e-3)
+    assert np.allclose(np.array(feet)[:, :2].T @ before / WEIGHT, centroid[:2], atol=1e-5)
+
+
+def all_feet() -> list[np.ndarray]:
+    scene, q, v = solo()
+    forces = cp.solve(scene, q, v, np.zeros(18)).forces
+    return [forces[name].at for name in FEET]
+
+
+def com_of(model, q: np.ndarray) -> np.ndarray:
+    data = model.createData()  # what Pinocchio returns is in there
+    return np.array(pin.centerOfMass(model, data, q))
+
+
+def legs_to(made: cp.Robot, q: np.ndarray, feet: dict) -> np.ndarray:
+    """Inverse kinematics of the legs, by Newton's method."""
+    model = made.model
+    data = model.createData()
+    for _ in range(20):
+        pin.computeJointJacobians(model, data, q)
+        pin.updateFramePlacements(model, data)
+        rows, errors = [], []
+        for name, wanted in feet.items():
+            i = model.getFrameId(name)
+            J = pin.getFrameJacobian(model, data, i, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED)
+            rows.append(J[:3, 6:])
+            errors.append(wanted - data.oMf[i].translation)
+        step = np.linalg.solve(np.vstack(rows), np.concatenate(errors))
+        q = pin.integrate(model, q, np.concatenate((np.zeros(6), step)))
+    assert np.abs(np.concatenate(errors)).max() < 1e-12
+    return q
+
+
+def test_a_foot_is_lifted_and_the_others_carry_weight_and_thrust():
+    scene, q, v = solo()
+    four = Controller(scene, STAND, cones=OCTAGON)
+    lift = FrameTask("FL_FOOT", a=(0, 0, 2.0), weight=50)
+    out = four.use(without(scene, ["FL_FOOT"]), [*STAND, lift]).solve(q, v)
+    assert out.status.ok
+    thrust = scene.robot.mass * out.errors["CenterOfMass"][2]  # at rest it wants none
+    assert normal_forces(out).sum() == pytest.approx(WEIGHT + thrust, rel=1e-6)
+    assert np.abs(out.errors["FL_FOOT position"]).max() < 0.4
+
+
+def test_cassies_program_is_small():
+    """28 unknowns and 18 equations: with loops as rows it has 50 and 40."""
+    scene, q, v = cassie()
+    controller = Controller(scene, tasks_of("pelvis"), cones=WrenchCone(0.6))
+    program = controller.program(q, v)
+    assert program.A.shape == (18, 28)
+    assert len(controller.rows) == len(program.C)
+    assert np.linalg.matrix_rank(program.A) == 18
+    out = controller.solve(q, v)
+    assert out.status.ok
+    assert np.abs(Sites(scene, q).jacobian[:12] @ out.a).max() < 1e-9
+    assert is_proved(out)
+
+
+@pytest.mark.parametrize("tolerance", [1e-9, 1e-6])
+def test_a_program_of_cassie_that_has_an_answer_is_solved(tolerance):
+    """With limp springs ProxQP calls it infeasible at 1e-9."""
+    made = cp.load_robot("cassie", variant={"feet": "lines"})
+    scene = cp.Scene(made, [*made.loops, *made.contacts])
+    q, v = scene.state()
+    out = Controller(
+        scene, tasks_of("pelvis"), cones=WrenchCone(0.6), qp=ProxQP(tolerance=tolerance)
+    ).solve(q, v)
+    assert out.status.ok
+    assert out.residuals.kkt <= 1e-9
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_every_solver_gives_the_same_answer(name):
+    made, tasks, cone = CASES[name]
+    scene, q, v = made()
+    answers = [Controller(scene, tasks, cones=cone, qp=kind()).solve(q, v) for kind in QPS.values()]
+    assert all(out.status.ok for out in answers)
+    size = np.abs(answers[0].tau).max()
+    assert all(np.abs(out.tau - answers[0].tau).max() < 1e-6 * size for out in answers)
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_random_states_are_answered_within_the_cones(name):
+    made, tasks, cone = CASES[name]
+    scene, _, _ = made()
+    controller = Controller(scene, tasks, cones=cone)
+    rng = np.random.default_rng(0)
+    active = 0
+    q0, _ = scene.state()
+    for _ in range(15):
+        # edges lie in the floor only where the robot stands
+        q, v = scene.sample(rng, spread=0.02, speed=0.5)
+        if name == "cassie":
+            q, v = q0, project_velocity(scene, q0, v)
+        out = controller.solve(q, v)
+        assert out.status.ok
+        assert out.residuals.kkt <= tolerances.KKT
+        size = np.abs(out.lam).max()
+        assert all(margin.least > -1e-8 * size for margin in out.margins.values())
+        limit = np.array(scene.robot.model.effortLimit)[out.actuation.columns]
+        assert (np.abs(out.tau[out.actuation.columns]) <= limit + 1e-7).all()
+        active += bool(out.active)
+    assert active or name == "cassie"
+
+
+# Contradictions
+
+
+def test_to_pull_the_mass_down_faster_than_it_falls_is_refused_by_name():
+    scene, q, v = solo()
+    down = [CenterOfMass(a=(0, 0, -11.0), weight=np.inf), *STAND[1:]]
+    out = Controller(scene, down, cones=OCTAGON).solve(q, v)
+    assert out.status is ControlStatus.INFEASIBLE
+    assert not out.status.ok
+    assert np.isnan(out.tau).all()
+    assert [each.row for each in out.infeasible.gives] == ["CenterOfMass.z"]
+    assert out.infeasible.gives[0].amount == pytest.approx(11.0 - 9.81, abs=1e-6)
+    assert out.infeasible.gives[0].unit == "m/s^2"
+    assert {row.split(":")[0] for row in out.infeasible.against} == set(FEET)
+    assert "CenterOfMass.z gives 1.19 m/s^2" in str(out)
+    falls = [CenterOfMass(a=(0, 0, -9.0), weight=np.inf), *STAND[1:]]
+    assert Controller(scene, falls, cones=OCTAGON).solve(q, v).status.ok
+
+
+def test_a_foot_that_stands_cannot_be_lifted():
+    scene, q, v = solo()
+    lift = FrameTask("FL_FOOT", a=(0, 0, 2.0), weight=np.inf)
+    out = Controller(scene, [*STAND, lift], cones=OCTAGON).solve(q, v)
+    assert out.status is ControlStatus.INFEASIBLE
+    (give,) = out.infeasible.gives
+    assert (give.row, give.unit) == ("FL_FOOT position.z", "m/s^2")
+    assert give.amount == pytest.approx(2.0, abs=1e-9)
+    strict = Controller(scene, Hierarchy([*STAND, lift], [JointTask("FL_HAA")]), cones=OCTAGON)
+    assert strict.solve(q, v).infeasible.gives == out.infeasible.gives
+
+
+def test_limits_that_contradict_each_other_are_named():
+    """A joint too fast to be stopped by the acceleration that it may have."""
+    scene, q, v = solo()
+    limits = ControlLimits(dt=0.01, acceleration=10.0)
+    controller = Controller(scene, STAND, cones=OCTAGON, limits=limits)
+    assert controller.solve(q, v).status.ok
+    columns = controller.actuation.columns
+    limit = np.array(scene.robot.model.velocityLimit)[columns[0]]
+    fast = v.copy()
+    fast[columns[0]] = 1.5 * limit
+    out = controller.solve(q, fast)
+    assert out.status is ControlStatus.INFEASIBLE
+    assert any(each.row == "FL_HAA: acceleration" for each in out.infeasible.gives)
+
+
+# Limits
+
+
+def test_torque_limits_hold():
+    scene, q, v = talos()
+    jump = [CenterOfMass(a=(0, 0, 30.0), weight=100.0), *tasks_of("base_link")[1:]]
+    out = Controller(scene, jump, cones=WrenchCone(0.5)).solve(q, v)
+    limit = np.array(scene.robot.model.effortLimit)[out.actuation.columns]
+    ratio = np.abs(out.tau[out.actuation.columns]) / limit
+    assert out.status.ok
+    assert ratio.max() == pytest.approx(1.0, abs=1e-9)
+    assert any("torque at" in row for row in out.active)
+    free = Controller(scene, jump, cones=WrenchCone(0.5), limits=ControlLimits(torque=False))
+    assert np.abs(free.solve(q, v).tau[out.actuation.columns] / limit).max() > 1.1
+
+
+def test_position_and_velocity_limits_hold_over_their_time():
+    scene, q, v = talos()
+    dt, model = 0.05, scene.robot.model
+    knee = "leg_left_4_joint"
+    wild = [*tasks_of("base_link"), JointTask(knee, a=-1e4, weight=1e3)]
+    limits = ControlLimits(torque=False, dt=dt)
+    out = Controller(without(scene, ["left_sole_link"]), wild, cones=WrenchCone(0.5), limits=limits)
+    a = out.solve(q, v).a
+    i = model.joints[model.getJointId(knee)]
+    assert abs(v[i.idx_v] + dt * a[i.idx_v]) <= model.velocityLimit[i.idx_v] + 1e-9
+    ahead = q[i.idx_q] + dt * v[i.idx_v] + dt**2 * a[i.idx_v] / 2
+    assert ahead >= model.lowerPositionLimit[i.idx_q] - 1e-9
+    most = ControlLimits(torque=False, acceleration=3.0)
+    a = Controller(without(scene, ["left_sole_link"]), wild, cones=WrenchCone(0.5), limits=most)
+    motors = Actuation(scene.robot).columns
+    assert np.abs(a.solve(q, v).a[motors]).max() == pytest.approx(3.0, abs=1e-9)
+
+
+# Tasks
+
+
+def test_tasks_do_what_they_say():
+    """Each alone, far from its reference: J a + drift is what the feedback wants."""
+    scene, q, _ = talos()
+    made, rng = scene.robot, np.random.default_rng(1)
+    v = project_velocity(scene, q, 0.1 * rng.normal(size=made.nv))
+    model = made.model
+    data = model.createData()
+    hand, cone = "gripper_left_base_link", WrenchCone(0.9)
+    pin.forwardKinematics(model, data, q, v)
+    pin.updateFramePlacements(model, data)
+    place = data.oMf[model.getFrameId(hand)]
+    turned = pin.SE3(place.rotation @ pin.exp3(np.array([0, 0, 0.1])), place.translation + 0.01)
+    com = pin.centerOfMass(model, data, q)
+    cases = [
+        CenterOfMass(reference=com + 0.01, kp=4.0),
+        FrameTask(hand, reference=turned.translation, kp=4.0),
+        FrameTask(hand, reference=turned, of="pose", kp=4.0),
+        Orientation(hand, reference=turned.rotation, kp=4.0),
+        JointTask("arm_left_4_joint", reference=-1.5, kp=4.0),
+        AngularMomentum((0.1, 0.0, -0.1), k=2.0),
+        ContactForce("left_sole_link", (0.0, 0.0, 500.0)),
+    ]
+    assert {type(task).__name__ for task in cases} | {"Posture"} == set(TASKS)
+    for task in cases:
+        out = Controller(scene, [task], cones=cone, regularisation=1e-9).solve(q, v)
+        assert out.status.ok
+        (error,) = out.errors.values()
+        assert np.abs(error).max() < 1e-3, task
+        measured(task, scene, q, v, out, error)
+
+
+def test_tasks_together_see_what_each_sees_alone():
+    """They share the memory of one state, whatever their order."""
+    scene, q, _ = talos()
+    v = project_velocity(scene, q, 0.2 * np.random.default_rng(2).normal(size=scene.robot.nv))
+    hand = "gripper_left_base_link"
+    tasks = [
+        AngularMomentum(), CenterOfMass(), Orientation(hand), FrameTask(hand, of="pose"),
+        ContactForce("left_sole_link", weight=1e-4), Posture(weight=0.1),
+    ]  # fmt: skip
+    wanted = {}
+    for task in tasks:
+        one = Controller(scene, [task], cones=WrenchCone(0.5))
+        program, (level,) = one._program.assemble(q, v, 0.0, np.zeros(scene.robot.nv))
+        wanted[task.name] = level
+    for order in (tasks, tasks[::-1]):
+        every = Controller(scene, order, cones=WrenchCone(0.5))
+        out = every.solve(q, v)
+        assert out.status.ok
+        x = np.linalg.lstsq(program.A, program.b)[0]  # any that the equations allow
+        _, levels = every._program.assemble(q, v, 0.0, np.zeros(scene.robot.nv))
+        errors = every._program.errors(levels, x)
+        for name, level in wanted.items():
+            assert np.abs(errors[name] - (level.G @ x - level.b)).max() < 1e-9
+
+
+def measured(task, scene, q, v, out, error) -> None:
+    """The rate of each quantity by differences along the motion that the answer makes."""
+    model, h = scene.robot.model, 1e-5
+
+    def at(t):
+        moved = pin.integrate(model, q, t * v + t * t * out.a / 2)
+        speed = v + t * out.a
+        data = model.createData()
+        pin.computeCentroidalMomentum(model, data, moved, speed)
+        pin.forwardKinematics(model, data, moved, speed)
+        pin.updateFramePlacements(model, data)
+        pin.centerOfMass(model, data, moved, speed)
+        return data
+
+    if isinstance(task, CenterOfMass):
+        after, before, now = at(h), at(-h), at(0.0)
+        rate = (after.vcom[0] - before.vcom[0]) / (2 * h)
+        wanted = 4.0 * (np.array(task.reference) - now.com[0]) - 4.0 * now.vcom[0]
+        assert np.abs(rate - wanted - error).max() < 1e-6
+    if isinstance(task, AngularMomentum):
+        after, before, now = at(h), at(-h), at(0.0)
+        rate = (after.hg.angular - before.hg.angular) / (2 * h)
+        wanted = 2.0 * (np.array(task.reference) - now.hg.angular)
+        assert np.abs(rate - wanted - error).max() < 1e-6
+    if isinstance(task, (FrameTask, Orientation)):
+        i = model.getFrameId(task.frame)
+        aligned = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+        there = [at(t) for t in (h, -h, 0.0)]
+        after, before, now = (pin.getFrameVelocity(model, d, i, aligned).vector for d in there)
+        place, rate = there[2].oMf[i], (after - before) / (2 * h)
+        if isinstance(task, Orientation):
+            R = pin.Quaternion(np.array(task.reference)).matrix()
+            wanted = 4.0 * pin.log3(R @ place.rotation.T) - 4.0 * now[3:]
+            assert np.abs(rate[3:] - wanted - error).max() < 1e-5
+        else:
+            wanted = 4.0 * (np.array(task.reference)[:3] - place.translation) - 4.0 * now[:3]
+            assert np.abs(rate[:3] - wanted - error[:3]).max() < 1e-5
+    if isinstance(task, ContactForce):
+        force = out.forces[task.contact].in_world()[:3]
+        assert np.abs(force - task.reference - error).max() < 1e-9
+
+
+def test_a_reference_may_be_a_function_of_time():
+    scene, q, v = solo()
+    model = scene.robot.model
+    start = com_of(model, q)
+
+    def sway(t):
+        x = np.array([0.0, 0.01, 0.0])
+        return start + x * np.sin(2 * t), 2 * x * np.cos(2 * t), -4 * x * np.sin(2 * t)
+
+    tasks = [CenterOfMass(reference=sway, weight=1e3), Posture(weight=1e-3)]
+    controller = Controller(scene, tasks, cones=OCTAGON)
+    for t in (0.0, 0.3, 1.0):
+        out = controller.solve(q, v, t)
+        x, speed, a = sway(t)
+        wanted = a + 100.0 * (x - start) + 20.0 * speed
+        data = model.createData()
+        jacobian = pin.jacobianCenterOfMass(model, data, q)
+        assert np.allclose(jacobian @ out.a, wanted, atol=2e-3)
+
+
+def test_a_task_of_ones_own_is_one_class():
+    from dataclasses import dataclass
+
+    from condyn_pin.control.tasks.base import BoundTask, Task
+
+    @dataclass(frozen=True)
+    class Still(Task):
+        def bind(self, scene, home):
+            n = scene.robot.nv
+            names = self._row_names([str(i) for i in range(n)])
+            return BoundTask(
+                "accelerations", names, "m/s^2", lambda motion, t: (np.eye(n), -motion.v)
+            )
+
+    try:
+        scene, q, v = solo()
+        out = Controller(scene, [Still()], cones=OCTAGON).solve(q, v)
+        assert np.abs(out.a).max() < 1e-5
+        with pytest.raises(cp.InvalidArgument, match="a task named Still exists"):
+            type("Still", (Task,), {"bind": lambda self, scene, home: None})
+    finally:
+        del TASKS["Still"]
+
+
+# Strict levels
+
+
+def test_a_level_gives_nothing_to_those_below_it():
+    """A push that friction cannot give: weights trade it, levels do not."""
+    scene, q, v = talos()
+    push = CenterOfMass(a=(6.0, 0.0, 0.0))
+    rest = [Orientation("base_link"), Posture()]
+    cone = WrenchCone(0.5)
+    alone = Controller(scene, Hierarchy([push]), cones=cone).solve(q, v)
+    strict = Controller(scene, Hierarchy([push], rest[:1], rest[1:]), cones=cone).solve(q, v)
+    weighted = Controller(scene, [push, *rest], cones=cone).solve(q, v)
+    assert alone.status.ok and strict.status.ok and weighted.status.ok  # noqa: PT018
+    best, first, traded = (
+        np.linalg.norm(out.errors["CenterOfMass"]) for out in (alone, strict, weighted)
+    )
+    assert best > 0.1  # it cannot be had
+    assert first == pytest.approx(best, rel=1e-4)
+    assert traded > 1.05 * best
+    assert all(margin.least > -1e-6 for margin in strict.margins.values())
+    assert strict.residuals.dynamics < 1e-9
+    assert is_proved(strict)
+
+
+def test_levels_that_agree_are_all_done():
+    scene, q, v = solo()
+    out = Controller(scene, Hierarchy(*[[task] for task in STAND]), cones=OCTAGON).solve(q, v)
+    assert out.status.ok
+    assert all(np.abs(error).max() < 1e-4 for error in out.errors.values())
+    assert np.allclose(normal_forces(out), WEIGHT / 4, atol=1e-3)
+
+
+def test_an_arm_without_contacts_has_levels_too():
+    """Three hinges in a plane: the tip first, and what is left for the last joint."""
+    arm = cp.model.chain(3)
+    scene = cp.Scene(arm)
+    q, v = np.array([0.3, 0.4, -0.5]), np.array([0.1, -0.2, 0.3])
+    free = ControlLimits(torque=False)
+    first = JointTask(arm.joints[0], a=1.0)
+    both = Posture(q, joints=arm.joints, kp=4.0)
+    motors = Actuation(arm, arm.joints)
+    out = Controller(
+        scene, Hierarchy([first], [both]), cones={}, limits=free, actuation=motors
+    ).solve(q, v)
+    assert out.status.ok
+    assert out.margins == {}
+    assert np.allclose(out.a, [1.0, *(-4.0 * v[1:])], atol=1e-3)
+    assert np.abs(cp.solve(scene, q, v, out.tau).a - out.a).max() < 1e-9
+
+
+# Switching, memory
+
+
+def test_switching_back_and_forth_changes_no_answer():
+    scene, q, v = solo()
+    four = Controller(scene, STAND, cones=dict.fromkeys(FEET, OCTAGON))
+    first = four.solve(q, v)
+    three = four.use(without(scene, ["FL_FOOT"]))
+    assert three is four.use(without(scene, ["FL_FOOT"]))
+    assert three.use(scene) is four
+    three.solve(q, v)
+    again = four.solve(q, v)
+    assert again.path == ("last active set",)
+    assert np.abs(first.tau - again.tau).max() < 1e-12
+    assert set(three.solve(q, v).margins) == set(FEET[1:])
+
+
+def test_passive_torques_and_gears_count():
+    scene, q, v = solo()
+    passive = np.zeros(18)
+    passive[6:] = 0.1
+    plain = Controller(scene, STAND, cones=OCTAGON).solve(q, v)
+    helped = Controller(scene, STAND, cones=OCTAGON).solve(q, v, passive=passive)
+    assert helped.status.ok
+    assert np.allclose(helped.tau + passive, plain.tau, atol=1e-6)
+    geared = Actuation(scene.robot, ratios={"FL_KFE": 9.0})
+    out = Controller(scene, STAND, cones=OCTAGON, actuation=geared).solve(q, v)
+    assert np.allclose(out.tau, plain.tau, atol=1e-9)
+    assert out.torques["FL_KFE"] == pytest.approx(plain.torques["FL_KFE"] / 9.0, abs=1e-9)
+
+
+def test_motors_that_work_against_each_other_share():
+    """A five-bar with motors at every joint: more motors than freedoms."""
+    bar = cp.model.five_bar()
+    scene = cp.Scene(bar, bar.loops)
+    q, v = scene.state()
+    every = Actuation(bar, bar.joints)
+    out = Controller(
+        scene, [Posture(joints=bar.joints)], cones={}, actuation=every,
+        limits=ControlLimits(torque=False),
+    ).solve(q, v)  # fmt: skip
+    assert out.status.ok
+    assert np.abs(out.a).max() < 1e-4
+    assert is_proved(out)
+
+
+def test_contacts_that_drifted_are_drawn_back():
+    """J a + gamma = -2 alpha J v - beta^2 c, of a foot that is anchored 1 mm from where it is."""
+    scene, q, v = solo()
+    at = all_feet()[0] + np.array([0.0, 0.0, -1e-3])
+    anchored = cp.Scene(
+        scene.robot, [cp.PointContact("FL_FOOT", anchor=at), *scene.constraints[1:]]
+    )
+    drawn = Controller(anchored, STAND, cones=OCTAGON, drift=cp.Baumgarte(20.0, 20.0))
+    out = drawn.solve(q, v)
+    assert out.status.ok
+    foot = Sites(scene, q).jacobian[:3] @ out.a
+    R = out.forces["FL_FOOT"].rotation
+    assert np.allclose(R @ foot, [0.0, 0.0, -0.4], atol=1e-9)
+
+
+def test_a_contact_without_a_cone_is_held_like_a_loop():
+    scene, q, v = solo()
+    out = Controller(scene, STAND, cones=dict.fromkeys(FEET[1:], OCTAGON)).solve(q, v)
+    assert out.status.ok
+    assert set(out.margins) == set(FEET[1:])
+    assert np.abs(Sites(scene, q).jacobian @ out.a).max() < 1e-9
+    assert is_proved(out)
+
+
+# Forces that are left to choose
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_distributions_keep_the_motion_and_are_best_at_what_they_say(name):
+    made, _, cone = CASES[name]
+    scene, q, _ = made()
+    plain = gravity_compensation(scene, q)
+    kinds = (LeastNorm, LargestMargin, CentredPressure, LeastTorque)
+    J = Sites(scene, q).jacobian
+    answers = {kind: gravity_compensation(scene, q, distribution=kind(cone)) for kind in kinds}
+
+    def margin(answer):
+        return min(float(each.least) for each in margins(answer, cone).values())
+
+    for answer in answers.values():
+        whole = answer.tau + J.T @ answer.lam
+        assert np.abs(whole - plain.tau - J.T @ plain.lam).max() < 1e-8
+        assert margin(answer) > -1e-8
+    norm = {kind: np.linalg.norm(answer.lam) for kind, answer in answers.items()}
+    torque = {kind: np.linalg.norm(answer.u) for kind, answer in answers.items()}
+    assert norm[LeastNorm] <= min(norm.values()) * (1 + 1e-6)
+    assert torque[LeastTorque] <= min(torque.values()) * (1 + 1e-6)
+    rows = {kind: least_slack(scene, q, answer, cone) for kind, answer in answers.items()}
+    assert rows[LargestMargin] >= max(rows.values()) - 1e-3
+
+
+def least_slack(scene, q, answer, cone) -> float:
+    rows = cp.contact.cone_rows(scene, q, cone)
+    return float(-(rows.A @ answer.lam).max())
+
+
+def test_feet_never_pull_and_what_the_floor_cannot_give_is_said():
+    scene, q, _ = solo()
+    three = without(scene, ["FL_FOOT"])
+    pulls = gravity_compensation(three, q)
+    assert min(float(m.least) for m in margins(pulls, OCTAGON).values()) < -0.1
+    held = gravity_compensation(three, q, distribution=LeastTorque(OCTAGON))
+    assert min(float(m.least) for m in margins(held, OCTAGON).values()) > -1e-8
+    two = without(scene, ["FL_FOOT", "FR_FOOT"])  # those behind: it would tip
+    with pytest.raises(cp.errors.Infeasible, match=r"the floor cannot give this motion: .*FOOT"):
+        gravity_compensation(two, q, distribution=LeastNorm(OCTAGON))
+
+
+# Bad input
+
+
+def test_what_is_wrong_is_named():
+    scene, q, v = solo()
+    good = {"cones": OCTAGON}
+    cases = [
+        (lambda: Controller(scene, STAND[0], **good), "a list is needed"),
+        (lambda: Controller(scene, [1], **good), "1 is no task"),
+        (lambda: Controller(scene, [*STAND, STAND[0]], **good), "two are named 'CenterOfMass'"),
+        (lambda: Controller(scene, STAND, cones=0.6), "FrictionCone or a WrenchCone is needed"),
+        (lambda: Controller(scene, STAND, cones=WrenchCone(0.5)), "use FrictionCone"),
+        (lambda: Controller(scene, STAND, qp="proxqp", **good), "qp = 'proxqp'"),
+        (lambda: Controller(scene, STAND, limits=3, **good), "limits = 3"),
+        (lambda: Controller(scene, STAND, regularisation=0.0, **good), "many answers"),
+        (lambda: Controller(scene, STAND, **good).solve(q, v[:3]), "v has shape"),
+        (lambda: Controller(scene, STAND, **good).solve(q, v, np.nan), "finite numbers"),
+        (lambda: Controller(scene, STAND, **good).solve(q, v, passive=[1.0]), "passive"),
+        (lambda: CenterOfMass(weight=-1.0), "weight"),
+        (lambda: CenterOfMass(kp=-1.0), "kp"),
+        (lambda: CenterOfMass(reference=(0, 0, 0), a=(0, 0, 0)), "leave one of them out"),
+        (
+            lambda: Controller(scene, [CenterOfMass(reference=(0, 0))], **good).solve(q, v),
+            "reference",
+        ),
+        (lambda: FrameTask("FL_FOOT", of="pase"), "position, pose"),
+        (lambda: FrameTask("FL_FOOT", reference=(0, 0)), "reference"),
+        (lambda: Controller(scene, [FrameTask("universe")], **good), "does not move"),
+        (lambda: Orientation("base_link", reference=np.eye(3) * 2), "no rotation"),
+        (lambda: Controller(scene, [JointTask("root_joint")], **good), "degrees of freedom"),
+        (lambda: ControlLimits(dt=-0.1), "dt = -0.1"),
+        (lambda: ControlLimits(acceleration=0.0), "not positive"),
+        (lambda: Hierarchy(), "none"),
+        (lambda: Posture("standing", a=1.0), "JointTask"),
+        (lambda: Posture("standing", reference=lambda t: None), "in place of a posture"),
+    ]
+    for wrong, words in cases:
+        with pytest.raises(cp.InvalidArgument, match=words):
+            wrong()
+    held = dict.fromkeys(FEET[1:], OCTAGON)
+    with pytest.raises(cp.InvalidArgument, match=r"FL_FOOT force is about .* no cone"):
+        Controller(scene, [ContactForce("FL_FOOT")], cones=held).solve(q, v)
+    for wrong in (
+        lambda: Controller(scene, STAND, cones={"FL_FOT": OCTAGON}),
+        lambda: Controller(scene, [Posture("standin")], **good),
+        lambda: Controller(scene, [FrameTask("FL_FOT")], **good),
+        lambda: Controller(scene, [ContactForce("FL_FOT")], **good),
+        lambda: Controller(scene, [JointTask("FL_KF")], **good),
+    ):
+        with pytest.raises(cp.errors.UnknownName):
+            wrong()
+
+
+def test_values_compare_hash_and_pickle():
+    values = [*STAND, FrameTask("FL_FOOT", a=(0, 0, 2.0)), ControlLimits(dt=0.1), ProxQP(), DAQP()]
+    values += [LargestMargin(OCTAGON), ContactForce("FL_FOOT", (0, 0, 1)), JointTask("FL_KFE")]
+    scene, q, v = solo()
+    controller = Controller(scene, STAND, cones=OCTAGON)
+    copy = pickle.loads(pickle.dumps(controller))
+    assert np.abs(copy.solve(q, v).tau - controller.solve(q, v).tau).max() < 1e-12
+    for value in values:
+        again = pickle.loads(pickle.dumps(value))
+        assert again == value
+        assert hash(again) == hash(value)
+    assert Hierarchy(STAND) == Hierarchy(list(STAND)) != Hierarchy(STAND[:1])
+
+
+def test_overflow_is_refused_and_nan_never_ok():
+    scene, q, v = solo()
+    controller = Controller(scene, STAND, cones=OCTAGON)
+    with pytest.raises(cp.InvalidArgument, match="overflows"):
+        controller.solve(q, v + 1e200)
+    assert support_polygon(scene, q).margin([0.0, 0.0, 0.0]) > 0.1

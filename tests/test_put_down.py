@@ -1,0 +1,53 @@
+"""A floating robot on the ground."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import condyn_pin as cp
+from condyn_pin.constraints import Ball, Plane
+from condyn_pin.dynamics import contact_gaps
+from condyn_pin.mechanism import put_down
+
+
+@pytest.mark.parametrize("name", ["solo12", "go2", "talos", "cassie"])
+def test_the_lowest_foot_just_touches(name):
+    robot = cp.load_robot(name)
+    scene = cp.Scene(robot, robot.loops, robot.frictional_contacts(0.7))
+    q, _ = scene.sample(np.random.default_rng(0))
+    placed = put_down(scene, q)
+    assert min(contact_gaps(scene, placed).values()) == pytest.approx(0.0, abs=1e-10)
+    assert np.array_equal(placed[3:], q[3:])  # only the place changes
+    assert np.array_equal(placed[:2], q[:2])  # over a level floor
+
+
+def test_a_ball_comes_to_rest_in_a_groove():
+    walls = [Plane((1.0, 0.0, 1.0), -0.3), Plane((-1.0, 0.0, 1.0), -0.1)]
+    scene = cp.Scene(cp.model.free_ball(radius=0.1), contacts=[
+        cp.FrictionalContact("ball", Ball(0.1), on=wall, friction=0.5, name=f"wall {i}")
+        for i, wall in enumerate(walls)
+    ])  # fmt: skip
+    q, _ = scene.state()
+    q[2] = -3.0
+    gaps = list(contact_gaps(scene, put_down(scene, q)).values())
+    assert min(gaps) == pytest.approx(0.0, abs=1e-10)
+
+
+def test_what_does_not_float_or_touch_stays():
+    arm = cp.model.pendulum()
+    q = np.array([0.3])
+    assert np.array_equal(put_down(cp.Scene(arm), q), q)
+    ball = cp.model.free_ball()
+    q = ball.postures["resting"]
+    assert np.array_equal(put_down(cp.Scene(ball), q), q)
+
+
+def test_q_is_checked_and_kept():
+    scene = cp.Scene(cp.model.free_ball(), contacts=[cp.FrictionalContact("ball", friction=0.5)])
+    q, _ = scene.state()
+    before = q.copy()
+    assert put_down(scene, q)[2] == pytest.approx(0.0)
+    assert np.array_equal(q, before)
+    with pytest.raises(cp.InvalidArgument, match="q"):
+        put_down(scene, q[:3])

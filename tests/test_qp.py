@@ -1,0 +1,196 @@
+"""Quadratic programs: every solver, the polish, the chain, and what is said of contradictions."""
+
+from __future__ import annotations
+
+import sys
+
+import numpy as np
+import pytest
+from programs import largest_slack, random_program
+
+import condyn_pin as cp
+from condyn_pin._core import tolerances
+from condyn_pin.control import DAQP, QPS, AnyQP, ProxQP, Quadprog
+from condyn_pin.control.qp import base
+from condyn_pin.control.qp.chain import Chain
+from condyn_pin.control.qp.elastic import elastic
+from condyn_pin.control.qp.polish import polish, start
+from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
+
+pytest.importorskip("proxsuite")
+pytest.importorskip("daqp")
+pytest.importorskip("quadprog")
+pytest.importorskip("qpsolvers")
+
+SOLVERS = [kind() for kind in QPS.values()]
+
+
+def soft(program: QuadraticProgram):
+    """Every inequality may give, and no equation."""
+    return lambda: (np.full(len(program.b), np.inf), np.ones(len(program.lower)))
+
+
+def any_row(program: QuadraticProgram):
+    return lambda: (np.ones(len(program.b)), np.ones(len(program.lower)))
+
+
+def test_a_program_by_hand():
+    """min x^2 + y^2 - 4 x with x + y = 1 and x <= 1: (1, 0), y = 0, z = 2."""
+    H, g = 2.0 * np.eye(2), np.array([-4.0, 0.0])
+    A, b, C = np.ones((1, 2)), np.ones(1), np.array([[1.0, 0.0]])
+    program = QuadraticProgram(H, g, A, b, C, np.array([-np.inf]), np.array([1.0]))
+    for solver in SOLVERS:
+        found = Chain(solver).solve(program, soft(program))
+        assert found.solved
+        assert found.path == (repr(solver),)
+        assert np.allclose(found.answer.x, [1.0, 0.0], atol=1e-12)
+        assert np.allclose([found.answer.y[0], found.answer.z[0]], [0.0, 2.0], atol=1e-12)
+        assert found.answer.at_upper.tolist() == [True]
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: type(solver).__name__)
+def test_statuses_agree_with_highs_and_answers_are_proved(solver):
+    rng = np.random.default_rng(1)
+    seen = {True: 0, False: 0}
+    for _ in range(150):
+        program = random_program(rng)
+        slack = largest_slack(program)
+        if slack is not None and abs(slack) < 1e-5:
+            continue  # at the edge, where tolerances decide
+        found = Chain(solver).solve(program, any_row(program))
+        feasible = slack is not None and slack > 0
+        seen[feasible] += 1
+        assert found.solved == feasible
+        assert (found.elastic is None) == feasible
+        if feasible:
+            assert found.answer.residual <= tolerances.KKT
+            x = found.answer.x
+            assert np.abs(program.A @ x - program.b).max(initial=0.0) <= 1e-9
+            assert (program.C @ x <= program.upper + 1e-9).all()
+            assert (program.C @ x >= program.lower - 1e-9).all()
+    assert min(seen.values()) > 30
+
+
+def test_solvers_agree():
+    rng = np.random.default_rng(2)
+    for _ in range(40):
+        program = random_program(rng)
+        answers = [Chain(solver).solve(program, any_row(program)) for solver in SOLVERS]
+        assert len({found.solved for found in answers}) == 1
+        if answers[0].solved:
+            first, *others = (found.answer.x for found in answers)
+            size = 1.0 + np.abs(first).max()
+            assert all(np.abs(first - x).max() < 1e-6 * size for x in others)
+
+
+def test_the_last_active_set_answers_the_next_program():
+    rng = np.random.default_rng(3)
+    program = next(
+        p for p in iter(lambda: random_program(rng), None) if (largest_slack(p) or 0) > 0.1
+    )
+    chain = Chain(DAQP())
+    chain.solve(program, soft(program))
+    again = chain.solve(program, soft(program))
+    assert again.path == ("last active set",)
+    assert again.iterations == 0
+    fresh = Chain(DAQP()).solve(program, soft(program))
+    assert np.abs(again.answer.x - fresh.answer.x).max() < 1e-12
+
+
+def test_a_solver_that_says_infeasible_by_mistake_is_not_believed(monkeypatch):
+    """ProxQP does, of programs of Cassie at 1e-9."""
+
+    def liar(self):
+        return lambda program: QPResult(
+            np.zeros(len(program.g)), np.zeros(len(program.lower)), "infeasible", 1
+        )
+
+    for kind in (Quadprog, DAQP, ProxQP):
+        monkeypatch.setattr(kind, "start", liar)
+    rng = np.random.default_rng(4)
+    solved = 0
+    for _ in range(40):
+        program = random_program(rng)
+        slack = largest_slack(program)
+        found = Chain(Quadprog()).solve(program, any_row(program))
+        if slack is not None and slack > 1e-5:
+            assert found.elastic is None
+            solved += found.solved
+        elif slack is None or slack < -1e-5:
+            assert found.elastic is not None
+    assert solved > 5
+
+
+def test_a_polish_takes_a_rough_answer_to_rounding():
+    rng = np.random.default_rng(5)
+    polished = 0
+    for _ in range(60):
+        program = random_program(rng)
+        exact = Chain(DAQP()).solve(program, any_row(program))
+        if not exact.solved:
+            continue
+        noise = 1e-7 * rng.normal(size=len(program.g))
+        rough = start(program, exact.answer.x + noise, exact.answer.z)
+        found = polish(program, rough, 1e-12, 10)
+        assert found.residual <= 1e-9
+        polished += 1
+    assert polished > 15
+
+
+def test_dependent_rows_have_an_answer():
+    """Four corners of a sole as points: twelve rows, six of them again."""
+    rng = np.random.default_rng(6)
+    A = rng.normal(size=(3, 8))
+    A = np.vstack((A, A[0] + A[1], A[2] - 2 * A[0]))
+    b = A @ rng.normal(size=8)
+    program = QuadraticProgram(
+        np.eye(8), rng.normal(size=8), A, b, np.eye(8), np.full(8, -3.0), np.full(8, 3.0)
+    )
+    answers = [Chain(solver).solve(program, soft(program)).answer for solver in SOLVERS]
+    assert all(np.abs(program.A @ found.x - b).max() < 1e-12 for found in answers)
+    assert all(np.abs(found.x - answers[0].x).max() < 1e-10 for found in answers)
+
+
+def test_what_gives_and_what_stands_against_it():
+    """x >= 1 and x <= -1, of which only the first may give: by 2."""
+    C, none = np.ones((2, 1)), np.zeros((0, 1))
+    lower, upper = np.array([1.0, -np.inf]), np.array([np.inf, -1.0])
+    program = QuadraticProgram(np.eye(1), np.zeros(1), none, np.zeros(0), C, lower, upper)
+    found = elastic(program, np.zeros(0), np.array([1.0, np.inf]))
+    assert np.allclose(found.of_inequalities, [2.0, 0.0])
+    assert found.against_inequalities[1] == pytest.approx(1.0)
+    crossed = QuadraticProgram(
+        np.eye(1), np.zeros(1), none, np.zeros(0), C[:1], np.array([1.0]), np.array([-1.0])
+    )
+    answer = Chain(DAQP()).solve(crossed, soft(crossed))
+    assert not answer.solved
+    assert answer.elastic.of_inequalities[0] == pytest.approx(1.0)  # either bound by one
+
+
+def test_a_missing_package_says_what_to_install(monkeypatch):
+    monkeypatch.setitem(sys.modules, "proxsuite", None)
+    with pytest.raises(cp.errors.MissingExtra, match=r'pip install "condyn_pin\[control\]"'):
+        Chain(ProxQP())
+
+
+def test_bad_parameters_are_refused():
+    for wrong in ({"tolerance": -1.0}, {"tolerance": np.nan}, {"max_iterations": 0}):
+        with pytest.raises(cp.InvalidArgument, match=next(iter(wrong))):
+            ProxQP(**wrong)
+        with pytest.raises(cp.InvalidArgument, match=next(iter(wrong))):
+            DAQP(**wrong)
+    with pytest.raises(cp.errors.UnknownName, match="no QP solver installed named 'gurobi2'"):
+        AnyQP("gurobi2").start()
+    assert ProxQP().rougher.tolerance == pytest.approx(1e-4)
+    assert base.QPS["daqp"] is DAQP
+
+
+def test_a_program_without_unknowns_is_a_question_of_its_bounds():
+    none, rows = np.zeros((0, 0)), np.zeros((1, 0))
+    for upper, fine in ((1.0, True), (-1.0, False)):
+        program = QuadraticProgram(
+            none, np.zeros(0), none, np.zeros(0), rows, np.array([-np.inf]), np.array([upper])
+        )
+        found = Chain(DAQP()).solve(program, soft(program))
+        assert found.solved == fine
+        assert (found.elastic is None) == fine
