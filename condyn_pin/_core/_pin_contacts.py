@@ -13,6 +13,7 @@
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from functools import lru_cache
 from typing import Any, Final, NamedTuple
 
@@ -134,30 +135,44 @@ def _conic(
     return Conic(result.retrieveConstraintImpulses(), result.iterations)
 
 
-_made = threading.local()
+class _Memory(threading.local):
+    """What a thread keeps for its next problems, by what it is for."""
+
+    def __init__(self) -> None:
+        self._kept: dict[Any, Any] = {}
+
+    def of(self, key: Any, make: Callable[[], Any]) -> Any:
+        """Return what was made for a key, or make it."""
+        made = self._kept.get(key)
+        if made is None:
+            if len(self._kept) >= _MOST_KEPT:
+                self._kept.clear()
+            made = self._kept[key] = make()
+        return made
+
+
+_MOST_KEPT: Final = 64
+_memory = _Memory()
 
 
 def _solver(kind: Any, size: int) -> Any:
     """Return a solver of Pinocchio 4: memory for problems of a size, and nothing of their answers.
 
-    The last one of each kind of this thread is kept: to make it takes as long as three iterations.
+    To make one takes as long as three iterations.
     """
-    key, solver = vars(_made).get(kind, (None, None))
-    if key != size:
-        solver = kind(size)
-        vars(_made)[kind] = size, solver
-    return solver
+    return _memory.of((kind, size), lambda: kind(size))
 
 
 def _sets(friction: Array, limits: Array) -> tuple[Any, Any]:
     """Return models and datas of a mechanism that does not matter, for the sizes and sets in them.
 
-    Solvers read nothing else of them, and write nothing. Those of the last call of this thread are
-    kept: the next problem often has the same sets.
+    Solvers read nothing else of them, and write nothing: the next problem often has the same sets.
     """
-    key = friction.tobytes() + limits.tobytes(), len(limits)
-    if getattr(_made, "key", None) == key:
-        return _made.sets  # type: ignore[no-any-return]
+    key = friction.tobytes(), limits.tobytes()
+    return _memory.of(key, lambda: _new_sets(friction, limits))  # type: ignore[no-any-return]
+
+
+def _new_sets(friction: Array, limits: Array) -> tuple[Any, Any]:
     model, here = pin.Model(), pin.SE3.Identity()
     for i in range(max(len(limits), 1)):
         model.addJoint(i, pin.JointModelRZ(), here, f"joint {i}")
@@ -174,5 +189,4 @@ def _sets(friction: Array, limits: Array) -> tuple[Any, Any]:
         models.append(pin.ConstraintModel(dry))
     for each in models:
         datas.append(each.createData())
-    _made.key, _made.sets = key, (models, datas)
     return models, datas

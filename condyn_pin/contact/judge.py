@@ -138,15 +138,16 @@ def attempt_contact(
     """
     if not problem.rows:
         return Attempt(np.zeros(0), 0, ()), 0.0
-    parts = islands(problem)
-    if len(parts) == 1:
+    apart = islands(problem)
+    if not apart:
         return _insist(problem, solver, guess, accuracy)
     lam, iterations, path = np.empty(problem.rows), 0, dict[str, None]()
-    for rows, part in parts:
-        begin = None if guess is None else guess[rows]
+    for island in apart:
+        part = island.problem(problem)
+        begin = None if guess is None else guess[island.rows]
         enough = max(accuracy * _share(part, problem), FINEST)
         found, _ = _insist(part, solver, begin, enough)
-        lam[rows] = found.lam
+        lam[island.rows] = found.lam
         iterations += found.iterations
         path |= dict.fromkeys(found.path)
     return Attempt(lam, iterations, tuple(path)), natural_residual(problem, lam)

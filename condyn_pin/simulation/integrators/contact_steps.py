@@ -90,7 +90,6 @@ class ContactSteps:
         self._inertia = passive.inertia(dt) if passive.inertia(dt).any() else None
         self._between = passive.between
         self._is_implicit = self._inertia is not None or self._between is not None
-        self._diagonal = np.diag_indices(system.model.nv)
         self._rank = chains_of(system.scene).rank if system.scene.rows else 0
         self._chosen: tuple[bytes, Chosen] | None = None
         self._normals = self._candidates.normals
@@ -242,7 +241,8 @@ class ContactSteps:
     def _factors(self, M: Array, J_b: Array, q: Array) -> MinimumNorm:
         """Return the factors of J_b and of M with what springs and damping add to it in a step."""
         if self._inertia is not None:
-            M[self._diagonal] += self._inertia
+            diagonal = np.einsum("ii->i", M)  # a view
+            diagonal += self._inertia
         if self._between is not None:
             rows, weights = self._between.inertia_rows(q, self._dt)
             M += rows.T @ (weights[:, None] * rows)
