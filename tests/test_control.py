@@ -492,6 +492,23 @@ def test_a_level_gives_nothing_to_those_below_it():
     assert is_proved(strict)
 
 
+def test_levels_that_end_in_a_corner_leave_what_they_have():
+    """Pushes at random that the floor can give in part: little is left, and all of it proved."""
+    scene, _, _ = talos()
+    rng, rest = np.random.default_rng(5), [[Orientation("base_link")], [Posture()]]
+    for _ in range(20):
+        q, v = scene.sample(rng, spread=0.02, speed=0.5)
+        push = CenterOfMass(a=4.0 * rng.normal(size=3), weight=100)
+        out = Controller(scene, Hierarchy([push], *rest), cones=WrenchCone(0.5)).solve(q, v)
+        alone = Controller(scene, Hierarchy([push]), cones=WrenchCone(0.5)).solve(q, v)
+        assert out.status.ok
+        assert alone.status.ok
+        best, found = (np.linalg.norm(each.errors["CenterOfMass"]) for each in (alone, out))
+        assert found <= best * (1 + 1e-4) + 1e-6
+        size = np.abs(out.lam).max()
+        assert all(margin.least > -1e-8 * size for margin in out.margins.values())
+
+
 def test_levels_that_agree_are_all_done():
     scene, q, v = solo()
     out = Controller(scene, Hierarchy(*[[task] for task in STAND]), cones=OCTAGON).solve(q, v)

@@ -37,6 +37,10 @@ Costs = Callable[[], tuple[Array, Array]]
 # its best in a corner leaves nothing of it, and rounding would make that a contradiction.
 _STRICTLY = 1e-3
 
+# What rows at their bounds may give for the levels below [m/s^2], so that a corner has an inside:
+# 1e-10 of gravity, a hundredth of what counts as no force.
+_SLACK = 1e-9
+
 # Rows of inequalities that the levels above have decided: what is left of them is rounding.
 _DECIDED = 1e-9
 
@@ -139,8 +143,8 @@ def _within(
     g = WG.T @ (level.G @ x - level.b) + regularisation * (Z.T @ x)
     lower, upper = program.lower - Cx, program.upper - Cx
     # what the levels above left at a bound is there but for rounding
-    lower[(lower > 0) & (lower < tolerances.KKT)] = 0.0
-    upper[(upper < 0) & (upper > -tolerances.KKT)] = 0.0
+    lower[(lower > -_SLACK) & (lower < 10 * _SLACK)] = -_SLACK
+    upper[(upper < _SLACK) & (upper > -10 * _SLACK)] = _SLACK
     decided = (np.linalg.norm(CZ, axis=1) < _DECIDED) & (lower <= 0) & (upper >= 0)
     lower[decided], upper[decided] = -np.inf, np.inf
     none = np.zeros((0, Z.shape[1]))

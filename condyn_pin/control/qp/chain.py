@@ -80,6 +80,12 @@ class Chain:
         costs : callable
             Returns what rows cost that give: of equations and of inequalities (`elastic`).
         """
+        with np.errstate(all="ignore"):  # numbers of no answer may overflow; residuals say it
+            return self._solve(program, costs)
+
+    def _solve(
+        self, program: QuadraticProgram, costs: Callable[[], tuple[Array, Array]]
+    ) -> ChainAnswer:
         path: list[str] = []
         iterations, best = 0, None
         for name, steps, found in self._answers(program):

@@ -63,7 +63,9 @@ def start(
     if active:
         return Polished(x, y, z, active.at_lower, active.at_upper, np.inf)
     moved = program.C @ x + z
-    return Polished(x, y, z, moved < program.lower, moved > program.upper, np.inf)
+    # where rows depend on each other a solver holds only some of them, and its choice has the signs
+    at_lower, at_upper = (z < 0) & (moved < program.lower), (z > 0) & (moved > program.upper)
+    return Polished(x, y, z, at_lower, at_upper, np.inf)
 
 
 def polish(program: QuadraticProgram, rough: Polished, tolerance: float, rounds: int) -> Polished:
@@ -86,8 +88,8 @@ def polish(program: QuadraticProgram, rough: Polished, tolerance: float, rounds:
             now.x,
             now.y,
             now.z,
-            (at_lower & (now.z < 0)) | (inactive & (Cx < program.lower)),
-            fixed | (at_upper & (now.z > 0)) | (inactive & (Cx > program.upper)),
+            (at_lower & (now.z < 0)) | (inactive & (Cx < program.lower - tolerance)),
+            fixed | (at_upper & (now.z > 0)) | (inactive & (Cx > program.upper + tolerance)),
             np.inf,
         )
     return best
