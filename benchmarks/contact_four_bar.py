@@ -33,6 +33,9 @@ JSON = ROOT / "benchmarks" / "results" / "contact_four_bar.json"
 DURATION, DT = 1.0, 1e-3  # [s]
 BARS = ("coupler", "rocker")  # that the loop joins
 
+# Where in the time for which it moves the bars a velocity is tangent to the loop.
+BEGINNING, MIDDLE, END = "at the beginning", "in the middle", "at the end"
+
 
 @dataclass(frozen=True)
 class Row:
@@ -41,7 +44,7 @@ class Row:
     Attributes
     ----------
     method, tangent : str
-        `tangent` is where in a step the velocity is tangent to the loop.
+        `tangent` is where on its way the velocity is tangent to the loop.
     distance : float
         Of the middle of a bar from where it has to be, the largest [m].
     energy : float
@@ -61,9 +64,9 @@ def ours() -> tuple[list[Row], np.ndarray]:
     wanted = middles(scene, exact.q[-1])
     rows = []
     schemes = {
-        cp.SemiImplicitEuler(): "at the end",
-        cp.StewartTrinkle(): "in the middle",
-        cp.Moreau(): "in the middle, q too",
+        cp.SemiImplicitEuler(): END,
+        cp.StewartTrinkle(): MIDDLE,
+        cp.Moreau(): MIDDLE,
     }
     for scheme, tangent in schemes.items():
         run = cp.simulate(scene, q, v, duration=DURATION, dt=DT, integrator=scheme)
@@ -109,7 +112,7 @@ def kamino(folder: Path, wanted: np.ndarray) -> tuple[list[Row], str]:
     python, output = environment.make(folder), folder / "four_bar_newton.json"
     found = run_script(python, "contact.four_bar_newton", [files], output, 1.0)
     rows = [
-        Row(f"Newton's {r['method']}", "", distance(r["centres"], wanted), r["energy"])
+        Row(f"Newton's {r['method']}", BEGINNING, distance(r["centres"], wanted), r["energy"])
         for r in found["rows"]
     ]
     return rows, found["version"]

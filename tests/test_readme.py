@@ -37,6 +37,10 @@ SCRIPTS = {
     "campaign_report": lambda script: [script.load(RESULTS / "campaign.json")],
     "conjugate_gradient": lambda script: script.load(),
     "auto_mu": lambda script: script.load(RESULTS / "auto_mu.json"),
+    "contact_peers": lambda script: script.load(),
+    "contact_convergence": lambda script: script.load(),
+    "contact_four_bar": lambda script: script.load(),
+    "falls": lambda script: script.load(),
 }
 
 

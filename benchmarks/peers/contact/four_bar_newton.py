@@ -11,13 +11,16 @@ import numpy as np
 import warp as wp
 
 from peers.contact.scene import MODEL
-from peers.contact.with_newton import INTEGRATORS, Kamino, read, turned
+from peers.contact.with_newton import ALPHA, Kamino, read, turned
 
 BARS = ("crank", "coupler", "rocker")
 GRAVITY = 9.81  # [m/s^2]
 
+# Integrators, and which share of an open joint a step closes [1].
+SETTINGS = (("euler", ALPHA), ("moreau", ALPHA), ("euler", 0.1))
 
-def closed(folder: Path, integrator: str, dt: float) -> Kamino:
+
+def closed(folder: Path, integrator: str, dt: float, alpha: float) -> Kamino:
     """Return the four-bar of a file, with the ball that closes it in the axes of both bars."""
     about = json.loads((folder / "four_bar.json").read_text(encoding="utf-8"))
     robot = read(folder / MODEL)
@@ -29,7 +32,7 @@ def closed(folder: Path, integrator: str, dt: float) -> Kamino:
         parent=bars["coupler"], child=bars["rocker"],
         parent_xform=ends["coupler"], child_xform=ends["rocker"],
     )  # fmt: skip
-    return Kamino(robot, integrator, dt)
+    return Kamino(robot, integrator, dt, alpha=alpha)
 
 
 def energy(four_bar: Kamino) -> float:
@@ -55,13 +58,13 @@ def main() -> None:
     parser.add_argument("--effort", type=float, default=1.0, help="of no use here")
     given = parser.parse_args()
     dt, rows = 1e-3, []
-    for integrator in INTEGRATORS:
-        four_bar = closed(given.folder, integrator, dt)
+    for integrator, alpha in SETTINGS:
+        four_bar = closed(given.folder, integrator, dt, alpha)
         before = energy(four_bar)
         four_bar.advance(round(1 / dt))
         rows.append(
             {
-                "method": f"Kamino, {integrator}",
+                "method": f"Kamino, {integrator}, alpha {alpha:g}",
                 "centres": four_bar.centres().tolist(),
                 "energy": abs(energy(four_bar) - before),
             }

@@ -18,6 +18,7 @@ from peers.contact.harness import Played, Way, main, played
 from peers.contact.scene import ContactScene
 
 INTEGRATORS = ("euler", "moreau")
+ALPHA = 0.01  # share of an open joint that a step closes: Kamino's default [1]
 SHORTEST = 2e-3  # smaller steps take minutes [s]
 
 
@@ -54,7 +55,12 @@ class Kamino:
     """A robot in Kamino, with its own search for contacts: Newton's takes 35 ms."""
 
     def __init__(
-        self, robot: newton.ModelBuilder, integrator: str, dt: float, restitution: float = 0.0
+        self,
+        robot: newton.ModelBuilder,
+        integrator: str,
+        dt: float,
+        restitution: float = 0.0,
+        alpha: float = ALPHA,
     ) -> None:
         self._dt = dt
         builder = newton.ModelBuilder(up_axis=newton.Axis.Z)
@@ -63,6 +69,7 @@ class Kamino:
         self.model.shape_material_restitution.fill_(restitution)
         config = SolverKamino.Config.from_model(self.model)
         config.use_collision_detector, config.integrator = True, integrator
+        config.constraints.alpha = alpha
         self._solver = SolverKamino(self.model, config=config)
         self._control = self.model.control()
         self._contacts = newton.CollisionPipeline(self.model).contacts()
