@@ -126,7 +126,7 @@ def markdown(
     for scene in scenes:
         for target in TARGETS:
             found = [fastest(rows, scene, peer, target) for peer in peers]
-            cells = (f"{r.work:.2g} ({1e3 * r.dt:g} ms)" if r else "" for r in found)
+            cells = (f"{_short(r.work)} ({1e3 * r.dt:g} ms)" if r else "" for r in found)
             lines.append(f"| {scene} | {target:.0e} | {' | '.join(cells)} |")
     lines += [
         "",
@@ -158,7 +158,11 @@ def markdown(
 def _cell(row: Row | None) -> str:
     if row is None:
         return ""
-    return "lost" if not row.error < LOST else f"{row.error:.0e}, {row.ratio:.2g}"
+    return "lost" if not row.error < LOST else f"{row.error:.0e}, {_short(row.ratio)}"
+
+
+def _short(ratio: float) -> str:
+    return f"{ratio:.2g}" if ratio < 99.5 else f"{ratio:.0f}"
 
 
 def _names(rows: Sequence[Row], field: str) -> list[str]:
