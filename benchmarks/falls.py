@@ -2,6 +2,8 @@
 
     python benchmarks/falls.py [--falls 1000] [--only solo12] [--dt 5e-4]
 
+With --from-json the table in docs/results.md is made from the committed results.
+
 Each robot is let go 2 cm above the floor, in a random state, without torques. Of every step: the
 natural residual of the contact problem, how far loops are open, and how deep contacts penetrate.
 What a step costs is beside what `pin.aba` costs on the same robot.
@@ -15,9 +17,11 @@ import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
+import marks
 import numpy as np
 
 import condyn_pin as cp
@@ -95,7 +99,7 @@ def aba(scene: cp.Scene) -> float:
     return 1e6 * float(np.median(times))
 
 
-def table(rows: list[Falls], dt: float) -> str:
+def table(rows: list[Falls], dt: float, about: dict[str, str]) -> str:
     """Return the falls as text."""
     lines = [
         f"{DURATION:g} s in steps of {1e3 * dt:g} ms from {1e2 * HEIGHT:g} cm; allowed: natural "
@@ -111,9 +115,27 @@ def table(rows: list[Falls], dt: float) -> str:
         f"{r.step_us / r.aba_us:.0f} |"
         for r in rows
     ]
-    where = ", ".join(f"{key} {value}" for key, value in machine().items())
-    broken = [reason for row in rows for reason in row.broken]
-    return "\n".join([*lines, "", *broken, "", where]) + "\n"
+    where = (
+        "`python benchmarks/falls.py` on {processor} ({cores} cores, one thread), {system}, Python "
+        "{python}, Pinocchio {pinocchio}, {date}; aba: a step over `pin.aba` of the robot."
+    )
+    return "\n".join([*lines, "", where.format(**about)])
+
+
+def reasons(rows: list[Falls]) -> str:
+    """Return why runs broke, a line each."""
+    return "\n".join(reason for row in rows for reason in row.broken)
+
+
+def load() -> tuple[list[Falls], float, dict[str, str]]:
+    """Return what `main` wrote."""
+    saved = json.loads((RESULTS / "falls.json").read_text(encoding="utf-8"))
+    return [Falls(**row) for row in saved["rows"]], saved["dt"], saved["machine"]
+
+
+def pages(*measured: Any) -> dict[str, dict[str, str]]:
+    """Return the block of docs/results.md."""
+    return {marks.RESULTS: {"falls": table(*measured)}}
 
 
 def main() -> None:
@@ -122,13 +144,19 @@ def main() -> None:
     parser.add_argument("--falls", type=int, default=1000)
     parser.add_argument("--only", choices=ROBOTS)
     parser.add_argument("--dt", type=float, default=5e-4, help="[s]")
+    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
     asked = parser.parse_args()
-    rows = [fall(name, asked.falls, asked.dt) for name in ROBOTS if asked.only in (None, name)]
-    text = table(rows, asked.dt)
-    print(text)
-    if asked.only is None:
-        (RESULTS / "falls.md").write_text(text)
-        (RESULTS / "falls.json").write_text(json.dumps([asdict(row) for row in rows], indent=1))
+    if not asked.from_json:
+        rows = [fall(name, asked.falls, asked.dt) for name in ROBOTS if asked.only in (None, name)]
+        print(table(rows, asked.dt, machine()), reasons(rows), sep="\n\n")
+        if asked.only is not None:
+            return
+        saved = {"machine": machine(), "dt": asked.dt, "rows": [asdict(row) for row in rows]}
+        (RESULTS / "falls.json").write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
+    rows, dt, about = load()
+    text = table(rows, dt, about) + "\n\n" + reasons(rows)
+    (RESULTS / "falls.md").write_text(text.rstrip() + "\n", encoding="utf-8")
+    marks.write(pages(rows, dt, about))
 
 
 if __name__ == "__main__":

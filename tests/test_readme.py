@@ -39,6 +39,10 @@ SCRIPTS = {
     "contact_models": lambda script: script.read(),
     "contact_stress": lambda script: [script.load(script.JSON)],
     "auto_mu": lambda script: script.load(RESULTS / "auto_mu.json"),
+    "contact_peers": lambda script: script.load(),
+    "contact_convergence": lambda script: script.load(),
+    "contact_four_bar": lambda script: script.load(),
+    "falls": lambda script: script.load(),
 }
 
 
