@@ -127,8 +127,9 @@ def test_rows_without_a_position_are_held_or_refused():
                 cp.simulate(scene, q, v, duration=0.5, dt=5e-3, integrator=integrator)
         else:
             found = cp.simulate(scene, q, v, duration=0.5, dt=5e-3, integrator=integrator)
-            assert found.constraint_velocity.max() < 1e-12
-            near = 1e-5 if integrator.order.v > 1 else 0.1
+            # steps with contacts have a velocity that is tangent in their middle, not at their end
+            assert found.constraint_velocity.max() < (0.03 if integrator.takes_contacts else 1e-12)
+            near = 1e-5 if integrator.order.v > 1 and not integrator.takes_contacts else 0.1
             assert np.abs(found.v[-1] - exact.v[-1]).max() < near
     for drift in (cp.Projection(), cp.PostStabilization()):
         found = cp.simulate(scene, q, v, duration=0.5, dt=5e-3, drift=drift)

@@ -72,7 +72,7 @@ def test_a_choice_that_does_not_hold_is_marked():
 def test_code_of_the_page_runs(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path))
     fewer = (cp.dynamics.NullSpace(), cp.Proximal())  # to choose from: the page takes all
-    monkeypatch.setattr("condyn_pin.study.study.default_sweep", lambda scene: fewer)
+    monkeypatch.setattr("condyn_pin.study.study.default_sweep", lambda *_: fewer)
     page = (ROOT / trade_text.PAGE).read_text(encoding="utf-8")
     session: dict[str, object] = {}
     for block in re.findall(r"```python\n(.*?)```", page, flags=re.DOTALL):

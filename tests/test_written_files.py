@@ -157,7 +157,7 @@ def test_nothing_is_written_in_another_way():
     found = []
     for path in Path(cp.__file__).parent.rglob("*.py"):
         text = path.read_text(encoding="utf-8")
-        alone = text.replace('new.open("w', "")
+        alone = text.replace('new.open("w', "").replace("self.touch(", "")  # what contacts did
         if "files" not in path.parts and any(word in alone for word in words):
             found.append(path.name)
         if "savefig(" in text and "savefig(new" not in text:

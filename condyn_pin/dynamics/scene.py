@@ -17,9 +17,6 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.contacts.base import Contact, Mode
-from condyn_pin.constraints.contacts.bound import BoundContact
-from condyn_pin.constraints.contacts.kinds import bind_contacts, held_contacts
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
@@ -28,6 +25,8 @@ from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.contacts.base import Contact, Mode
+    from condyn_pin.constraints.contacts.bound import BoundContact
     from condyn_pin.dynamics.solvers.base import Solver
     from condyn_pin.mechanism.assembly import Assembly
     from condyn_pin.mechanism.check import Check
@@ -81,8 +80,13 @@ class Scene:
             object.__setattr__(self, field, tuple(value))
         self.robot.check_unedited()
         object.__setattr__(self, "_bounds", bind(self.robot, self.constraints))
-        contacts = bind_contacts(self.robot, self.contacts, taken=self.names)
-        object.__setattr__(self, "_contact_bounds", contacts)
+        object.__setattr__(self, "_contact_bounds", self._bound_contacts() if self.contacts else ())
+
+    def _bound_contacts(self) -> tuple[BoundContact, ...]:
+        # shapes and where they meet: most scenes have none
+        from condyn_pin.constraints.contacts.kinds import bind_contacts
+
+        return bind_contacts(self.robot, self.contacts, taken=self.names)
 
     @property
     def bounds(self) -> tuple[AnyBound, ...]:
@@ -139,6 +143,8 @@ class Scene:
         UnsupportedConstraint
             If no constraint holds one: a joint at its stop, or two bodies on each other.
         """
+        from condyn_pin.constraints.contacts.kinds import held_contacts
+
         if not self.contacts:
             return self
         held = held_contacts(self.contacts, self.contact_bounds, modes)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -14,9 +14,6 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.contacts.feet import feet_of
-from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
-from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.rows.mass_pivots import least_pivots
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.model.robot_fields import check_ends, lists, members, postures
@@ -24,6 +21,10 @@ from condyn_pin.model.robot_frames import find_frame, model_with_frame
 from condyn_pin.model.soundness import check_model
 from condyn_pin.model.spring import Spring, SpringDamper
 from condyn_pin.model.spring_dampers import spring_dampers_of
+
+if TYPE_CHECKING:
+    from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
+    from condyn_pin.constraints.contacts.plane import Plane
 
 
 @dataclass(frozen=True, eq=False)
@@ -185,10 +186,7 @@ class Robot:
         return replace(self, model=model)
 
     def frictional_contacts(
-        self,
-        friction: float,
-        *,
-        on: Plane = Plane(),  # noqa: B008  a value
+        self, friction: float, *, on: Plane | None = None
     ) -> tuple[FrictionalContact, ...]:
         """Return the ready-made contacts as ones that may let go, for `Scene(contacts=...)`.
 
@@ -198,7 +196,7 @@ class Robot:
         ----------
         friction : float
             Coulomb's coefficient [1].
-        on : Plane
+        on : Plane, optional
             The ground; z = 0 of the world by default.
 
         Raises
@@ -206,6 +204,8 @@ class Robot:
         InvalidArgument
             If a contact does not say its size, or has no points that touch, such as a wheel.
         """
+        from condyn_pin.constraints.contacts.feet import feet_of
+
         return feet_of(self.contacts, friction, on)
 
     def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Array:

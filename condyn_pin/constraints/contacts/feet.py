@@ -12,7 +12,7 @@ from condyn_pin.errors import InvalidArgument
 
 
 def feet_of(
-    contacts: Sequence[Constraint], friction: float, on: Plane
+    contacts: Sequence[Constraint], friction: float, on: Plane | None
 ) -> tuple[FrictionalContact, ...]:
     """Return contacts of a robot as contacts that may let go, by their points."""
     for contact in contacts:
@@ -23,7 +23,8 @@ def feet_of(
             )
     return tuple(
         FrictionalContact(
-            foot.frame, Ball(foot.radius) if foot.radius else Point(), foot.offset, on,
+            foot.frame, Ball(foot.radius) if foot.radius else Point(), foot.offset,
+            Plane() if on is None else on,
             friction=friction, name=foot.name,
         )
         for contact in contacts

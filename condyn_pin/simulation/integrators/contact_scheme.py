@@ -100,7 +100,7 @@ class ContactScheme(Integrator, ABC):
         What answers the contact problem of each step.
     """
 
-    order: ClassVar[Order] = Order(1, 1, 1)
+    order: ClassVar[Order] = Order(1, 1, 1)  # of v 2 where nothing touches, and no body floats
     solves_per_step: ClassVar[float] = 2
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True

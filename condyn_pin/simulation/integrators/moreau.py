@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.simulation.integrators.base import Stepper
+from condyn_pin.simulation.integrators.base import Order, Stepper
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
 from condyn_pin.simulation.system import System
@@ -43,6 +43,7 @@ class Moreau(ContactScheme):
 
     title: ClassVar[str] = "Moreau"
     use: ClassVar[str] = "where contacts rebound, and for the energy of falls"
+    order: ClassVar[Order] = Order(2, 2, 1)  # while no contact opens, closes or slides
     at_midpoint: ClassVar[bool] = True
     takes_restitution: ClassVar[bool] = True
 
