@@ -169,13 +169,11 @@ def parts(scene: Scene) -> dict[str, Call]:
 def bare_admm(G: Array, g: Array, friction: Array) -> Array:
     """Return what Pinocchio's ADMM answers, as a script calls it; sets and settings are kept."""
     models, datas = _pin_contacts._sets(friction, np.zeros(0))
+    settings = _pin_contacts._admm_settings(True, 0.25 * ADMM.tolerance, 1000, ADMM.anderson)
     result = pin.ADMMSolverResult()
     solver, operator = pin.ADMMConstraintSolver(len(g)), pin.DelassusOperatorDense(G)
-    solver.solve(operator, g, models, datas, SETTINGS, result)
+    solver.solve(operator, g, models, datas, settings, result)
     return np.asarray(result.retrieveConstraintImpulses())
-
-
-SETTINGS = _pin_contacts._admm_settings(True, 0.25 * ADMM().tolerance, 1000, ADMM().anderson)
 
 
 class PlainScript:
@@ -200,16 +198,22 @@ class PlainScript:
                 for frame in self.frames
             ]
         )
-        gaps = np.array([data.oMf[frame].translation[2] for frame in self.frames])
+        gaps = self.heights()
+        pin.framesForwardKinematics(model, data, pin.integrate(model, q, DT * v))
+        bends = self.heights() - gaps - DT * J[2::3].dot(v)
         U = dpotrf(M.T)[0]
         X = dtrtrs(U, J.T, trans=1)[0]
         w = v.dot(U.T) + dtrtrs(U, DT * (tau - h), trans=1)[0]
         G, g = X.T.dot(X), w.dot(X)
-        g[2::3] += np.where(gaps > 0, gaps, 0.2 * gaps) / DT
+        g[2::3] += (bends + np.where(gaps > 0, gaps, 0.2 * gaps)) / DT
         small, speed = 1.0 / np.mean(G.diagonal()), np.abs(g).max()
         lam = bare_admm(small * G, g / speed, self.friction) * (small * speed)
         v1 = dtrtrs(U, X.dot(lam) + w)[0]
         return pin.integrate(model, q, DT * v1), v1
+
+    def heights(self) -> Array:
+        """Return how high the points are [m]."""
+        return np.array([self.data.oMf[frame].translation[2] for frame in self.frames])
 
 
 def mujoco_step(scene: Scene) -> Call:

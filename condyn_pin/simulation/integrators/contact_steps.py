@@ -121,9 +121,8 @@ class ContactSteps:
 
     def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return the same of whatever the contact solver has answered."""
-        posed, found, natural = self._answered(self.pose(t, q, v))
+        posed, found, natural, v1 = self._answered(self.pose(t, q, v))
         now, lam, dt = posed.condensed, found.lam, self._dt
-        v1 = now.velocity(lam)
         mean = 0.5 * (v + v1)
         work = float(lam.dot(posed.J_c.dot(mean)))
         self._system.contact_work += work
@@ -198,17 +197,19 @@ class ContactSteps:
         again = attempt_contact(consistent, solver, found.lam, accuracy)
         return posed._replace(problem=consistent), *again
 
-    def _answered(self, posed: Posed) -> tuple[Posed, Attempt, float]:
-        """Return what `_solved` does, posed anew with the paths of v+ where those of v mislead."""
-        scheme, chosen, answer = self._scheme, posed.chosen, self._solved(posed)
+    def _answered(self, posed: Posed) -> tuple[Posed, Attempt, float, Array]:
+        """Return what `_solved` does and v+, posed anew with its paths where those of v mislead."""
+        scheme, chosen, now = self._scheme, posed.chosen, posed.condensed
+        answer = self._solved(posed)
+        v1 = now.velocity(answer[1].lam)
         for _ in range(_AGAIN if scheme.closes_gaps and chosen.feelers else 0):
-            v1 = posed.condensed.velocity(answer[1].lam)
             bends = self._paths.missed(posed.at, v1, answer[0].near, posed.J_c, chosen)
             if bends is None:
                 break
             near = posed.near._replace(bends=bends)
             answer = self._solved(posed._replace(near=near, problem=chosen.problem(scheme, near)))
-        return answer
+            v1 = now.velocity(answer[1].lam)
+        return *answer, v1
 
     def _choose(self, near: NDArray[np.bool_]) -> Chosen:
         """Return the candidates that take part; most often they are those of the step before."""
