@@ -7,7 +7,8 @@ made from the committed results, without running anything. Pinocchio 4, whose AD
 
 All candidates of a scene are timed in one process, interleaved, at the same states of one motion.
 The plain script has Pinocchio's terms, LAPACK and ADMM, and nothing else: no proof, no loops, no
-stops, no choice of contacts. MuJoCo steps the same robot with a ball in each foot.
+stops, no choice of contacts, and axes of the base that turn within a step only after it (1e-4 m/s
+here). MuJoCo steps the same robot with a ball in each foot.
 """
 
 from __future__ import annotations
@@ -140,7 +141,8 @@ def parts(scene: Scene) -> dict[str, Call]:
     system, candidates = scene.system, scene.system.contacts
     equations, data = system.equations, system.equations.data
     problems = {id(state[0]): scene.problem(state) for state in scene.states}
-    posed = {id(state[0]): scene.steps.pose(0.0, *state[:2]) for state in scene.states}
+    poses = ((id(q), scene.steps.pose(0.0, q, v)) for q, v, _ in scene.states)
+    rows = {key: posed.J[posed.chosen.rows] for key, posed in poses}
     small = {key: padded(normalised(problem)[0]) for key, problem in problems.items()}
     solver = ADMM()
 
@@ -151,7 +153,7 @@ def parts(scene: Scene) -> dict[str, Call]:
     def condensed(q: Array, v: Array, tau: Array) -> None:
         M, J_b, p = known[id(q)]
         factors = factorise(M, J_b, tolerances.RANK)
-        now = condense(factors, posed[id(q)].J_c, v, p, np.zeros(len(J_b)))
+        now = condense(factors, rows[id(q)], v, p, np.zeros(len(J_b)))
         _ = now.G, now.contact_velocities
 
     known = {}
@@ -281,7 +283,7 @@ def measured(scene: Scene, rounds: int, *, floor: bool) -> Row:
         calls |= {"script": script.step, "mujoco": mujoco_step(scene)}
         for q, v, tau in scene.states:
             np.testing.assert_allclose(script.step(q, v, tau)[1], scene.steps.step(0.0, q, v)[1],
-                                       atol=1e-5)  # fmt: skip
+                                       atol=1e-3)  # fmt: skip
     times = interleaved(calls, scene.states, rounds=rounds, repeats=REPEATS)
     in_parts = np.sum([times[name].samples for name in ("terms", "condense", "bare")], axis=0)
     iterations, natural, error = errors(scene)

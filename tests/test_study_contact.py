@@ -231,5 +231,6 @@ def test_condyn_simulate_puts_a_robot_onto_its_feet_and_view_shows_it(tmp_path):
     assert said.exit_code == 0, said.stderr
     assert "Moreau(contact=ADMM(" in said.stdout
     assert max(abs(gap[0]) for gap in cp.Trajectory.load(motion).gaps.values()) < 1e-9
-    assert run("view", str(motion), "--html", str(page), "--light").exit_code == 0
+    assert run("view", str(motion), "--html", str(page), "--light", "--cones").exit_code == 0
     assert "contact that sticks" in page.read_text(encoding="utf-8")
+    assert "forces that friction can give" in page.read_text(encoding="utf-8")

@@ -34,6 +34,10 @@ CLOSED: Final = 1e-10
 # kept below.
 NEARLY_CLOSED: Final = 1e-4
 
+# Gap of a contact that an event brings in the middle of a motion [m, rad]: steps of fast falls
+# leave as much of the one before in its place, and to push it out takes five steps.
+NEARLY_APART: Final = 1e-3
+
 # Violation of a loop where a file draws its model [m, rad]: files are written with six
 # digits. A larger one is told to the user, for the file may mean another place.
 DRAWN: Final = 1e-6

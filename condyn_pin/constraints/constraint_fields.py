@@ -32,6 +32,15 @@ def floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
     return tuple(float(x) for x in array)
 
 
+def not_negative(argument: str, value: Any) -> float:
+    """Return a number that is not negative, or raise InvalidArgument."""
+    number = float(finite(argument, value, ()))
+    if number < 0:
+        raise InvalidArgument(f"{argument} = {shown(value)}: a number >= 0 is needed")
+    check_size(argument, number)
+    return number
+
+
 def check_size(argument: str, *numbers: float) -> None:
     """Refuse numbers so large that what is computed from them overflows."""
     for number in numbers:

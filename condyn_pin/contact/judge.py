@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin._core.arrays import Array, finite, read_only, shown
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin._core.tolerances import FINEST
@@ -75,7 +75,16 @@ def solve_contact(
     Le Lidec, Jallet, Montaut, Laptev, Schmid, Carpentier. Contact models in robotics: a comparative
     analysis. IEEE Transactions on Robotics 40, 2024; each solver names its own.
     """
-    chosen = solver or _DEFAULT
+    if not isinstance(problem, ContactProblem):
+        raise InvalidArgument(
+            f"problem = {shown(problem)}: a ContactProblem is needed; contact_problem(scene, q, v, "
+            "dt=...) makes that of a step"
+        )
+    chosen = _DEFAULT if solver is None else solver
+    if not isinstance(chosen, ContactSolver):
+        raise InvalidArgument(
+            f"solver = {shown(solver)}: a contact solver is needed, such as ADMM()"
+        )
     if problem.law not in chosen.laws:
         raise InvalidArgument(
             f"{chosen!r} solves {' and '.join(chosen.laws)}, and the problem is a {problem.law}: "

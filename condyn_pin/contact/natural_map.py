@@ -4,6 +4,11 @@ F(lam) = lam - P_K(lam - d(lam)) = 0,    F' = 1 - P_K' (1 - d' G)
 
 F is piecewise smooth, and any of its one-sided derivatives makes a step. Where contacts are
 redundant, F' is singular, and the smallest step is taken; it is halved until |F| falls.
+
+Where it does not, redundant contacts may stick that are asked for velocities which no motion has,
+as the two ends of a tilted foot are by gaps that both are to close. What they carry among
+themselves then grows, without a change of F, until one of them slides: that far it is taken at
+once.
 """
 
 from __future__ import annotations
@@ -25,6 +30,14 @@ _HALVINGS: Final = 20
 # Singular values of F' that redundant contacts leave, and steps ignore.
 _REDUNDANT: Final = 1e-12
 
+# How often redundant contacts are taken to where one slides.
+_SLIPS: Final = 8
+
+# Share of a residual along what moves nothing, for which it is the reason, and how far behind the
+# place where a contact slides a step begins, so that it does slide there.
+_ALONG: Final = 0.5
+_BEHIND: Final = 1e-3
+
 
 class End(NamedTuple):
     """Where Newton's method ended."""
@@ -35,7 +48,8 @@ class End(NamedTuple):
 
 def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> End:
     """Return the end of Newton's method on a normalised problem."""
-    steps, point = 0, _natural_map(problem, lam)
+    steps, slips, point = 0, 0, _natural_map(problem, lam)
+    best, least = lam, point.size
     while steps < max_iterations and isfinite(point.size):
         if point.largest <= _ROUNDING * max(1.0, float(np.abs(lam).max(initial=0.0))):
             break
@@ -45,11 +59,16 @@ def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> End:
         except np.linalg.LinAlgError:
             break
         steps += 1
-        shrunk = _descend(problem, lam, np.asarray(step), point)
-        if shrunk is None:
+        moved = _descend(problem, lam, np.asarray(step), point)
+        if moved is None and slips < _SLIPS:
+            slips += 1
+            moved = _until_one_changes(problem, lam, point, D)
+        if moved is None:
             break
-        lam, point = shrunk
-    return End(lam, steps)
+        lam, point = moved
+        if point.size < least:
+            best, least = lam, point.size
+    return End(best, steps)
 
 
 class _Point(NamedTuple):
@@ -75,6 +94,45 @@ def _descend(
             return there, reached
         share /= 2
     return None
+
+
+def _until_one_changes(
+    problem: ContactProblem, lam: Array, point: _Point, D: Array
+) -> tuple[Array, _Point] | None:
+    """Return lam with as much of what changes no F as makes a contact stick, slide or open."""
+    try:
+        _, sizes, V = np.linalg.svd(D)
+    except np.linalg.LinAlgError:
+        return None
+    N = V[sizes <= _REDUNDANT * sizes[0]]
+    y = -N.T.dot(N.dot(point.F))
+    length = float(np.sqrt(y @ y))
+    if not length > _ALONG * point.size:
+        return None
+    y /= length
+    far = _first_change(problem, point, y)
+    if not isfinite(far):
+        return None
+    there = lam + (1 + _BEHIND) * far * y
+    return there, _natural_map(problem, there)
+
+
+def _first_change(problem: ContactProblem, point: _Point, y: Array) -> float:
+    """Return how far along y (m,) the first cone is that x enters or leaves, K or its polar cone.
+
+    |x_t + s w_t| = mu (x_n + s w_n),    mu |x_t + s w_t| = -(x_n + s w_n)
+    """
+    cones, mu2 = problem.sets.parts[0], problem.friction**2
+    X, S, Y = (each[cones].reshape(-1, 3) for each in (point.x, point.sigma, problem.G.dot(y)))
+    W = y[cones].reshape(-1, 3) - (_dual_derivative(problem, S) @ Y[:, :, None])[:, :, 0]
+    one = np.ones_like(mu2)
+    weights = np.concatenate((np.stack((one, one, -mu2), 1), np.stack((mu2, mu2, -one), 1)))
+    X, W = np.concatenate((X, X)), np.concatenate((W, W))
+    a, b, c = ((weights * each).sum(axis=1) for each in (W * W, X * W, X * X))
+    with np.errstate(all="ignore"):  # no root: a cone that x never meets
+        q = -(b + np.copysign(np.sqrt(b * b - a * c), b))
+        roots = np.concatenate((q / a, c / q))
+    return float(roots[roots > _ROUNDING].min(initial=np.inf))
 
 
 def _natural_map(problem: ContactProblem, lam: Array) -> _Point:

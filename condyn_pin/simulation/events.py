@@ -162,7 +162,8 @@ class Event:
 
     def changes(self, scene: Scene) -> bool:
         """Whether it does anything while a scene goes on: brings another one, or an impact."""
-        if self.ends or (self.scene or scene).constraints != scene.constraints:
+        after = self.scene or scene
+        if self.ends or after.constraints != scene.constraints or after.contacts != scene.contacts:
             return True
         return self.met is not None and not set(self.met.constraints) <= set(scene.constraints)
 

@@ -66,15 +66,31 @@ def slip_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, dt: 
 
 def check_penetration(scene: Scene, q: Array, integrator: Integrator) -> None:
     """Raise NotAssembled if a contact penetrates at q, unless it does at rest too."""
+    cure = "lift the robot by as much, or say close_start=False, and the steps push it out"
+    _raise_if_deep(scene, q, integrator, tolerances.NEARLY_CLOSED, "", f" at the start: {cure}")
+
+
+def check_deeper(
+    scene: Scene, before: Scene, q: Array, integrator: Integrator, *, what: str
+) -> None:
+    """Raise NotAssembled if a contact penetrates at q that a scene brings, by what no step left."""
+    left = max(0.0, -float(gaps_at(before, q)[1].min(initial=0.0)))
+    fresh = tuple(each for each in scene.contacts if each not in before.contacts)
+    scene = replace(scene, constraints=(), contacts=fresh)
+    cure = ": move what it touches, or let the event come before"
+    _raise_if_deep(scene, q, integrator, max(tolerances.NEARLY_APART, left), what, cure)
+
+
+def _raise_if_deep(
+    scene: Scene, q: Array, integrator: Integrator, limit: float, what: str, cure: str
+) -> None:
     if not scene.contacts or (isinstance(integrator, ContactScheme) and integrator.gives_way):
         return
     candidates, gaps = gaps_at(scene, q)
-    if len(gaps) and gaps.min() < -tolerances.NEARLY_CLOSED:
+    if gaps.min(initial=0.0) < -limit:
         k = int(gaps.argmin())
-        raise NotAssembled(
-            f"{candidates.names[k]} penetrates by {-gaps[k]:.3g} m or rad at the start: lift the "
-            "robot by as much, or say close_start=False, and the steps push it out"
-        )
+        unit = "m" if candidates.is_length[k] else "rad"
+        raise NotAssembled(f"{what}{candidates.names[k]} penetrates by {-gaps[k]:.3g} {unit}{cure}")
 
 
 def check_slip(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:

@@ -23,7 +23,13 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.events import Ended, Event, Happened, Snapshot, ZenoDetected
-from condyn_pin.simulation.fit import anchored, check_fit, check_slip, slip_of_steps
+from condyn_pin.simulation.fit import (
+    anchored,
+    check_deeper,
+    check_fit,
+    check_slip,
+    slip_of_steps,
+)
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.plan import Plan
 from condyn_pin.simulation.recorder import BLOCK
@@ -191,7 +197,9 @@ class HybridSimulator:
         self._places = {c: self._places[c] for c in self._asked.constraints if c in self._places}
         met = event.met or event.scene
         assert met is not None
-        change = switch(before, self._placed(met), self.q, self.v, restitution=event.restitution)
+        # contacts that may open take part in the steps, and not in the impact of an event
+        held, met = before.bilateral, self._placed(met).bilateral
+        change = switch(held, met, self.q, self.v, restitution=event.restitution)
         jump, self.v = change.v - self.v, change.v
         if event.scene is None or event.scene is left:
             what = f"event {event.name!r}: its impact tears apart what goes on: let met hold that: "
@@ -201,6 +209,7 @@ class HybridSimulator:
             what = f"event {event.name!r}: its scene does not fit the state: "
             slip = slip_of_steps(after, self.q, self.v, self.plan.integrator, self.plan.dt)
             check_fit(after, self.q, self.v, slip=slip, what=what)
+            check_deeper(after, before, self.q, self.plan.integrator, what=what)
             self._asked = event.scene
             self.phase = HybridPhase(after, self.plan)
             self.phase.system.contact_work = self._contact_work

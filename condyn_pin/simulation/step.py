@@ -23,7 +23,8 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.contact_steps import ContactSteps, Posed
+from condyn_pin.simulation.integrators.contact_steps import ContactSteps
+from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.plan import check_scheme
 from condyn_pin.simulation.step_solution import StepSolution
@@ -82,6 +83,9 @@ def step(
 
     Notes
     -----
+    Within the equation v+ of a floating body is in the axes in which the step begins; the velocity
+    that is returned is in those in which it ends, as Pinocchio has it.
+
     Cost: a step in `simulate`, of which three quarters is the contact solver, and as much again for
     the proof.
     """
@@ -127,7 +131,8 @@ def contact_problem(
     Returns
     -------
     ContactProblem
-        In the rows of the contacts that take part.
+        In the rows of the contacts that take part: those that are near, and those that the step
+        would close.
 
     Raises
     ------
@@ -160,9 +165,11 @@ class _Memory:
     def pose(
         self, q: Array, v: Array, tau: float | ArrayLike, forces: Sequence[AppliedForce]
     ) -> Posed:
-        """Return the step from a state, its contact problem not yet solved."""
+        """Return the step from a state as it was posed."""
         self._hold(tau, forces)
-        return self._steps.pose(0.0, q, v)
+        with np.errstate(all="ignore"):
+            self._steps.attempt(0.0, q, v)  # an answer shows which contacts take part
+        return self._steps.last.posed
 
     @one_blas_thread
     def step(
@@ -170,13 +177,17 @@ class _Memory:
     ) -> StepSolution:
         """Return the step from a state, and what it leaves of each law."""
         self._hold(tau, forces)
+        with np.errstate(all="ignore"):  # the status says it
+            return self._proved(q, v)
+
+    def _proved(self, q: Array, v: Array) -> StepSolution:
         begun = perf_counter()
         q1, v1, a = self._steps.attempt(0.0, q, v)
         took = perf_counter() - begun
-        posed, found, natural, work = self._steps.last
+        posed, ended, found, natural, work = self._steps.last
         lam = self._steps.impulses()
         contact = judged(posed.problem, found, natural, tolerances.CONTACT_SOLVED, took)
-        dynamics, slip = self._errors(posed, v, a, v1, lam / self._dt)
+        dynamics, slip = self._errors(posed, ended, a, lam / self._dt)
         equations, candidates = self._system.equations, self._system.contacts
         violation = equations.open_by(q1, v1)[0]
         gaps = candidates.gaps(equations.data, q1)
@@ -191,26 +202,26 @@ class _Memory:
         )  # fmt: skip
 
     def _hold(self, tau: float | ArrayLike, forces: Sequence[AppliedForce]) -> None:
-        none = isinstance(tau, int | float) and tau == 0
+        none = isinstance(tau, int | float) and not isinstance(tau, bool) and tau == 0
         nv = self._scene.robot.nv
         torques = finite("tau", np.zeros(nv) if none else tau, nv)
         self._system.applied.hold(torques, applied_forces(forces))
 
-    def _errors(
-        self, posed: Posed, v: Array, a: Array, v1: Array, lam: Array
-    ) -> tuple[float, float]:
+    def _errors(self, posed: Posed, ended: Array, a: Array, lam: Array) -> tuple[float, float]:
         """Return what is left of the balance of momentum [N s], and of J_b v+ [m/s]."""
         equations, passive = self._system.equations, self._system.passive
-        at, rows = posed.at, self._scene.rows
-        tau = posed.tau - passive.inertia(self._dt) * a
+        at, v, rows = posed.at, posed.v, self._scene.rows
+        gained = (ended - v) / self._dt
+        tau = posed.tau - passive.inertia(self._dt) * gained
         if passive.between is not None:
             U, weights = passive.between.inertia_rows(at, self._dt)
-            tau -= U.T @ (weights * (U @ a))
+            tau -= U.T @ (weights * (U @ gained))
         bounds = self._scene.contact_bounds
         pushed = contact_load(self._system.model, equations.data, at, bounds, lam[rows:])
         left, _ = equations.residuals(at, posed.mean, tau + pushed.torque, a, lam[:rows], pushed)
         wanted = 0.5 * self._dt * equations.target(at, v)
-        slip = np.abs(equations.gaps(at, v1)[1] - wanted)
+        # a - gained is -w x u of floating bodies
+        slip = np.abs(equations.gaps(at, ended + 0.5 * self._dt * (a - gained))[1] - wanted)
         return self._dt * float(np.abs(left).max()), float(slip.max(initial=0.0))
 
 

@@ -40,6 +40,9 @@ def view(
     ] = False,
     speed: Annotated[float, typer.Option(help="Seconds of a motion played in one second.")] = 1.0,
     light: Annotated[bool, typer.Option("--light", help="At most 30 000 triangles.")] = False,
+    cones: Annotated[
+        bool, typer.Option("--cones", help="Draw the friction cones of a motion's contacts.")
+    ] = False,
     html: Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")] = None,
     png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
     port: Annotated[
@@ -68,8 +71,8 @@ def view(
     else:
         chosen = _motion(subject, motion)
     with view_subject(
-        chosen, posture=None if forces else posture, speed=speed, light=light, html=html, png=png,
-        browser=browser, port=port,
+        chosen, posture=None if forces else posture, speed=speed, light=light, cones=cones,
+        html=html, png=png, browser=browser, port=port,
     ) as viewer:  # fmt: skip
         _show(viewer, html, png)
 

@@ -121,6 +121,12 @@ class Candidates:
             return gaps
         return np.concatenate((gaps, self._sign * (q[self._iq] - self._limit)))
 
+    @property
+    def normals(self) -> NDArray[np.int_]:
+        """The rows along which gaps change, of cones and half-lines."""
+        lines = 3 * self.cones + np.arange(self.half_lines)
+        return np.concatenate((np.arange(2, 3 * self.cones, 3), lines))
+
     def rows_of(self, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
         """Return a flag for each row: whether its candidate is active."""
         return np.repeat(active, self._sizes)

@@ -14,7 +14,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite, shown
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.constraint_fields import Vector3, check_size, floats, text
+from condyn_pin.constraints.constraint_fields import Vector3, floats, not_negative, text
 from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact, Pair, Solid, Touch
 from condyn_pin.constraints.contacts.plane import Plane
@@ -79,15 +79,13 @@ class FrictionalContact(Contact):
             raise InvalidArgument(
                 "friction is missing: it has no default; 0 is ice, 0.7 rubber on a dry floor"
             )
-        if finite("friction", self.friction, ()) < 0:
-            raise InvalidArgument(f"friction = {shown(self.friction)}: a number >= 0 is needed")
-        check_size("friction", self.friction)
-        object.__setattr__(self, "friction", float(self.friction))
-        if not 0 <= finite("restitution", self.restitution, ()) <= 1:
+        object.__setattr__(self, "friction", not_negative("friction", self.friction))
+        restitution = float(finite("restitution", self.restitution, ()))
+        if not 0 <= restitution <= 1:
             raise InvalidArgument(
                 f"restitution = {shown(self.restitution)}: a number from 0 to 1 is needed"
             )
-        object.__setattr__(self, "restitution", float(self.restitution))
+        object.__setattr__(self, "restitution", restitution)
         self._set_name(self.frame)
 
     def _check_ground(self) -> None:

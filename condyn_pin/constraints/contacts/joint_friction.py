@@ -9,9 +9,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from condyn_pin._core._pin import dry_friction
-from condyn_pin._core.arrays import finite, shown
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.constraint_fields import check_size, text
+from condyn_pin.constraints.constraint_fields import not_negative, text
 from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact, Dry
 from condyn_pin.constraints.contacts.coordinates import joint_named, not_held
@@ -38,10 +37,7 @@ class JointFriction(Contact):
     def __post_init__(self) -> None:
         text("joint", self.joint, "joint")
         if self.torque is not None:
-            if finite("torque", self.torque, ()) < 0:
-                raise InvalidArgument(f"torque = {shown(self.torque)}: a number >= 0 is needed")
-            check_size("torque", self.torque)
-            object.__setattr__(self, "torque", float(self.torque))
+            object.__setattr__(self, "torque", not_negative("torque", self.torque))
         self._set_name(f"{self.joint}/friction")
 
     def bind(self, machine: Machine) -> BoundContact:

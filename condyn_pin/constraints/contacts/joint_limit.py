@@ -52,6 +52,13 @@ class JointLimit(Contact):
             )
         ends = (("lower", 1.0, machine.model.lowerPositionLimit),
                 ("upper", -1.0, machine.model.upperPositionLimit))  # fmt: skip
+        coordinates = range(joint.idx_q, joint.idx_q + joint.nq)
+        lower, upper = (limits[coordinates] for _, _, limits in ends)
+        if (lower > upper).any():
+            raise InvalidArgument(
+                f"{self.name}: joint {self.joint!r} has its lower limit {lower.max():g} above the "
+                f"upper one, {upper.min():g}; exchange those of the model"
+            )
         largest = np.finfo(np.float64).max  # what Pinocchio writes for "no limit"
         stops = [
             Stop(

@@ -76,6 +76,7 @@ class Ball(Shape):
 
     def __post_init__(self) -> None:
         check_positive("length [m]", radius=self.radius)
+        object.__setattr__(self, "radius", float(self.radius))
 
     @property
     def feelers(self) -> tuple[Feeler, ...]:
@@ -105,6 +106,8 @@ class Capsule(Shape):
 
     def __post_init__(self) -> None:
         check_positive("length [m]", radius=self.radius, half_length=self.half_length)
+        object.__setattr__(self, "radius", float(self.radius))
+        object.__setattr__(self, "half_length", float(self.half_length))
 
     @property
     def feelers(self) -> tuple[Feeler, ...]:
@@ -136,6 +139,8 @@ class Box(Shape):
 
     def __post_init__(self) -> None:
         check_positive("half of an edge [m]", x=self.x, y=self.y, z=self.z)
+        for edge in "xyz":
+            object.__setattr__(self, edge, float(getattr(self, edge)))
 
     @property
     def feelers(self) -> tuple[Feeler, ...]:

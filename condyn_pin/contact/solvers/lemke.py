@@ -17,6 +17,13 @@ from condyn_pin.errors import InvalidArgument
 # An entry of the entering column, relative to its largest, that is rounding and not a pivot.
 _NO_PIVOT = 1e-11
 
+# Compliance, in units of G, with which redundant contacts are asked again where rounding has led to
+# a ray: far above the pivots that are none, far below what a polygon is off the circle.
+_SOFT = 1e-6
+
+# A negative entry of an answer, relative to the largest, that is rounding.
+_NEGATIVE = 1e-6
+
 # Ratios that differ by less are tied, and the lexicographic rule decides.
 _TIED = 1e-12
 
@@ -74,9 +81,17 @@ class Lemke(ContactSolver):
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
         """Return the polygon's answer, NaN if there is none; it has no use for a guess."""
         small, unit = normalised(problem)
-        B, A, b = _linear(small, self.sides)
+        lam, pivots = self._answer(small)
+        if not np.isfinite(lam).all():
+            softer = small.replaced(G=small.G + _SOFT * np.eye(problem.rows))
+            lam, more = self._answer(softer)
+            pivots += more
+        return Attempt(lam * unit, pivots, (self.title,))
+
+    def _answer(self, problem: ContactProblem) -> tuple[Array, int]:
+        B, A, b = _linear(problem, self.sides)
         z, pivots = lemke(A, b, self.max_iterations)
-        return Attempt(B @ z[: B.shape[1]] * unit, pivots, (self.title,))
+        return np.asarray(B @ z[: B.shape[1]]), pivots
 
 
 def _linear(problem: ContactProblem, sides: int) -> tuple[Array, Array, Array]:
@@ -159,6 +174,8 @@ def _solution(A: Array, b: Array, basis: Indices) -> Array:
         values = np.linalg.solve(columns, b)
     except np.linalg.LinAlgError:
         return np.full(n, np.nan)
+    if values.min() < -_NEGATIVE * np.abs(values).max():
+        return np.full(n, np.nan)  # pivots that were rounding have led here
     z = np.zeros(2 * n)
     z[basis] = values
     return np.maximum(z[n:], 0.0)

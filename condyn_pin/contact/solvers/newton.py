@@ -8,16 +8,19 @@ from typing import ClassVar
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import check_iterations
 from condyn_pin.contact.natural_map import newton
 from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.scaling import normalised
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.contact.solvers.lemke import Lemke
 
-# Compliance of the first problem of a continuation, in units of G, what it shrinks by, and its end.
-_SOFTEST, _HARDER, _HARDEST = 1.0, 0.1, 1e-10
+# Compliance of the first proximal problem, in units of G, what it shrinks by, and its end; how many
+# problems there are at most.
+_SOFTEST, _HARDER, _HARDEST, _PROXIMAL = 1.0, 0.1, 1e-10, 40
 
 # Polygons that are tried, with so many sides.
 _SIDES = (8, 16)
@@ -46,7 +49,8 @@ class SemismoothNewton(ContactSolver):
     Cost O(m^3) a step, a singular value decomposition. Where it stalls, as it does where friction
     is large or locks bodies (Painleve), it starts again. In an ncp from polygons, by Lemke's
     method, and then from a fixed point: with the slips |sigma_t| of the problem before in its g, an
-    ncp is a ccp. In a ccp from softer problems, each ten times harder than the one before.
+    ncp is a ccp. In a ccp by the proximal point method: problems that cost more far from the answer
+    before, ten times less each time, and ten times more again where Newton's method stalls.
 
     References
     ----------
@@ -55,6 +59,8 @@ class SemismoothNewton(ContactSolver):
     solution methods. Computer Methods in Applied Mechanics and Engineering 92, 1991.
     Cadoux. An optimization-based algorithm for Coulomb's frictional contact. ESAIM: Proceedings
     27, 2009: the fixed point.
+    Rockafellar. Monotone operators and the proximal point algorithm. SIAM Journal on Control and
+    Optimization 14, 1976.
     """
 
     title: ClassVar[str] = "Newton"
@@ -87,29 +93,32 @@ def refine(problem: ContactProblem, start: Array | None, max_iterations: int) ->
 
 def restarts(problem: ContactProblem, found: Attempt, max_iterations: int) -> Iterator[Attempt]:
     """Yield the ends of Newton's method from other starts, the cheapest first."""
+    small, unit = normalised(problem)
     if problem.law == "ncp":
         for sides in _SIDES:
             polygon = Lemke(sides).attempt(problem)
             end = refine(problem, polygon.lam, max_iterations)
             found = end.after(polygon.after(found))
             yield found
-        find, title = _fixed_point, "fixed point"
+        lam, iterations = _fixed_point(small, max_iterations)
+        found = Attempt(lam * unit, iterations, ("fixed point",)).after(found)
     else:
-        find, title = _harder_and_harder, "continuation"
-    small, unit = normalised(problem)
-    lam, iterations = find(small, max_iterations)
-    start = Attempt(lam * unit, iterations, (title,))
-    yield refine(problem, start.lam, max_iterations).after(start.after(found))
+        for lam, iterations in _proximal(small, max_iterations):
+            found = Attempt(lam * unit, iterations, ("proximal point",)).after(found)
+            yield found
+    yield refine(problem, found.lam, max_iterations).after(found)
 
 
-def _harder_and_harder(problem: ContactProblem, max_iterations: int) -> tuple[Array, int]:
-    """Return the answer of a normalised problem with next to no compliance, by way of more."""
-    lam, iterations, R = np.zeros(problem.rows), 0, _SOFTEST
-    while R > _HARDEST:
-        softer = problem.replaced(G=problem.G + R * np.eye(len(lam)))
+def _proximal(problem: ContactProblem, max_iterations: int) -> Iterator[tuple[Array, int]]:
+    """Yield answers of a normalised ccp that cost R / 2 |lam - the one before|^2 more."""
+    lam, R, one = np.zeros(problem.rows), _SOFTEST, np.eye(problem.rows)
+    for _ in range(_PROXIMAL):
+        softer = problem.replaced(G=problem.G + R * one, g=problem.g - R * lam)
         end = newton(softer, lam, max_iterations)
-        lam, R, iterations = end.lam, R * _HARDER, iterations + end.iterations
-    return lam, iterations
+        solved = natural_residual(softer, end.lam) <= tolerances.CONTACT_SOLVED
+        R = max(R * _HARDER, _HARDEST) if solved else R / _HARDER
+        lam = end.lam if solved else lam
+        yield lam, end.iterations
 
 
 def _fixed_point(problem: ContactProblem, max_iterations: int) -> tuple[Array, int]:

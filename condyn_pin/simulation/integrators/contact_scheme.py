@@ -108,7 +108,8 @@ class ContactScheme(Integrator, ABC):
 
     law: ClassVar[Law] = "ncp"
     at_midpoint: ClassVar[bool] = False
-    closes_gaps: ClassVar[bool] = False  # whether gaps are those at the end of a step
+    # whether no gap is below zero at the end of a step, of what was near before it or not
+    closes_gaps: ClassVar[bool] = False
     takes_restitution: ClassVar[bool] = False
     gives_way: ClassVar[bool] = False  # whether contacts at rest penetrate
 

@@ -11,11 +11,14 @@ The velocity is tangent to the constraints in the middle of the step, where J_b 
 and Jdot_b v = gamma: loops stay closed to dt^3. One with J_b v+ = 0 would lose dt gamma in each
 step, and a four-bar with it 0.15 J in a second at 1 ms, in place of 0.004 J. Where nothing touches,
 h is taken at the mean of v and v+. What a step leaves open is closed behind it.
+
+Velocities of floating bodies are in axes that stand still within the step (`Floating`): h is
+M w x u less, and gamma J_b w x u.
 """
 
 from __future__ import annotations
 
-from math import inf, isfinite
+from math import inf, isfinite, nan
 from typing import NamedTuple
 
 import numpy as np
@@ -26,19 +29,19 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.contact.condense import Condensed, condense
-from condyn_pin.contact.consistent import without_contradiction
 from condyn_pin.contact.judge import attempt_contact
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
-from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.errors import StepFailed
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.contact_record import touch_of
+from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
+from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System, total_torque
 
@@ -56,24 +59,11 @@ _SMALL = 1e-6
 _AGAIN = 3
 
 
-class Posed(NamedTuple):
-    """A step before its contact problem is solved."""
-
-    at: Array  # (nq,), where M, h and J are taken
-    mean: Array  # (nv,), the velocity of h
-    tau: Array  # (nv,), springs and damping as they act at the end of the step [N, N m]
-    gaps: Array  # of all cones and half-lines [m, rad]
-    chosen: Chosen
-    J_c: Array  # (m, nv), rows of the contacts
-    condensed: Condensed
-    near: Near
-    problem: ContactProblem
-
-
 class Taken(NamedTuple):
     """A step that was taken."""
 
     posed: Posed
+    v: Array  # (nv,), the velocity after it, in the axes of `posed` [m/s, rad/s]
     attempt: Attempt
     natural: float  # residual of the contact problem
     work: float  # of the contacts [J]
@@ -93,13 +83,17 @@ class ContactSteps:
     def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
         self._scheme, self._system, self._dt = scheme, system, dt
         self._equations, self._candidates = system.equations, system.contacts
-        self._paths = CurvedPaths(system, dt)
+        self._floating = Floating(system.model)
+        self._paths = CurvedPaths(system, self._floating, dt)
         passive = system.passive
         self._torque = total_torque(system.applied, passive, dt)
         self._inertia = passive.inertia(dt) if passive.inertia(dt).any() else None
         self._between = passive.between
+        self._is_implicit = self._inertia is not None or self._between is not None
         self._rank = chains_of(system.scene).rank if system.scene.rows else 0
         self._chosen: tuple[bytes, Chosen] | None = None
+        self._normals = self._candidates.normals
+        self._share = 0.5 if scheme.at_midpoint else 1.0  # of dt, from `at` to the end
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return q and v at the end of a step, and the mean acceleration.
@@ -107,9 +101,14 @@ class ContactSteps:
         StepFailed if the contact solver has no answer.
         """
         taken = self.attempt(t, q, v)
-        exact = self._scheme.contact.exact
-        natural = self.last.natural
-        if not natural <= tolerances.CONTACT_SOLVED and (exact or not isfinite(natural)):
+        exact, natural = self._scheme.contact.exact, self.last.natural
+        answered = bool(np.isfinite(self.last.attempt.lam).all())
+        if not isfinite(natural) and answered:
+            raise StepFailed(
+                f"t = {t:g} s: the step is not finite, its numbers overflow; look at v, tau and "
+                "masses, or take a smaller dt"
+            )
+        if not natural <= tolerances.CONTACT_SOLVED and (exact or not answered):
             names = ", ".join(self.last.posed.problem.names)
             raise StepFailed(
                 f"contacts {names} at t = {t:g} s: "
@@ -121,38 +120,51 @@ class ContactSteps:
 
     def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return the same of whatever the contact solver has answered."""
-        posed, found, natural, v1 = self._answered(self.pose(t, q, v))
-        now, lam, dt = posed.condensed, found.lam, self._dt
-        mean = 0.5 * (v + v1)
-        work = float(lam.dot(posed.J_c.dot(mean)))
+        posed, found, natural = self._answered(t, q, v)
+        lam, dt, floating = found.lam, self._dt, self._floating
+        v1 = posed.condensed.velocity(lam)
+        a = (v1 - posed.v) / dt - floating.turning(posed.mean)
+        work = 0.5 * float(lam.dot(posed.near.before + posed.J[posed.chosen.rows].dot(v1)))
         self._system.contact_work += work
-        self.last = Taken(posed, found, natural, work)
-        moved = dt * (mean if self._scheme.at_midpoint else v1)
-        return self._closed(now, self._system.integrate(q, moved)), v1, (v1 - v) / dt
+        rest = self._share * dt
+        q1 = self._closed(posed.condensed, floating.integrate(posed.at, rest * v1))
+        if not isfinite(float(q1.dot(q1) + v1.dot(v1) + work)):
+            natural = nan  # also where no contact takes part
+        self.last = Taken(posed, v1, found, natural, work)
+        return q1, floating.turned(v1, rest), a
 
-    def pose(self, t: float, q: Array, v: Array) -> Posed:
-        """Return the step from a state with its contact problem, not yet solved."""
-        scheme, system, dt = self._scheme, self._system, self._dt
-        at = system.integrate(q, 0.5 * dt * v) if scheme.at_midpoint else q
-        tau = self._torque(t, q, v)
+    def pose(self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None) -> Posed:
+        """Return the step from a state with its contact problem, not yet solved.
+
+        The gaps that take part are those that are near, or those that are `active`.
+        """
+        scheme, system, floating, dt = self._scheme, self._system, self._floating, self._dt
+        at, tau = q, self._torque(t, q, v)
+        if scheme.at_midpoint:
+            at, v = floating.integrate(q, 0.5 * dt * v), floating.turned(v, 0.5 * dt)
         M, h, J_b, gamma = self._equations.parts(at, v)
         data = self._equations.data  # it has the placements and Jacobians of `at` now
         gaps, J = self._candidates.evaluate(data, at)
-        chosen = self._choose(scheme.near(gaps, v, dt))
-        J_c, slip = J[chosen.rows], -0.5 * dt * gamma
-        factors = self._factors(M, J_b, at)
-        now, mean = condense(factors, J_c, v, dt * (tau - h), slip), v
+        active = scheme.near(gaps, v, dt) if active is None else active
+        chosen, turning = self._choose(active), floating.turning(v)
+        J_c, slip = J[chosen.rows], -0.5 * dt * (gamma - J_b.dot(turning))
+        # without springs and damping: they act in v+ - v, as it is in these axes
+        inertia = M.copy() if self._is_implicit else M
+        factors, mean = self._factors(M, J_b, at), v
+        now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip)
         if not len(J_c):
             mean = 0.5 * (v + now.free_velocity)
             h = pin.nonLinearEffects(system.model, data, at, mean)
-            now = condense(factors, J_c, v, dt * (tau - h), slip)
+            turning = floating.turning(mean)
+            now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip)
         here = gaps[chosen.gaps]
-        bends = self._paths.bends(q, v, here, J_c, chosen) if scheme.closes_gaps else 0.0 * here
+        bends = self._paths.bends(at, v, here, J_c, chosen) if scheme.closes_gaps else 0.0 * here
         near = Near(
             dt, here, bends, chosen.restitution, chosen.normals, now.G, J_c.dot(v),
             now.contact_velocities, chosen.sets.blocks,
         )  # fmt: skip
-        return Posed(at, mean, tau, gaps, chosen, J_c, now, near, chosen.problem(scheme, near))
+        problem = chosen.problem(scheme, near)
+        return Posed(at, v, mean, tau, gaps, active, J, chosen, now, near, problem)
 
     def lam(self) -> Array:
         """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""
@@ -185,31 +197,37 @@ class ContactSteps:
         system.contact_work = work
         return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), self.touch()
 
-    def _solved(self, posed: Posed) -> tuple[Posed, Attempt, float]:
-        """Return impulses and their natural residual, and what they solve."""
-        solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
-        found, natural = attempt_contact(posed.problem, solver, None, accuracy)
-        if natural <= accuracy or not (solver.exact and isfinite(natural)):
-            return posed, found, natural
-        consistent = without_contradiction(posed.problem, found.lam)
-        if consistent is None:
-            return posed, found, natural
-        again = attempt_contact(consistent, solver, found.lam, accuracy)
-        return posed._replace(problem=consistent), *again
-
-    def _answered(self, posed: Posed) -> tuple[Posed, Attempt, float, Array]:
-        """Return what `_solved` does and v+, posed anew with its paths where those of v mislead."""
-        scheme, chosen, now = self._scheme, posed.chosen, posed.condensed
-        answer = self._solved(posed)
-        v1 = now.velocity(answer[1].lam)
-        for _ in range(_AGAIN if scheme.closes_gaps and chosen.feelers else 0):
-            bends = self._paths.missed(posed.at, v1, answer[0].near, posed.J_c, chosen)
-            if bends is None:
+    def _answered(self, t: float, q: Array, v: Array) -> tuple[Posed, Attempt, float]:
+        """Return a step, impulses, and their residual: posed anew where its answer shows more."""
+        scheme, posed, bent = self._scheme, self.pose(t, q, v), 0
+        found, natural = self._solved(posed)
+        while scheme.closes_gaps:
+            v1 = posed.condensed.velocity(found.lam)
+            missed = self._missed(posed, v1)
+            if missed is not None:
+                posed = self.pose(t, q, v, posed.active | missed)
+            elif bent < _AGAIN and (bends := self._paths.missed(posed, v1)) is not None:
+                near = posed.near._replace(bends=bends)
+                posed, bent = posed._replace(near=near), bent + 1
+                posed = posed._replace(problem=posed.chosen.problem(scheme, near))
+            else:
                 break
-            near = posed.near._replace(bends=bends)
-            answer = self._solved(posed._replace(near=near, problem=chosen.problem(scheme, near)))
-            v1 = now.velocity(answer[1].lam)
-        return *answer, v1
+            found, natural = self._solved(posed)
+        return posed, found, natural
+
+    def _solved(self, posed: Posed) -> tuple[Attempt, float]:
+        solver = self._scheme.contact
+        return attempt_contact(posed.problem, solver, None, tolerances.CONTACT_SOLVED)
+
+    def _missed(self, posed: Posed, v1: Array) -> NDArray[np.bool_] | None:
+        """Return a flag for each gap that the step closes and that takes no part, None for none.
+
+        Where a step is long, or an impulse turns a body, what was far away goes through.
+        """
+        if posed.active.all():
+            return None
+        missed = (posed.gaps + self._dt * posed.J[self._normals].dot(v1) < 0) & ~posed.active
+        return missed if missed.any() else None
 
     def _choose(self, near: NDArray[np.bool_]) -> Chosen:
         """Return the candidates that take part; most often they are those of the step before."""

@@ -11,8 +11,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
-from condyn_pin.simulation.integrators.contact_scheme import Near, allowed_gaps
+from condyn_pin.simulation.integrators.contact_scheme import allowed_gaps
+from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.system import System
 
 # A step in which joints turn less bends the path of a limb of a metre by 0.05 mm at most [rad, m].
@@ -28,8 +30,8 @@ class CurvedPaths:
     Where two shapes meet changes along a path, and stops of joints are linear in q.
     """
 
-    def __init__(self, system: System, dt: float) -> None:
-        self._system, self._dt = system, dt
+    def __init__(self, system: System, floating: Floating, dt: float) -> None:
+        self._system, self._floating, self._dt = system, floating, dt
 
     def bends(self, q: Array, v: Array, gaps: Array, J_c: Array, chosen: Chosen) -> Array:
         """Return s of the cones and half-lines that take part (k,) [m].
@@ -52,19 +54,22 @@ class CurvedPaths:
         bends = np.zeros(len(gaps))
         if k:
             data = system.equations.data
-            pin.forwardKinematics(system.model, data, system.integrate(q, dt * v))
+            pin.forwardKinematics(system.model, data, self._floating.integrate(q, dt * v))
             ends = system.contacts.gaps_over_planes(data)[chosen.over_planes]
             bends[:k] = ends - gaps[:k] - dt * J_c[2 : 3 * k : 3].dot(v)
         return bends
 
-    def missed(self, q: Array, v1: Array, near: Near, J_c: Array, chosen: Chosen) -> Array | None:
-        """Return s along v+ if a contact goes through because those `near` were along v, or None.
+    def missed(self, posed: Posed, v1: Array) -> Array | None:
+        """Return s along v+ if a contact goes through because those `posed` were along v, or None.
 
         An impact changes velocities, and with them how paths bend.
         """
-        dt = self._dt
+        dt, near, chosen = self._dt, posed.near, posed.chosen
+        if not chosen.feelers:
+            return None
         if dt * float(np.abs(v1).max()) < _STRAIGHT and float(near.bends.max()) < _THROUGH:
             return None
-        bends = self.bends(q, v1, near.gaps, J_c, chosen)
+        J_c = posed.J[chosen.rows]
+        bends = self.bends(posed.at, v1, near.gaps, J_c, chosen)
         moved = dt * J_c[chosen.normals].dot(v1) + bends
         return bends if (moved + allowed_gaps(near.gaps) < -_THROUGH).any() else None

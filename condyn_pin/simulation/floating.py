@@ -1,0 +1,64 @@
+"""Floating bodies: their velocities in axes that stand still while they turn.
+
+Pinocchio has the linear velocity u of a free-flyer in the axes of its body, which turn with w.
+Along a step they are left where they are: a step begins with u and ends with u', both in them, and
+
+    R^T (R u)' = du/dt + w x u,    p+ = p + dt R u',    u+ = exp(-dt w) u'.
+
+What is not pushed then flies straight, and a ball rolls as fast as it did. In axes that turn,
+u+ = u - dt w x u is longer than u by (dt w)^2 / 2 of it in each step: a ball of 5 cm that rolls at
+3 m/s would be twice as fast after 0.4 s in steps of 1 ms.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+
+
+class Floating:
+    """The free-flyers and planar joints of a model; other joints go through unchanged."""
+
+    def __init__(self, model: Any) -> None:
+        self._model = model
+        joints = [(j.shortname(), j.idx_q, j.idx_v) for j in list(model.joints)[1:]]
+        self._bodies = [(q, v) for name, q, v in joints if name == "JointModelFreeFlyer"]
+        self._planar = [(q, v) for name, q, v in joints if name == "JointModelPlanar"]
+
+    def turned(self, v: Array, dt: float) -> Array:
+        """Return v (nv,) in the axes that bodies have after dt."""
+        turned = v.copy()
+        for _, i in self._bodies:
+            turned[i : i + 3] = pin.exp3(-dt * v[i + 3 : i + 6]).dot(v[i : i + 3])
+        for _, i in self._planar:
+            x, y, w = v[i : i + 3].tolist()
+            c, s = cos(dt * w), sin(dt * w)
+            turned[i : i + 2] = c * x + s * y, c * y - s * x
+        return turned
+
+    def turning(self, v: Array) -> Array:
+        """Return w x u of each body (nv,), zero elsewhere: how fast u changes by turning axes."""
+        turning = np.zeros_like(v)
+        for _, i in self._bodies:
+            x, y, z, a, b, c = v[i : i + 6].tolist()
+            turning[i : i + 3] = b * z - c * y, c * x - a * z, a * y - b * x
+        for _, i in self._planar:
+            x, y, w = v[i : i + 3].tolist()
+            turning[i : i + 2] = -w * y, w * x
+        return turning
+
+    def integrate(self, q: Array, dq: Array) -> Array:
+        """Return q moved along dq (nv,), bodies on straight lines."""
+        moved = np.array(pin.integrate(self._model, q, dq))
+        for k, i in self._bodies:
+            R = pin.Quaternion(q[k + 3 : k + 7]).toRotationMatrix()
+            moved[k : k + 3] = q[k : k + 3] + R.dot(dq[i : i + 3])
+        for k, i in self._planar:
+            (x, y), (c, s) = dq[i : i + 2].tolist(), q[k + 2 : k + 4].tolist()
+            moved[k : k + 2] = q[k] + c * x - s * y, q[k + 1] + s * x + c * y
+        return moved
