@@ -38,6 +38,7 @@ SCRIPTS = {
     "conjugate_gradient": lambda script: script.load(),
     "contact_models": lambda script: script.read(),
     "contact_stress": lambda script: [script.load(script.JSON)],
+    "contact_step": lambda script: script.load(script.RESULTS),
     "auto_mu": lambda script: script.load(RESULTS / "auto_mu.json"),
     "contact_peers": lambda script: script.load(),
     "contact_convergence": lambda script: script.load(),

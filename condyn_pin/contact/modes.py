@@ -34,10 +34,10 @@ def contact_modes(problem: ContactProblem, lam: Array) -> Modes:
     stiff, speed = problem.scale
     sigma = problem.velocities(lam)
     x, still = lam - problem.dual(sigma) / stiff, _MOVES * speed
+    t1, t2, n = problem.sets.axes
+    presses = problem.friction * np.hypot(x[t1], x[t2]) > -x[n]
+    codes = np.where(presses, STICK + (np.hypot(sigma[t1], sigma[t2]) > still), OPEN)
     cones = 3 * len(problem.friction)
-    X, S = x[:cones].reshape(-1, 3), sigma[:cones].reshape(-1, 3)
-    presses = problem.friction * np.hypot(X[:, 0], X[:, 1]) > -X[:, 2]
-    codes = np.where(presses, STICK + (np.hypot(S[:, 0], S[:, 1]) > still), OPEN)
     if len(x) == cones:
         return codes
     lines = cones + problem.half_lines
