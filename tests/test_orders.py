@@ -131,11 +131,18 @@ def measured(
     return order(coarse, fine, many / few)
 
 
+def check(integrator, found):
+    """Those of q are met; schemes with contacts may do better in v, where nothing touches."""
+    apart = found - integrator.order
+    assert abs(apart[0]) < NEAR, found
+    assert apart.min() > -NEAR, found
+    assert integrator.takes_contacts or apart.max() < NEAR, found
+
+
 @pytest.mark.parametrize("integrator", VARIANTS, ids=repr)
 def test_orders_are_those_of_theory(integrator):
     """Of the multiplier too, by closed forms."""
-    found = measured(integrator)
-    assert np.abs(found - integrator.order).max() < NEAR, found
+    check(integrator, measured(integrator))
 
 
 @pytest.mark.parametrize(
@@ -190,8 +197,7 @@ def test_orders_on_a_group(integrator):
 @pytest.mark.parametrize("integrator", [each for each in VARIANTS if each.order.q < 5], ids=repr)
 def test_orders_on_a_loop(integrator):
     """A four-bar, with redundant rows."""
-    found = order_on(bar, integrator)
-    assert np.abs(found - integrator.order).max() < NEAR, found
+    check(integrator, order_on(bar, integrator))
 
 
 @pytest.mark.parametrize("method", [5, 8])

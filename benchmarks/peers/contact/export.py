@@ -12,7 +12,7 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Ball, Box
-from condyn_pin.simulation.contact_columns import gaps_at
+from condyn_pin.simulation.contact_columns import gaps_along
 from peers.contact.scene import ContactScene
 
 GRAVITY = 9.81  # [m/s^2]
@@ -126,7 +126,7 @@ def landing(*, mu: float = 0.7, height: float = 0.05) -> Motion:
     feet = [cp.FrictionalContact(c.frame, Ball(FOOT), friction=mu) for c in solo.contacts]
     scene = cp.Scene(held, contacts=feet)
     v, times = np.zeros(model.nv), _times(0.05, 10)
-    q[2] += height - float(gaps_at(scene, q[None])[1].min())
+    q[2] += height - float(gaps_along(scene, q[None])[1].min())
     error = f"largest distance of its base from Moreau's at dt {FINE:g} s, every 50 ms to 0.5 s"
     motion = Motion("Solo12 lands", error, scene, q, v, times, lambda: fine(motion, cp.Moreau()))
     return motion
