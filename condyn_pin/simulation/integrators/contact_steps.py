@@ -120,9 +120,8 @@ class ContactSteps:
 
     def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return the same of whatever the contact solver has answered."""
-        posed, found, natural = self._answered(t, q, v)
+        posed, found, natural, v1 = self._answered(t, q, v)
         lam, dt, floating = found.lam, self._dt, self._floating
-        v1 = posed.condensed.velocity(lam)
         a = (v1 - posed.v) / dt - floating.turning(posed.mean)
         work = 0.5 * float(lam.dot(posed.near.before + posed.J[posed.chosen.rows].dot(v1)))
         self._system.contact_work += work
@@ -197,23 +196,22 @@ class ContactSteps:
         system.contact_work = work
         return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), self.touch()
 
-    def _answered(self, t: float, q: Array, v: Array) -> tuple[Posed, Attempt, float]:
-        """Return a step, impulses, and their residual: posed anew where its answer shows more."""
+    def _answered(self, t: float, q: Array, v: Array) -> tuple[Posed, Attempt, float, Array]:
+        """Return a step, impulses, their residual and v+; posed anew where these show more."""
         scheme, posed, bent = self._scheme, self.pose(t, q, v), 0
-        found, natural = self._solved(posed)
-        while scheme.closes_gaps:
+        while True:
+            found, natural = self._solved(posed)
             v1 = posed.condensed.velocity(found.lam)
+            if not scheme.closes_gaps:
+                return posed, found, natural, v1
             missed = self._missed(posed, v1)
             if missed is not None:
                 posed = self.pose(t, q, v, posed.active | missed)
             elif bent < _AGAIN and (bends := self._paths.missed(posed, v1)) is not None:
-                near = posed.near._replace(bends=bends)
-                posed, bent = posed._replace(near=near), bent + 1
-                posed = posed._replace(problem=posed.chosen.problem(scheme, near))
+                near, bent = posed.near._replace(bends=bends), bent + 1
+                posed = posed._replace(near=near, problem=posed.chosen.problem(scheme, near))
             else:
-                break
-            found, natural = self._solved(posed)
-        return posed, found, natural
+                return posed, found, natural, v1
 
     def _solved(self, posed: Posed) -> tuple[Attempt, float]:
         solver = self._scheme.contact

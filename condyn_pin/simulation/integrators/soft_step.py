@@ -41,8 +41,8 @@ class SoftStep(ContactScheme):
     contact : ContactSolver
         What answers the contact problem of each step.
     solref : (timeconst, dampratio), or (-stiffness, -damping)
-        As in `condyn_pin.dynamics.Soft` [s, 1; 1/s^2, 1/s]. MuJoCo allows no timeconst below two
-        steps.
+        As in `condyn_pin.dynamics.Soft` [s, 1; 1/s^2, 1/s]. A timeconst below 2 dt counts as 2 dt,
+        as in MuJoCo: a spring that is stiffer throws off what rests.
     solimp : (d_0, d_width, width, midpoint, power)
         As in `condyn_pin.dynamics.Soft`, `width` in [m, rad].
 
@@ -75,7 +75,9 @@ class SoftStep(ContactScheme):
         c = np.zeros_like(near.free)
         c[near.normals] = near.gaps
         d = impedance(np.abs(near.depth), self.solimp)
-        a_ref = reference(c, near.before, d, self.solref, self.solimp)
+        one, two = self.solref
+        solref = (max(one, 2 * near.dt) if one > 0 else one, two)
+        a_ref = reference(c, near.before, d, solref, self.solimp)
         R = (1 - d) / d * near.stiffness
         return near.free - near.before - near.dt * a_ref, R
 
