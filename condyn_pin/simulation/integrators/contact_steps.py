@@ -29,6 +29,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.contact.condense import Condensed, condense
+from condyn_pin.contact.consistent import without_contradiction
 from condyn_pin.contact.judge import attempt_contact
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
 from condyn_pin.contact.solvers.base import Attempt
@@ -200,7 +201,7 @@ class ContactSteps:
         """Return a step, impulses, their residual and v+; posed anew where these show more."""
         scheme, posed, bent = self._scheme, self.pose(t, q, v), 0
         while True:
-            found, natural = self._solved(posed)
+            posed, found, natural = self._solved(posed)
             v1 = posed.condensed.velocity(found.lam)
             if not scheme.closes_gaps:
                 return posed, found, natural, v1
@@ -213,9 +214,17 @@ class ContactSteps:
             else:
                 return posed, found, natural, v1
 
-    def _solved(self, posed: Posed) -> tuple[Attempt, float]:
-        solver = self._scheme.contact
-        return attempt_contact(posed.problem, solver, None, tolerances.CONTACT_SOLVED)
+    def _solved(self, posed: Posed) -> tuple[Posed, Attempt, float]:
+        """Return impulses and their natural residual, and what they solve."""
+        solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
+        found, natural = attempt_contact(posed.problem, solver, None, accuracy)
+        if natural <= accuracy or not (solver.exact and isfinite(natural)):
+            return posed, found, natural
+        consistent = without_contradiction(posed.problem, found.lam)
+        if consistent is None:
+            return posed, found, natural
+        again = attempt_contact(consistent, solver, found.lam, accuracy)
+        return posed._replace(problem=consistent), *again
 
     def _missed(self, posed: Posed, v1: Array) -> NDArray[np.bool_] | None:
         """Return a flag for each gap that the step closes and that takes no part, None for none.
