@@ -495,3 +495,17 @@ def test_contacts_stiffer_than_a_step_allows_throw_nothing_off() -> None:
         scene, q, np.zeros(6), duration=0.5, dt=5e-3, integrator=SoftStep(solref=(1e-3, 1.0))
     )
     assert np.abs(run.q[:, 2] - q[2]).max() < 2e-3
+
+
+@pytest.mark.parametrize("seed", [4])
+def test_a_box_that_tumbles_comes_to_rest(seed: int) -> None:
+    """On its edges four corners are about to slide: only one of several solvers ends there."""
+    rng = np.random.default_rng(seed)
+    shape = Box(0.1, 0.1, 0.1)
+    contact = FrictionalContact("box", shape, friction=0.5, restitution=0.7)
+    R = pin.exp3(0.4 * rng.normal(size=3))
+    q = np.array([0, 0, 0.5, *pin.Quaternion(R).coeffs()])
+    v = rng.normal(size=6) * [1, 1, 1, 5, 5, 5]
+    scene = cp.Scene(free_box(), contacts=[contact])
+    run = cp.simulate(scene, q, v, duration=2.0, dt=1e-3, integrator=Moreau())
+    assert run.status.ok, run.reason

@@ -11,6 +11,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import check_iterations
+from condyn_pin.contact.cadoux import cadoux
 from condyn_pin.contact.natural_map import newton
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
@@ -106,7 +107,13 @@ def restarts(problem: ContactProblem, found: Attempt, max_iterations: int) -> It
         for lam, iterations in _proximal(small, max_iterations):
             found = Attempt(lam * unit, iterations, ("proximal point",)).after(found)
             yield found
-    yield refine(problem, found.lam, max_iterations).after(found)
+    found = refine(problem, found.lam, max_iterations).after(found)
+    yield found
+    if problem.law == "ncp":
+        lam, steps = cadoux(small)
+        found = Attempt(lam * unit, steps, ("convex problems",)).after(found)
+        yield found
+        yield refine(problem, found.lam, max_iterations).after(found)
 
 
 def _proximal(problem: ContactProblem, max_iterations: int) -> Iterator[tuple[Array, int]]:
