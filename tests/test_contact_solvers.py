@@ -292,6 +292,14 @@ def test_sap_with_few_steps_goes_by_way_of_softer_problems():
     assert found.path == ("SAP",)
 
 
+def test_sap_takes_compliance_below_the_rounding_of_g():
+    """Two contacts in one place: 1 + G / R is G / R, which is singular in every digit."""
+    G, g = np.kron(np.ones((2, 2)), np.eye(3)), np.tile([0.1, 0.0, -1.0], 2)
+    problem = ContactProblem(G, g, [0.5, 0.5], R=np.full(6, 1e-17), law="ccp")
+    found = solve_contact(problem, SAP(), throw=False)
+    assert found.status.ok == (found.natural <= CONTACT_SOLVED)
+
+
 @pytest.mark.parametrize("name", ["admm", "pgs", "semismoothnewton", "lemke"])
 def test_what_no_impulse_can_do_is_said_by_name(name):
     G = np.zeros((6, 6))

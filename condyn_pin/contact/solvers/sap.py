@@ -75,7 +75,11 @@ class SAP(ContactSolver):
             if at.is_least(x, lam) or steps == self.max_iterations:
                 break
             # G (1 + W G) dx = -G (x - lam), with the G in front of both left out
-            dx = np.asarray(np.linalg.solve(np.eye(len(x)) + at.curvature(x) @ problem.G, lam - x))
+            slope = np.eye(len(x)) + at.curvature(x) @ problem.G
+            try:
+                dx = np.asarray(np.linalg.solve(slope, lam - x))
+            except np.linalg.LinAlgError:  # R is below the rounding of G: 1 + W G is W G
+                break
             x = x + at.exact_step(x, dx) * dx
         return Attempt(lam, steps, (self.title,))
 
