@@ -70,6 +70,27 @@ def rod(mu: float, dt: float, angle: float = 63.4349) -> ContactProblem:
     return touching(J, M, np.array([-1.0, -dt * GRAVITY, 0.0]), [mu]).problem
 
 
+def rolling_sole() -> ContactProblem:
+    """Return a sole of Talos that rolls over an edge: two corners slide, one sticks, one opens.
+
+    Its corners are redundant, G = X^T X, and curved paths make their g contradict a little.
+    """
+    X = np.zeros((6, 12))
+    X[0] = [0.6998, 0.052486, 0.215918, 0.582839, 0.146378, 0.334854,
+            0.553663, -0.129559, -0.12236, 0.436701, -0.035667, -0.003423]  # fmt: skip
+    X[1, 1:] = [0.583421, -0.357637, -0.038129, 0.614029, -0.183894,
+                -0.047641, 0.524075, -0.088679, -0.08577, 0.554683, 0.085063]  # fmt: skip
+    X[2, 2:] = [-0.400376, 0.021205, -0.017022, -0.294622,
+                0.026494, 0.033004, -0.22112, 0.047699, 0.015982, -0.115366]  # fmt: skip
+    X[3, 3:] = [-0.152097, 0.122096, -0.126571, -0.190037,
+                -0.236731, 0.006916, -0.342134, -0.114634, -0.119655]  # fmt: skip
+    X[4, 5], X[4, 8], X[4, 11] = -0.267112, 0.091177, -0.175936
+    X[5, 8], X[5, 11] = 0.326741, 0.326741
+    g = [0.01747, -0.025865, -0.018583, -0.002374, -0.009935, -0.021065,
+         -0.007324, -0.056752, -0.034154, -0.027168, -0.040822, -0.036609]  # fmt: skip
+    return ContactProblem(X.T @ X, g, np.full(4, 0.7))
+
+
 def random(
     seed: int,
     cones: int = 4,

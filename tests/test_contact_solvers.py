@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from contact_problems import box, natural, random, rod, solo12
+from contact_problems import box, natural, random, rod, rolling_sole, solo12
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -266,6 +266,14 @@ def test_gauss_seidel_knows_what_it_may_ask_of_a_contact():
         solve_contact(problem, PGS(over_relaxation=1.0))
     assert solve_contact(problem, PGS()).status.ok
     assert solve_contact(problem, PGS(over_relaxation=0.7)).status.ok
+
+
+@pytest.mark.parametrize("solver", [ADMM(), PGS(), SemismoothNewton()])
+def test_a_sole_that_rolls_over_its_edge(solver):
+    """Neither Newton nor polygons lead there, one contact after the other does."""
+    problem = rolling_sole()
+    found = solve_contact(problem, solver)
+    assert natural(problem, found.lam) < CONTACT_SOLVED
 
 
 def test_lemke_ends_on_ties():

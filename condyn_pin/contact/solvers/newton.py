@@ -8,7 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin._core import tolerances
+from condyn_pin._core import _pin_contacts, tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import check_iterations
 from condyn_pin.contact.cadoux import cadoux
@@ -18,6 +18,7 @@ from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.scaling import normalised
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.contact.solvers.lemke import Lemke
+from condyn_pin.contact.solvers.pgs import PGS
 
 # Compliance of the first proximal problem, in units of G, what it shrinks by, and its end; how many
 # problems there are at most.
@@ -49,9 +50,10 @@ class SemismoothNewton(ContactSolver):
     -----
     Cost O(m^3) a step, a singular value decomposition. Where it stalls, as it does where friction
     is large or locks bodies (Painleve), it starts again. In an ncp from polygons, by Lemke's
-    method, and then from a fixed point: with the slips |sigma_t| of the problem before in its g, an
-    ncp is a ccp. In a ccp by the proximal point method: problems that cost more far from the answer
-    before, ten times less each time, and ten times more again where Newton's method stalls.
+    method; from a fixed point: with the slips |sigma_t| of the problem before in its g, an ncp is a
+    ccp; and from what `PGS` finds, contact by contact. In a ccp by the proximal point method:
+    problems that cost more far from the answer before, ten times less each time, and ten times more
+    again where Newton's method stalls.
 
     References
     ----------
@@ -110,6 +112,11 @@ def restarts(problem: ContactProblem, found: Attempt, max_iterations: int) -> It
     found = refine(problem, found.lam, max_iterations).after(found)
     yield found
     if problem.law == "ncp":
+        if _pin_contacts.solves_contacts(True, len(problem.limits)):
+            found = PGS().attempt(problem).after(found)
+            yield found
+            found = refine(problem, found.lam, max_iterations).after(found)
+            yield found
         lam, steps = cadoux(small)
         found = Attempt(lam * unit, steps, ("convex problems",)).after(found)
         yield found
