@@ -27,7 +27,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import AccelerationBounds, ControlLimits, torque_limits
-from condyn_pin.control.elimination import Elimination
+from condyn_pin.control.elimination import Elimination, reached
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.qp.quadratic_program import QuadraticProgram
 from condyn_pin.control.tasks.base import Home, Task
@@ -84,9 +84,13 @@ class Program:
         At the state of the last tick.
     passive : (nv,) array
         Torques that act anyway, in the last tick.
+    unreached : float
+        How far contacts with redundant rows are from what they demand, whatever moves, in the last
+        tick: zero where their velocity is [m/s^2, rad/s^2].
     """
 
     passive: Array
+    unreached: float = 0.0
 
     def __init__(
         self,
@@ -115,6 +119,7 @@ class Program:
             for level in levels
         ]
         self.inequalities = self._inequality_rows(actuation)
+        self._redundant: bool | None = None  # not known before the first tick
         no_loops = not len(cones.held)
         self._constant = (
             Elimination.of(np.zeros((0, robot.nv)), self._columns) if no_loops else None
@@ -145,10 +150,25 @@ class Program:
         A[:first, : force.shape[1]] = E.undriven.T @ force
         A[first:last, : touch.shape[1]] = touch
         A[last:] = hard.G
-        b = np.concatenate((-(E.undriven.T @ force_0), r[touching] - J_c @ a_0, hard.b))
+        wanted = self._within_reach(touch, r[touching] - J_c @ a_0)
+        b = np.concatenate((-(E.undriven.T @ force_0), wanted, hard.b))
         C, lower, upper = self._inequalities(q, v)
         program = QuadraticProgram(np.zeros((n, n)), np.zeros(n), A, b, C, lower, upper)
         return program, [stack.level(self.motion, t, self) for stack in self._levels]
+
+    def _within_reach(self, touch: Array, wanted: Array) -> Array:
+        """Return what contacts demand, as near as their rows can come to it.
+
+        Two points of a foot that turns cannot both keep their places: equations that contradict
+        each other would leave no torques at all.
+        """
+        if self._redundant is False:
+            return wanted
+        best, rank = reached(touch, wanted)
+        if self._redundant is None:
+            self._redundant = rank < len(touch)
+        self.unreached = float(np.abs(best - wanted).max(initial=0.0))
+        return best
 
     def _inequalities(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return C and its bounds: torques, accelerations of joints, cones."""
