@@ -6,6 +6,7 @@ from .answer import ControlAnswer as ControlAnswer
 from .answer import ControlResiduals as ControlResiduals
 from .answer import ControlStatus as ControlStatus
 from .answer import Give as Give
+from .at_rate import at_rate as at_rate
 from .balancing import Balance as Balance
 from .balancing import balance as balance
 from .control_limits import ControlLimits as ControlLimits
