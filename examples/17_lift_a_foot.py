@@ -12,19 +12,15 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin.contact import FrictionCone
-from condyn_pin.control import CenterOfMass, Controller, FrameTask, Orientation, Posture, balance
-
-
-def leaning(start, way, T):
-    """Return where the centre of mass is to be, as a function of t; at rest at both ends."""
-
-    def at(t):
-        s = min(t / T, 1.0)
-        x = 10 * s**3 - 15 * s**4 + 6 * s**5
-        v, a = (30 * s**2 - 60 * s**3 + 30 * s**4) / T, (60 * s - 180 * s**2 + 120 * s**3) / T**2
-        return start + x * way, v * way, a * way
-
-    return at
+from condyn_pin.control import (
+    CenterOfMass,
+    Controller,
+    FrameTask,
+    Orientation,
+    Posture,
+    balance,
+    minimum_jerk,
+)
 
 
 def main() -> None:
@@ -44,7 +40,7 @@ def main() -> None:
     T = 0.3 if arguments.quick else 0.6  # [s]
 
     base = [Orientation("base_link", weight=50), Posture(weight=0.1)]
-    lean = CenterOfMass(reference=leaning(com, target - com, T), kp=200, weight=100)
+    lean = CenterOfMass(reference=minimum_jerk(com, target, T), kp=200, weight=100)
     stand = Controller(four, [lean, *base], cones=FrictionCone(0.6, sides=8))
     stay = CenterOfMass(reference=target, kp=200, weight=100)
     lift = stand.use(three, [stay, *base, FrameTask("FL_FOOT", a=(0.0, 0.0, 1.0), weight=20)])

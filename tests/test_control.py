@@ -36,6 +36,7 @@ from condyn_pin.control import (
     ProxQP,
     at_rate,
     gravity_compensation,
+    minimum_jerk,
     support_polygon,
 )
 from condyn_pin.dynamics.force import Sites
@@ -522,6 +523,33 @@ def test_a_reference_may_be_a_function_of_time():
         data = model.createData()
         jacobian = pin.jacobianCenterOfMass(model, data, q)
         assert np.allclose(jacobian @ out.a, wanted, atol=2e-3)
+
+
+def test_a_minimum_jerk_way_is_smooth_and_at_rest_at_both_ends():
+    start, end = np.array([0.1, -0.2, 0.9]), np.array([0.3, 0.1, 0.8])
+    way = minimum_jerk(start, end, 0.5, begin=0.2)
+    for t, place in ((0.0, start), (0.2, start), (0.7, end), (9.0, end)):
+        x, v, a = way(t)
+        assert np.allclose(x, place, atol=1e-15)
+        assert not v.any()
+        assert not a.any()
+    x, v, a = way(0.45)
+    assert np.allclose(x, (start + end) / 2)
+    assert np.allclose(v, 15 / 8 * (end - start) / 0.5)  # the fastest there is
+    assert np.abs(a).max() < 1e-12
+    h = 1e-5
+    for t in np.linspace(0.21, 0.69, 7):
+        (before, v_before, _), (_, v, a), (after, v_after, _) = (way(t + s) for s in (-h, 0, h))
+        assert np.allclose(v, (after - before) / (2 * h), atol=1e-8)
+        assert np.allclose(a, (v_after - v_before) / (2 * h), atol=1e-7)
+    assert pickle.loads(pickle.dumps(way)) == way
+    for wrong in (
+        lambda: minimum_jerk(start, end[:2], 0.5),
+        lambda: minimum_jerk(start, end, 0.0),
+        lambda: minimum_jerk(start, end * np.nan, 0.5),
+    ):
+        with pytest.raises(cp.InvalidArgument):
+            wrong()
 
 
 def test_a_task_of_ones_own_is_one_class():

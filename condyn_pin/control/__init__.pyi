@@ -21,6 +21,7 @@ from .hierarchy import Hierarchy as Hierarchy
 from .inverse import InverseDynamics as InverseDynamics
 from .inverse import gravity_compensation as gravity_compensation
 from .inverse import inverse_dynamics as inverse_dynamics
+from .minimum_jerk import minimum_jerk as minimum_jerk
 from .operational import OperationalSpace as OperationalSpace
 from .operational import operational_space as operational_space
 from .qp import QPS as QPS
