@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -186,3 +187,28 @@ def test_a_tick_without_torques_ends_the_run_with_its_contradiction() -> None:
     with pytest.raises(cp.SolveFailed, match=r"no torques: CenterOfMass\.z gives 1\.19") as raised:
         cp.simulate(standing.floor, standing.q, standing.v, at_rate(weak, 1e-3), duration=0.1)
     assert raised.value.solution.infeasible
+
+
+# The committed results
+
+
+def test_the_table_is_that_of_the_committed_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    root = Path(__file__).resolve().parent.parent
+    monkeypatch.syspath_prepend(str(root / "benchmarks"))
+    import standing
+    from marks import filled
+
+    measured = standing.load()
+    for path, blocks in standing.pages(*measured).items():
+        page = (root / path).read_text("utf-8")
+        assert filled(page, blocks) == page, path
+    rows = measured[0]
+    for row in rows:
+        if row.stood == row.runs:
+            assert row.not_ok == 0
+            assert row.kkt <= 1e-9
+            assert row.margin > -1e-9
+    assert {row.robot for row in rows} == set(standing.ROBOTS)
+    assert all(row.stood == row.runs for row in rows if row.share == min(standing.SHARES))
+    assert all(row.stood == 0 for row in rows if row.share > 1)
+    assert all(row.stood == row.runs for row in rows if row.robot == "solo12" and row.share <= 0.5)
