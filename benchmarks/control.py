@@ -9,7 +9,8 @@ the same solvers are timed in turn on the program that keeps them,
 
     x = (a, lam / m),    equations of joints without a motor,    J a = r  of loops and contacts,
 
-and "loops out" is the median of the ratios; "a differs" says by how much its accelerations do.
+and "loops out" is the median of the ratios, of programs that both solve; nan where it solves none
+with loops. "a differs" says by how much accelerations do.
 """
 
 from __future__ import annotations
@@ -114,7 +115,9 @@ def _loops_kept(controller: Controller, states: list[tuple[np.ndarray, np.ndarra
                 (taken,), (answer,) = _timed(solve, [(program,)])
                 times.append(taken if answer.verdict == "solved" else np.nan)
             ratios.append(times[0] / times[1])
-        found[f"{type(solver).__name__}, loops out"] = round(float(np.median(ratios)), 3)
+        solved = np.isfinite(ratios)
+        ratio = round(float(np.median(np.array(ratios)[solved])), 3) if solved.any() else np.nan
+        found[f"{type(solver).__name__}, loops out"] = ratio
     whole = Chain(ProxQP()).solve(pairs[-1][1], lambda: (np.zeros(0), np.zeros(0))).answer
     a = controller.solve(*states[len(pairs) - 1]).a
     assert whole is not None

@@ -47,6 +47,11 @@ def minimum_jerk(
     begin : float
         When it leaves the start [s].
 
+    Returns
+    -------
+    callable
+        Of t [s]; frozen, so that tasks with it compare, hash and pickle.
+
     Raises
     ------
     InvalidArgument
