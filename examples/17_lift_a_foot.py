@@ -18,6 +18,7 @@ from condyn_pin.control import (
     FrameTask,
     Orientation,
     Posture,
+    at_rate,
     balance,
     minimum_jerk,
 )
@@ -45,13 +46,10 @@ def main() -> None:
     stay = CenterOfMass(reference=target, kp=200, weight=100)
     lift = stand.use(three, [stay, *base, FrameTask("FL_FOOT", a=(0.0, 0.0, 1.0), weight=20)])
 
-    def by(controller):
-        return lambda t, q, v: controller.solve(q, v, t, passive=solo.passive_torque(q, v)).tau
-
-    first = cp.simulate(four, q, v, by(stand), duration=T, dt=2e-3)
+    first = cp.simulate(four, q, v, at_rate(stand, 2e-3), duration=T, dt=2e-3)
     q, v = first.q[-1], first.v[-1]
     print("over three feet:", balance(three, q, v, 0 * v, np.zeros(9)))
-    second = cp.simulate(three, q, v, by(lift), duration=0.2, dt=2e-3)
+    second = cp.simulate(three, q, v, at_rate(lift, 2e-3), duration=0.2, dt=2e-3)
     print(f"FL_FOOT is {lifted(second):.3f} m higher, on {len(three.constraints)} feet")
 
     down = stand.use(four, [CenterOfMass(a=(0, 0, -11.0), weight=np.inf), *base])
