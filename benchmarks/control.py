@@ -4,7 +4,13 @@
 
 States move from tick to tick, as under a controller. Writes benchmarks/results/control.csv; "tick"
 is all of `Controller.solve`, "program" what answers the program, and the columns of solvers are
-their own time on it, with the memory that they keep. Times are medians [us].
+their own time on it, with the memory that they keep. Times are medians [us]. Where there are loops,
+the same solvers are timed in turn on the program that keeps them,
+
+    x = (a, lam / m),    equations of joints without a motor,    J a = r  of loops and contacts,
+
+and "loops out" is the median of the ratios, of programs that both solve; nan where it solves none
+with loops. "a differs" says by how much accelerations do.
 """
 
 from __future__ import annotations
@@ -34,11 +40,15 @@ from condyn_pin.control import (
     ProxQP,
     Quadprog,
 )
+from condyn_pin.control.program import Program
+from condyn_pin.control.qp.chain import Chain, _independent
+from condyn_pin.control.qp.quadratic_program import QuadraticProgram
 from condyn_pin.mechanism import project_velocity
 from condyn_pin.study.tables import write_csv
 
 RESULTS = Path(__file__).resolve().parent / "results" / "control.csv"
 SOLVERS = (ProxQP(), DAQP(), Quadprog())
+REGULARISATION = 1e-5  # that of a Controller
 CASES = {
     "solo12": ("solo12", {}, FrictionCone(0.6, sides=8), "base_link"),
     "cassie": (
@@ -72,6 +82,8 @@ def measured(name: str, ticks: int) -> list[dict[str, object]]:
             "not ok": sum(not answer.status.ok for answer in answers),
         }
         rows.append(row | ({} if label == "levels" else _solvers(controller, states)))
+        if made.loops and label != "levels":
+            rows[-1] |= _loops_kept(controller, states)
         print(rows[-1], flush=True)
     return rows
 
@@ -83,6 +95,58 @@ def _solvers(controller: Controller, states: list[tuple[np.ndarray, np.ndarray]]
     for solver in SOLVERS:
         found[type(solver).__name__] = _us(_timed(solver.start(), programs)[0])
     return found
+
+
+def _loops_kept(controller: Controller, states: list[tuple[np.ndarray, np.ndarray]]) -> dict:
+    """Return what programs without loops take, over what those take that keep them."""
+    pairs = []
+    for q, v in states[:100]:
+        without = controller.program(q, v)  # first: it takes the program to the state
+        kept = _independent(keeping_loops(controller._program))
+        assert kept is not None
+        pairs.append((without, kept))
+    found: dict[str, object] = {"size with loops": "x".join(map(str, pairs[0][1].sizes))}
+    for solver in SOLVERS:
+        candidates = solver.start(), solver.start()
+        ratios = []
+        for programs in pairs:
+            times = []
+            for solve, program in zip(candidates, programs, strict=True):
+                (taken,), (answer,) = _timed(solve, [(program,)])
+                times.append(taken if answer.verdict == "solved" else np.nan)
+            ratios.append(times[0] / times[1])
+        solved = np.isfinite(ratios)
+        ratio = round(float(np.median(np.array(ratios)[solved])), 3) if solved.any() else np.nan
+        found[f"{type(solver).__name__}, loops out"] = ratio
+    whole = Chain(ProxQP()).solve(pairs[-1][1], lambda: (np.zeros(0), np.zeros(0))).answer
+    a = controller.solve(*states[len(pairs) - 1]).a
+    assert whole is not None
+    differs = np.abs(whole.x[: len(a)] - a).max() / max(1.0, np.abs(a).max())
+    return found | {"a differs": f"{differs:.0e}"}
+
+
+def keeping_loops(program: Program) -> QuadraticProgram:
+    """Return the program of the last tick over (a, lam / m), loops among its equations."""
+    terms, mass, columns = program.motion.terms, program.mass, program._columns
+    m, n = terms.J.shape
+    torques = np.hstack((terms.M / mass, -terms.J.T))  # of all joints, over the mass
+    given = (terms.h - program.passive) / mass
+    undriven = np.setdiff1d(np.arange(n), columns)
+    A = np.vstack((torques[undriven], np.hstack((terms.J, np.zeros((m, m))))))
+    b = np.concatenate((-given[undriven], terms.a_ref - terms.gamma))
+    limited, most = columns[program._limited], program._most
+    cones = np.zeros((len(program.cones.names), n + m))
+    cones[:, n + program.cones.touching] = program.cones.rows(program.motion.data.oMi)
+    C = np.vstack((torques[limited], cones))
+    lower = np.concatenate((-most - given[limited], np.full(len(cones), -np.inf)))
+    upper = np.concatenate((most - given[limited], np.zeros(len(cones))))
+    stack = program._levels[0]
+    J, F, wanted = stack.at(program.motion, 0.0)
+    G = np.zeros((len(J) + len(F), n + m))
+    G[: len(J), :n], G[len(J) :, n:] = J, mass * F
+    WG = stack.weights[:, None] * G
+    H = G.T @ WG + REGULARISATION * np.eye(n + m)
+    return QuadraticProgram(H, -(wanted @ WG), A, b, C, lower, upper)
 
 
 def _states(scene: cp.Scene, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
@@ -120,7 +184,8 @@ def main() -> int:
     parser.add_argument("--csv", type=Path, default=RESULTS)
     arguments = parser.parse_args()
     rows = [row for name in CASES for row in measured(name, arguments.ticks)]
-    write_csv(arguments.csv, machine(), list(rows[0]), rows)
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    write_csv(arguments.csv, machine(), columns, rows)
     return int(any(row["not ok"] for row in rows))
 
 

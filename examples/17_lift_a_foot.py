@@ -12,19 +12,16 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin.contact import FrictionCone
-from condyn_pin.control import CenterOfMass, Controller, FrameTask, Orientation, Posture, balance
-
-
-def leaning(start, way, T):
-    """Return where the centre of mass is to be, as a function of t; at rest at both ends."""
-
-    def at(t):
-        s = min(t / T, 1.0)
-        x = 10 * s**3 - 15 * s**4 + 6 * s**5
-        v, a = (30 * s**2 - 60 * s**3 + 30 * s**4) / T, (60 * s - 180 * s**2 + 120 * s**3) / T**2
-        return start + x * way, v * way, a * way
-
-    return at
+from condyn_pin.control import (
+    CenterOfMass,
+    Controller,
+    FrameTask,
+    Orientation,
+    Posture,
+    at_rate,
+    balance,
+    minimum_jerk,
+)
 
 
 def main() -> None:
@@ -44,18 +41,15 @@ def main() -> None:
     T = 0.3 if arguments.quick else 0.6  # [s]
 
     base = [Orientation("base_link", weight=50), Posture(weight=0.1)]
-    lean = CenterOfMass(reference=leaning(com, target - com, T), kp=200, weight=100)
+    lean = CenterOfMass(reference=minimum_jerk(com, target, T), kp=200, weight=100)
     stand = Controller(four, [lean, *base], cones=FrictionCone(0.6, sides=8))
     stay = CenterOfMass(reference=target, kp=200, weight=100)
     lift = stand.use(three, [stay, *base, FrameTask("FL_FOOT", a=(0.0, 0.0, 1.0), weight=20)])
 
-    def by(controller):
-        return lambda t, q, v: controller.solve(q, v, t, passive=solo.passive_torque(q, v)).tau
-
-    first = cp.simulate(four, q, v, by(stand), duration=T, dt=2e-3)
+    first = cp.simulate(four, q, v, at_rate(stand, 2e-3), duration=T, dt=2e-3)
     q, v = first.q[-1], first.v[-1]
     print("over three feet:", balance(three, q, v, 0 * v, np.zeros(9)))
-    second = cp.simulate(three, q, v, by(lift), duration=0.2, dt=2e-3)
+    second = cp.simulate(three, q, v, at_rate(lift, 2e-3), duration=0.2, dt=2e-3)
     print(f"FL_FOOT is {lifted(second):.3f} m higher, on {len(three.constraints)} feet")
 
     down = stand.use(four, [CenterOfMass(a=(0, 0, -11.0), weight=np.inf), *base])

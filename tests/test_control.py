@@ -34,7 +34,9 @@ from condyn_pin.control import (
     Orientation,
     Posture,
     ProxQP,
+    at_rate,
     gravity_compensation,
+    minimum_jerk,
     support_polygon,
 )
 from condyn_pin.dynamics.force import Sites
@@ -243,6 +245,85 @@ def test_random_states_are_answered_within_the_cones(name):
     assert active or name == "cassie"
 
 
+@pytest.mark.parametrize("name", ["cassie", "talos"])
+def test_a_posture_weighted_with_inertia_is_gauss_principle(name):
+    """min |a - a_free|_M, with motors everywhere, is the motion that none of them would change."""
+    from dataclasses import dataclass
+
+    from condyn_pin.control.tasks.base import BoundTask, Task
+
+    @dataclass(frozen=True)
+    class Nearest(Task):
+        def bind(self, scene, home):
+            n = scene.robot.nv
+            names = self._row_names([str(i) for i in range(n)])
+
+            def rows(motion, t):
+                M, h = motion.terms.M, motion.terms.h
+                root = np.linalg.cholesky(M).T
+                return root, root @ np.linalg.solve(M, -h)
+
+            return BoundTask("accelerations", names, "kg^1/2 m/s^2", rows)
+
+    try:
+        scene, _, _ = CASES[name][0]()
+        made, rng = scene.robot, np.random.default_rng(7)
+        free = Controller(
+            scene, [Nearest(weight=1e6)], cones={}, actuation=Actuation(made, made.joints),
+            limits=ControlLimits(torque=False), regularisation=1e-9,
+        )  # fmt: skip
+        for _ in range(5):
+            q, v = scene.sample(rng, spread=0.1)
+            out = free.solve(q, v)
+            nearest = cp.solve(scene, q, v, 0 * v, solver=cp.dynamics.GaussPrinciple()).a
+            assert out.status.ok
+            assert np.abs(out.a - nearest).max() < 1e-9 * np.abs(nearest).max()
+    finally:
+        del TASKS["Nearest"]
+
+
+def test_points_of_a_foot_that_turns_leave_a_program():
+    """Cassie's feet are two points each: turning, these contradict each other along the edge."""
+    made = robot("cassie")
+    scene, loops = cp.Scene(made, [*made.loops, *made.contacts]), cp.Scene(made, made.loops)
+    q, v = scene.state()
+    springs = [spring.joint for spring in made.springs]
+    controller = Controller(scene, tasks_of("pelvis"), cones=OCTAGON, rigid=springs)
+    assert controller.solve(q, v).residuals.constraints < 1e-10
+    v = project_velocity(loops, q, 0.3 * np.random.default_rng(3).normal(size=made.nv))
+    out = controller.solve(q, v)
+    assert out.status.ok
+    assert out.residuals.kkt < 1e-9
+    least = cp.solve(scene, q, v, 0 * v, throw=False).residuals.constraint
+    assert 1e-2 < out.residuals.constraints < 2 * least
+
+
+def test_springs_that_are_taken_for_rigid_do_not_accelerate():
+    """What keeps them so is what they would have to give: at rest they give nothing."""
+    free = robot("cassie")
+    scene = cp.Scene(free, [*free.loops, *free.contacts])
+    q, v = scene.state()
+    springs = [spring.joint for spring in free.springs]
+    stiff = Controller(scene, tasks_of("pelvis"), cones=OCTAGON, rigid=springs)
+    out = stiff.solve(q, v, passive=free.passive_torque(q, v))
+    assert out.status.ok
+    places = [free.model.joints[free.model.getJointId(name)].idx_v for name in springs]
+    assert np.abs(out.a[places]).max() < 1e-12
+    assert not out.tau[places].any()
+    assert (out.rigid > 20.0).all()
+    locked = cp.load_robot("cassie", variant={"springs": "locked"})
+    same = cp.Scene(locked, [*locked.loops, *locked.contacts])
+    other = Controller(same, tasks_of("pelvis"), cones=OCTAGON).solve(*same.state())
+    # of 39 N m; internal forces are as exact as a regularisation of 1e-5 leaves them
+    assert np.allclose(out.u, other.u, atol=1e-4)
+    bent = q.copy()
+    bent[[free.model.joints[free.model.getJointId(name)].idx_q for name in springs]] = -0.03
+    passive = free.passive_torque(bent, v)
+    less = stiff.solve(q, v, passive=passive)
+    assert np.allclose(less.rigid, out.rigid - passive[places], atol=1e-4)
+    assert np.allclose(less.tau, out.tau, atol=1e-4)
+
+
 # Contradictions
 
 
@@ -442,6 +523,32 @@ def test_a_reference_may_be_a_function_of_time():
         data = model.createData()
         jacobian = pin.jacobianCenterOfMass(model, data, q)
         assert np.allclose(jacobian @ out.a, wanted, atol=2e-3)
+
+
+def test_a_minimum_jerk_way_is_smooth_and_at_rest_at_both_ends():
+    start, end = np.array([0.1, -0.2, 0.9]), np.array([0.3, 0.1, 0.8])
+    way = minimum_jerk(start, end, 0.5, begin=0.2)
+    for t, place in ((0.0, start), (0.2, start), (0.7, end), (9.0, end)):
+        x, v, a = way(t)
+        assert np.allclose(x, place, atol=1e-15)
+        assert max(np.abs(v).max(), np.abs(a).max()) < 1e-12
+    x, v, a = way(0.45)
+    assert np.allclose(x, (start + end) / 2)
+    assert np.allclose(v, 15 / 8 * (end - start) / 0.5)  # the fastest there is
+    assert np.abs(a).max() < 1e-12
+    h = 1e-5
+    for t in np.linspace(0.21, 0.69, 7):
+        (before, v_before, _), (_, v, a), (after, v_after, _) = (way(t + s) for s in (-h, 0, h))
+        assert np.allclose(v, (after - before) / (2 * h), atol=1e-8)
+        assert np.allclose(a, (v_after - v_before) / (2 * h), atol=1e-7)
+    assert pickle.loads(pickle.dumps(way)) == way
+    for wrong in (
+        lambda: minimum_jerk(start, end[:2], 0.5),
+        lambda: minimum_jerk(start, end, 0.0),
+        lambda: minimum_jerk(start, end * np.nan, 0.5),
+    ):
+        with pytest.raises(cp.InvalidArgument):
+            wrong()
 
 
 def test_a_task_of_ones_own_is_one_class():
@@ -664,6 +771,11 @@ def test_what_is_wrong_is_named():
         (lambda: Controller(scene, STAND, qp="proxqp", **good), "qp = 'proxqp'"),
         (lambda: Controller(scene, STAND, limits=3, **good), "limits = 3"),
         (lambda: Controller(scene, STAND, regularisation=0.0, **good), "many answers"),
+        (lambda: Controller(scene, STAND, rigid=["FL_KFE"], **good), "has a motor"),
+        (lambda: Controller(scene, STAND, rigid="FL_KFE", **good), "a list of names is needed"),
+        (lambda: at_rate(STAND, 1e-3), "a Controller is needed"),
+        (lambda: at_rate(Controller(scene, STAND, **good), 0.0), "period = 0"),
+        (lambda: at_rate(Controller(scene, STAND, **good), 1e-3, watch=3), "watch"),
         (lambda: Controller(scene, STAND, **good).solve(q, v[:3]), "v has shape"),
         (lambda: Controller(scene, STAND, **good).solve(q, v, np.nan), "finite numbers"),
         (lambda: Controller(scene, STAND, **good).solve(q, v, passive=[1.0]), "passive"),

@@ -1,6 +1,9 @@
-"""Whole-body control in closed loop: a robot that stands on contacts which may open and slide."""
+"""Whole-body control in closed loop: robots that stand on contacts which may open and slide."""
 
 from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -8,68 +11,204 @@ from numpy.typing import NDArray
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.contact import FrictionCone
-from condyn_pin.control import CenterOfMass, Controller, Orientation, Posture, balance
+from condyn_pin.contact import FrictionCone, WrenchCone
+from condyn_pin.contact.cone import Cone
+from condyn_pin.control import (
+    CenterOfMass,
+    ControlAnswer,
+    Controller,
+    ControlLimits,
+    Orientation,
+    Posture,
+    at_rate,
+    balance,
+)
 from condyn_pin.mechanism import put_down
 
 pytest.importorskip("proxsuite")
 
 Array = NDArray[np.float64]
+OCTAGON = FrictionCone(
+    0.6, sides=8
+)  # within the cones of the floor: what is asked for, it can give
 
 
 class Standing:
-    """Solo12 on four feet under a controller, and the worst of what its answers leave."""
+    """A robot on the floor under a controller, and every answer that was applied."""
 
-    def __init__(self) -> None:
-        solo = robot("solo12")
-        held = cp.Scene(solo, solo.contacts)
-        self.floor = cp.Scene(solo, contacts=solo.frictional_contacts(friction=0.7))
-        q, self.v = held.state()
+    def __init__(
+        self, name: str, base: str, cone: Cone, *, shift: float = 0.0, rigid: Sequence[str] = ()
+    ) -> None:
+        made = robot(name)
+        self.base = base
+        self.held = cp.Scene(made, [*made.loops, *made.contacts])
+        self.floor = cp.Scene(made, made.loops, contacts=made.frictional_contacts(friction=0.7))
+        q, self.v = self.held.state()
         self.q = put_down(self.floor, q)
-        com = balance(held, self.q, self.v, 0 * self.v, np.zeros(held.rows)).com
+        polygon = self._balance(self.q, self.v).polygon
+        assert polygon is not None
+        feet = polygon.in_world.mean(axis=0)
+        com = self._balance(self.q, self.v).com
+        self.middle = np.array([feet[0], feet[1] + shift, com[2]])
         tasks = [
-            CenterOfMass(reference=com, kp=100, weight=100),
-            Orientation("base_link", kp=100, weight=50),
+            CenterOfMass(reference=self.middle, kp=100, weight=100),
+            Orientation(base, kp=100, weight=50),
             Posture(weight=0.1),
         ]
-        # within the cones of the floor: what the model asks for, the floor can give
-        self.controller = Controller(held, tasks, cones=FrictionCone(0.6, sides=8))
-        self.kkt, self.margin = 0.0, np.inf
+        self.controller = Controller(self.held, tasks, cones=cone, rigid=rigid)
+        self.answers: list[ControlAnswer] = []
 
-    def torque(self, t: float, q: Array, v: Array) -> Array:
-        out = self.controller.solve(q, v, t)
-        assert out.status.ok
-        self.kkt = max(self.kkt, out.residuals.kkt)
-        self.margin = min(self.margin, *(float(each.least) for each in out.margins.values()))
-        return out.tau
+    def run(
+        self, duration: float, push: Sequence[float] = (0, 0, 0), dt: float = 1e-3
+    ) -> cp.Trajectory:
+        """Return a motion with a push at the base, from 0.05 to 0.1 s [N s]."""
 
-    def run(self, duration: float, **options: object) -> cp.Trajectory:
-        return cp.simulate(self.floor, self.q, self.v, self.torque, duration=duration, **options)
+        def pushed(t: float, q: Array, v: Array) -> Array:
+            return np.array(push) / 0.05 if 0.05 <= t < 0.1 else np.zeros(3)
+
+        torque = at_rate(self.controller, 1e-3, watch=self.answers.append)
+        forces = [cp.AppliedForce(self.base, pushed)]
+        return cp.simulate(
+            self.floor, self.q, self.v, torque, duration=duration, dt=dt, forces=forces
+        )
+
+    def off(self, run: cp.Trajectory) -> float:
+        """How far the centre of mass is from where it belongs at the end [m]."""
+        return float(np.linalg.norm(self._balance(run.q[-1], run.v[-1]).com - self.middle))
+
+    def check(self, duration: float) -> None:
+        """Every tick was answered, and what it asks the floor for is within the cones."""
+        assert len(self.answers) == round(duration / 1e-3) + 1
+        assert all(answer.status.ok for answer in self.answers)
+        assert max(answer.residuals.kkt for answer in self.answers) <= 1e-9
+        margins = [margin.least for each in self.answers for margin in each.margins.values()]
+        assert min(float(least) for least in margins) > -1e-9
+
+    def _balance(self, q: Array, v: Array) -> cp.control.Balance:
+        return balance(self.held, q, v, 0 * v, np.zeros(self.held.rows))
+
+
+def solo() -> Standing:
+    return Standing("solo12", "base_link", OCTAGON)
 
 
 def test_a_robot_stands_on_contacts_that_may_open() -> None:
-    standing = Standing()
-    run = standing.run(0.2, dt=1e-3)
+    standing = solo()
+    run = standing.run(0.2)
     assert run.status.ok
     assert np.abs(run.q[-1] - run.q[0]).max() < 1e-6
-    assert standing.kkt < 1e-9
-    assert standing.margin > 0
+    standing.check(0.2)
     up = [force[-1, 2] for force in run.forces.values()]
     assert sum(up) == pytest.approx(4 * 6.131, abs=1e-2)
 
 
-def test_a_push_is_taken_up() -> None:
-    """4 N to the side for 0.1 s, a sixth of its weight."""
-    standing = Standing()
-
-    def pushed(t: float, q: Array, v: Array) -> tuple[float, float, float]:
-        return (0.0, 4.0 if 0.05 <= t < 0.15 else 0.0, 0.0)
-
-    run = standing.run(0.6, dt=1e-3, forces=[cp.AppliedForce("base_link", pushed)])
+# Impulses that take the capture point a share of the way to the edge of the feet, by m omega d:
+# what a robot that does not step can stand, and what it cannot, is on either side of all the way.
+@pytest.mark.parametrize(("way", "share"), [((1, 0), 0.8), ((0, 1), 0.8), ((1, 1), 0.5)])
+def test_pushes_below_the_capture_point_bound_are_taken_up(
+    way: tuple[float, float], share: float
+) -> None:
+    standing = solo()
+    run = standing.run(0.8, impulse(standing, way, share))
     assert run.status.ok
-    aside = run.q[:, 1] - run.q[0, 1]
-    assert 1e-3 < np.abs(aside).max() < 0.05
-    assert abs(aside[-1]) < 0.5 * np.abs(aside).max()
-    assert standing.kkt < 1e-9
-    assert standing.margin > -1e-9
+    standing.check(0.8)
+    moved = np.linalg.norm(run.q[:, :2] - run.q[0, :2], axis=1)
+    assert moved.max() > 0.02
+    assert standing.off(run) < 0.2 * moved.max()
     assert all(set(modes[-1:]) == {"stick"} for modes in run.modes.values())
+
+
+@pytest.mark.parametrize("way", [(1, 0), (0, 1)])
+def test_pushes_beyond_it_are_not(way: tuple[float, float]) -> None:
+    standing = solo()
+    run = standing.run(0.8, impulse(standing, way, 1.2))
+    assert not run.status.ok or standing.off(run) > 0.1
+
+
+def impulse(standing: Standing, way: tuple[float, float], share: float) -> Array:
+    """Return the impulse that takes the capture point to a share of the way to the edge [N s]."""
+    now = standing._balance(standing.q, standing.v)
+    assert now.polygon is not None
+    d = np.array([*way, 0.0]) / np.linalg.norm(way)
+    lengths = np.linspace(0.0, 0.5, 5001)
+    inside = [now.polygon.margin(now.capture_point + x * d) >= 0 for x in lengths]
+    edge = lengths[np.flatnonzero(inside)[-1]]
+    omega = np.sqrt(9.81 / now.com[2])
+    return np.asarray(share * standing.held.robot.mass * omega * edge * d)
+
+
+def test_cassie_stands_on_loops_and_springs_and_lifts_a_foot_where_it_is_pushed() -> None:
+    """From springs at rest: it sinks, its springs carry it, and a push takes a foot off."""
+    cassie = Standing("cassie", "pelvis", OCTAGON, rigid=[s.joint for s in robot("cassie").springs])
+    run = cassie.run(1.2, (0.0, 5.0, 0.0), dt=5e-4)
+    assert run.status.ok
+    cassie.check(1.2)
+    assert run.violation.max() < 1e-9
+    assert (run.modes["right-foot/toe"] == "open").any()
+    assert all(modes[-1] == "stick" for modes in run.modes.values())
+    assert cassie.off(run) < 5e-3
+    # in equilibrium nothing is left to give by springs that are taken for rigid
+    assert np.abs(cassie.answers[-1].rigid).max() < 0.1 < 20 < np.abs(cassie.answers[0].rigid).min()
+
+
+def test_talos_shifts_its_weight_and_is_pushed() -> None:
+    """On soles: 5 cm to the left, and 15 N s from behind, which take it to the tip of its toes."""
+    talos = Standing("talos", "base_link", WrenchCone(0.5), shift=0.05)
+    run = talos.run(1.0, (15.0, 0.0, 0.0))
+    assert run.status.ok
+    talos.check(1.0)
+    assert np.abs(run.q[:, 0] - run.q[0, 0]).max() > 0.01
+    assert talos.off(run) < 5e-3
+    assert any("tips over" in row for answer in talos.answers for row in answer.active)
+
+
+def test_torques_are_held_from_tick_to_tick_and_asked_for_once() -> None:
+    standing = solo()
+    torque = at_rate(standing.controller, 2e-3, watch=standing.answers.append)
+    q, v = standing.q, standing.v
+    first = torque(0.0, q, v).copy()
+    moved = v + 0.1
+    assert (torque(1.9e-3, q, moved) == first).all()
+    assert len(standing.answers) == 1
+    assert (torque(2e-3 - 1e-15, q, moved) != first).any()  # times of steps are rounded
+    assert [answer.t for answer in standing.answers] == [0.0, 2e-3 - 1e-15]
+    again = torque(0.0, q, v)  # another run begins
+    assert np.allclose(again, first, atol=1e-9)
+    torque(0.0, q, moved)  # another state at the same instant is another question
+    assert len(standing.answers) == 4
+
+
+def test_a_tick_without_torques_ends_the_run_with_its_contradiction() -> None:
+    standing = solo()
+    weak = Controller(
+        standing.held, [CenterOfMass(a=(0, 0, -11.0), weight=np.inf)], cones=OCTAGON,
+        limits=ControlLimits(torque=False),
+    )  # fmt: skip
+    with pytest.raises(cp.SolveFailed, match=r"no torques: CenterOfMass\.z gives 1\.19") as raised:
+        cp.simulate(standing.floor, standing.q, standing.v, at_rate(weak, 1e-3), duration=0.1)
+    assert raised.value.solution.infeasible
+
+
+# The committed results
+
+
+def test_the_table_is_that_of_the_committed_results(monkeypatch: pytest.MonkeyPatch) -> None:
+    root = Path(__file__).resolve().parent.parent
+    monkeypatch.syspath_prepend(str(root / "benchmarks"))
+    import standing
+    from marks import filled
+
+    measured = standing.load()
+    for path, blocks in standing.pages(*measured).items():
+        page = (root / path).read_text("utf-8")
+        assert filled(page, blocks) == page, path
+    rows = measured[0]
+    for row in rows:
+        if row.stood == row.runs:
+            assert row.not_ok == 0
+            assert row.kkt <= 1e-9
+            assert row.margin > -1e-9
+    assert {row.robot for row in rows} == set(standing.ROBOTS)
+    assert all(row.stood == row.runs for row in rows if row.share == min(standing.SHARES))
+    assert all(row.stood == 0 for row in rows if row.share > 1)
+    assert all(row.stood == row.runs for row in rows if row.robot == "solo12" and row.share <= 0.5)

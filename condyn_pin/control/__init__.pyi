@@ -6,6 +6,7 @@ from .answer import ControlAnswer as ControlAnswer
 from .answer import ControlResiduals as ControlResiduals
 from .answer import ControlStatus as ControlStatus
 from .answer import Give as Give
+from .at_rate import at_rate as at_rate
 from .balancing import Balance as Balance
 from .balancing import balance as balance
 from .control_limits import ControlLimits as ControlLimits
@@ -20,6 +21,7 @@ from .hierarchy import Hierarchy as Hierarchy
 from .inverse import InverseDynamics as InverseDynamics
 from .inverse import gravity_compensation as gravity_compensation
 from .inverse import inverse_dynamics as inverse_dynamics
+from .minimum_jerk import minimum_jerk as minimum_jerk
 from .operational import OperationalSpace as OperationalSpace
 from .operational import operational_space as operational_space
 from .qp import QPS as QPS

@@ -102,7 +102,7 @@ class Contradiction(NamedTuple):
 class ControlAnswer:
     """Torques, accelerations and contact forces of one control tick.
 
-    M a + h = B u + passive + J^T lam,    J a + gamma = a_ref
+    M a + h = B u + passive + rigid + J^T lam,    J a + gamma = a_ref
 
     Where the status is INFEASIBLE or UNSOLVED all numbers are NaN.
 
@@ -114,6 +114,9 @@ class ControlAnswer:
         What the joints then do [rad/s^2, m/s^2].
     lam : (m,) array
         Constraint forces, all rows, in the axes of each constraint [N, N m].
+    rigid : (r,) array
+        Torques that keep the joints that are taken for rigid from accelerating, beside `passive`:
+        zero where springs are in equilibrium [N m, N].
     errors : dict of str to (r,) array
         J a + drift - a_wanted of each task by name, in the units of its rows.
     active : tuple of str
@@ -132,11 +135,14 @@ class ControlAnswer:
     cones : Cone or dict of str to Cone
     scene : Scene
     q : (nq,) array
+    t : float
+        Of the tick [s].
     """
 
     tau: Array
     a: Array
     lam: Array
+    rigid: Array
     errors: dict[str, Array]
     active: tuple[str, ...]
     infeasible: Contradiction | None
@@ -149,6 +155,7 @@ class ControlAnswer:
     cones: Cones
     scene: Scene
     q: Array
+    t: float  # [s]
 
     @property
     def u(self) -> Array:

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.names import checked
 from condyn_pin._core.one_thread import OneThread, alone
 from condyn_pin._core.parameters import check_accuracy
 from condyn_pin.constraints.baumgarte import Baumgarte
@@ -24,7 +25,8 @@ from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import ControlLimits
 from condyn_pin.control.hierarchy import Cascade, Hierarchy, check_tasks, weighted
-from condyn_pin.control.program import Level, Program
+from condyn_pin.control.levels import Level
+from condyn_pin.control.program import Program
 from condyn_pin.control.qp.base import QPSolver
 from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.proxqp import ProxQP
@@ -47,6 +49,7 @@ class _Settings:
     actuation: Actuation | None
     drift: Baumgarte | None
     regularisation: float
+    rigid: tuple[str, ...]
 
 
 class Controller(OneThread):
@@ -74,6 +77,9 @@ class Controller(OneThread):
     regularisation : float
         Weight of all accelerations and of all forces over the mass of the robot, squared: decides
         what no task does [1].
+    rigid : sequence of str
+        Joints without a motor that it takes for rigid, such as stiff springs: they do not
+        accelerate, whatever torque that takes.
 
     Raises
     ------
@@ -107,6 +113,7 @@ class Controller(OneThread):
         actuation: Actuation | None = None,
         drift: Baumgarte | None = None,
         regularisation: float = 1e-5,
+        rigid: Sequence[str] = (),
     ) -> None:
         check_accuracy("regularisation", regularisation)
         if regularisation == 0:
@@ -116,7 +123,10 @@ class Controller(OneThread):
         limits = ControlLimits() if limits is None else limits
         if not isinstance(limits, ControlLimits):
             raise InvalidArgument(f"limits = {limits!r}: ControlLimits(...) is needed")
-        self._settings = _Settings(cones, qp, limits, actuation, drift, float(regularisation))
+        stiff = checked("rigid", rigid, scene.robot.joints, "joint")
+        self._settings = _Settings(
+            cones, qp, limits, actuation, drift, float(regularisation), stiff
+        )
         self._siblings: dict[tuple[Scene, object], Controller] = {}
         self._set_up(scene, tasks, cones)
 
@@ -136,7 +146,7 @@ class Controller(OneThread):
         home = lru_cache(maxsize=1)(lambda: scene.state()[0])
         self._program = Program(
             scene, levels, ContactCones(scene, cones), settings.limits, self.actuation, equations,
-            home,
+            home, settings.rigid,
         )  # fmt: skip
         self._cascade = Cascade(settings.qp or default, len(levels), settings.regularisation)
 
@@ -204,6 +214,7 @@ class Controller(OneThread):
             cones=self._cones,
             scene=self.scene,
             q=self._program.motion.q.copy(),
+            t=float(t),
         )
 
     @alone

@@ -77,3 +77,15 @@ class Elimination:
         if not len(self._pivots):
             return np.zeros(len(self.N))
         return np.asarray(self._Q @ dtrtrs(self._R, r[self._pivots], trans=1)[0])
+
+
+def reached(J: Array, r: Array) -> tuple[Array, int]:
+    """Return what is nearest to r (m,) of all J z, and the rank of J (m, k)."""
+    from scipy.linalg import qr
+
+    if not J.size:
+        return r, 0
+    Q, R, _ = qr(J, mode="economic", pivoting=True, check_finite=False)
+    sizes = np.abs(np.diagonal(R))
+    rank = int(np.count_nonzero(sizes > tolerances.RANK * sizes[0]))
+    return (Q[:, :rank] @ (Q[:, :rank].T @ r) if rank < len(J) else r), rank

@@ -2,9 +2,9 @@
 
     M a + h = passive + E t + J_l^T lam_l + J_c^T lam_c,     J_l a = r_l,     J_c a = r_c
 
-E puts the torques t of the motors into the equation; l are the rows that are held, loops above all,
-and c those of contacts with a cone. Held rows and torques are eliminated (`elimination`): with m
-the mass of the robot, so that all unknowns are accelerations,
+E puts the torques t of the motors into the equation; l are the rows that are held, loops above all
+and joints that are taken for rigid, and c those of contacts with a cone. Held rows and torques are
+eliminated (`elimination`): with m the mass of the robot, so that all unknowns are accelerations,
 
     x = (z, lam_c / m, w / m),     a = a_0 + N z,     t / m = T x + t_0,
 
@@ -16,61 +16,26 @@ the mass of the robot, so that all unknowns are accelerations,
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from math import isinf
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import indices
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import AccelerationBounds, ControlLimits, torque_limits
-from condyn_pin.control.elimination import Elimination
+from condyn_pin.control.elimination import Elimination, reached
+from condyn_pin.control.levels import FLOOR, JOINT, LAW, MOTOR, Level, Row, Stack
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.qp.quadratic_program import QuadraticProgram
 from condyn_pin.control.tasks.base import Home, Task
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
-
-# What it costs that a row gives: wishes before limits of joints, those before motors, and the floor
-# last. Equations of motion and contacts never give.
-_WISH, _JOINT, _MOTOR, _FLOOR, _LAW = 1.0, 1e1, 1e2, 1e3, np.inf
-
-
-@dataclass(frozen=True, eq=False)
-class Row:
-    """What a row of the program is.
-
-    Attributes
-    ----------
-    name : str
-    unit : str
-    scale : float
-        What a number of the program is in its unit.
-    cost : float
-        Of giving, where rows contradict each other.
-    """
-
-    name: str
-    unit: str
-    scale: float
-    cost: float
-
-
-@dataclass(frozen=True, eq=False)
-class Level:
-    """Rows of tasks over x: w |G x - b|^2.
-
-    Attributes
-    ----------
-    G, b, weights : (r, n), (r,), (r,) array
-    """
-
-    G: Array
-    b: Array
-    weights: Array
+from condyn_pin.model.robot import Robot
 
 
 class Program:
@@ -84,9 +49,15 @@ class Program:
         At the state of the last tick.
     passive : (nv,) array
         Torques that act anyway, in the last tick.
+    rigid : (k, nv) array
+        A row of the identity for each joint that is taken for rigid.
+    unreached : float
+        How far contacts with redundant rows are from what they demand, whatever moves, in the last
+        tick: zero where their velocity is [m/s^2, rad/s^2].
     """
 
     passive: Array
+    unreached: float = 0.0
 
     def __init__(
         self,
@@ -97,6 +68,7 @@ class Program:
         actuation: Actuation,
         equations: Equations,
         home: Home,
+        rigid: Sequence[str],
     ) -> None:
         robot = scene.robot
         self.cones, self.equations = cones, equations
@@ -109,16 +81,15 @@ class Program:
         self._most = most[self._limited] / self.mass
         tasks = [task for level in levels for task in level]
         hard = [task for task in tasks if isinf(task.weight)]
-        self._hard = _Stack(scene, hard, self, home)
+        self._hard = Stack(scene, hard, home)
         self._levels = [
-            _Stack(scene, [task for task in level if task not in hard], self, home)
-            for level in levels
+            Stack(scene, [task for task in level if task not in hard], home) for level in levels
         ]
         self.inequalities = self._inequality_rows(actuation)
+        self._redundant: bool | None = None  # not known before the first tick
+        self.rigid = _rigid_rows(robot, rigid, self._columns)
         no_loops = not len(cones.held)
-        self._constant = (
-            Elimination.of(np.zeros((0, robot.nv)), self._columns) if no_loops else None
-        )
+        self._constant = Elimination.of(self.rigid, self._columns) if no_loops else None
 
     def assemble(
         self, q: Array, v: Array, t: float, passive: Array
@@ -127,9 +98,10 @@ class Program:
         self.motion.move(q, v)
         self.passive = passive
         terms, held, touching = self.motion.terms, self.cones.held, self.cones.touching
-        E = self._constant or Elimination.of(terms.J[held], self._columns)
+        E = self._constant or Elimination.of(self._held_rows, self._columns)
         r = terms.a_ref - terms.gamma
-        a_0, J_c = E.particular(r[held]), terms.J[touching]
+        a_0 = E.particular(np.concatenate((r[held], np.zeros(len(self.rigid)))))
+        J_c = terms.J[touching]
         touch = E.along(J_c)
         inertia = E.along(E.along(terms.M).T)  # N^T M N
         force = np.hstack((inertia / self.mass, -touch.T))  # N^T (M a - J_c^T lam) / m
@@ -137,7 +109,7 @@ class Program:
         T, t_0 = np.hstack((E.drive @ force, E.inner)), E.drive @ force_0
         self._at = E, a_0, J_c, T, t_0
 
-        hard, n = self._hard.level(self.motion, t, self), T.shape[1]
+        hard, n = self._level(self._hard, t), T.shape[1]
         self._wished = hard
         first = E.undriven.shape[1]
         last = first + len(touch)
@@ -145,10 +117,36 @@ class Program:
         A[:first, : force.shape[1]] = E.undriven.T @ force
         A[first:last, : touch.shape[1]] = touch
         A[last:] = hard.G
-        b = np.concatenate((-(E.undriven.T @ force_0), r[touching] - J_c @ a_0, hard.b))
+        wanted = self._within_reach(touch, r[touching] - J_c @ a_0)
+        b = np.concatenate((-(E.undriven.T @ force_0), wanted, hard.b))
         C, lower, upper = self._inequalities(q, v)
         program = QuadraticProgram(np.zeros((n, n)), np.zeros(n), A, b, C, lower, upper)
-        return program, [stack.level(self.motion, t, self) for stack in self._levels]
+        return program, [self._level(stack, t) for stack in self._levels]
+
+    def _level(self, stack: Stack, t: float) -> Level:
+        """Return the rows of tasks, over x."""
+        J, F, b = stack.at(self.motion, t)
+        if F[:, self.cones.held].any():
+            raise InvalidArgument(
+                f"tasks: one of {', '.join(stack.tasks)} is about the force of a contact that has "
+                "no cone; cones={name: FrictionCone(...)} gives it one"
+            )
+        b[: len(J)] -= J @ self.a_0
+        return Level(self.over_x(J, F), b, stack.weights)
+
+    def _within_reach(self, touch: Array, wanted: Array) -> Array:
+        """Return what contacts demand, as near as their rows can come to it.
+
+        Two points of a foot that turns cannot both keep their places: equations that contradict
+        each other would leave no torques at all.
+        """
+        if self._redundant is False:
+            return wanted
+        best, rank = reached(touch, wanted)
+        if self._redundant is None:
+            self._redundant = rank < len(touch)
+        self.unreached = float(np.abs(best - wanted).max(initial=0.0))
+        return best
 
     def _inequalities(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return C and its bounds: torques, accelerations of joints, cones."""
@@ -169,7 +167,7 @@ class Program:
     def equation_rows(self, program: QuadraticProgram) -> list[Row]:
         """Return what the equations of a program are."""
         laws = len(program.b) - len(self._hard.rows)
-        return [Row("equation of motion", "m/s^2", 1.0, _LAW)] * laws + self._hard.rows
+        return [Row("equation of motion", "m/s^2", 1.0, LAW)] * laws + self._hard.rows
 
     def over_x(self, J: Array, F: Array) -> Array:
         """Return rows of accelerations (r, nv), and of forces (s, m), as rows over x."""
@@ -181,24 +179,29 @@ class Program:
         return G
 
     @property
+    def _held_rows(self) -> Array:
+        return np.vstack((self.motion.terms.J[self.cones.held], self.rigid))
+
+    @property
     def a_0(self) -> Array:
         """What the held rows alone demand (nv,) [rad/s^2, m/s^2]."""
         return self._at[1]
 
-    def recover(self, x: Array) -> tuple[Array, Array, Array]:
-        """Return a, tau and lam, the forces of all rows, that belong to x."""
+    def recover(self, x: Array) -> tuple[Array, Array, Array, Array]:
+        """Return a, tau, lam of all rows, and the torques of rigid joints, that belong to x."""
         E, a_0, J_c, T, t_0 = self._at
         terms, k, m = self.motion.terms, E.N.shape[1], len(self.cones.touching)
-        a = a_0 + E.N @ x[:k]
+        a, held = a_0 + E.N @ x[:k], self.cones.held
         lam, tau = np.zeros(len(terms.J)), np.zeros(len(a))
         lam[self.cones.touching] = self.mass * x[k : k + m]
         tau[self._columns] = self.mass * (T @ x + t_0)
-        if len(self.cones.held):
-            left = terms.M @ a + terms.h - self.passive - tau
-            left -= J_c.T @ lam[self.cones.touching]
-            of_held = terms.J[self.cones.held].T
-            lam[self.cones.held] = np.linalg.lstsq(of_held, left, rcond=tolerances.RANK)[0]
-        return a, tau, lam
+        rows = self._held_rows
+        if not len(rows):
+            return a, tau, lam, np.zeros(0)
+        left = terms.M @ a + terms.h - self.passive - tau - J_c.T @ lam[self.cones.touching]
+        forces = np.linalg.lstsq(rows.T, left, rcond=tolerances.RANK)[0]
+        lam[held] = forces[: len(held)]
+        return a, tau, lam, np.asarray(forces[len(held) :], dtype=float)
 
     def errors(self, levels: Sequence[Level], x: Array) -> dict[str, Array]:
         """Return how far each task is from what it wants, by name."""
@@ -211,44 +214,15 @@ class Program:
 
     def _inequality_rows(self, actuation: Actuation) -> list[Row]:
         motors = actuation.motors
-        rows = [Row(f"{motors[i]}: torque", "N m, N", self.mass, _MOTOR) for i in self._limited]
+        rows = [Row(f"{motors[i]}: torque", "N m, N", self.mass, MOTOR) for i in self._limited]
         unit = "rad/s^2, m/s^2"
-        rows += [Row(f"{name}: acceleration", unit, 1.0, _JOINT) for name in self._bounds.names]
-        return rows + [Row(name, "N", self.mass, _FLOOR) for name in self.cones.names]
+        rows += [Row(f"{name}: acceleration", unit, 1.0, JOINT) for name in self._bounds.names]
+        return rows + [Row(name, "N", self.mass, FLOOR) for name in self.cones.names]
 
 
-class _Stack:
-    """Tasks whose rows stand below each other: accelerations first, then forces."""
-
-    def __init__(self, scene: Scene, tasks: Sequence[Task], program: Program, home: Home) -> None:
-        bound = [(task, task.bind(scene, home)) for task in tasks]
-        self.tasks: dict[str, slice] = {}
-        self._over_a = [each for _, each in bound if each.over == "accelerations"]
-        self._over_f = [each for _, each in bound if each.over == "forces"]
-        self.rows: list[Row] = []
-        weights: list[float] = []
-        for over in ("accelerations", "forces"):
-            for task, each in bound:
-                if each.over != over:
-                    continue
-                start = len(self.rows)
-                self.rows += [Row(name, each.unit, 1.0, _WISH) for name in each.names]
-                weights += [task.weight] * len(each.names)
-                self.tasks[task.name] = slice(start, len(self.rows))
-        self._weights = np.array(weights)
-        self._none = np.zeros((0, scene.robot.nv)), np.zeros((0, scene.rows))
-
-    def level(self, motion: Motion, t: float, program: Program) -> Level:
-        """Return the rows at a state, over x."""
-        of_a = [each.rows(motion, t) for each in self._over_a]
-        of_f = [each.rows(motion, t) for each in self._over_f]
-        J = np.vstack([rows for rows, _ in of_a]) if of_a else self._none[0]
-        F = np.vstack([rows for rows, _ in of_f]) if of_f else self._none[1]
-        if F[:, program.cones.held].any():
-            raise InvalidArgument(
-                f"tasks: one of {', '.join(self.tasks)} is about the force of a contact that has "
-                "no cone; cones={name: FrictionCone(...)} gives it one"
-            )
-        b = np.concatenate([*(b for _, b in of_a), *(b for _, b in of_f), np.zeros(0)])
-        b[: len(J)] -= J @ program.a_0
-        return Level(program.over_x(J, F), b, self._weights)
+def _rigid_rows(robot: Robot, joints: Sequence[str], motors: NDArray[np.int_]) -> Array:
+    """Return a row of the identity for each degree of freedom of joints that have no motor."""
+    columns = indices(robot.model, joints)[1]
+    if np.isin(columns, motors).any():
+        raise InvalidArgument(f"rigid = {list(joints)}: one of them has a motor")
+    return np.eye(robot.nv)[columns]

@@ -15,7 +15,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.terms import largest_torque
 from condyn_pin.control.answer import Contradiction, ControlResiduals, ControlStatus, Give
-from condyn_pin.control.program import Level, Program
+from condyn_pin.control.levels import Level
+from condyn_pin.control.program import Program
 from condyn_pin.control.qp.chain import ChainAnswer
 from condyn_pin.control.qp.quadratic_program import QuadraticProgram
 
@@ -26,6 +27,7 @@ class Verdict(NamedTuple):
     tau: Array
     a: Array
     lam: Array
+    rigid: Array
     errors: dict[str, Array]
     active: tuple[str, ...]
     infeasible: Contradiction | None
@@ -46,18 +48,25 @@ def verdict(
         infeasible = _contradiction(program, asked, answers[-1])
         status = ControlStatus.INFEASIBLE if infeasible else ControlStatus.UNSOLVED
         unknown = ControlResiduals(np.inf, np.inf, np.inf)
-        return Verdict(nothing, nothing, none, {}, (), infeasible, unknown, status)
-    a, tau, lam = program.recover(x)
-    residuals, status = _proof(program, a, tau, lam, answers)
+        rigid = np.full(len(program.rigid), np.nan)
+        return Verdict(nothing, nothing, none, rigid, {}, (), infeasible, unknown, status)
+    a, tau, lam, rigid = program.recover(x)
+    passive = program.passive + rigid @ program.rigid
+    residuals, status = _proof(program, a, tau, passive, lam, answers)
     errors, active = program.errors(levels, x), _active(program, answers[-1])
-    return Verdict(tau, a, lam, errors, active, None, residuals, status)
+    return Verdict(tau, a, lam, rigid, errors, active, None, residuals, status)
 
 
 def _proof(
-    program: Program, a: Array, tau: Array, lam: Array, answers: Sequence[ChainAnswer]
+    program: Program,
+    a: Array,
+    tau: Array,
+    passive: Array,
+    lam: Array,
+    answers: Sequence[ChainAnswer],
 ) -> tuple[ControlResiduals, ControlStatus]:
     """Return the residuals of an answer, and what they amount to."""
-    motion, applied = program.motion, tau + program.passive
+    motion, applied = program.motion, tau + passive
     _, largest = program.equations.errors(motion.q, motion.v, applied, a, lam)
     kkt = max(each.answer.residual if each.answer else np.inf for each in answers)
     residuals = ControlResiduals(kkt, largest[0], largest[4])
@@ -65,7 +74,7 @@ def _proof(
     holds = (
         kkt <= tolerances.KKT
         and residuals.dynamics <= tolerances.SOLVED * largest_torque(motion.terms, applied, size)
-        and residuals.constraints <= tolerances.SOLVED * size
+        and residuals.constraints <= tolerances.SOLVED * size + program.unreached
     )
     return residuals, ControlStatus.OK if holds else ControlStatus.INACCURATE
 

@@ -249,9 +249,10 @@ class Robot:
         return to_mjcf(self, without=without)
 
     def _joint(self, name: str) -> Any:
-        if name not in self.joints:
+        index = self.model.getJointId(name)
+        if not 0 < index < self.model.njoints:  # the world, or no joint
             raise unknown_name("joint", name, self.joints)
-        return self.model.joints[self.model.getJointId(name)]
+        return self.model.joints[index]
 
     def check_unedited(self) -> None:
         """Raise `StaleModel` if the model was edited since the robot was made."""

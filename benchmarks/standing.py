@@ -1,0 +1,254 @@
+"""Robots that stand under random pushes, every tick looked at; write results/standing.json.
+
+    python benchmarks/standing.py [--runs 3] [--duration 10] [--only solo12]
+
+With --from-json the table in docs/results.md is made from the committed results.
+
+A whole-body controller at 1 kHz knows the feet as contacts that hold; on the floor they open and
+slide. Each second the base is pushed for 50 ms, in a random direction, by the impulse that takes
+the capture point of a robot at rest a share of the way to the edge of its support,
+
+    J = share m omega d,    omega = sqrt(g / height of the centre of mass):
+
+below a share of one a robot that takes no step can stand, beyond it none can.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+from collections.abc import Callable
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from time import perf_counter
+from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+import marks
+import numpy as np
+
+import condyn_pin as cp
+from condyn_pin._core.machine import machine
+from condyn_pin.contact import FrictionCone, WrenchCone
+from condyn_pin.contact.cone import Cone
+from condyn_pin.control import (
+    Balance,
+    CenterOfMass,
+    ControlAnswer,
+    Controller,
+    Orientation,
+    Posture,
+    at_rate,
+    balance,
+)
+from condyn_pin.mechanism import put_down
+
+RESULTS = Path(__file__).resolve().parent / "results" / "standing.json"
+# base, cone of the controller within that of the floor, step [s]
+ROBOTS: dict[str, tuple[str, Cone, float]] = {
+    "solo12": ("base_link", FrictionCone(0.6, sides=8), 1e-3),
+    "cassie": ("pelvis", FrictionCone(0.6, sides=8), 5e-4),
+    "talos": ("base_link", WrenchCone(0.5), 1e-3),
+}
+SHARES = (0.25, 0.5, 0.75, 1.0, 1.25)
+PERIOD, EVERY, LASTS, FRICTION = 1e-3, 1.0, 0.05, 0.7  # [s], [s], [s], [1]
+GRAVITY = 9.81  # [m/s^2]
+FALLEN = 0.6  # of the height of the base
+
+
+@dataclass
+class Row:
+    """One robot under pushes of one size."""
+
+    robot: str
+    share: float
+    runs: int = 0
+    stood: int = 0  # to the end, on its feet
+    ticks: int = 0
+    not_ok: int = 0
+    kkt: float = 0.0  # [m/s^2], the worst
+    margin: float = 0.0  # [N], the least
+    # of runs that stood, the worst each: capture point within the support, centre of mass away [m]
+    inside: list[float] = field(default_factory=list)
+    away: list[float] = field(default_factory=list)
+    fell: list[str] = field(default_factory=list)  # when, and how that ended
+    tick_us: list[float] = field(default_factory=list)
+    real_time: list[float] = field(default_factory=list)
+
+
+class Stand:
+    """A robot on the floor, its controller, and where it belongs."""
+
+    def __init__(self, name: str) -> None:
+        base, cone, self.dt = ROBOTS[name]
+        made = cp.load_robot(name)
+        self.closed = cp.Scene(made, [*made.loops, *made.contacts])
+        self.floor = cp.Scene(made, made.loops, contacts=made.frictional_contacts(FRICTION))
+        q, self.v = self.closed.state()
+        self.q, self.base = put_down(self.floor, q), base
+        now = self.balance(self.q, self.v)
+        assert now.polygon is not None
+        self.corners = now.polygon.in_world[:, :2]
+        self.middle = np.array([*self.corners.mean(axis=0), now.com[2]])
+        self.momentum = made.mass * np.sqrt(GRAVITY / now.com[2])  # of a metre [kg/s]
+        tasks = [
+            CenterOfMass(reference=self.middle, kp=100, weight=100),
+            Orientation(base, kp=100, weight=50),
+            Posture(weight=0.1),
+        ]
+        rigid = [spring.joint for spring in made.springs]
+        self.controller = Controller(self.closed, tasks, cones=cone, rigid=rigid)
+
+    def balance(self, q: np.ndarray, v: np.ndarray) -> Balance:
+        """Return where the mass is, and the capture point."""
+        return balance(self.closed, q, v, 0 * v, np.zeros(self.closed.rows))
+
+    def reach(self, way: np.ndarray) -> float:
+        """Return how far the edge of the support is from its middle along a unit vector [m]."""
+        sides = np.roll(self.corners, -1, axis=0) - self.corners
+        out = np.column_stack((sides[:, 1], -sides[:, 0]))
+        along, far = out @ way, np.einsum("ij,ij->i", out, self.corners - self.middle[:2])
+        return float((far[along > 0] / along[along > 0]).min())
+
+    def pushes(self, share: float, count: int, rng: np.random.Generator) -> np.ndarray:
+        """Return forces, one a second (count, 3) [N]."""
+        angles = rng.uniform(0, 2 * np.pi, count)
+        ways = np.column_stack((np.cos(angles), np.sin(angles), 0 * angles))
+        sizes = [share * self.momentum * self.reach(way[:2]) / LASTS for way in ways]
+        return ways * np.array(sizes)[:, None]
+
+
+def stand(row: Row, robot: Stand, duration: float, seed: int) -> None:
+    """Add a run to a row."""
+    forces = robot.pushes(row.share, int(duration / EVERY) + 1, np.random.default_rng(seed))
+
+    def pushed(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        since = t % EVERY - 0.2 * EVERY
+        return forces[int(t / EVERY)] if 0 <= since < LASTS else np.zeros(3)
+
+    answers: list[ControlAnswer] = []
+    times: list[float] = []
+    torque = limp(timed(at_rate(robot.controller, PERIOD, watch=answers.append), times, answers))
+    low = FALLEN * robot.q[2]
+    fallen = cp.Event(name="fallen", when=lambda now: float(now.q[2]) - low)
+    run = cp.simulate(
+        robot.floor, robot.q, robot.v, torque, duration=duration, dt=robot.dt, events=[fallen],
+        forces=[cp.AppliedForce(robot.base, pushed)],
+    )  # fmt: skip
+    end = robot.balance(run.q[-1], run.v[-1])
+    stood = run.t[-1] > duration - PERIOD and np.linalg.norm(end.com - robot.middle) < 0.05
+    row.runs, row.stood = row.runs + 1, row.stood + int(stood)
+    row.ticks += len(answers)
+    row.not_ok += sum(not answer.status.ok for answer in answers)
+    row.kkt = max(row.kkt, *(answer.residuals.kkt for answer in answers))
+    margins = (margin.least for answer in answers for margin in answer.margins.values())
+    row.margin = min(row.margin, *map(float, margins))
+    row.tick_us.append(1e6 * float(np.median(times)))
+    row.real_time.append(float(run.t[-1] / run.run.wall_time))
+    if stood:
+        balances = [robot.balance(q, v) for q, v in zip(run.q[::5], run.v[::5], strict=True)]
+        row.inside.append(float(min(each.capture_margin for each in balances)))
+        row.away.append(max(float(np.linalg.norm(x.com - robot.middle)) for x in balances))
+    else:
+        height, away = run.q[-1, 2] / robot.q[2], np.linalg.norm(end.com - robot.middle)
+        row.fell.append(
+            f"seed {seed}: answered for {len(answers) * PERIOD:.2f} s; at {run.t[-1]:.2f} s, "
+            f"{run.status.name.lower()}, height x {height:.2f}, mass {away:.2f} m away"
+        )
+
+
+def timed(torque: Callable, times: list[float], answers: list) -> Callable:
+    """Return torques whose ticks are timed [s]."""
+
+    def asked(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        before, begun = len(answers), perf_counter()
+        tau = torque(t, q, v)
+        if len(answers) > before:
+            times.append(perf_counter() - begun)
+        return tau
+
+    return asked
+
+
+def limp(torque: Callable) -> Callable:
+    """Return torques that are zero from the first tick on that has none."""
+    lost = []
+
+    def given(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        try:
+            return 0 * v if lost else torque(t, q, v)
+        except cp.SolveFailed as error:
+            lost.append(error)
+            return 0 * v
+
+    return given
+
+
+def table(rows: list[Row], duration: float, about: dict[str, str]) -> str:
+    """Return the rows as text."""
+    lines = [
+        "| robot | share of the bound | stood | ticks | not ok | worst kkt | least margin [N] "
+        "| capture point inside by [m] | mass away by [m] | tick [us] | x real time |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
+    ]
+    for r in rows:
+        inside, away = (f"{min(r.inside):.3f}", f"{max(r.away):.3f}") if r.stood else ("", "")
+        lines.append(
+            f"| {r.robot} | {r.share:g} | {r.stood} of {r.runs} | {r.ticks} | {r.not_ok} "
+            f"| {r.kkt:.0e} | {r.margin:.0e} | {inside} | {away} | {np.median(r.tick_us):.0f} "
+            f"| {np.median(r.real_time):.2f} |"
+        )
+    where = (
+        "`python benchmarks/standing.py` on {processor} ({cores} cores, one thread), {system}, "
+        "Python {python}, Pinocchio {pinocchio}, {date}."
+    )
+    meaning = (
+        f"Runs of {duration:g} s, a push a second. Stood: the mass ends within 5 cm of where it "
+        "belongs. Tick: the controller with its proof, median. Capture point and mass: of runs "
+        "that stood, the worst of every fifth sample."
+    )
+    return "\n".join([*lines, "", where.format(**about), meaning])
+
+
+def load() -> tuple[list[Row], float, dict[str, str]]:
+    """Return what `main` wrote."""
+    saved = json.loads(RESULTS.read_text(encoding="utf-8"))
+    rows = [Row(**row) for row in saved["rows"]]
+    return rows, saved["duration"], saved["machine"]
+
+
+def pages(*measured: Any) -> dict[str, dict[str, str]]:
+    """Return the block of docs/results.md."""
+    return {marks.RESULTS: {"standing": table(*measured)}}
+
+
+def main() -> None:
+    """Let them stand."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--runs", type=int, default=3)
+    parser.add_argument("--duration", type=float, default=10.0, help="[s]")
+    parser.add_argument("--only", choices=ROBOTS)
+    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
+    asked = parser.parse_args()
+    if not asked.from_json:
+        rows = []
+        for name in ROBOTS if asked.only is None else (asked.only,):
+            robot = Stand(name)
+            for share in SHARES:
+                rows.append(Row(name, share))
+                for seed in range(asked.runs):
+                    stand(rows[-1], robot, asked.duration, seed)
+                print(rows[-1], flush=True)
+        print(table(rows, asked.duration, machine()))
+        if asked.only is not None:
+            return
+        saved = {"machine": machine(), "duration": asked.duration}
+        text = json.dumps(saved | {"rows": [asdict(row) for row in rows]}, indent=1)
+        RESULTS.write_text(text + "\n", encoding="utf-8")
+    marks.write(pages(*load()))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,69 @@
+"""minimum_jerk: a smooth way from one value to another, as the reference of a task."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin.constraints.constraint_fields import check_positive
+
+
+@dataclass(frozen=True)
+class _Way:
+    start: tuple[float, ...]
+    end: tuple[float, ...]
+    duration: float  # [s]
+    begin: float  # [s]
+
+    def __call__(self, t: float) -> tuple[Array, Array, Array]:
+        T, start = self.duration, np.array(self.start)
+        s = min(max((t - self.begin) / T, 0.0), 1.0)
+        way = np.array(self.end) - start
+        x = s**3 * (10 - 15 * s + 6 * s**2)
+        v = 30 * s**2 * (1 - s) ** 2 / T
+        a = 60 * s * (1 - s) * (1 - 2 * s) / T**2
+        return start + x * way, v * way, a * way
+
+
+def minimum_jerk(
+    start: ArrayLike, end: ArrayLike, duration: float, *, begin: float = 0.0
+) -> Callable[[float], tuple[Array, Array, Array]]:
+    """Return a smooth way from a value to another, a function of t that returns (x, v, a).
+
+    x(s) = start + (10 s^3 - 15 s^4 + 6 s^5) (end - start),    s = (t - begin) / duration
+
+    For the `reference` of a task: at rest, without acceleration, before and after.
+
+    Parameters
+    ----------
+    start, end : (n,) array_like
+        Such as two points of the world [m].
+    duration : float
+        [s]
+    begin : float
+        When it leaves the start [s].
+
+    Returns
+    -------
+    callable
+        Of t [s]; frozen, so that tasks with it compare, hash and pickle.
+
+    Raises
+    ------
+    InvalidArgument
+        If start and end are no arrays of one size, or the duration is not positive.
+
+    References
+    ----------
+    Flash, Hogan. The coordination of arm movements: an experimentally confirmed mathematical model.
+    Journal of Neuroscience 5, 1985.
+    """
+    size = np.size(start)
+    here, there = finite("start", start, size), finite("end", end, size)
+    check_positive("time [s]", duration=duration)
+    since = float(finite("begin", begin, ()))
+    return _Way(tuple(here.tolist()), tuple(there.tolist()), float(duration), since)
