@@ -131,7 +131,7 @@ class ControlAnswer:
     actuation : Actuation
     cones : Cone or dict of str to Cone
     scene : Scene
-    q : (nq,) array
+    q, v : (nq,), (nv,) array
     """
 
     tau: Array
@@ -149,6 +149,7 @@ class ControlAnswer:
     cones: Cones
     scene: Scene
     q: Array
+    v: Array
 
     @property
     def u(self) -> Array:

@@ -204,6 +204,7 @@ class Controller(OneThread):
             cones=self._cones,
             scene=self.scene,
             q=self._program.motion.q.copy(),
+            v=self._program.motion.v.copy(),
         )
 
     @alone
