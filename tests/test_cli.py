@@ -58,6 +58,12 @@ SAID = {
     "solve talos": ("--contacts takes left_sole_link, right_sole_link", "-9.81"),
     "solve four_bar": (),
     "lab problem": ("A01", "A02"),
+    "control solo12": ("6.131", "KKT residual", "by Newton-Euler", "of its limit"),
+    "control solo12 --lift FL_FOOT": ("lifted", "HR_FOOT: pulls", "FL_FOOT position"),
+    "control cassie": ("left-foot/heel", "note: springs push"),
+    "control cassie --lift left-foot --variant springs=locked": ("left-foot position",),
+    "control talos --lift left_sole_link --qp daqp": ("right_sole_link: tips over +y", "DAQP"),
+    "control panda": ("panda_joint4",),
     "doctor": ("Everything fits together", "LCABA"),
     "--version": (f"condyn_pin {cp.__version__}\n",),
     "bench four_bar --quick --solvers 'nullspace, Soft'": ("Null space", "Soft"),
@@ -65,6 +71,7 @@ SAID = {
 }
 NOT_SAID = {
     "solve four_bar": "no constraints",
+    "control panda": "contact",
     "bench four_bar --quick --solvers 'nullspace, Soft'": "Proximal",
     "bench rolling_ball --quick": "LCABA",  # which does not take the scene
 }
@@ -110,6 +117,42 @@ def test_solve_prints_json_that_equals_the_library(solver):
     assert answer["a"] == solution.a.tolist()
     assert answer["status"] == ("ok" if SOLVERS[solver].exact else "inaccurate")
     assert answer["forces"]["left_sole_link"] == solution.forces["left_sole_link"].tolist()
+
+
+def test_control_prints_json_that_equals_the_library():
+    answer = json.loads(run("control go2 --lift FL_foot --json").stdout)
+    assert answer["status"] == "ok"
+    assert "FL_foot" not in answer["forces"]
+    up = [force[2] for force in answer["forces_before"].values()]
+    go2 = cp.load_robot("go2")
+    assert sum(up) == pytest.approx(go2.mass * 9.81, rel=1e-6)
+    scene = cp.mechanism.without(cp.Scene(go2, go2.contacts), ["FL_foot"])
+    forward = cp.solve(scene, *scene.state(), answer["tau"])
+    assert forward.a == pytest.approx(answer["a"], abs=1e-7)
+    assert answer["residuals"]["kkt"] < 1e-9
+    shares = [motor["of_limit"] for motor in answer["torques"].values()]
+    assert shares == sorted(shares, reverse=True)
+    assert 0 < shares[0] < 1
+
+
+def test_what_control_cannot_do_is_named_and_exits_with_one():
+    asked = "control solo12 --com 0,0,-11"
+    result = run(asked)
+    assert result.exit_code == 1
+    assert "CenterOfMass.z gives 1.19 m/s^2" in result.output
+    answer = json.loads(run(f"{asked} --json").stdout)
+    (give,) = answer["infeasible"]["gives"]
+    assert (give["row"], give["unit"]) == ("CenterOfMass.z", "m/s^2")
+    assert give["amount"] == pytest.approx(11 - 9.81, abs=1e-6)
+    assert answer["tau"] == [None] * 18
+
+
+def test_control_is_a_page(tmp_path):
+    result = run("control solo12 --json --html", tmp_path / "solo.html")
+    assert json.loads(result.stdout)["status"] == "ok"
+    page = (tmp_path / "solo.html").read_text()
+    assert "solo12, control: ok" in page
+    assert "support polygon" in page
 
 
 def test_a_singular_solve_exits_with_one_and_says_nan():
@@ -160,6 +203,10 @@ MISTAKES = {
     "solve talos --posture sitting": "half_sitting",
     "solve talos --mu -1": "mu = -1.0",
     "solve talos --solver reference --mu 1": "no such parameter",
+    "control solo12 --lift FL": "'FL'; known: FL_FOOT",
+    "control solo12 --com 1,2": "three numbers",
+    "control solo12 --qp prox": "did you mean 'proxqp'",
+    "control solo12 --png x.jpg": "x.jpg: the ending says the format: .png",
     "solve cassie --mu x": "'--mu'",
     "solve cassie --mux": "`condyn solve --help`",
     "export pendulum --mjcf p.xml": "'pivot' carries 1 kg",

@@ -11,6 +11,7 @@ from condyn_pin._core.parameters import read_call
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.kinds import worded
+from condyn_pin.control.qp import QPS, QPSolver
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.dynamics.solvers.base import parameter_fields
@@ -102,6 +103,11 @@ def solvers_of(names: str) -> tuple[Solver, ...]:
     return tuple(
         solver() for name, solver in SOLVERS.items() if name not in ("reference", *missing)
     )
+
+
+def qp_of(name: str) -> QPSolver:
+    """Return the solver of quadratic programs of a name."""
+    return _named("solver of quadratic programs", name, QPS)()
 
 
 def integrator_of(text: str | None) -> Integrator | None:

@@ -134,7 +134,7 @@ class ControlAnswer:
     actuation : Actuation
     cones : Cone or dict of str to Cone
     scene : Scene
-    q : (nq,) array
+    q, v : (nq,), (nv,) array
     t : float
         Of the tick [s].
     """
@@ -156,6 +156,7 @@ class ControlAnswer:
     scene: Scene
     q: Array
     t: float  # [s]
+    v: Array
 
     @property
     def u(self) -> Array:

@@ -18,7 +18,8 @@ where the linear inverted pendulum of constant h comes to rest.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -32,6 +33,7 @@ from condyn_pin.control.contact_wrenches import wrench_margin
 from condyn_pin.control.support import (
     SupportPlane,
     SupportPolygon,
+    check_touching,
     hull,
     plane_of,
     touching_points,
@@ -145,25 +147,53 @@ def balance(
     model = scene.robot.unedited
     q_, v_, a_ = Arguments(model).check(q, v, a)
     forces = finite("lam", lam, scene.rows)
+    at = Sites(scene, q_)
+    pressure = pressed(at, forces)
+    check_touching(pressure.points)
+    found = balanced(scene, q_, v_, a_, pressure)
+    if cones is None:
+        return found
+    return replace(found, wrench_margin=wrench_margin(at, cones, found.force, found.moment))
+
+
+class Pressure(NamedTuple):
+    """What touches a floor at one moment, and how it presses on it.
+
+    Attributes
+    ----------
+    points : (k, 3) array
+        The corners of what touches, in the world [m].
+    exerted : (6,) array
+        The wrench on the robot about the origin of the world, force first [N, N m].
+    cops : dict of str to (3,) array
+        Centre of pressure of each contact; NaN of those that do not press [m].
+    forces : dict of str to (3,) array
+        On the robot, of those that press, in the world [N].
+    """
+
+    points: Array
+    exerted: Array
+    cops: dict[str, Array]
+    forces: dict[str, Array]
+
+
+def balanced(scene: Scene, q: Array, v: Array, a: Array, pressure: Pressure) -> Balance:
+    """Return the balance of a robot that moves with a and presses on a floor as is said."""
+    model = scene.robot.unedited
     data = model.createData()
-    rate = pin.computeCentroidalMomentumTimeVariation(model, data, q_, v_, a_)
+    rate = pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a)
     c, velocity = np.array(data.com[0]), np.array(data.vcom[0])
     gravity = np.array(model.gravity.linear)
     f = np.array(rate.linear) - scene.robot.mass * gravity
     n = np.array(rate.angular) + np.cross(c, f)
-
-    at, up = Sites(scene, q_), upward(scene)
-    touching = touching_points(at)
-    points = np.vstack(list(touching.values()))
-    plane = plane_of(points, up)
-    exerted, cops, forces_of = _pressure(at, forces, up)
-    nowhere = np.full(3, np.nan)
-    zmp = cop = dcm = foot = nowhere
+    points = pressure.points
+    plane = plane_of(points, upward(scene)) if len(points) else None
+    zmp = cop = dcm = foot = np.full(3, np.nan)
     polygon = None
     if plane is not None:
         polygon = hull(plane, points)
         zmp = _zero_moment_point(plane, f, n)
-        cop = _middle(plane, cops, forces_of)
+        cop = _middle(plane, pressure.cops, pressure.forces)
         dcm, foot = _captured(plane, c, velocity, float(np.linalg.norm(gravity)))
     return Balance(
         com=c,
@@ -171,24 +201,24 @@ def balance(
         com_acceleration=np.array(rate.linear) / scene.robot.mass,
         force=f,
         moment=n,
-        missing=np.concatenate((f, n)) - exerted,
+        missing=np.concatenate((f, n)) - pressure.exerted,
         zmp=zmp,
         cop=cop,
-        cops=cops,
+        cops=pressure.cops,
         dcm=dcm,
         capture_point=foot,
         polygon=polygon,
         zmp_margin=_margin(polygon, zmp),
         capture_margin=_margin(polygon, foot),
-        wrench_margin=np.nan if cones is None else wrench_margin(at, cones, f, n),
+        wrench_margin=np.nan,
     )
 
 
-def _pressure(at: Sites, lam: Array, up: Array) -> tuple[Array, dict[str, Array], dict[str, Array]]:
-    """Return the wrench of all contacts; centre of pressure and force of those that press."""
+def pressed(at: Sites, lam: Array) -> Pressure:
+    """Return how the contacts of a scene press on the floor with the forces lam (m,)."""
     exerted, cops, pressing = np.zeros(6), {}, {}
     noise = tolerances.SOLVED * float(np.abs(lam).max(initial=0.0))
-    forces = at.forces(lam)
+    forces, up = at.forces(lam), upward(at.scene)
     for contact in at.scene.constraints:
         if not contact.presses:
             continue
@@ -204,7 +234,7 @@ def _pressure(at: Sites, lam: Array, up: Array) -> tuple[Array, dict[str, Array]
             pressing[contact.name] = f
         else:
             cops[contact.name] = np.full(3, np.nan)
-    return exerted, cops, pressing
+    return Pressure(touching_points(at), exerted, cops, pressing)
 
 
 def _middle(plane: SupportPlane, cops: dict[str, Array], pressing: dict[str, Array]) -> Array:

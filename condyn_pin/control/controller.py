@@ -215,6 +215,7 @@ class Controller(OneThread):
             scene=self.scene,
             q=self._program.motion.q.copy(),
             t=float(t),
+            v=self._program.motion.v.copy(),
         )
 
     @alone

@@ -29,6 +29,7 @@ from condyn_pin.control.support import (
     SupportPlane,
     SupportPolygon,
     axes_of,
+    check_touching,
     convex_hull,
     hull,
     plane_of,
@@ -74,7 +75,8 @@ def support_polygon(scene: Scene, q: ArrayLike, cones: Cones | None = None) -> S
     """
     check_scene(scene)
     at = Sites(scene, normalised(scene.robot.model, "q", q))
-    points = np.vstack(list(touching_points(at).values()))
+    points = touching_points(at)
+    check_touching(points)
     if cones is not None:
         return _resting_region(at, cones, points.mean(axis=0))
     plane = plane_of(points, upward(scene))

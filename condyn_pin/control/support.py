@@ -80,9 +80,9 @@ def hull(plane: SupportPlane, points: Array) -> SupportPolygon:
     return SupportPolygon(plane, convex_hull((points - plane.origin) @ plane.axes[:2].T))
 
 
-def touching_points(at: Sites) -> dict[str, Array]:
-    """Return the corners of each contact in the world (k, 3), by name."""
-    found = {}
+def touching_points(at: Sites) -> Array:
+    """Return the corners of all contacts in the world (k, 3)."""
+    found = [np.zeros((0, 3))]
     forces = at.forces(np.zeros(at.scene.rows))
     for contact in at.scene.constraints:
         support = contact.support
@@ -101,10 +101,14 @@ def touching_points(at: Sites) -> dict[str, Array]:
         else:
             corners = np.array([(i * x, j * y, 0.0) for i in (-1, 1) for j in (-1, 1)])
         force = forces[contact.name]
-        found[contact.name] = force.at + corners @ force.rotation.T
-    if not found:
+        found.append(force.at + corners @ force.rotation.T)
+    return np.vstack(found)
+
+
+def check_touching(points: Array) -> None:
+    """Refuse a question about the support of what nothing supports."""
+    if not len(points):
         raise InvalidArgument("no contact: nothing here presses on a floor")
-    return found
 
 
 def plane_of(points: Array, up: Array) -> SupportPlane | None:

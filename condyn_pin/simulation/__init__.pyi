@@ -40,6 +40,8 @@ from .integrators.rattle import Shake as Shake
 from .integrators.soft_step import SoftStep as SoftStep
 from .integrators.stewart_trinkle import StewartTrinkle as StewartTrinkle
 from .measures import Energy as Energy
+from .motion_balance import MotionBalance as MotionBalance
+from .motion_balance import motion_balance as motion_balance
 from .outcome import Effects as Effects
 from .outcome import RunStatus as RunStatus
 from .run import simulate as simulate

@@ -7,12 +7,13 @@ an arrow as long as its force. One moment makes a still picture, many make an an
     descriptions, geoms, meshes    what the robot's description draws
     bodies                         that of each joint, or what stands for it where nothing is drawn
     marks, closures, arrows        what this library knows and shows
+    balance_marks                  where a robot presses on the floor, and what it may fall over
     touching, touches              contacts that may let go: where they are, and how they are drawn
     labels                         words that do not cover one another
     part, moment, motion, drawing  parts, moments, and all parts of a scene
     three, page                    the words of meshcat's viewer, and a page that holds them
     viewer, server, chromium       who looks: a browser, or a headless one for a file
-    plots_scene, plots_motion, plots_contact   diagrams
+    plots_scene, plots_motion, plots_contact, plots_balance   diagrams
 """
 
 import lazy_loader

@@ -12,6 +12,7 @@ from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.viewing import palette, three
 from condyn_pin.viewing.arrows import Peak, arrow_parts
+from condyn_pin.viewing.balance_marks import POINTS, balance_parts
 from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
 from condyn_pin.viewing.closures import closure_parts, contact_parts
 from condyn_pin.viewing.extent import extent, touched
@@ -42,6 +43,8 @@ _LEGEND = (
     (("forces",), palette.FORCE, "force on the first-named body"),
     (("forces", "closures"), palette.REACTION, "force on the other body"),
     (("moments",), palette.MOMENT, "moment"),
+    (("balance/support",), palette.SUPPORT, "support polygon"),
+    *(((f"balance/{name}",), colour, words) for name, words, colour in POINTS),
 )
 _FROM = np.array([0.78, 0.55, 0.3])  # the direction from there to the camera
 
@@ -164,6 +167,7 @@ def draw(
         parts += touch_parts(scene, moments, size, cones=cones)
         parts += arrow_parts(scene, moments, size, peaks or {})
     parts += mass_parts(size)
+    parts += balance_parts(moments, size)
     if before is not None:
         opened = list(closure_parts(scenes[0], before.gaps, size))
         parts += [part.ghost(before) for part in (*bodies, *opened)]

@@ -13,6 +13,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import ConstraintViolation
+from condyn_pin.control.balancing import Balance
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.force import ConstraintForce
 from condyn_pin.dynamics.scene import Scene
@@ -39,6 +40,8 @@ class Moment:
         On the first-named body; empty where none are known.
     touching : mapping of str to Touching
         What may touch a plane.
+    balance : Balance or None
+        Where it presses on the floor, if somebody asked.
     """
 
     joints: list[Any]
@@ -48,6 +51,7 @@ class Moment:
     bounds: Mapping[str, AnyBound]
     forces: Mapping[str, ConstraintForce] = field(default_factory=dict)
     touching: Mapping[str, Touching] = field(default_factory=dict)
+    balance: Balance | None = None
 
     def robot_end(self, name: str) -> Any | None:
         """Return the frame of a contact on the robot; None while it does not hold."""
@@ -61,6 +65,7 @@ def moment(
     q: Array,
     forces: Mapping[str, ConstraintForce] | None = None,
     felt: Felt | None = None,
+    balance: Balance | None = None,
 ) -> Moment:
     """Return what is to be seen of a scene at q (nq,)."""
     equations = Equations(scene.robot.model, scene.bounds)
@@ -77,4 +82,5 @@ def moment(
         {bound.name: bound for bound in scene.bounds},
         forces or {},
         touching,
+        balance,
     )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -15,6 +15,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.force import Sites
+from condyn_pin.simulation.motion_balance import balances
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing import three
@@ -81,8 +82,11 @@ def shown(trajectory: Trajectory, fps: float) -> NDArray[np.intp]:
     return np.unique(np.append(nearest, len(t) - 1))
 
 
-def moments_of(trajectory: Trajectory, samples: Iterable[int], *, forces: bool) -> list[Moment]:
-    """Return the moments of samples, each with its constraints and their forces."""
+def moments_of(
+    trajectory: Trajectory, samples: Sequence[int], *, forces: bool, balance: bool = False
+) -> list[Moment]:
+    """Return the moments of samples, each with its constraints, their forces, and its balance."""
+    balanced = dict(zip(samples, balances(trajectory, samples), strict=True)) if balance else {}
     found, felt, modes = [], trajectory.forces if forces else {}, trajectory.modes
     for k in samples:
         q, phase = trajectory.q[k], _phase(trajectory, k)
@@ -92,7 +96,7 @@ def moments_of(trajectory: Trajectory, samples: Iterable[int], *, forces: bool) 
             {name: force[k] for name, force in felt.items()},
             {name: str(mode[k]) for name, mode in modes.items()},
         )
-        found.append(moment(phase.scene, q, acting, contact))
+        found.append(moment(phase.scene, q, acting, contact, balanced.get(k)))
     return found
 
 

@@ -5,11 +5,15 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.files.beside import check_writable
+from condyn_pin.control.answer import ControlAnswer
+from condyn_pin.control.balancing import Balance
+from condyn_pin.control.balancing import balance as balance_of
 from condyn_pin.control.inverse import InverseDynamics
 from condyn_pin.dynamics.force import Sites
 from condyn_pin.dynamics.nominal import described_posture
@@ -27,7 +31,16 @@ from condyn_pin.viewing.page import require_meshcat
 from condyn_pin.viewing.touching import Felt
 from condyn_pin.viewing.viewer import Viewer, check_port
 
-Subject = Robot | Scene | Solution | StepSolution | InverseDynamics | Trajectory | Assembly
+Subject = (
+    Robot
+    | Scene
+    | Solution
+    | StepSolution
+    | InverseDynamics
+    | ControlAnswer
+    | Trajectory
+    | Assembly
+)
 
 _FPS = 30.0  # [1/s]
 
@@ -41,6 +54,7 @@ def view(
     speed: float = 1.0,
     light: bool = False,
     cones: bool = False,
+    balance: bool = False,
     html: str | Path | None = None,
     png: str | Path | None = None,
     browser: bool = True,
@@ -58,7 +72,8 @@ def view(
 
     Parameters
     ----------
-    subject : Robot, Scene, Solution, StepSolution, InverseDynamics, Trajectory or Assembly
+    subject : Robot, Scene, Solution, StepSolution, InverseDynamics, ControlAnswer, Trajectory, \
+            Assembly
         A robot is shown with all its loops, a step at its end.
     q : (nq,) array_like, optional
         For a robot or a scene: its configuration, taken as it is, loops open or not.
@@ -66,13 +81,16 @@ def view(
         For a robot or a scene, in place of q: a posture, its loops closed if they can be. The first
         one by default.
     forces : bool
-        Draw the forces of a `Solution`, a `StepSolution`, an `InverseDynamics` or a `Trajectory`.
+        Draw the forces of an answer, a step or a motion.
     speed : float
         Seconds of a motion that are played in one second; 30 pictures in each.
     light : bool
         Draw the robot with at most 30 000 triangles, for a small page.
     cones : bool
         Draw the friction cones of contacts that may let go, unless they are open.
+    balance : bool
+        Draw the support polygon, the centre of pressure, the capture point and the DCM of a
+        `ControlAnswer` or a `Trajectory`, where they exist; `control.Balance` says what they are.
     html, png : path, optional
         Write a page that opens from disk without a network; a picture of the first moment, for
         which headless Chromium has to be there. With one of them nothing is opened, and no server
@@ -112,7 +130,14 @@ def view(
             check_writable(path)
     viewer = Viewer(
         drawing_of(
-            subject, q, posture=posture, forces=forces, speed=float(speed), light=light, cones=cones
+            subject,
+            q,
+            posture=posture,
+            forces=forces,
+            speed=float(speed),
+            light=light,
+            cones=cones,
+            balance=balance,
         )
     )
     if html is not None:
@@ -135,12 +160,19 @@ def drawing_of(
     speed: float = 1.0,
     light: bool = False,
     cones: bool = False,
+    balance: bool = False,
 ) -> Drawing:
     """Return what `view` shows of a subject, without a page."""
     if not isinstance(subject, Subject):
         raise InvalidArgument(
             f"subject = {subject!r}: a Robot, a Scene, a Solution, a StepSolution, an "
-            "InverseDynamics, a Trajectory or an Assembly is needed; of a batch, one: batch[i]"
+            "InverseDynamics, a ControlAnswer, a Trajectory or an Assembly is needed; of a batch, "
+            "one: batch[i]"
+        )
+    if balance and not isinstance(subject, ControlAnswer | Trajectory):
+        raise InvalidArgument(
+            f"balance: a {type(subject).__name__} does not know v and forces; a ControlAnswer "
+            "and a Trajectory do"
         )
     if isinstance(subject, Robot):
         subject = Scene(subject, subject.loops)
@@ -152,19 +184,29 @@ def drawing_of(
         given = "q" if q is not None else "posture"
         raise InvalidArgument(f"{given}: a {type(subject).__name__} has its own configuration")
     if isinstance(subject, Trajectory):
-        return _motion(subject, forces, speed, light, cones)
+        return _motion(subject, forces, speed, light, cones, balance)
     if isinstance(subject, StepSolution):
         return _step(subject, forces, light, cones)
     scene, said, before = subject.scene, "inverse dynamics", None
     acting = subject.forces if forces and not isinstance(subject, Assembly) else {}
     if isinstance(subject, Solution):
         said = subject.status.name.lower()
+    elif isinstance(subject, ControlAnswer):
+        said = f"control: {subject.status.name.lower()}"
     elif isinstance(subject, Assembly):
         said = f"assembled: {subject.status.name.lower().replace('_', ' ')}"
         before = moment(scene, subject.start)
-    at = moment(scene, subject.q, acting)
+    pressing = _balance(subject) if balance and isinstance(subject, ControlAnswer) else None
+    at = moment(scene, subject.q, acting, balance=pressing)
     title = f"{scene.robot.name}, {said}"
     return draw([scene], [at], title=title, before=before, light=light, cones=cones)
+
+
+def _balance(answer: ControlAnswer) -> Balance | None:
+    """Return the balance of an answer; None of one that is none."""
+    if not np.isfinite(answer.lam).all():
+        return None
+    return balance_of(answer.scene, answer.q, answer.v, answer.a, answer.lam)
 
 
 def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tuple[Array, str]:
@@ -190,12 +232,12 @@ def _step(step: StepSolution, forces: bool, light: bool, cones: bool) -> Drawing
 
 
 def _motion(
-    trajectory: Trajectory, forces: bool, speed: float, light: bool, cones: bool
+    trajectory: Trajectory, forces: bool, speed: float, light: bool, cones: bool, balance: bool
 ) -> Drawing:
     scenes = [phase.scene for phase in trajectory.phases]
     fps = _FPS / speed  # pictures for each second of the motion
     samples = shown(trajectory, fps)
-    moments = moments_of(trajectory, samples, forces=forces)
+    moments = moments_of(trajectory, samples.tolist(), forces=forces, balance=balance)
     frames = fps * (trajectory.t[samples] - trajectory.t[0])
     duration = trajectory.t[-1] - trajectory.t[0]
     title = f"{scenes[0].robot.name}, {duration:.4g} s"

@@ -43,6 +43,9 @@ def view(
     cones: Annotated[
         bool, typer.Option("--cones", help="Draw the friction cones of a motion's contacts.")
     ] = False,
+    balance: Annotated[
+        bool, typer.Option("--balance", help="Draw support, pressure and capture point.")
+    ] = False,
     html: Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")] = None,
     png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
     port: Annotated[
@@ -72,7 +75,7 @@ def view(
         chosen = _motion(subject, motion)
     with view_subject(
         chosen, posture=None if forces else posture, speed=speed, light=light, cones=cones,
-        html=html, png=png, browser=browser, port=port,
+        balance=balance, html=html, png=png, browser=browser, port=port,
     ) as viewer:  # fmt: skip
         _show(viewer, html, png)
 

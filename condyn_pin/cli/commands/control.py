@@ -1,0 +1,223 @@
+"""condyn control: one tick of whole-body control, standing, or with some contacts lifted."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Final
+
+import typer
+
+from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.cli import arguments as arg
+from condyn_pin.cli.output import (
+    check_ending,
+    check_written,
+    console,
+    leave,
+    print_json,
+    say,
+    words,
+)
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from condyn_pin.control.answer import ControlAnswer
+
+PANEL = "Solve"
+
+Qp = Annotated[
+    str,
+    typer.Option(
+        help="proxqp, daqp, quadprog or anyqp.", autocompletion=arg.names_of("control", "QPS")
+    ),
+]
+
+_SHOWN: Final = 6  # motors, the hardest worked first; `--json` has all of them
+
+
+def control(
+    robot: arg.RobotName,
+    contacts: Annotated[
+        str, typer.Option(help="As in `condyn solve`; by default all that are ready-made.")
+    ] = "",
+    loops: arg.Loops = True,
+    posture: arg.Posture = None,
+    lift: Annotated[
+        list[str] | None,
+        typer.Option(help="A contact, or a frame with all of its contacts; repeat for others."),
+    ] = None,
+    up: Annotated[
+        float, typer.Option(help="Acceleration of what is lifted, upwards [m/s^2].")
+    ] = 2.0,
+    com: Annotated[
+        str | None,
+        typer.Option(help="Demand this acceleration of the centre of mass, as 0,0,-11 [m/s^2]."),
+    ] = None,
+    friction: Annotated[float, typer.Option(help="Of all contacts [1].")] = 0.6,
+    qp: Qp = "proxqp",
+    html: Annotated[Path | None, typer.Option(help="Write a page with forces and balance.")] = None,
+    png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
+    variant: arg.Variant = None,
+    as_json: arg.AsJson = False,
+) -> None:
+    """Stand, or lift a foot, by whole-body control; exits with 1 if the status is not ok.
+
+    One tick at rest: centre of mass and trunk stay, and then the posture. Where that cannot be, the
+    rows that contradict each other are named, and the least that they have to give.
+    """
+    from condyn_pin.cli.standing import ready_contacts, stand_and_lift
+    from condyn_pin.cli.words import robot_of, scene_of
+
+    check_ending(html, ".html", ".htm")
+    check_ending(png, ".png")
+    check_written(html, png)
+    listed = contacts or ready_contacts(robot_of(robot, variant))
+    scene = scene_of(robot, listed, loops, variant)
+    before, after = stand_and_lift(scene, posture, lift or [], up, _demanded(com), friction, qp)
+    shown = after or before
+    if as_json:
+        print_json(_facts(before, after))
+    else:
+        _say(before, after)
+    if shown.status.ok:
+        _draw(shown, html, png)
+        for path in (html, png):
+            if path and not as_json:
+                say(f"written: {path}")
+    leave(ok=shown.status.ok)
+
+
+def _demanded(text: str | None) -> tuple[float, ...] | None:
+    """Return the acceleration that a text demands."""
+    from condyn_pin.cli.words import names_in
+    from condyn_pin.errors import InvalidArgument
+
+    if text is None:
+        return None
+    try:
+        found = tuple(map(float, names_in(text)))
+    except ValueError:
+        found = ()
+    if len(found) != 3:
+        raise InvalidArgument(f"--com {text}: three numbers are needed, such as 0,0,-11")
+    return found
+
+
+def _say(before: ControlAnswer, after: ControlAnswer | None) -> None:
+    """Print what was found: forces, tasks, motors, and how far the answer is to be believed."""
+    shown = after or before
+    say(f"{shown.scene.robot.name}: {shown.status}")
+    if shown.infeasible:
+        say(str(shown.infeasible))
+        return
+    if not shown.status.ok:
+        return
+    if before.margins:
+        console.print(_forces(before, after))
+    console.print(_errors(shown))
+    console.print(_motors(shown))
+    for name, its in _bounds(shown).items():
+        say(f"at its bound    {name}: {', '.join(its)}")
+    r = shown.residuals
+    say(f"KKT residual    {r.kkt:.1e} m/s^2, by {', '.join(shown.path)}")
+    say(f"dynamics        {r.dynamics:.1e} N m, by Newton-Euler")
+    say(f"constraints     {r.constraints:.1e} m/s^2, by forward kinematics")
+    if shown.scene.robot.springs:
+        say("note: springs push as far as this posture bends them, and no further")
+
+
+def _bounds(answer: ControlAnswer) -> dict[str, list[str]]:
+    """Return the active rows, those of each contact, motor or joint together."""
+    found: dict[str, list[str]] = {}
+    for row in answer.active:
+        name, _, what = row.partition(": ")
+        found.setdefault(name, []).append(what)
+    return found
+
+
+def _forces(before: ControlAnswer, after: ControlAnswer | None) -> Table:
+    table = words("contact", "force before [N]" if after else "force [N]")
+    if after:
+        table.add_column("after [N]")
+    table.add_column("margin [N]")
+    margins = (after or before).margins
+    for name in before.margins:
+        cells = [_vector(before, name)] + ([_vector(after, name)] if after else [])
+        margin = margins.get(name)
+        table.add_row(name, *cells, _number(after or before, float(margin.least)) if margin else "")
+    return table
+
+
+def _vector(answer: ControlAnswer, name: str) -> str:
+    force = answer.forces.get(name)
+    if force is None:
+        return "lifted"
+    return " ".join(_number(answer, f) for f in force.in_world()[:3])
+
+
+def _number(answer: ControlAnswer, force: float) -> str:
+    """Return a force as text [N]: what is rounding beside the other forces is zero."""
+    return "0" if abs(force) < SOLVED * max(abs(answer.lam)) else f"{force:.4g}"
+
+
+def _errors(answer: ControlAnswer) -> Table:
+    table = words("task", "J a + drift - wanted [m/s^2, rad/s^2]")
+    for name, error in answer.errors.items():
+        table.add_row(name, f"{max(abs(error), default=0.0):.3g} at most")
+    return table
+
+
+def _motors(answer: ControlAnswer) -> Table:
+    table = words("motor", "torque [N m, N]", "of its limit")
+    for name, torque, share in _used(answer)[:_SHOWN]:
+        table.add_row(name, f"{torque:.4g}", "no limit" if share is None else f"{share:.0%}")
+    return table
+
+
+def _used(answer: ControlAnswer) -> list[tuple[str, float, float | None]]:
+    """Return each motor, its torque, and what that is of its limit, the hardest worked first."""
+    from condyn_pin.control.control_limits import torque_limits
+
+    columns = answer.actuation.columns
+    limits = torque_limits(answer.scene.robot, columns)
+    torques = answer.tau[columns]
+    shares = [
+        float(abs(t) / most) if most < float("inf") else None
+        for t, most in zip(torques, limits, strict=True)
+    ]
+    rows = list(zip(answer.actuation.motors, torques.tolist(), shares, strict=True))
+    return sorted(rows, key=lambda row: -(row[2] if row[2] is not None else 0.0))
+
+
+def _facts(before: ControlAnswer, after: ControlAnswer | None) -> dict[str, object]:
+    from condyn_pin._core.machine import machine
+
+    shown = after or before
+    return {
+        "robot": shown.scene.robot.name,
+        "status": shown.status.name.lower(),
+        "advice": str(shown.status),
+        "tau": shown.tau,
+        "a": shown.a,
+        "lam": shown.lam,
+        "forces": {k: f.in_world() for k, f in shown.forces.items()},
+        "forces_before": {k: f.in_world() for k, f in before.forces.items()},
+        "margins": {k: float(margin.least) for k, margin in shown.margins.items()},
+        "errors": shown.errors,
+        "active": shown.active,
+        "torques": {name: {"torque": t, "of_limit": share} for name, t, share in _used(shown)},
+        "infeasible": shown.infeasible,
+        "residuals": shown.residuals,
+        "path": shown.path,
+        "solve_time": shown.solve_time,
+        "machine": machine(),
+    }
+
+
+def _draw(answer: ControlAnswer, html: Path | None, png: Path | None) -> None:
+    from condyn_pin.viewing.verbs import view
+
+    if not (html or png):
+        return
+    view(answer, balance=True, html=html, png=png, browser=False)

@@ -1,0 +1,175 @@
+"""MotionBalance: where a robot presses on the floor along a motion, and where it was about to fall.
+
+The equations are those of `control.balancing`, at every sample:
+
+    f = m (cddot - g),    n_O = Ldot + c x f,        ZMP = p + e x (n_O - p x f) / (f . e)
+    CoP = sum (f_i . e) p_i / sum f_i . e,           DCM = c + cdot / omega,    omega = sqrt(g / h)
+
+with p a point and e the normal of the plane of all that touches, upwards, h the height of the
+centre of mass c above it, and f_i the force at p_i. The capture point is the foot of the DCM on the
+plane. Forces and accelerations of a step with contacts are means over it: there ZMP and CoP agree
+to the order of dt, and after an impact that is no force but an impulse not at all.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.control.balancing import Balance, Pressure, balanced, pressed
+from condyn_pin.control.support import SupportPolygon
+from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.simulation.contact_columns import candidates_of
+from condyn_pin.simulation.trajectory import Trajectory
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class MotionBalance:
+    """Centre of mass, pressure and points of capture along a motion, in the axes of the world.
+
+    A contact that may let go counts while it sticks or slides, and one on another body of the robot
+    does not. What does not exist at a sample is NaN: in flight and on what is not one plane all but
+    the centre of mass, and the centre of pressure where nothing presses.
+
+    Attributes
+    ----------
+    t : (k,) array
+        [s]
+    com, zmp, cop, dcm, capture_point : (k, 3) array
+        Of each sample [m], as in `Balance`.
+    zmp_margin, cop_margin, capture_margin : (k,) array
+        How far each point is within the support polygon [m]; negative outside.
+    polygons : tuple of SupportPolygon or None
+        The support at each sample; None in flight and on what is not one plane.
+    name : str
+        Of the robot.
+    """
+
+    t: Array
+    com: Array  # [m]
+    zmp: Array  # [m]
+    cop: Array  # [m]
+    dcm: Array  # [m]
+    capture_point: Array  # [m]
+    zmp_margin: Array  # [m]
+    cop_margin: Array  # [m]
+    capture_margin: Array  # [m]
+    polygons: tuple[SupportPolygon | None, ...]
+    name: str
+
+    def __repr__(self) -> str:
+        held = sum(each is not None for each in self.polygons)
+        return (
+            f"MotionBalance({self.name}: {len(self.t)} samples, {held} on one plane, ZMP at least "
+            f"{_least(self.zmp_margin):.4g} m within the support)"
+        )
+
+
+def motion_balance(trajectory: Trajectory) -> MotionBalance:
+    """Return where a robot presses on the floor along a motion, and where it was about to fall.
+
+    Parameters
+    ----------
+    trajectory : Trajectory
+        On contacts that are held, that open and slide, or both.
+
+    Returns
+    -------
+    MotionBalance
+
+    Raises
+    ------
+    InvalidArgument
+        If it has nothing that could press on a floor, or a contact does not say its size.
+
+    Notes
+    -----
+    Takes a millisecond a sample.
+    """
+    if not any(_may_press(phase.scene) for phase in trajectory.phases):
+        raise InvalidArgument("trajectory: its scene has no contact that presses on a floor")
+    found = list(balances(trajectory, range(len(trajectory.t))))
+    return MotionBalance(
+        t=trajectory.t,
+        com=np.array([each.com for each in found]),
+        zmp=np.array([each.zmp for each in found]),
+        cop=np.array([each.cop for each in found]),
+        dcm=np.array([each.dcm for each in found]),
+        capture_point=np.array([each.capture_point for each in found]),
+        zmp_margin=np.array([each.zmp_margin for each in found]),
+        cop_margin=np.array([_within(each.polygon, each.cop) for each in found]),
+        capture_margin=np.array([each.capture_margin for each in found]),
+        polygons=tuple(each.polygon for each in found),
+        name=trajectory.scene.robot.name,
+    )
+
+
+def balances(trajectory: Trajectory, samples: Sequence[int]) -> Iterator[Balance]:
+    """Yield the balance of some samples, in rising order."""
+    modes = trajectory.modes
+    for phase in trajectory.phases:
+        scene, columns = phase.scene, list(phase.columns)
+        candidates = candidates_of(scene)
+        for k in samples:
+            if not phase.samples.start <= k < phase.samples.stop:
+                continue
+            q, lam = trajectory.q[k], trajectory.lam[k, columns]
+            touching = {name for name, mode in modes.items() if mode[k] != "open"}
+            pressure = pressure_of(scene, candidates, q, lam, touching)
+            yield balanced(scene, q, trajectory.v[k], trajectory.a[k], pressure)
+
+
+def pressure_of(
+    scene: Scene, candidates: Candidates, q: Array, lam: Array, touching: set[str]
+) -> Pressure:
+    """Return how constraints, and the contacts that touch, press on the ground with forces lam."""
+    held = pressed(Sites(scene, q), lam[: scene.rows])
+    if not touching:
+        return held
+    model = scene.robot.unedited
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    axes = candidates.axes(data, q)
+    # on the plane itself: what penetrates a little, or is not quite down, is on one plane as well
+    gaps = candidates.gaps(data, q)[: candidates.cones]
+    points = candidates.points(data, q) - gaps[:, None] * axes[:, :, 2]
+    forces = lam[scene.rows :][: 3 * candidates.cones].reshape(-1, 3)
+    on_ground = _on_ground(scene) & touching
+    places, exerted = [held.points], held.exerted.copy()
+    cops, pressing = dict(held.cops), dict(held.forces)
+    for i, name in enumerate(candidates.names[: candidates.cones]):
+        if name not in on_ground:
+            continue
+        p, f = points[i], axes[i] @ forces[i]
+        places.append(p[None])
+        exerted += np.concatenate((f, np.cross(p, f)))
+        cops[name] = p if forces[i, 2] > 0 else np.full(3, np.nan)
+        if forces[i, 2] > 0:
+            pressing[name] = f
+    return Pressure(np.vstack(places), exerted, cops, pressing)
+
+
+def _on_ground(scene: Scene) -> set[str]:
+    """Return the contacts whose other side is the world."""
+    return {name for bound in scene.contact_bounds for name, ground in bound.cones if not ground}
+
+
+def _may_press(scene: Scene) -> bool:
+    return bool(_on_ground(scene)) or any(each.support for each in scene.constraints)
+
+
+def _within(polygon: SupportPolygon | None, point: Array) -> float:
+    if polygon is None or not np.isfinite(point).all():
+        return float("nan")
+    return polygon.margin(point)
+
+
+def _least(margins: Array) -> float:
+    return float(np.nanmin(margins)) if np.isfinite(margins).any() else float("nan")

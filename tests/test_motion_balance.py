@@ -1,0 +1,128 @@
+"""Balance along a motion: closed forms, contacts that slide, diagrams, and marks in view."""
+
+from __future__ import annotations
+
+from functools import cache
+
+import matplotlib as mpl
+import numpy as np
+import pytest
+from viewed import drawing, parts
+
+import condyn_pin as cp
+from condyn_pin import constraints as c
+from condyn_pin.control import balance
+from condyn_pin.simulation import motion_balance
+from condyn_pin.viewing import plots_balance
+
+mpl.use("Agg")
+
+G, X, Y, HEIGHT = 9.81, 0.1, 0.06, 0.04  # half the size of a box [m]
+
+
+@cache
+def sliding() -> cp.Trajectory:
+    """A box that is pushed along the floor at v = 0.3 m/s, and slows down by mu g."""
+    scene = scene_of_box()
+    q, v = scene.state()
+    v[0] = 0.3
+    return cp.simulate(scene, q, v, duration=0.02, dt=1e-3)
+
+
+@cache
+def scene_of_box() -> cp.Scene:
+    box = cp.model.free_box(size=(2 * X, 2 * Y, 2 * HEIGHT))
+    return cp.Scene(
+        box, contacts=[c.FrictionalContact("box", c.Box(X, Y, HEIGHT), on=c.Plane(), friction=0.5)]
+    )
+
+
+def test_a_box_that_slides_presses_ahead_of_its_centre():
+    """mu h ahead, by the motion and by the forces alike."""
+    run = sliding()
+    found = motion_balance(run)
+    x = run.q[1:, 0]
+    assert found.zmp[1:, 0] == pytest.approx(x + 0.5 * HEIGHT, abs=1e-9)
+    assert found.cop[1:] == pytest.approx(found.zmp[1:], abs=1e-9)
+    assert found.zmp_margin[1:] == pytest.approx(np.full(len(x), Y), abs=1e-9)
+    assert found.cop_margin[1:] == pytest.approx(found.zmp_margin[1:], abs=1e-9)
+    reach = run.v[1:, 0] * np.sqrt(HEIGHT / G)
+    assert found.capture_point[1:, 0] == pytest.approx(x + reach, abs=1e-9)
+    assert found.dcm[1:, 2] == pytest.approx(run.q[1:, 2], abs=1e-9)
+    assert found.com == pytest.approx(run.q[:, :3], abs=1e-12)
+    assert all(len(polygon.corners) == 4 for polygon in found.polygons[1:])
+
+
+def test_in_flight_there_is_the_centre_of_mass_alone():
+    scene = scene_of_box()
+    q, v = scene.state()
+    q[2] += 0.1
+    falling = cp.simulate(scene, q, v, duration=0.01, dt=1e-3)
+    found = motion_balance(falling)
+    assert set(found.polygons) == {None}
+    for nothing in (found.zmp, found.cop, found.dcm, found.capture_point, found.zmp_margin):
+        assert np.isnan(nothing).all()
+    assert found.com == pytest.approx(falling.q[:, :3])
+    free = cp.model.free_box()
+    flight = cp.simulate(cp.Scene(free), *cp.Scene(free).state(), duration=0.01, dt=1e-3)
+    with pytest.raises(cp.InvalidArgument, match="no contact"):
+        motion_balance(flight)
+
+
+@cache
+def held() -> cp.Trajectory:
+    solo = cp.load_robot("solo12")
+    scene = cp.Scene(solo, solo.contacts)
+    return cp.simulate(scene, *scene.state(), duration=0.02, dt=2e-3)
+
+
+def test_contacts_that_are_held_give_the_balance_of_each_sample():
+    run = held()
+    found = motion_balance(run)
+    for k in (0, 7):
+        one = balance(run.scene, run.q[k], run.v[k], run.a[k], run.lam[k])
+        assert np.array_equal(found.zmp[k], one.zmp)
+        assert np.array_equal(found.cop[k], one.cop)
+        assert found.capture_margin[k] == one.capture_margin
+    assert "solo12" in repr(found)
+
+
+def test_diagrams_show_what_was_found():
+    from matplotlib.figure import Figure
+
+    run, found = sliding(), motion_balance(sliding())
+    above, over_time = Figure().subplots(1, 2)
+    assert plots_balance.from_above(run, above) is above
+    ways = {drawn.get_label(): drawn.get_xydata() for drawn in above.lines}
+    assert np.array_equal(ways["ZMP"], found.zmp[:, :2], equal_nan=True)
+    assert np.array_equal(ways["capture point"], found.capture_point[:, :2], equal_nan=True)
+    assert above.get_aspect() == 1.0
+    assert len(above.patches) > 3  # the support moves with the box
+    plots_balance.margins(run, over_time, found=found)
+    drawn = {each.get_label(): each.get_ydata() for each in over_time.lines}
+    assert np.array_equal(drawn["CoP"], found.cop_margin, equal_nan=True)
+    assert "[m]" in over_time.get_ylabel()
+
+
+def test_view_draws_support_pressure_and_capture_of_a_motion():
+    found, run = parts(sliding(), balance=True), sliding()
+    assert {f"balance/support/{i}" for i in range(4)} < found.keys()
+    moment = drawing(run, balance=True).moments[-1]
+    last = motion_balance(run)
+    at = {name: found[f"balance/{name}/point"].place(moment)[:3, 3] for name in _MARKED}
+    assert at["cop"] == pytest.approx(last.cop[-1])
+    assert at["capture_point"] == pytest.approx(last.capture_point[-1])
+    assert at["dcm"] == pytest.approx(last.dcm[-1])
+    edge = found["balance/support/0"].place(moment)
+    corners = last.polygons[-1].in_world
+    assert edge[:3, 3] == pytest.approx(corners[0])
+    assert edge[:3, 3] + edge[:3, 2] == pytest.approx(corners[1])
+    assert not [path for path in parts(run) if path.startswith("balance")]
+
+
+_MARKED = ("cop", "capture_point", "dcm")
+
+
+def test_what_has_no_velocity_has_no_balance_to_be_drawn():
+    with pytest.raises(cp.InvalidArgument, match="a Scene does not know v"):
+        drawing(scene_of_box(), balance=True)
