@@ -123,6 +123,7 @@ class Scene:
         """What the scene is at its nominal state; each figure is measured on first use."""
         if self.contacts:
             return self.bilateral.nominal
+        self.robot.check_unedited()
         return NominalAnalysis(self, Equations(self.robot.unedited, self.bounds))
 
     def closed(self, modes: Mapping[str, Mode] | None = None) -> Scene:

@@ -15,7 +15,6 @@ from condyn_pin._core.linalg.extended import add, exact_residual
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.parameters import check_count, check_share
 from condyn_pin._core.quietly import quietly
-from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
 from condyn_pin.errors import InvalidModel
 
@@ -79,7 +78,7 @@ class Reference(Solver):
         @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
-            a, latest[:] = self.solve(equations.terms(q, v), tau, cancellation_scale(equations, q))
+            a, latest[:] = self.solve(equations.terms(q, v), tau, equations.cancellation(q))
             return a
 
         return BoundSolver(acceleration, latest.copy, lambda: 1 + self.refinements)
