@@ -24,7 +24,7 @@ SCENES = {
 # What analyses a scene, and never a solve of it.
 ANALYSIS = (
     ("mechanism.closed_chains", "_chains"),
-    ("mechanism.assembly", "assemble"),
+    ("mechanism.assembling", "assemble"),
     ("mechanism.closing", "Closer.close"),
     ("dynamics.nominal", "nominal_states"),
     ("dynamics.nominal", "redundant_rows"),

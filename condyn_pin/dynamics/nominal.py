@@ -29,13 +29,12 @@ from condyn_pin.constraints.rows.pinocchio_constraints import (
     pinocchio_constraints,
 )
 from condyn_pin.dynamics.nominal_states import NominalState, nominal_states
+from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.residuals import ErrorEstimator
 from condyn_pin.errors import (
     BranchChanged,
-    InvalidArgument,
     InvalidModel,
     NotAssembled,
-    unknown_name,
 )
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
@@ -193,37 +192,6 @@ def pinocchio_constraints_of(scene: Scene) -> PinocchioConstraints:
         )
     found: PinocchioConstraints = known["_pinocchio_constraints"]
     return found
-
-
-def described_posture(scene: Scene, posture: str | None = None) -> Array:
-    """Return a posture of the robot as it is in the description; neutral if it has none.
-
-    Parameters
-    ----------
-    scene : Scene
-    posture : str, optional
-        Its name; the first one by default.
-
-    Returns
-    -------
-    q : (nq,) array
-
-    Raises
-    ------
-    InvalidArgument
-        If the name is no text.
-    UnknownName
-        If there is no such posture.
-    """
-    postures = scene.robot.postures
-    if posture is None:
-        q = next(iter(postures.values()), None)
-        return np.array(pin.neutral(scene.robot.model) if q is None else q)
-    if not isinstance(posture, str):
-        raise InvalidArgument(f"posture = {posture!r}: the name of a posture is needed")
-    if posture not in postures:
-        raise unknown_name("posture", posture, postures)
-    return np.array(postures[posture])
 
 
 def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, bool]:
