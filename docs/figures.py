@@ -143,7 +143,7 @@ def drift() -> Any:
         "semi-implicit Euler": (cp.SemiImplicitEuler(), cp.simulation.NoDrift(), ORANGE, "-"),
         "Runge-Kutta 4": (cp.RungeKutta4(), cp.simulation.NoDrift(), BLUE, "-"),
         "Runge-Kutta 4, Baumgarte": (cp.RungeKutta4(), cp.Baumgarte.critical(30.0), BLUE, "--"),
-        "Runge-Kutta 4, projection": (cp.RungeKutta4(), cp.Projection(), GREEN, "--"),
+        "Runge-Kutta 4, projection": (cp.RungeKutta4(), cp.simulation.Projection(), GREEN, "--"),
     }
     for label, (integrator, scheme, colour, line) in runs.items():
         run = cp.simulate(scene, q, v, duration=5.0, dt=2e-3, integrator=integrator, drift=scheme)

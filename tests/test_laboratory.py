@@ -79,7 +79,7 @@ def test_a_row_that_is_wrong_does_not_agree(table):
 
 def test_a_closed_rod_says_nothing_about_energy():
     semi = cp.SemiImplicitEuler()
-    projected = errors(semi, cp.Projection(tolerance=1e-14), dt=1e-2, steps=1000)
+    projected = errors(semi, cp.simulation.Projection(tolerance=1e-14), dt=1e-2, steps=1000)
     rattle = errors(cp.simulation.Rattle(), cp.simulation.NoDrift(), dt=1e-2, steps=500)
     assert projected.violation < 1e-14
     assert projected.late > 10.0
@@ -89,7 +89,7 @@ def test_a_closed_rod_says_nothing_about_energy():
 def test_areas_are_kept_by_rattle_alone():
     semi = cp.SemiImplicitEuler()
     assert abs(area(cp.simulation.Rattle(), cp.simulation.NoDrift(), dt=1e-2)) < 1e-12
-    for drift in (cp.Projection(), cp.Baumgarte.critical(30.0)):
+    for drift in (cp.simulation.Projection(), cp.Baumgarte.critical(30.0)):
         assert abs(area(semi, drift, dt=1e-2)) > 1e-6
 
 
@@ -104,7 +104,7 @@ def test_fast_pendulums_are_projected_with_the_rows_of_their_place():
     scene = rod_pendulum()
     found = cp.simulate(
         scene, [1.0, 0.0], [0.0, -60.0], duration=2.0, dt=1e-2, integrator=cp.SemiImplicitEuler(),
-        drift=cp.Projection(),
+        drift=cp.simulation.Projection(),
     )  # fmt: skip
     assert found.violation.max() < 1e-9
     assert found.constraint_velocity.max() < 1e-8

@@ -76,7 +76,7 @@ def test_cassie_on_lines_is_cassie_on_points():
 def test_fingers_are_coupled_if_asked_for(name, count):
     coupled = cp.load_robot(name, variant={"fingers": "coupled"})
     assert len(coupled.loops) == count
-    assert all(isinstance(loop, cp.Coupling) for loop in coupled.loops)
+    assert all(isinstance(loop, cp.constraints.Coupling) for loop in coupled.loops)
     assert robot(name).loops == ()
     scene = cp.Scene(coupled, coupled.loops)
     assert scene.nominal.mobility == coupled.nv - count
@@ -313,7 +313,7 @@ def test_rotors_of_the_joints_that_are_left_stay():
 def test_coupled_joints_are_locked_together():
     talos = robot("talos")
     arms = [f"arm_{side}_1_joint" for side in ("left", "right")]
-    coupled = dataclasses.replace(talos, loops=[cp.Coupling(*arms, name="both arms")])
+    coupled = dataclasses.replace(talos, loops=[cp.constraints.Coupling(*arms, name="both arms")])
     with pytest.raises(cp.errors.InvalidModel, match="'both arms'; lock both"):
         lock_joints(coupled, arms[:1])
     assert lock_joints(coupled, arms).loops == ()
