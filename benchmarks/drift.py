@@ -308,7 +308,9 @@ def long_runs(steps: int) -> dict[str, Any]:
     found = contest(1e-2, steps)
     save_laboratory(growths, (SEMI, RK4), found, RESULTS / "drift.png")
     return {
-        "walls": {i.title: stability_limit(i) for i in (cp.simulation.ExplicitEuler(), SEMI, RK4)},
+        "stability_limits": {
+            i.title: stability_limit(i) for i in (cp.simulation.ExplicitEuler(), SEMI, RK4)
+        },
         "growth": {name: growth.power for name, growth in growths.items()},
         "contest": [
             {"label": one.title, "dt": one.dt, "steps": steps, "area": one.area}

@@ -110,8 +110,8 @@ def contact() -> Any:
     return figure
 
 
-def wall() -> Any:
-    """Draw what semi-implicit Euler makes of critical Baumgarte gains: the wall at 0.828."""
+def stability_limit() -> Any:
+    """Draw what semi-implicit Euler makes of critical Baumgarte gains: the limit at 0.828."""
     x = np.linspace(0.0, 1.2, 400)  # alpha dt
     radius = [_radius(value) for value in x]
     figure, ax = plt.subplots(figsize=(6.4, 2.7))
@@ -175,7 +175,7 @@ def _arrow(
     ax.text(*(place + where), text, color=colour)
 
 
-FIGURES: tuple[Callable[[], Any], ...] = (cut, loop, contact, wall, drift)
+FIGURES: tuple[Callable[[], Any], ...] = (cut, loop, contact, stability_limit, drift)
 
 
 def draw(folder: Path) -> None:

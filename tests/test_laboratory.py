@@ -57,7 +57,7 @@ def test_committed_table_is_reproduced_in_every_row(table):
     assert still["constraint_velocity"] / still["squared"]["constraint_velocity"] == pytest.approx(
         0.8, abs=2e-3
     )
-    assert saved["walls"]["semi-implicit Euler"] == pytest.approx(0.828, abs=0.01)
+    assert saved["stability_limits"]["semi-implicit Euler"] == pytest.approx(0.828, abs=0.01)
     assert saved["growth"]["Runge-Kutta 4"] == pytest.approx(2.0, abs=0.05)
     assert saved["growth"]["explicit Euler"] == pytest.approx(1.0, abs=0.05)
     found = {one["label"]: one for one in saved["contest"]}
@@ -93,7 +93,7 @@ def test_areas_are_kept_by_rattle_alone():
         assert abs(area(semi, drift, dt=1e-2)) > 1e-6
 
 
-def test_the_map_of_gains_has_its_wall_on_the_diagonal():
+def test_the_map_of_gains_has_its_limit_on_the_diagonal():
     products = np.array([0.5, 0.82, 0.84])
     found = stability_map(cp.SemiImplicitEuler(), products.tolist(), products.tolist())
     assert (found.diagonal() < 1).tolist() == [True, True, False]

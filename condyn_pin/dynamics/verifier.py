@@ -34,7 +34,7 @@ _LOOSE = 1e-12
 
 
 class Verifier:
-    """The judge of one method in one workspace."""
+    """What proves the answers of one method in one workspace."""
 
     def __init__(self, workspace: Workspace, method: BoundSolver) -> None:
         self._workspace, self._method = workspace, method

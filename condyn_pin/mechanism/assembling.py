@@ -151,11 +151,11 @@ def limited(limits: Limits, of: Indices) -> set[str]:
     return {joint for joint, iv in zip(limits.joints, limits.iv, strict=True) if iv in of}
 
 
-def _check_branch(branch: Mapping[str, int], home: Mapping[str, int]) -> None:
+def _check_branch(branch: Mapping[str, int], known: Mapping[str, int]) -> None:
     if not isinstance(branch, Mapping):
         raise InvalidArgument(f"branch = {branch!r}: the branch of an Assembly is needed")
     for name, side in branch.items():
-        if name not in home:
-            raise unknown_name("cluster of loops", str(name), home)
+        if name not in known:
+            raise unknown_name("cluster of loops", str(name), known)
         if side not in (-1, 0, 1):
             raise InvalidArgument(f"branch[{name!r}] = {side!r}: one of -1, 0 and 1 is needed")

@@ -1,4 +1,4 @@
-"""Reach: what the two bodies of a row bring to J before they cancel.
+"""Cancellation: what the two bodies of a row bring to J before they cancel.
 
 J = J1 - X J2 is rounded to eps (|J1| + |X J2|), however small it is itself. Pinocchio forms either
 from columns at the origin of the world, so that each is rounded to eps times its distance from

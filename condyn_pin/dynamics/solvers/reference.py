@@ -59,7 +59,7 @@ class Reference(Solver):
 
     title: ClassVar[str] = "Reference"
     cost: ClassVar[str] = "O(n^3 + m^2 n), with exact sums"
-    use: ClassVar[str] = "to judge the others by; any rows"
+    use: ClassVar[str] = "the truth that others are compared with; any rows"
     takes_redundant: ClassVar[bool] = True
 
     rank_tolerance: float = tolerances.REFERENCE_RANK
