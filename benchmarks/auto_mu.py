@@ -53,7 +53,7 @@ ROBOTS = ("four_bar", "cassie")
 LEFT_OUT = ("weight", "few_iterations", "bad_q", "bad_v", "bad_tau")
 
 
-Asked = list[tuple[cp.Proximal, cp.Solution]]
+Asked = list[tuple[cp.Proximal, cp.dynamics.Solution]]
 
 
 @dataclass(frozen=True)

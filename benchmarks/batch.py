@@ -126,7 +126,7 @@ def measure(count: int, rounds: int) -> tuple[list[Answers], tuple[list[Motions]
             found.append(answers(f"talos, two feet, {name}", solve, stance, count, pool, rounds))
         found.append(answers("cassie, loops", cp.solve_batch, loops, count, pool, rounds))
         name, few = "talos, two feet, derivatives", count // 20
-        found.append(answers(name, cp.derivatives_batch, stance, few, pool, rounds))
+        found.append(answers(name, cp.simulation.derivatives_batch, stance, few, pool, rounds))
         return found, motions(loops, pool, min(rounds, 3))  # each takes a minute
 
 

@@ -164,10 +164,12 @@ def ways(scene: cp.Scene, pool: Executor) -> list[Way]:
     for integrator, gain, steps in (
         (semi, 0.3, (1e-3, 2e-3, 4e-3, 8e-3)),
         (middle, 0.1, (5e-4, 1e-3, 2e-3, 5e-3, 6.25e-3)),
-        (cp.ImplicitMidpoint(), 0.1, (4e-3,)),
+        (cp.simulation.ImplicitMidpoint(), 0.1, (4e-3,)),
     ):
         for dt, closed in product(steps, (False, True)):
-            drift = cp.PostStabilization() if closed else cp.Baumgarte.critical(gain / dt)
+            drift = (
+                cp.simulation.PostStabilization() if closed else cp.Baumgarte.critical(gain / dt)
+            )
             run = partial(ours, scene, integrator, drift, dt)
             found.append(Way(
                 "condyn_pin", f"{integrator.title}, {drift.title}", dt,
@@ -204,7 +206,7 @@ def apart(scene: cp.Scene, ends: np.ndarray, true: np.ndarray) -> float:
 def motions(scene: cp.Scene, pool: Executor, rounds: int) -> tuple[list[Motions], float]:
     """Return every way, measured in turns, and the error of what they are judged by [m, rad]."""
     true, coarser = (
-        judge_ours(scene, cp.RungeKutta4(), cp.PostStabilization(), dt)[1] for dt in FINE
+        judge_ours(scene, cp.RungeKutta4(), cp.simulation.PostStabilization(), dt)[1] for dt in FINE
     )
     tried = ways(scene, pool)
     judged = [way.judge() for way in tried]

@@ -89,13 +89,13 @@ class Right:
         off = float(np.abs(a - self.answer.a).max()) - self.rounding
         return max(off, 0.0) / self.scale
 
-    def force_error(self, solution: cp.Solution) -> float:
+    def force_error(self, solution: cp.dynamics.Solution) -> float:
         """Return that of what the forces do to the joints, at their points and in their axes."""
         found = np.zeros(self.model.nv, dtype=np.longdouble)
         for name, force in solution.forces.items():
             constraint = self.p.scene.constraints[self.p.scene.names.index(name)]
             for one in (force, force.on_other()):
-                if isinstance(constraint, cp.Coupling):
+                if isinstance(constraint, cp.constraints.Coupling):
                     joint = self.model.joints[self.model.getJointId(one.on)]
                     found[joint.idx_v] += one[0]
                 elif one.on != "world":

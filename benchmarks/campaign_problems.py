@@ -270,7 +270,7 @@ def _rolling(frames: _Frames, name: str, rng: Random) -> cp.constraints.Constrai
     if pick == 1:
         every: Any = ("rolling", "lateral", "normal")
         holds = every[: int(rng.integers(1, 4))]
-        return cp.RollingWheel(frame, radius, axis, holds, normal, name=name)
+        return cp.constraints.RollingWheel(frame, radius, axis, holds, normal, name=name)
     return cp.constraints.KnifeEdge(frame, axis, tuple(rng.normal(scale=0.2, size=3)), name=name)
 
 
@@ -281,7 +281,7 @@ def _coupling(model: Any, q: Array, name: str, rng: Random) -> list[cp.constrain
     a, b = (int(i) for i in rng.choice(able, size=2, replace=False))
     ratio = float(rng.normal()) or 1.0
     offset = float(q[model.joints[a].idx_q] - ratio * q[model.joints[b].idx_q])
-    return [cp.Coupling(model.names[a], model.names[b], ratio, offset, name=name)]
+    return [cp.constraints.Coupling(model.names[a], model.names[b], ratio, offset, name=name)]
 
 
 # --- states and forces

@@ -33,7 +33,7 @@ def rows(oracle: Oracle, scene: cp.Scene) -> tuple[Array, Array]:
     n = oracle.model.nv
     J, gamma = [np.zeros((0, n), REAL)], [np.zeros(0, REAL)]
     for constraint in scene.constraints:
-        if isinstance(constraint, cp.Coupling):
+        if isinstance(constraint, cp.constraints.Coupling):
             row = np.zeros((1, n), REAL)
             a, b = (oracle.model.joints[oracle.model.getJointId(j)].idx_v
                     for j in (constraint.joint_a, constraint.joint_b))  # fmt: skip
@@ -123,10 +123,12 @@ def _knife(c: cp.constraints.KnifeEdge, place: Place) -> tuple[Array, Array]:
     return slip.x, slip.d
 
 
-def _rolling(c: cp.RollingWheel | cp.constraints.RollingBall, place: Place) -> tuple[Array, Array]:
+def _rolling(
+    c: cp.constraints.RollingWheel | cp.constraints.RollingBall, place: Place
+) -> tuple[Array, Array]:
     normal = constant(exact(c.normal) / np.sqrt((exact(c.normal) ** 2).sum()))
     w = Jet(*place.w, np.zeros_like(place.p.dd))
-    if isinstance(c, cp.RollingWheel):
+    if isinstance(c, cp.constraints.RollingWheel):
         axle = apply(place.R, constant(ONE["xyz".index(c.axis)]))
         ahead = unit(cross(axle, normal))
         down = cross(axle, ahead)

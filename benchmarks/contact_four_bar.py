@@ -60,7 +60,9 @@ class Row:
 def ours() -> tuple[list[Row], np.ndarray]:
     """Return our rows, and where the middles of the bars have to be (3, 3) [m]."""
     scene, q, v = four_bar()
-    exact = cp.simulate(scene, q, v, duration=DURATION, dt=DT, integrator=cp.DormandPrince())
+    exact = cp.simulate(
+        scene, q, v, duration=DURATION, dt=DT, integrator=cp.simulation.DormandPrince()
+    )
     wanted = middles(scene, exact.q[-1])
     rows = []
     schemes = {

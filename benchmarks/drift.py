@@ -109,12 +109,24 @@ def cases() -> list[Case]:
             gains = cp.Baumgarte.critical(product / dt)
             label = f"{integrator.title}, alpha dt = {product:g}"
             found.append(Case(label, integrator, gains, dt, round(10 / dt), *known))
-    position, velocity = cp.Projection(velocity=False), cp.Projection(position=False)
+    position, velocity = (
+        cp.simulation.Projection(velocity=False),
+        cp.simulation.Projection(position=False),
+    )
     found += [
         Case("RK4, 40 s, nothing", RK4, cp.Baumgarte(0, 0), 1e-2, 4000, 5.7e-4, None, 7.8e-3),
         Case("RK4, 40 s, position", RK4, position, 1e-2, 4000, 0.0, None, 5.2e-3),
         Case("RK4, 40 s, velocity", RK4, velocity, 1e-2, 4000, 1.6e-7, 0.0, 5.5e-6),
-        Case("RK4, 40 s, both", RK4, cp.Projection(tolerance=1e-14), 1e-2, 4000, 0.0, 0.0, 6.6e-6),
+        Case(
+            "RK4, 40 s, both",
+            RK4,
+            cp.simulation.Projection(tolerance=1e-14),
+            1e-2,
+            4000,
+            0.0,
+            0.0,
+            6.6e-6,
+        ),
     ]
     for dt, energy in ((4e-2, 5.79e-2), (2e-2, 1.44e-2), (1e-2, 3.61e-3), (5e-3, 9.02e-4)):
         label = f"RATTLE, dt = {dt:g} s"
@@ -296,7 +308,9 @@ def long_runs(steps: int) -> dict[str, Any]:
     found = contest(1e-2, steps)
     save_laboratory(growths, (SEMI, RK4), found, RESULTS / "drift.png")
     return {
-        "walls": {i.title: stability_limit(i) for i in (cp.simulation.ExplicitEuler(), SEMI, RK4)},
+        "stability_limits": {
+            i.title: stability_limit(i) for i in (cp.simulation.ExplicitEuler(), SEMI, RK4)
+        },
         "growth": {name: growth.power for name, growth in growths.items()},
         "contest": [
             {"label": one.title, "dt": one.dt, "steps": steps, "area": one.area}

@@ -96,7 +96,7 @@ def _agreement(
     name: str,
     workspace: cp.Workspace,
     states: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]],
-    truth: Sequence[cp.Solution],
+    truth: Sequence[cp.dynamics.Solution],
     transposed: Sequence[np.ndarray],
 ) -> Agreement:
     scene = workspace.scene

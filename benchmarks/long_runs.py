@@ -132,7 +132,11 @@ def plans() -> Iterator[Plan]:
     hanging = [*cassie.loops, cp.SurfaceContact("pelvis")]
     scenes = {"four_bar": cp.Scene(bar, bar.loops), "cassie hanging": cp.Scene(cassie, hanging)}
     for name, scene in scenes.items():
-        for drift in (cp.PostStabilization(), cp.Baumgarte(20.0, 20.0), cp.Projection()):
+        for drift in (
+            cp.simulation.PostStabilization(),
+            cp.Baumgarte(20.0, 20.0),
+            cp.simulation.Projection(),
+        ):
             yield Plan(name, scene, drift)
     yield Plan("four_bar", scenes["four_bar"], cp.simulation.NoDrift(), cp.simulation.Rattle())
     yield Plan(

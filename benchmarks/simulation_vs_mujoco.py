@@ -199,7 +199,11 @@ def candidates(problem: Problem, *, quick: bool) -> list[tuple[Row, Block]]:
     for integrator in (*eulers, *second, cp.RungeKutta4()):
         gain = 0.03 if integrator.order.q > 2 else 0.3
         for dt in steps:
-            drifts = cp.Baumgarte.critical(gain / dt), cp.PostStabilization(), cp.Projection()
+            drifts = (
+                cp.Baumgarte.critical(gain / dt),
+                cp.simulation.PostStabilization(),
+                cp.simulation.Projection(),
+            )
             tried += [ours(problem, integrator, drift, dt) for drift in drifts]
     for integrator in (cp.simulation.Rattle(), cp.simulation.GearGuptaLeimkuhler()):
         tried += [ours(problem, integrator, cp.simulation.NoDrift(), dt) for dt in slow]

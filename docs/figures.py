@@ -110,8 +110,8 @@ def contact() -> Any:
     return figure
 
 
-def wall() -> Any:
-    """Draw what semi-implicit Euler makes of critical Baumgarte gains: the wall at 0.828."""
+def stability_limit() -> Any:
+    """Draw what semi-implicit Euler makes of critical Baumgarte gains: the limit at 0.828."""
     x = np.linspace(0.0, 1.2, 400)  # alpha dt
     radius = [_radius(value) for value in x]
     figure, ax = plt.subplots(figsize=(6.4, 2.7))
@@ -143,7 +143,7 @@ def drift() -> Any:
         "semi-implicit Euler": (cp.SemiImplicitEuler(), cp.simulation.NoDrift(), ORANGE, "-"),
         "Runge-Kutta 4": (cp.RungeKutta4(), cp.simulation.NoDrift(), BLUE, "-"),
         "Runge-Kutta 4, Baumgarte": (cp.RungeKutta4(), cp.Baumgarte.critical(30.0), BLUE, "--"),
-        "Runge-Kutta 4, projection": (cp.RungeKutta4(), cp.Projection(), GREEN, "--"),
+        "Runge-Kutta 4, projection": (cp.RungeKutta4(), cp.simulation.Projection(), GREEN, "--"),
     }
     for label, (integrator, scheme, colour, line) in runs.items():
         run = cp.simulate(scene, q, v, duration=5.0, dt=2e-3, integrator=integrator, drift=scheme)
@@ -175,7 +175,7 @@ def _arrow(
     ax.text(*(place + where), text, color=colour)
 
 
-FIGURES: tuple[Callable[[], Any], ...] = (cut, loop, contact, wall, drift)
+FIGURES: tuple[Callable[[], Any], ...] = (cut, loop, contact, stability_limit, drift)
 
 
 def draw(folder: Path) -> None:

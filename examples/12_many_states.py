@@ -37,7 +37,7 @@ def main() -> None:
                 os.kill(executor.pids[0], signal.SIGKILL)
 
         there = cp.solve_batch(legs, Q, V, TAU, executor=executor, progress=kill_one)
-        d = cp.derivatives_batch(legs, Q[:50], V[:50], TAU[:50], executor=executor)
+        d = cp.simulation.derivatives_batch(legs, Q[:50], V[:50], TAU[:50], executor=executor)
     print("after the loss of a process:", there)
     print("derivatives:", d.da_dq.shape, d.dlam_dtau.shape)
 

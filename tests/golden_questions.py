@@ -70,13 +70,16 @@ def scenes() -> dict[str, cp.Scene]:
             cp.constraints.LineContact(left.frame, "y", half_length=0.06),
             cp.constraints.PlanarContact(right.frame),
         ),
-        "geared": (left, cp.Coupling("arm_left_4_joint", "arm_right_4_joint", -2.0, 1.5)),
+        "geared": (
+            left,
+            cp.constraints.Coupling("arm_left_4_joint", "arm_right_4_joint", -2.0, 1.5),
+        ),
     }
     on_bar = {
         "hinge": cp.Loop(*tips, "hinge", axis="y"),
         "planar": cp.Loop(*tips, "planar", axis="y"),
         "rod": cp.Loop("crank_tip", "rocker_tip", "rod", length=0.8),
-        "geared": cp.Coupling("rocker", "crank", -0.5, 0.7),
+        "geared": cp.constraints.Coupling("rocker", "crank", -0.5, 0.7),
     }
     found |= {f"talos {key}": cp.Scene(talos, rows) for key, rows in on_talos.items()}
     found |= {f"four_bar {key}": cp.Scene(bar, [row]) for key, row in on_bar.items()}
@@ -183,8 +186,8 @@ def on_motions(record: Record, name: str) -> None:
     drifts = [
         cp.Baumgarte(30.0, 30.0),
         cp.simulation.NoDrift(),
-        cp.PostStabilization(),
-        cp.Projection(),
+        cp.simulation.PostStabilization(),
+        cp.simulation.Projection(),
     ]
     kinds = cp.simulation.INTEGRATORS
     for integrator in (kinds[each]() for each in (kinds if robot.nv < 20 else ON_LARGE)):
@@ -208,7 +211,15 @@ def on_batches(record: Record) -> None:
         for name, executor in {"serial": None, "threads": threads}.items():
             run = {"executor": executor}
             record.keep(f"solve_batch {name}", cp.solve_batch, scene, Q, V, TAU, **run)
-            record.keep(f"derivatives_batch {name}", cp.derivatives_batch, scene, Q, V, TAU, **run)
+            record.keep(
+                f"derivatives_batch {name}",
+                cp.simulation.derivatives_batch,
+                scene,
+                Q,
+                V,
+                TAU,
+                **run,
+            )
             record.keep(
                 f"simulate_batch {name}", cp.simulate_batch, scene, Q, V, duration=5e-3, **run
             )

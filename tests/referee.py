@@ -133,11 +133,11 @@ class MujocoReferee:
     def _loop_rows(
         self,
         rows_of_site: Callable[[int], np.ndarray],
-        coupling_row: Callable[[cp.Coupling], np.ndarray],
+        coupling_row: Callable[[cp.constraints.Coupling], np.ndarray],
     ) -> np.ndarray:
         blocks = [np.zeros((0, self._mj.nv))]
         for loop in self.loops:
-            if isinstance(loop, cp.Coupling):
+            if isinstance(loop, cp.constraints.Coupling):
                 blocks.append(coupling_row(loop))
                 continue
             k = self._mj.equality(loop.name).id
@@ -145,7 +145,7 @@ class MujocoReferee:
             blocks.append((rows_of_site(one) - rows_of_site(two))[: loop.rows])
         return np.vstack(blocks)
 
-    def _coupling_row(self, coupling: cp.Coupling) -> np.ndarray:
+    def _coupling_row(self, coupling: cp.constraints.Coupling) -> np.ndarray:
         row = np.zeros((1, self._mj.nv))
         row[0, self._mj.joint(coupling.joint_a).dofadr[0]] = 1.0
         row[0, self._mj.joint(coupling.joint_b).dofadr[0]] = -coupling.ratio

@@ -120,8 +120,8 @@ def closures(robot: Description) -> tuple[cp.Loop, ...]:
     return tuple(loop for loop in robot.loops if isinstance(loop, cp.Loop))
 
 
-def couplings(robot: Description) -> tuple[cp.Coupling, ...]:
-    return tuple(loop for loop in robot.loops if isinstance(loop, cp.Coupling))
+def couplings(robot: Description) -> tuple[cp.constraints.Coupling, ...]:
+    return tuple(loop for loop in robot.loops if isinstance(loop, cp.constraints.Coupling))
 
 
 def springs(robot: Description) -> dict[str, tuple[float, float]]:

@@ -60,7 +60,7 @@ def scenes_of_every_kind() -> dict[str, cp.Scene]:
         "four_bar hinge": cp.Scene(bar, [cp.Loop(*tips, "hinge", axis="y")]),
         "four_bar planar": cp.Scene(bar, [cp.Loop(*tips, "planar", axis="y")]),
         "four_bar rod": cp.Scene(bar, [cp.Loop("crank_tip", "rocker_tip", "rod", length=0.8)]),
-        "four_bar geared": cp.Scene(bar, [cp.Coupling("rocker", "crank", -0.5, 0.7)]),
+        "four_bar geared": cp.Scene(bar, [cp.constraints.Coupling("rocker", "crank", -0.5, 0.7)]),
         "talos hands hinged": cp.Scene(talos, [left, cp.Loop(*hands, "hinge", axis="x")]),
         "talos hands on a rod": cp.Scene(
             talos, [left, right, cp.Loop(*hands, "rod", length=0.5, name="rod")]
@@ -91,8 +91,8 @@ def scenes_of_every_kind() -> dict[str, cp.Scene]:
             talos,
             [
                 left,
-                cp.Coupling("arm_left_4_joint", "arm_right_4_joint"),
-                cp.Coupling("leg_left_4_joint", "leg_right_4_joint", -2.0, 1.5),
+                cp.constraints.Coupling("arm_left_4_joint", "arm_right_4_joint"),
+                cp.constraints.Coupling("leg_left_4_joint", "leg_right_4_joint", -2.0, 1.5),
             ],
         ),
         "cassie on lines": cp.Scene(
@@ -121,7 +121,7 @@ def states(label: str, count: int = 4) -> tuple[tuple[np.ndarray, np.ndarray, np
 
 
 @functools.cache
-def truth(label: str, count: int = 4) -> tuple[cp.Solution, ...]:
+def truth(label: str, count: int = 4) -> tuple[cp.dynamics.Solution, ...]:
     workspace = cp.Workspace(all_scenes()[label], cp.dynamics.Reference())
     return tuple(workspace.solve(*state, throw=False) for state in states(label, count))
 

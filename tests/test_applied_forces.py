@@ -379,7 +379,9 @@ def test_batches_have_a_force_a_row():
     ]
     for executor in (None, cp.Processes(1)):
         solved = cp.solve_batch(scene, q, v, tau, forces=forces, executor=executor, chunk=2)
-        found = cp.derivatives_batch(scene, q, v, tau, forces=forces, executor=executor, chunk=2)
+        found = cp.simulation.derivatives_batch(
+            scene, q, v, tau, forces=forces, executor=executor, chunk=2
+        )
         for i in range(len(q)):
             own = [cp.AppliedForce("coupler_tip", rows[i]), forces[1]]
             wanted = cp.derivatives(scene, q[i], v[i], tau[i], forces=own)
@@ -549,5 +551,5 @@ def test_derivatives_of_torques_are_looked_at_beside_forces_too(given, said):
     with pytest.raises(cp.InvalidArgument, match=said):
         cp.simulate(
             cp.Scene(made), q, v, lambda t, q, v: -v, jacobian=given, duration=0.01,
-            forces=[cp.AppliedForce("tip", FORCE)], integrator=cp.RadauIIA(),
+            forces=[cp.AppliedForce("tip", FORCE)], integrator=cp.simulation.RadauIIA(),
         )  # fmt: skip

@@ -35,7 +35,7 @@ Q = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0])
 STILL = np.zeros(6)
 
 
-def solved(scene: cp.Scene, q: np.ndarray, tau: np.ndarray) -> cp.Solution:
+def solved(scene: cp.Scene, q: np.ndarray, tau: np.ndarray) -> cp.dynamics.Solution:
     return cp.solve(scene, q, np.zeros(scene.robot.nv), tau)
 
 

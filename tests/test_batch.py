@@ -82,8 +82,8 @@ def test_processes_change_no_bit(label, executor):
 @pytest.mark.parametrize("label", LABELS)
 def test_derivatives(label, executor):
     scene, (q, v, tau) = all_scenes()[label], batch_of(label, 6)
-    here = cp.derivatives_batch(scene, q, v, tau)
-    there = cp.derivatives_batch(scene, q, v, tau, executor=executor, chunk=2)
+    here = cp.simulation.derivatives_batch(scene, q, v, tau)
+    there = cp.simulation.derivatives_batch(scene, q, v, tau, executor=executor, chunk=2)
     assert len(here) == 6
     assert_same(there.solution, here.solution)
     wanted = cp.derivatives(scene, q[4], v[4], tau[4])
@@ -130,7 +130,7 @@ def test_one_torque_for_all(same, torque, executor):
 def test_some_rows_are_a_batch_and_one_is_an_answer():
     scene, (q, v, tau) = all_scenes()["cassie loops"], batch_of("cassie loops", 6)
     v[3] *= 1e170
-    of = cp.derivatives_batch(scene, q, v, tau)
+    of = cp.simulation.derivatives_batch(scene, q, v, tau)
     batch = of.solution
     for some in (slice(2, 4), slice(None, None, -2), batch.statuses == 0, batch.failed, [5, 0], []):
         part, part_of = batch[some], of[some]
@@ -153,7 +153,7 @@ def test_some_rows_are_a_batch_and_one_is_an_answer():
 
 def test_the_derivatives_of_one_row_are_those_of_the_state():
     scene, (q, v, tau) = all_scenes()["cassie loops"], batch_of("cassie loops", 2)
-    found = cp.derivatives_batch(scene, q, v, tau)[1]
+    found = cp.simulation.derivatives_batch(scene, q, v, tau)[1]
     wanted = cp.derivatives(scene, q[1], v[1], tau[1])
     for name in BLOCKS:
         np.testing.assert_array_equal(getattr(found, name), getattr(wanted, name))
@@ -214,7 +214,7 @@ def test_what_is_not_ok_is_counted_and_named(executor):
     assert np.isfinite(here.a[here.statuses == 0]).all()
     assert_same(cp.solve_batch(scene, q, v, tau, executor=executor, chunk=4), here)
 
-    of = cp.derivatives_batch(scene, q, v, tau, executor=executor, chunk=4)
+    of = cp.simulation.derivatives_batch(scene, q, v, tau, executor=executor, chunk=4)
     assert_same(of.solution, here)
     for name in BLOCKS:
         bad = np.isnan(getattr(of, name)).reshape(N, -1)
@@ -252,7 +252,7 @@ def test_answers_are_frozen_pickle_and_do_not_follow_their_arguments(executor):
     assert_same(pickle.loads(pickle.dumps(batch)), batch)
 
 
-@pytest.mark.parametrize("verb", [cp.solve_batch, cp.derivatives_batch])
+@pytest.mark.parametrize("verb", [cp.solve_batch, cp.simulation.derivatives_batch])
 @pytest.mark.parametrize("which", [0, 1, 2])
 def test_a_number_that_is_not_finite_is_named_with_its_row(which, verb):
     scene, states = all_scenes()["talos contacts"], batch_of("talos contacts")
@@ -311,7 +311,7 @@ def test_other_refusals(executor):
     with pytest.raises(cp.InvalidArgument, match="scene = str"):
         cp.solve_batch("four_bar", *states)
     with pytest.raises(cp.errors.UnknownName, match="no method named 'kkd'; did you mean 'kkt'"):
-        cp.derivatives_batch(scene, *states, method="kkd")
+        cp.simulation.derivatives_batch(scene, *states, method="kkd")
 
 
 @pytest.mark.parametrize("count", [0, 1, 15, 1000, 100_000])
@@ -371,7 +371,7 @@ def test_a_killed_worker_loses_nothing(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("verb", "shared"), [(cp.solve_batch, True), (cp.derivatives_batch, False)]
+    ("verb", "shared"), [(cp.solve_batch, True), (cp.simulation.derivatives_batch, False)]
 )
 def test_a_plain_pool_that_breaks_hands_over_what_is_done(verb, shared, monkeypatch, tmp_path):
     if not shared:
@@ -384,7 +384,7 @@ def test_a_plain_pool_that_breaks_hands_over_what_is_done(verb, shared, monkeypa
     ):
         verb(scene, *states, solver=solver, executor=pool, chunk=10)
     here, done = verb(scene, *states, solver=cp.Proximal()), lost.value.done
-    if verb is cp.derivatives_batch:
+    if verb is cp.simulation.derivatives_batch:
         of, here, done = (here, done), here.solution, done.solution
         assert np.isnan(of[1].da_dq[done.missing]).all()
         solved = np.flatnonzero(done.statuses == 0)
@@ -477,9 +477,9 @@ def main():
     many = np.tile(q, (50, 1)), np.tile(v, (50, 1)), np.zeros(3)
     with cp.Processes(2, start_method={start_method!r}) as executor:
         batch = cp.solve_batch(scene, *many, executor=executor)
-        of = cp.derivatives_batch(scene, *many, executor=executor)
+        of = cp.simulation.derivatives_batch(scene, *many, executor=executor)
     assert np.array_equal(batch.a, cp.solve_batch(scene, *many).a)
-    assert np.array_equal(of.da_dq, cp.derivatives_batch(scene, *many).da_dq)
+    assert np.array_equal(of.da_dq, cp.simulation.derivatives_batch(scene, *many).da_dq)
     print(batch.counts)
 
 if __name__ == "__main__":

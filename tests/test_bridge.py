@@ -587,7 +587,7 @@ def test_open_loops_are_compared_by_their_gaps():
         robot = robot.with_frame(frame, on, (at, 0.0, 0.3), pin.exp3(np.array([at, 0.0, 0.2])))
     kinds = ("ball", "weld", "hinge")
     loops = [cp.Loop("a", "b", kind, name=f"the {kind}") for kind in kinds]
-    gear = cp.Coupling("hinge", "oblique hinge", ratio=-2.0, offset=0.1, name="gear")
+    gear = cp.constraints.Coupling("hinge", "oblique hinge", ratio=-2.0, offset=0.1, name="gear")
     robot = replace(robot, loops=[*loops, gear])
     (q,), (v,) = states(robot, 1)
     found = cp.study.MujocoBridge(robot, mujoco_of(robot)).compare(q, v, 0 * v, tolerance=1e-10)

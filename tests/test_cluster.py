@@ -47,7 +47,9 @@ def test_a_cluster_changes_no_bit(client):
         there = cp.solve_batch(scene, *states, solver=solver, executor=executor, chunk=4)
         for name in ("a", "lam", "residuals", "statuses", "iterations"):
             np.testing.assert_array_equal(getattr(there, name), getattr(here, name), err_msg=name)
-    of, there_of = (cp.derivatives_batch(scene, *states, executor=e) for e in (None, executor))
+    of, there_of = (
+        cp.simulation.derivatives_batch(scene, *states, executor=e) for e in (None, executor)
+    )
     for name in BLOCKS:
         np.testing.assert_array_equal(getattr(there_of, name), getattr(of, name))
 

@@ -50,7 +50,7 @@ def normal(q: np.ndarray) -> np.ndarray:
 SOLE = cp.SurfaceContact("float", X, Y, name="sole")
 
 
-def held(made: cp.Robot, q: np.ndarray, *contacts: Constraint, tau=None) -> cp.Solution:
+def held(made: cp.Robot, q: np.ndarray, *contacts: Constraint, tau=None) -> cp.dynamics.Solution:
     scene = cp.Scene(made, contacts)
     return cp.solve(scene, q, np.zeros(6), np.zeros(6) if tau is None else tau)
 
@@ -227,8 +227,9 @@ def contacts_of_every_kind() -> dict[str, tuple[Constraint, FrictionCone | Wrenc
             FrictionCone(0.5, normal=n)),
         "surface": (cp.SurfaceContact("hook"), flat),
         "plane": (PlanarContact("hook", normal=n), round_),
-        "wheel": (cp.RollingWheel("hook", 0.1, axis="y"), round_),
-        "omniwheel": (cp.RollingWheel("hook", 0.1, holds=("rolling", "normal")), round_),
+        "wheel": (cp.constraints.RollingWheel("hook", 0.1, axis="y"), round_),
+        "omniwheel": (cp.constraints.RollingWheel("hook", 0.1, holds=("rolling", "normal")),
+            round_),
         "ball": (RollingBall("hook", 0.1, normal=n),
             FrictionCone(0.5, sides=7)),
         "edge along x": (LineContact("float", "x"), WrenchCone(0.5, 0.1)),
@@ -542,7 +543,7 @@ def test_bad_numbers_are_refused(make, message):
             "knife: this KnifeEdge does not press",
         ),
         (
-            cp.RollingWheel("float", 0.1, holds=("rolling",), name="wheel"),
+            cp.constraints.RollingWheel("float", 0.1, holds=("rolling",), name="wheel"),
             FrictionCone(0.5),
             "wheel: this RollingWheel does not press",
         ),
@@ -579,7 +580,7 @@ def test_what_has_no_contact_is_refused():
         margins(answer.lam, cone)
     with pytest.raises(cp.InvalidArgument, match="scene = Solution: a Scene is needed"):
         cone_rows(answer, q, cone)
-    coupled = cp.Scene(bar, [cp.Coupling("crank", "coupler", name="gear")])
+    coupled = cp.Scene(bar, [cp.constraints.Coupling("crank", "coupler", name="gear")])
     with pytest.raises(cp.InvalidArgument, match="gear: this Coupling does not press on a floor"):
         cone_rows(coupled, q, {"gear": cone})
 

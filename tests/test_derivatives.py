@@ -40,7 +40,7 @@ CONSTRAINTS = {
     "planar": cp.Loop("a", "b", "planar"),
     "rod": cp.Loop("a", "b", "rod", length=0.9),
     "rod on the world": cp.Loop("place", "b", "rod", length=0.9),
-    "coupling": cp.Coupling("a2", "b1", 0.7, 0.1),
+    "coupling": cp.constraints.Coupling("a2", "b1", 0.7, 0.1),
 }
 
 
@@ -420,7 +420,7 @@ def test_by_placement_refuses(name, frame, error, match):
     constraints = [
         cp.Loop("a", "b"),
         cp.PointContact("a", name="held"),
-        cp.Coupling("a2", "b1", name="gear"),
+        cp.constraints.Coupling("a2", "b1", name="gear"),
     ]
     scene = cp.Scene(two_arms("revolute"), constraints)
     d = cp.derivatives(scene, *scene.sample(np.random.default_rng(0)), np.zeros(scene.robot.nv))
@@ -447,7 +447,7 @@ def turning(name: str):
     [
         cp.PointContact("tip"), cp.Loop("tip", "hand", "ball"),
         cp.Loop("tip", "hand", "hinge", axis="x"), cp.Loop("hand", "tip", "rod", length=0.9),
-        cp.constraints.RollingBall("tip", 0.1), cp.Coupling("first", "last", 0.7),
+        cp.constraints.RollingBall("tip", 0.1), cp.constraints.Coupling("first", "last", 0.7),
     ],
     ids=lambda constraint: f"{type(constraint).__name__} {getattr(constraint, 'kind', '')}".strip(),
 )  # fmt: skip

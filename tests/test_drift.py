@@ -41,7 +41,7 @@ def test_every_method_is_pulled_the_same_way(label):
     q = pin.integrate(scene.robot.model, q, 1e-7 * rng.normal(size=scene.robot.nv))
     v = v + 1e-7 * rng.normal(size=scene.robot.nv)
 
-    def solved(solver: object, drift: cp.Baumgarte | None = PULLED) -> cp.Solution:
+    def solved(solver: object, drift: cp.Baumgarte | None = PULLED) -> cp.dynamics.Solution:
         return cp.solve(scene, q, v, tau, solver=solver, drift=drift, throw=False)
 
     exact = solved(cp.dynamics.Reference(rank_tolerance=1e-6))
@@ -134,13 +134,13 @@ def test_solref_goes_there_and_back(solref):
         (lambda: cp.Baumgarte.deadbeat(-1e-3), "dt = -0.001"),
         (lambda: cp.Baumgarte.from_solref(0.02, -1.0), "both positive"),
         (lambda: cp.Baumgarte.from_solref(0.0, 1.0), "both positive"),
-        (lambda: cp.Projection(metric="weight"), "metric = 'weight'"),
-        (lambda: cp.Projection(every=0), "every = 0"),
-        (lambda: cp.Projection(every=1.5), "every = 1.5"),
-        (lambda: cp.Projection(tolerance=-1.0), "tolerance = -1.0"),
-        (lambda: cp.Projection(tolerance=math.nan), "tolerance"),
-        (lambda: cp.Projection(position=False, velocity=False), "NoDrift"),
-        (lambda: cp.PostStabilization(every=True), "every = True"),
+        (lambda: cp.simulation.Projection(metric="weight"), "metric = 'weight'"),
+        (lambda: cp.simulation.Projection(every=0), "every = 0"),
+        (lambda: cp.simulation.Projection(every=1.5), "every = 1.5"),
+        (lambda: cp.simulation.Projection(tolerance=-1.0), "tolerance = -1.0"),
+        (lambda: cp.simulation.Projection(tolerance=math.nan), "tolerance"),
+        (lambda: cp.simulation.Projection(position=False, velocity=False), "NoDrift"),
+        (lambda: cp.simulation.PostStabilization(every=True), "every = True"),
         (lambda: cp.solve(*bar(), 0, drift=10.0), "drift = 10"),
         (
             lambda: cp.solve(*bar(), 0, solver=cp.dynamics.Soft(), drift=PULLED),
@@ -199,7 +199,7 @@ def test_limits_are_those_of_linear_theory():
     assert stability_limit(explicit) == pytest.approx(2.0, abs=2e-4)
     assert stability_limit(semi) == pytest.approx(2 * np.sqrt(2) - 2, abs=2e-4)
     assert stability_limit(cp.RungeKutta4()) == pytest.approx(2.7853, abs=2e-4)
-    assert stability_limit(cp.DormandPrince()) == np.inf
+    assert stability_limit(cp.simulation.DormandPrince()) == np.inf
     popular = cp.Baumgarte(1e3, np.sqrt(2) * 1e3)  # Taylor's rule
     assert growth(semi, popular, 1e-3) == pytest.approx(1 + np.sqrt(2))
     assert growth(explicit, popular, 1e-3) == pytest.approx(1.0)
@@ -240,7 +240,11 @@ def test_gains_beyond_the_limit_are_refused():
     for integrator, drift, words in (
         (cp.SemiImplicitEuler(), popular, r"2\.41 times a step; .* below 828\.4 / s"),
         # an iteration that does not converge
-        (cp.ImplicitMidpoint(), cp.Baumgarte.critical(2e3), r"every gap grows .* is stable below"),
+        (
+            cp.simulation.ImplicitMidpoint(),
+            cp.Baumgarte.critical(2e3),
+            r"every gap grows .* is stable below",
+        ),
     ):
         with pytest.raises(cp.InvalidArgument, match=words):
             cp.simulate(*bar(), duration=1.0, dt=1e-3, integrator=integrator, drift=drift)
@@ -335,13 +339,15 @@ def test_every_scheme_keeps_a_four_bar_better_closed_than_none(four_bar, scheme,
 @read_off_or_factorised
 @pytest.mark.parametrize("tolerance", [1e-6, 1e-12])
 def test_projection_keeps_what_it_promises(four_bar, metric, solver, tolerance):
-    drift = cp.Projection(metric=metric, tolerance=tolerance)
+    drift = cp.simulation.Projection(metric=metric, tolerance=tolerance)
     for left in gaps(run(four_bar, drift, solver=solver)):
         assert left <= tolerance
 
 
 @pytest.mark.parametrize("mu", [1.0, 1e3])
-@pytest.mark.parametrize("scheme", [cp.PostStabilization(), cp.Projection()], ids=repr)
+@pytest.mark.parametrize(
+    "scheme", [cp.simulation.PostStabilization(), cp.simulation.Projection()], ids=repr
+)
 def test_a_factor_that_closes_nothing_is_not_used(four_bar, scheme, mu):
     """With a large mu Proximal iterates to the right answer; its factor alone is far from it."""
     found, wanted = (
@@ -354,14 +360,14 @@ def test_a_factor_that_closes_nothing_is_not_used(four_bar, scheme, mu):
 
 @pytest.mark.parametrize("kept", ["position", "velocity"])
 def test_projection_of_one_level_leaves_the_other_alone(four_bar, kept):
-    drift = cp.Projection(position=kept == "position", velocity=kept == "velocity")
+    drift = cp.simulation.Projection(position=kept == "position", velocity=kept == "velocity")
     c, s = gaps(run(four_bar, drift))
     assert (c if kept == "position" else s) <= 1e-10
     assert (s if kept == "position" else c) > 1e-5
 
 
 def test_every_other_step_is_left_alone(four_bar):
-    open_by = run(four_bar, cp.Projection(every=2)).constraint_velocity
+    open_by = run(four_bar, cp.simulation.Projection(every=2)).constraint_velocity
     assert max(open_by[2::2]) <= 1e-10 < min(open_by[1::2])
 
 
@@ -392,7 +398,7 @@ def test_a_projected_velocity_has_no_more_energy(four_bar):
     M = system.mass(q)
     for _ in range(20):
         v = rng.normal(size=four_bar.robot.nv)
-        after = cp.Projection(position=False).start(system, DT)(0.0, q, v)[1]
+        after = cp.simulation.Projection(position=False).start(system, DT)(0.0, q, v)[1]
         assert after @ M @ after <= v @ M @ v
 
 
@@ -401,7 +407,7 @@ def test_a_state_within_tolerance_costs_no_further_solve(four_bar):
     system, calls = System(cp.Workspace(four_bar)), []
     solve = system.solve
     system.solve = lambda *state: calls.append(state) or solve(*state)
-    q1, v1 = cp.Projection().start(system, DT)(0.0, q, v)
+    q1, v1 = cp.simulation.Projection().start(system, DT)(0.0, q, v)
     assert (q1 is q, v1 is v) == (True, True)
     system.acceleration(0.0, q1, v1)  # the step that follows asks for the same
     assert len(calls) == 1
@@ -411,7 +417,7 @@ def test_post_stabilisation_costs_no_solve_more(four_bar, monkeypatch):
     counts, numbers = [], []
     solve = System.solve
     monkeypatch.setattr(System, "solve", lambda *state: counts.append(1) or solve(*state))
-    for drift in (NO_DRIFT, cp.PostStabilization()):
+    for drift in (NO_DRIFT, cp.simulation.PostStabilization()):
         counts.clear()
         run(four_bar, drift)
         numbers.append(len(counts))
@@ -419,7 +425,13 @@ def test_post_stabilisation_costs_no_solve_more(four_bar, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "drift", [cp.PostStabilization(), cp.Projection(), cp.Projection(tolerance=1.0)], ids=repr
+    "drift",
+    [
+        cp.simulation.PostStabilization(),
+        cp.simulation.Projection(),
+        cp.simulation.Projection(tolerance=1.0),
+    ],
+    ids=repr,
 )
 @pytest.mark.parametrize("integrator", [cp.SemiImplicitEuler(), cp.RungeKutta4()], ids=repr)
 def test_forces_belong_to_their_sample(four_bar, drift, integrator):
@@ -435,7 +447,10 @@ def test_forces_belong_to_their_sample(four_bar, drift, integrator):
 
 def test_a_robot_with_redundant_loops_stays_closed():
     """Cassie: slips of open loops contradict each other, so gaps are closed first."""
-    for drift, most in ((cp.Projection(), 1e-9), (cp.PostStabilization(), 1e-4)):
+    for drift, most in (
+        (cp.simulation.Projection(), 1e-9),
+        (cp.simulation.PostStabilization(), 1e-4),
+    ):
         found = cp.simulate(
             *hanging_cassie(), duration=0.1, dt=1e-3, integrator=cp.SemiImplicitEuler(), drift=drift
         )
@@ -444,7 +459,8 @@ def test_a_robot_with_redundant_loops_stays_closed():
 
 
 @pytest.mark.parametrize(
-    ("drift", "most"), [(cp.PostStabilization(), 1e-15), (cp.Baumgarte(30.0, 30.0), 2.5e-12)]
+    ("drift", "most"),
+    [(cp.simulation.PostStabilization(), 1e-15), (cp.Baumgarte(30.0, 30.0), 2.5e-12)],
 )
 def test_feet_are_corrected_towards_where_they_touched_first(drift, most):
     """The run anchors them; Pinocchio's own rows of the workspace have to stand there too."""

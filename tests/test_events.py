@@ -39,7 +39,7 @@ def test_landing_is_found_and_stays():
     assert found.row_names == ("origin.z",)
     assert found.t[-1] == 1.0
     # the first scene has nothing to close, that of the event has; each has a solver of its own
-    assert found.run.drift == cp.PostStabilization()
+    assert found.run.drift == cp.simulation.PostStabilization()
     assert cp.simulate(air, [1.0], [0.0], duration=0.1).run.drift == cp.simulation.NoDrift()
     assert found.notices == ()
     lifted = [land, cp.Event(name="lift", at=0.5, scene=air)]

@@ -196,10 +196,10 @@ EVERY_KIND = {
     "surface": cp.SurfaceContact("foot", 0.1, 0.05, PLACED),
     "line": cp.constraints.LineContact("foot", "y", 0.1, PLACED),
     "plane": cp.constraints.PlanarContact("foot", (0.1, 0.0, 0.2), (1.0, 2.0, 3.0), 0.4),
-    "gear": cp.Coupling("slide", "turn", 0.3, 0.1),
-    "rack": cp.Coupling("turn", "slide", 0.3, 0.1),
+    "gear": cp.constraints.Coupling("slide", "turn", 0.3, 0.1),
+    "rack": cp.constraints.Coupling("turn", "slide", 0.3, 0.1),
     "knife": cp.constraints.KnifeEdge("foot", "y", (0.1, 0.2, 0.3)),
-    "wheel": cp.RollingWheel("foot", 0.3, height=0.2),
+    "wheel": cp.constraints.RollingWheel("foot", 0.3, height=0.2),
     "rolling ball": cp.constraints.RollingBall("foot", 0.3, height=0.2),
 }
 

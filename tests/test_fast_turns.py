@@ -37,7 +37,7 @@ def spinning(kind: str) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
 def test_adaptive_steps_change_charts(kind, method):
     """As right in one step of 4 rad as in forty."""
     scene, q, v = spinning(kind)
-    tight = cp.DormandPrince(1e-11, 1e-12, method)
+    tight = cp.simulation.DormandPrince(1e-11, 1e-12, method)
     one, many = (
         cp.simulate(scene, q, v, duration=2 * DT, dt=dt, integrator=tight) for dt in (DT, DT / 40)
     )
@@ -74,7 +74,7 @@ def test_a_hinge_that_turns_far_in_a_step_is_told(kind):
     fast = cp.simulate(*start, duration=1.0, dt=0.1)
     assert "joint 'joint' turns by 4 rad in a step of 0.1 s" in "".join(fast.notices)
     assert not cp.simulate(*start, duration=1.0, dt=0.05).notices
-    adaptive = cp.simulate(*start, duration=1.0, dt=0.1, integrator=cp.DormandPrince())
+    adaptive = cp.simulate(*start, duration=1.0, dt=0.1, integrator=cp.simulation.DormandPrince())
     assert not adaptive.notices
 
 
@@ -91,7 +91,7 @@ def test_a_substep_that_leads_to_no_number_is_tried_smaller(method):
 
     found = cp.simulate(
         slider(), [0.0], [0.9], guarded, duration=1.0, dt=1.0,
-        integrator=cp.DormandPrince(method=method),
+        integrator=cp.simulation.DormandPrince(method=method),
     )  # fmt: skip
     assert found.status is cp.simulation.RunStatus.FINISHED
     assert found.q[-1, 0] == pytest.approx(9e-3 * np.sin(100.0), abs=1e-7)
@@ -101,7 +101,9 @@ def test_where_no_substep_is_small_enough_the_text_says_what_it_met():
     def ends(t, q, v):
         return np.array([1.0 if t < 0.5 else np.inf])
 
-    found = cp.simulate(slider(), [0.0], [0.0], ends, duration=1.0, integrator=cp.DormandPrince())
+    found = cp.simulate(
+        slider(), [0.0], [0.0], ends, duration=1.0, integrator=cp.simulation.DormandPrince()
+    )
     assert found.status is cp.simulation.RunStatus.FAILED
     assert found.t[-1] == pytest.approx(0.5, abs=2e-3)
     assert "no step from t = 0.49" in found.reason or "no step from t = 0.5" in found.reason

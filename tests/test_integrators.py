@@ -14,7 +14,7 @@ from condyn_pin._core._pin import pin
 
 CLOSED = [kind() for kind in cp.simulation.INTEGRATORS.values() if kind.keeps_constraints]
 IMPLICIT = [
-    cp.simulation.StormerVerlet(), cp.ImplicitMidpoint(),
+    cp.simulation.StormerVerlet(), cp.simulation.ImplicitMidpoint(),
     cp.simulation.LinearlyImplicitMidpoint(), *CLOSED
 ]  # fmt: skip
 
@@ -38,7 +38,7 @@ def test_the_energy_of_rattle_does_not_drift():
     spread = []
     for integrator, drift in (
         (cp.simulation.Rattle(), cp.simulation.NoDrift()),
-        (cp.RungeKutta4(), cp.Projection()),
+        (cp.RungeKutta4(), cp.simulation.Projection()),
     ):
         found = cp.simulate(scene, q, v, duration=80.0, dt=0.05, integrator=integrator, drift=drift)
         assert found.status.ok, found.reason
@@ -67,7 +67,7 @@ def test_stiff_damping_asks_for_no_small_step_of_implicit_methods():
     steps = {
         cp.simulation.GeneralisedAlpha(): 4e-3,
         cp.simulation.GearGuptaLeimkuhler(): 4e-3,
-        cp.ImplicitMidpoint(): 4e-3,
+        cp.simulation.ImplicitMidpoint(): 4e-3,
         cp.simulation.LinearlyImplicitMidpoint(): 4e-3,
         cp.simulation.Rattle(): 2e-3,  # its wall are the springs
         cp.simulation.Shake(): 2e-3,
@@ -131,7 +131,7 @@ def test_rows_without_a_position_are_held_or_refused():
             assert found.constraint_velocity.max() < (0.03 if integrator.takes_contacts else 1e-12)
             near = 1e-5 if integrator.order.v > 1 and not integrator.takes_contacts else 0.1
             assert np.abs(found.v[-1] - exact.v[-1]).max() < near
-    for drift in (cp.Projection(), cp.PostStabilization()):
+    for drift in (cp.simulation.Projection(), cp.simulation.PostStabilization()):
         found = cp.simulate(scene, q, v, duration=0.5, dt=5e-3, drift=drift)
         assert found.constraint_velocity.max() < 1e-9
         assert np.abs(found.v[-1] - exact.v[-1]).max() < 1e-7
@@ -140,9 +140,9 @@ def test_rows_without_a_position_are_held_or_refused():
 @pytest.mark.parametrize(
     ("call", "said"),
     [
-        (lambda: cp.RadauIIA(stages=4), "stages = 4"),
-        (lambda: cp.RadauIIA(stages=True), "stages = True"),
-        (lambda: cp.RadauIIA(stages=3.0), "stages = 3.0"),
+        (lambda: cp.simulation.RadauIIA(stages=4), "stages = 4"),
+        (lambda: cp.simulation.RadauIIA(stages=True), "stages = True"),
+        (lambda: cp.simulation.RadauIIA(stages=3.0), "stages = 3.0"),
         (lambda: cp.simulation.GearGuptaLeimkuhler(stages=0), "stages = 0"),
         (lambda: cp.simulation.GeneralisedAlpha(rho=1.5), r"rho = 1\.5"),
         (lambda: cp.simulation.GeneralisedAlpha(rho=1.0), r"rho = 1\.0: from 0 to below 1"),

@@ -13,8 +13,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin.simulation.torques import Applied
 
 IMPLICIT = [
-    cp.ImplicitMidpoint(), cp.simulation.LinearlyImplicitMidpoint(),
-    cp.simulation.GeneralisedAlpha(), cp.RadauIIA(),
+    cp.simulation.ImplicitMidpoint(), cp.simulation.LinearlyImplicitMidpoint(),
+    cp.simulation.GeneralisedAlpha(), cp.simulation.RadauIIA(),
     cp.simulation.GearGuptaLeimkuhler(),
 ]  # fmt: skip
 TAKING = [*IMPLICIT, cp.SemiImplicitEuler()]
@@ -176,7 +176,7 @@ def test_a_batch_takes_them_too():
 
 def test_files_know_what_was_differenced(tmp_path):
     found = cp.simulate(
-        slider(), [0.0], [0.0], held, duration=0.01, integrator=cp.ImplicitMidpoint()
+        slider(), [0.0], [0.0], held, duration=0.01, integrator=cp.simulation.ImplicitMidpoint()
     )
     found.save(tmp_path / "run.npz")
     assert cp.Trajectory.load(tmp_path / "run.npz").run.differenced == found.run.differenced > 0
@@ -199,14 +199,24 @@ def test_a_start_that_damping_stops_within_a_step_is_not_thrown(rate):
 @pytest.mark.parametrize(
     ("tau", "jacobian", "integrator", "match"),
     [
-        (held, 3.0, cp.RadauIIA(), "jacobian = 3.0: a function"),
-        (held, lambda t: ([[0.0]], [[0.0]]), cp.RadauIIA(), r"jacobian takes \(t\)"),
-        ([1.0], of_held, cp.RadauIIA(), "tau is no function"),
+        (held, 3.0, cp.simulation.RadauIIA(), "jacobian = 3.0: a function"),
+        (held, lambda t: ([[0.0]], [[0.0]]), cp.simulation.RadauIIA(), r"jacobian takes \(t\)"),
+        ([1.0], of_held, cp.simulation.RadauIIA(), "tau is no function"),
         (held, of_held, None, "Runge-Kutta 4 does not use it; GearGuptaLeimkuhler, "),
         (held, of_held, cp.SemiImplicitEuler(implicit=False), "does not use it"),
-        (held, lambda t, q, v: np.zeros((1, 1)), cp.RadauIIA(), "returns ndarray: a pair"),
-        (held, lambda t, q, v: (0.0, 0.0), cp.RadauIIA(), r"jacobian\(.*\)\[0\]"),
-        (held, lambda t, q, v: ([[np.nan]], [[0.0]]), cp.RadauIIA(), r"jacobian\(.*\)\[0\]"),
+        (
+            held,
+            lambda t, q, v: np.zeros((1, 1)),
+            cp.simulation.RadauIIA(),
+            "returns ndarray: a pair",
+        ),
+        (held, lambda t, q, v: (0.0, 0.0), cp.simulation.RadauIIA(), r"jacobian\(.*\)\[0\]"),
+        (
+            held,
+            lambda t, q, v: ([[np.nan]], [[0.0]]),
+            cp.simulation.RadauIIA(),
+            r"jacobian\(.*\)\[0\]",
+        ),
     ],
     ids=[
         "number",
@@ -226,7 +236,7 @@ def test_what_does_not_fit_is_refused(tau, jacobian, integrator, match):
         )
 
 
-@pytest.mark.parametrize("integrator", [*TAKING, cp.RadauIIA(1)], ids=repr)
+@pytest.mark.parametrize("integrator", [*TAKING, cp.simulation.RadauIIA(1)], ids=repr)
 def test_a_torque_that_takes_all_inertia_away_ends_a_run_by_name(integrator):
     """M - dt dtau/dv - dt^2 dtau/dq = 0 for the step of Euler's, and near it for the others."""
     stiffness = 1.0 / 1e-3**2
@@ -242,7 +252,9 @@ def test_a_torque_that_takes_all_inertia_away_ends_a_run_by_name(integrator):
 @pytest.mark.parametrize(
     "solver", [cp.dynamics.NullSpace(), cp.dynamics.Reference(), cp.Proximal()]
 )
-@pytest.mark.parametrize("integrator", [cp.SemiImplicitEuler(), cp.ImplicitMidpoint()], ids=title)
+@pytest.mark.parametrize(
+    "integrator", [cp.SemiImplicitEuler(), cp.simulation.ImplicitMidpoint()], ids=title
+)
 def test_any_solver_of_hard_constraints_takes_them(integrator, solver):
     bar = robot("four_bar")
     scene = cp.Scene(bar, bar.loops)

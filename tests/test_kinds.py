@@ -173,7 +173,7 @@ def test_geared_flywheels(ratio, offset):
         i = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), name)
         wheel = pin.Inertia(1.0, np.zeros(3), moment * np.eye(3))
         model.appendBodyToJoint(i, wheel, pin.SE3.Identity())
-    scene = cp.Scene(cp.Robot("wheels", model), [cp.Coupling("a", "b", ratio, offset)])
+    scene = cp.Scene(cp.Robot("wheels", model), [cp.constraints.Coupling("a", "b", ratio, offset)])
     q, _ = scene.state()
     assert q[0] == pytest.approx(ratio * q[1] + offset, abs=1e-10)
     solution = cp.solve(scene, q, np.zeros(2), tau)
@@ -237,11 +237,11 @@ BAD = {
     "a length of nan": lambda: cp.Loop("a", "b", "rod", length=np.nan),
     "an axis w": lambda: cp.Loop("a", "b", "hinge", axis="w"),
     "an axis 2": lambda: cp.Loop("a", "b", "hinge", axis=2),
-    "a ratio of zero": lambda: cp.Coupling("a", "b", 0.0),
-    "a ratio of nan": lambda: cp.Coupling("a", "b", np.nan),
-    "a ratio of text": lambda: cp.Coupling("a", "b", "two"),
-    "an offset of inf": lambda: cp.Coupling("a", "b", 1.0, np.inf),
-    "a joint without name": lambda: cp.Coupling("", "b"),
+    "a ratio of zero": lambda: cp.constraints.Coupling("a", "b", 0.0),
+    "a ratio of nan": lambda: cp.constraints.Coupling("a", "b", np.nan),
+    "a ratio of text": lambda: cp.constraints.Coupling("a", "b", "two"),
+    "an offset of inf": lambda: cp.constraints.Coupling("a", "b", 1.0, np.inf),
+    "a joint without name": lambda: cp.constraints.Coupling("", "b"),
     "an edge along w": lambda: cp.constraints.LineContact("a", "w"),
     "an edge of length 0": lambda: cp.constraints.LineContact("a", half_length=0.0),
     "an edge at a zero quaternion": lambda: cp.constraints.LineContact("a", anchor=(0,) * 7),
@@ -269,12 +269,12 @@ def test_constraints_refuse(what):
 )
 def test_couplings_refuse(coupling, error, match):
     with pytest.raises(error, match=match):
-        cp.Scene(robot("four_bar"), [cp.Coupling(*coupling)])
+        cp.Scene(robot("four_bar"), [cp.constraints.Coupling(*coupling)])
 
 
 def test_a_coupling_needs_joints_with_one_number():
     with pytest.raises(cp.errors.InvalidConstraint, match="nq 7, nv 6"):
-        cp.Scene(robot("talos"), [cp.Coupling("root_joint", "torso_1_joint")])
+        cp.Scene(robot("talos"), [cp.constraints.Coupling("root_joint", "torso_1_joint")])
 
 
 def test_the_default_solver_takes_the_scene():
@@ -290,7 +290,11 @@ def test_the_default_solver_takes_the_scene():
     workspace = cp.Workspace(cp.Scene(talos, talos.contacts))
     before = workspace.scene
     with pytest.raises(cp.errors.UnsupportedConstraint, match="gear"):
-        workspace.use(cp.Scene(talos, [cp.Coupling("torso_1_joint", "torso_2_joint", name="gear")]))
+        workspace.use(
+            cp.Scene(
+                talos, [cp.constraints.Coupling("torso_1_joint", "torso_2_joint", name="gear")]
+            )
+        )
     assert workspace.scene is before  # a refused switch leaves everything as it was
     assert workspace.solve(*workspace.scene.state(), np.zeros(talos.nv)).status.ok
 

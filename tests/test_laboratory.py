@@ -57,7 +57,7 @@ def test_committed_table_is_reproduced_in_every_row(table):
     assert still["constraint_velocity"] / still["squared"]["constraint_velocity"] == pytest.approx(
         0.8, abs=2e-3
     )
-    assert saved["walls"]["semi-implicit Euler"] == pytest.approx(0.828, abs=0.01)
+    assert saved["stability_limits"]["semi-implicit Euler"] == pytest.approx(0.828, abs=0.01)
     assert saved["growth"]["Runge-Kutta 4"] == pytest.approx(2.0, abs=0.05)
     assert saved["growth"]["explicit Euler"] == pytest.approx(1.0, abs=0.05)
     found = {one["label"]: one for one in saved["contest"]}
@@ -79,7 +79,7 @@ def test_a_row_that_is_wrong_does_not_agree(table):
 
 def test_a_closed_rod_says_nothing_about_energy():
     semi = cp.SemiImplicitEuler()
-    projected = errors(semi, cp.Projection(tolerance=1e-14), dt=1e-2, steps=1000)
+    projected = errors(semi, cp.simulation.Projection(tolerance=1e-14), dt=1e-2, steps=1000)
     rattle = errors(cp.simulation.Rattle(), cp.simulation.NoDrift(), dt=1e-2, steps=500)
     assert projected.violation < 1e-14
     assert projected.late > 10.0
@@ -89,11 +89,11 @@ def test_a_closed_rod_says_nothing_about_energy():
 def test_areas_are_kept_by_rattle_alone():
     semi = cp.SemiImplicitEuler()
     assert abs(area(cp.simulation.Rattle(), cp.simulation.NoDrift(), dt=1e-2)) < 1e-12
-    for drift in (cp.Projection(), cp.Baumgarte.critical(30.0)):
+    for drift in (cp.simulation.Projection(), cp.Baumgarte.critical(30.0)):
         assert abs(area(semi, drift, dt=1e-2)) > 1e-6
 
 
-def test_the_map_of_gains_has_its_wall_on_the_diagonal():
+def test_the_map_of_gains_has_its_limit_on_the_diagonal():
     products = np.array([0.5, 0.82, 0.84])
     found = stability_map(cp.SemiImplicitEuler(), products.tolist(), products.tolist())
     assert (found.diagonal() < 1).tolist() == [True, True, False]
@@ -104,7 +104,7 @@ def test_fast_pendulums_are_projected_with_the_rows_of_their_place():
     scene = rod_pendulum()
     found = cp.simulate(
         scene, [1.0, 0.0], [0.0, -60.0], duration=2.0, dt=1e-2, integrator=cp.SemiImplicitEuler(),
-        drift=cp.Projection(),
+        drift=cp.simulation.Projection(),
     )  # fmt: skip
     assert found.violation.max() < 1e-9
     assert found.constraint_velocity.max() < 1e-8

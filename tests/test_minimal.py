@@ -168,7 +168,7 @@ def test_a_motion_is_to_be_closed():
         (np.add(q, [0.1, 0, 0]), v, "coupler_rocker is open by"),
         (q, np.add(v, [0.1, 0, 0]), "coupler_rocker slips at"),
     ):
-        with pytest.raises(cp.NotAssembled, match=rf"motion\[1\]: {said}"):
+        with pytest.raises(cp.errors.NotAssembled, match=rf"motion\[1\]: {said}"):
             scene.minimal(error=0.1, motion=[(q, v, tau), (q_, v_, tau)])
 
 

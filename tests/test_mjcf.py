@@ -158,7 +158,7 @@ def test_a_joint_equality_is_a_coupling(read):
     text = TWO_ARMS.replace("EQUALITY", equality)
     robot = read(text)
     (coupling,) = robot.loops
-    assert isinstance(coupling, cp.Coupling)
+    assert isinstance(coupling, cp.constraints.Coupling)
     assert (coupling.joint_a, coupling.joint_b, coupling.ratio) == ("ja", "jb", 2.0)
     original = MujocoReferee(robot, text)
     q = robot.postures["qpos0"].copy()
@@ -403,7 +403,7 @@ def test_a_hinge_is_two_points_of_its_axis(read):
 
 
 def test_a_coupling_is_a_joint_equality(read):
-    loops = [cp.Coupling("crank", "rocker", ratio=-2.0, offset=0.3, name="gear")]
+    loops = [cp.constraints.Coupling("crank", "rocker", ratio=-2.0, offset=0.3, name="gear")]
     one = replace(shared_robot("four_bar"), loops=loops)
     assert_same(one, read(one.to_mjcf()))
     gap, J = MujocoReferee(one).equality(np.array([0.1, 0.2, 0.4]))

@@ -56,10 +56,13 @@ def entry(name: str, at: Any, value: Any) -> Callable[[dict, dict], object]:
 
 
 CHOICES = [
-    ("four_bar", {"integrator": cp.SemiImplicitEuler(), "drift": cp.PostStabilization()}),
+    (
+        "four_bar",
+        {"integrator": cp.SemiImplicitEuler(), "drift": cp.simulation.PostStabilization()},
+    ),
     ("four_bar", {"integrator": cp.simulation.Rattle(), "record": 7}),
     ("four_bar", {"integrator": cp.simulation.GeneralisedAlpha(), "record": 7}),
-    ("cassie", {"integrator": cp.SemiImplicitEuler(), "drift": cp.Projection(every=3)}),
+    ("cassie", {"integrator": cp.SemiImplicitEuler(), "drift": cp.simulation.Projection(every=3)}),
     ("talos feet", {"integrator": cp.RungeKutta4(), "record": 20}),
     ("talos feet", {"integrator": cp.SemiImplicitEuler(), "record": 10}),
 ]
@@ -82,7 +85,7 @@ def test_one_of_them_is_what_simulate_returns(label, choices, executor, tmp_path
     assert_same(again, batch)
     for i in range(N):
         if i == 1 and label != "talos feet":
-            with pytest.raises(cp.NotAssembled) as why:
+            with pytest.raises(cp.errors.NotAssembled) as why:
                 cp.simulate(scene, Q[i], V[i], TAU[i], duration=DURATION, **choices)
             for motions in (batch, again):
                 assert motions.reasons[i] == str(why.value)
@@ -330,7 +333,7 @@ def test_values_of_ones_own_and_of_numpy_can_be_in_a_file(tmp_path):
     class Mine(cp.dynamics.NullSpace):
         pass
 
-    drift = cp.Projection(every=np.int64(2), tolerance=np.float32(1e-6))
+    drift = cp.simulation.Projection(every=np.int64(2), tolerance=np.float32(1e-6))
     path = tmp_path / "run.npz"
     try:
         save_bar(path, solver=Mine(), drift=drift, duration=np.float32(0.01))

@@ -148,7 +148,7 @@ def held(scene: cp.Scene, data: pin.Data) -> cp.Robot:
     """Return the robot with the scene's constraints as loops; a contact holds where it is."""
     robot, loops = scene.robot, []
     for constraint in scene.constraints:
-        if isinstance(constraint, cp.Loop | cp.Coupling):
+        if isinstance(constraint, cp.Loop | cp.constraints.Coupling):
             loops.append(constraint)
             continue
         point = getattr(constraint, "offset", (0.0, 0.0, 0.0))
@@ -166,7 +166,7 @@ def axes_of_rows(
     robot: cp.Robot, data: pin.Data, constraint: cp.constraints.Constraint
 ) -> np.ndarray:
     """Rotation of the first frame, in whose axes the rows of condyn_pin are, once per 3 rows."""
-    if isinstance(constraint, cp.Coupling):
+    if isinstance(constraint, cp.constraints.Coupling):
         return np.eye(1)
     first = constraint.frame_a if isinstance(constraint, cp.Loop) else constraint.frame
     joint, placement = robot.frame(first)

@@ -210,7 +210,7 @@ def test_frames_of_it_are_differentiated(scene, state):
 
 def test_it_is_simulated_and_saved(scene, state, tmp_path):
     q, v, _ = state
-    run = cp.simulate(scene, q, v, duration=0.05, dt=0.001, drift=cp.Projection())
+    run = cp.simulate(scene, q, v, duration=0.05, dt=0.001, drift=cp.simulation.Projection())
     assert run.violation.max() < 1e-9
     run.save(tmp_path / "run.npz")
     again = cp.Trajectory.load(tmp_path / "run.npz")
@@ -288,7 +288,7 @@ def names(node):
 
 def test_questions_are_found():
     asked = """
-        isinstance(c, Loop | cp.Coupling)
+        isinstance(c, Loop | cp.constraints.Coupling)
         type(c) is PointContact
         loop.kind == "ball"
         joint.kind == "ball"

@@ -29,7 +29,7 @@ KINDS = {
         cp.PointContact("foot", anchor=(0.0, 0.1, 0.0)),
     ),
     "plane": (cp.constraints.PlanarContact("foot", (0.1, 0.0, 0.0), (1.0, 2.0, 3.0)),),
-    "gear": (cp.Coupling("slide", "turn", 0.3, 0.1),),
+    "gear": (cp.constraints.Coupling("slide", "turn", 0.3, 0.1),),
 }  # fmt: skip
 
 

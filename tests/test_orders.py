@@ -29,15 +29,15 @@ VARIANTS = [
     cp.SemiImplicitEuler(implicit=False),
     cp.simulation.Leapfrog(),
     cp.simulation.StormerVerlet(),
-    cp.ImplicitMidpoint(),
+    cp.simulation.ImplicitMidpoint(),
     cp.simulation.LinearlyImplicitMidpoint(),
     cp.RungeKutta4(),
     cp.simulation.Rattle(),
     cp.simulation.Shake(),
     *(cp.simulation.GeneralisedAlpha(rho=rho) for rho in (0.0, 0.5, 0.8, 0.9)),
-    *(cp.RadauIIA(stages=s) for s in (1, 2, 3)),
+    *(cp.simulation.RadauIIA(stages=s) for s in (1, 2, 3)),
     *(cp.simulation.GearGuptaLeimkuhler(stages=s) for s in (1, 2, 3)),
-    *(cp.DormandPrince(**LOOSE, method=method) for method in (5, 8)),
+    *(cp.simulation.DormandPrince(**LOOSE, method=method) for method in (5, 8)),
     cp.StewartTrinkle(),
     cp.Moreau(),
     cp.simulation.Anitescu(),
@@ -149,7 +149,7 @@ def test_orders_are_those_of_theory(integrator):
     "integrator", [x for x in VARIANTS if not x.keeps_constraints and x.order.q < 8], ids=repr
 )
 def test_the_default_drift_control_keeps_the_orders(integrator):
-    found = measured(integrator, cp.PostStabilization())
+    found = measured(integrator, cp.simulation.PostStabilization())
     assert np.abs(found - integrator.order).max() < NEAR, found
 
 
@@ -168,7 +168,7 @@ def run(make, duration, steps, integrator):
 @cache
 def exact(make, duration):
     """Return a motion that is good to 1e-13."""
-    return run(make, duration, 40, cp.DormandPrince(1e-13, 1e-13))
+    return run(make, duration, 40, cp.simulation.DormandPrince(1e-13, 1e-13))
 
 
 def order_on(make, integrator):
@@ -203,7 +203,7 @@ def test_orders_on_a_loop(integrator):
 @pytest.mark.parametrize("method", [5, 8])
 def test_the_error_of_adaptive_steps_falls_with_the_tolerance(method):
     motion, tolerances = replace(SWING, duration=8.0), 10.0 ** -np.arange(6, 11)
-    errors = [motion.errors(cp.DormandPrince(x, x, method), SAMPLES) for x in tolerances]
+    errors = [motion.errors(cp.simulation.DormandPrince(x, x, method), SAMPLES) for x in tolerances]
     powers = np.polyfit(np.log(tolerances), np.log(errors), 1)[0]
     assert np.abs(powers - 1).max() < 0.1, powers
 
@@ -214,7 +214,12 @@ def test_the_first_forces_of_implicit_euler_mean_nothing():
     first, second = [], []
     for dt in (1e-3, 5e-4):
         run = cp.simulate(
-            rod_pendulum()[0], q, v, duration=4 * dt, dt=dt, integrator=cp.RadauIIA(stages=1)
+            rod_pendulum()[0],
+            q,
+            v,
+            duration=4 * dt,
+            dt=dt,
+            integrator=cp.simulation.RadauIIA(stages=1),
         )
         exact = run.v[:, 0] ** 2 + run.v[:, 1] ** 2 - G * run.q[:, 1]
         error = np.abs(np.abs(run.lam[:, 0]) - exact)

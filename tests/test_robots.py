@@ -168,7 +168,7 @@ def test_every_joint_but_the_base_has_a_motor(name):
 
 def test_fingers_of_the_panda_can_be_coupled():
     panda = robot("panda")
-    fingers = cp.Coupling("panda_finger_joint2", "panda_finger_joint1")
+    fingers = cp.constraints.Coupling("panda_finger_joint2", "panda_finger_joint1")
     scene = cp.Scene(panda, [fingers, *panda.contacts])
     q, v = scene.state()
     assert scene.nominal.mobility == 2

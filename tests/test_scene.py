@@ -95,7 +95,7 @@ def test_a_scene_that_cannot_be_closed_says_so():
     long = robot("four_bar").with_frame("far", "coupler_tip", [3.0, 0, 0])
     scene = cp.Scene(long, [cp.Loop("far", "rocker_tip", name="reach")])
     assert any("cannot be closed" in note for note in scene.summary().notes)
-    with pytest.raises(cp.NotAssembled, match="reach is open by"):
+    with pytest.raises(cp.errors.NotAssembled, match="reach is open by"):
         scene.state()
 
 

@@ -24,7 +24,11 @@ each_integrator = pytest.mark.parametrize(
 )
 
 # Corrections after a step: what they solve, the next step need not.
-KEEPERS = [cp.PostStabilization(), cp.PostStabilization(every=2), cp.Projection()]
+KEEPERS = [
+    cp.simulation.PostStabilization(),
+    cp.simulation.PostStabilization(every=2),
+    cp.simulation.Projection(),
+]
 
 
 def on_bar(tau=0.0, duration=0.1, **options) -> cp.Trajectory:
@@ -224,7 +228,7 @@ def test_one_solve_a_step(monkeypatch, integrator, more):
 
 def tightly(start, duration: float) -> cp.Trajectory:
     """The motion to 1e-13."""
-    tight = cp.DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-13)
+    tight = cp.simulation.DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-13)
     return cp.simulate(
         *start, duration=duration, dt=0.05, integrator=tight, drift=cp.simulation.NoDrift()
     )
@@ -258,7 +262,7 @@ def test_adaptive_steps_meet_their_tolerance():
     wanted = tightly(bar(), 0.25).q[-1]
     for tolerance, most in ((1e-6, 1e-4), (1e-10, 1e-8)):
         for method in (5, 8):
-            choice = cp.DormandPrince(tolerance, tolerance, method)
+            choice = cp.simulation.DormandPrince(tolerance, tolerance, method)
             drift = cp.simulation.NoDrift()
             found = on_bar(duration=0.25, dt=0.05, drift=drift, integrator=choice)
             assert np.abs(found.q[-1] - wanted).max() < most
@@ -276,7 +280,7 @@ def test_substeps_that_just_do_not_fit_are_no_trouble():
         called.clear()
         found = cp.simulate(
             cp.Scene(cp.model.pendulum()), [1.0], [0.0], tau, duration=20 * dt, dt=dt,
-            integrator=cp.DormandPrince(1e-9, 1e-9),
+            integrator=cp.simulation.DormandPrince(1e-9, 1e-9),
         )  # fmt: skip
         assert found.status.ok
         assert len(called) < 2000
@@ -285,7 +289,7 @@ def test_substeps_that_just_do_not_fit_are_no_trouble():
 def test_adaptive_steps_give_up_where_damping_is_stiff(monkeypatch):
     monkeypatch.setattr(dormand_prince, "_MOST", 100)
     scene = cp.Scene(body(pin.JointModelRZ(), damping=2.5e4))  # a millionth of a second
-    choice = cp.DormandPrince()
+    choice = cp.simulation.DormandPrince()
     found = cp.simulate(scene, [0.0], [1.0], duration=1e-2, dt=1e-2, integrator=choice)
     assert found.status is RunStatus.FAILED
     assert re.search(r"more than 100 substeps .* stiff; use SemiImplicit", found.reason)
@@ -459,7 +463,9 @@ def test_iterations_that_move_nothing_are_left_out(drift):
 # Runs that break down.
 
 
-@pytest.mark.parametrize("kind", [cp.ImplicitMidpoint, cp.simulation.Rattle, cp.simulation.Shake])
+@pytest.mark.parametrize(
+    "kind", [cp.simulation.ImplicitMidpoint, cp.simulation.Rattle, cp.simulation.Shake]
+)
 def test_a_first_step_that_cannot_be_taken_leaves_the_first_state(kind):
     """A spring of 20 kHz in steps of 1 ms."""
     scene, q, v = bar()
@@ -473,7 +479,7 @@ def test_a_first_step_that_cannot_be_taken_leaves_the_first_state(kind):
     assert np.isfinite(found.a).all()
 
 
-@pytest.mark.parametrize("drift", [cp.simulation.NoDrift(), cp.PostStabilization()])
+@pytest.mark.parametrize("drift", [cp.simulation.NoDrift(), cp.simulation.PostStabilization()])
 def test_the_last_state_that_was_reached_is_a_sample(drift):
     found = on_bar(lambda t, q, v: np.full(3, np.nan if t > 0.0105 else 2.0), drift=drift)
     whole = on_bar([2.0, 2.0, 2.0], 0.01, drift=drift)
@@ -539,9 +545,9 @@ def test_an_interrupt_keeps_what_was_measured():
 
 def test_an_open_state_is_an_error_that_names_the_gap():
     scene, q, v = bar()
-    with pytest.raises(cp.NotAssembled, match=r"is open by .* mm; Scene.assemble"):
+    with pytest.raises(cp.errors.NotAssembled, match=r"is open by .* mm; Scene.assemble"):
         cp.simulate(scene, q + 0.01, v, duration=1.0)
-    with pytest.raises(cp.NotAssembled, match=r"slips at .*mechanism.project_velocity"):
+    with pytest.raises(cp.errors.NotAssembled, match=r"slips at .*mechanism.project_velocity"):
         cp.simulate(scene, q, v + 0.1, duration=1.0)
 
 
@@ -566,9 +572,12 @@ def test_an_open_state_is_an_error_that_names_the_gap():
             {"solver": cp.dynamics.Soft(), "integrator": cp.simulation.Rattle()},
             "RATTLE keeps hard constraints",
         ),
-        ({"solver": cp.dynamics.Soft(), "drift": cp.Projection()}, "closes what Soft lets open"),
         (
-            {"solver": cp.dynamics.Soft(), "drift": cp.PostStabilization()},
+            {"solver": cp.dynamics.Soft(), "drift": cp.simulation.Projection()},
+            "closes what Soft lets open",
+        ),
+        (
+            {"solver": cp.dynamics.Soft(), "drift": cp.simulation.PostStabilization()},
             "closes what Soft lets open",
         ),
         ({"tau": np.zeros(4)}, "tau"),
@@ -649,7 +658,7 @@ def test_what_is_printed():
 def test_baumgarte_closes_an_open_start_at_its_rate():
     """c'' + 2 alpha c' + alpha^2 c = 0 along the motion, whatever the mechanism does."""
     run = {"duration": 0.5, "drift": cp.Baumgarte.critical(50.0)}
-    with pytest.raises(cp.NotAssembled):
+    with pytest.raises(cp.errors.NotAssembled):
         cp.simulate(*bar(0.02), **run)
     found = cp.simulate(*bar(0.02), **run, close_start=False)
     assert found.status is RunStatus.FINISHED
@@ -662,7 +671,9 @@ def test_baumgarte_closes_an_open_start_at_its_rate():
     assert f"open by {found.violation[0]:.2g} m or rad at the start" in "".join(found.notices)
 
 
-@pytest.mark.parametrize("drift", [None, cp.PostStabilization(), cp.Projection()], ids=repr)
+@pytest.mark.parametrize(
+    "drift", [None, cp.simulation.PostStabilization(), cp.simulation.Projection()], ids=repr
+)
 def test_schemes_that_correct_close_an_open_start_too(drift):
     found = cp.simulate(*bar(1e-3), duration=0.02, drift=drift, close_start=False)
     assert found.status is RunStatus.FINISHED
@@ -675,7 +686,7 @@ def test_schemes_that_correct_close_an_open_start_too(drift):
         ({"drift": cp.simulation.NoDrift()}, r"drift = NoDrift\(\) closes no gap"),
         ({"drift": cp.Baumgarte(30.0, 0.0)}, r"drift = Baumgarte\(.*\) closes no gap"),
         ({"drift": cp.Baumgarte(0.0, 30.0)}, r"drift = Baumgarte\(.*\) closes no gap"),
-        ({"drift": cp.Projection(position=False)}, r"closes no gap"),
+        ({"drift": cp.simulation.Projection(position=False)}, r"closes no gap"),
         (
             {"integrator": cp.simulation.Rattle()},
             "RATTLE would close the start within one step",

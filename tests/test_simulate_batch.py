@@ -49,9 +49,12 @@ def executor():
 
 
 CHOICES = [
-    ("four_bar", {"integrator": cp.SemiImplicitEuler(), "drift": cp.PostStabilization()}),
+    (
+        "four_bar",
+        {"integrator": cp.SemiImplicitEuler(), "drift": cp.simulation.PostStabilization()},
+    ),
     ("four_bar", {"integrator": cp.simulation.Rattle()}),
-    ("cassie", {"integrator": cp.SemiImplicitEuler(), "drift": cp.Projection(every=3)}),
+    ("cassie", {"integrator": cp.SemiImplicitEuler(), "drift": cp.simulation.Projection(every=3)}),
     ("talos feet", {"integrator": cp.SemiImplicitEuler()}),
 ]
 

@@ -259,7 +259,7 @@ def test_a_lock_that_leaves_loops_open_is_refused():
     scene = all_scenes()["four_bar loops"]
     q = scene.state()[0]
     q[0] += np.pi  # the coupler does not reach the rocker's end from there, held as it is
-    with pytest.raises(cp.NotAssembled, match=r"with crank, coupler locked, .* is open by"):
+    with pytest.raises(cp.errors.NotAssembled, match=r"with crank, coupler locked, .* is open by"):
         scene.lock(["crank", "coupler"], q)
 
 
@@ -504,7 +504,9 @@ def test_a_distance_reports_the_force_of_the_loop_that_it_replaces(backwards):
 
 def test_locking_one_side_of_a_coupling_locks_the_other():
     bar = robot("four_bar")
-    scene = cp.Scene(bar, [cp.Coupling("rocker", "crank", ratio=2.0, offset=0.1, name="gear")])
+    scene = cp.Scene(
+        bar, [cp.constraints.Coupling("rocker", "crank", ratio=2.0, offset=0.1, name="gear")]
+    )
     small = scene.lock(["crank"])
     assert small.robot.joints == ("coupler",)
     assert any("rocker: locked with crank, by the coupling gear" in text for text in small.dropped)
@@ -518,7 +520,7 @@ def test_a_coupled_joint_is_locked_where_the_coupling_wants_it():
     for name in "abc":
         joint = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), name)
         model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
-    gear = cp.Coupling("a", "b", ratio=2.0)
+    gear = cp.constraints.Coupling("a", "b", ratio=2.0)
     small = cp.Scene(cp.Robot("geared", model), [gear]).lock(["a"], np.array([0.5, 0.0, 0.1]))
     assert small.robot.joints == ("c",)
     assert np.allclose(small.held, [0.5, 0.25, 0.1], atol=1e-10)

@@ -83,7 +83,7 @@ def test_open_and_sliding_balls_close_as_in_mujoco(label, gap, soft):
 def test_a_coupling_gives_way_as_in_mujoco(soft):
     bar = robot("four_bar")
     ratio, offset = -0.5, 0.7
-    scene = cp.Scene(bar, [cp.Coupling("rocker", "crank", ratio, offset)])
+    scene = cp.Scene(bar, [cp.constraints.Coupling("rocker", "crank", ratio, offset)])
     text = replace(bar, loops=scene.constraints).to_mjcf()
     model = mujoco.MjModel.from_xml_string(text)
     data = mujoco.MjData(model)

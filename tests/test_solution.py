@@ -35,7 +35,7 @@ def test_forces_are_the_rows_of_lam_by_name(label):
             assert force.size == (6 if max(chosen) > 2 else 3)
 
 
-def held_still(scene: cp.Scene) -> cp.Solution:
+def held_still(scene: cp.Scene) -> cp.dynamics.Solution:
     """Torques in the motors that hold a robot still at its first posture, and the forces then.
 
     J^T lam = h - S tau has many solutions; the one of least squares is taken.

@@ -275,7 +275,7 @@ def test_restitution_is_refused_where_nothing_rebounds(
 def test_a_start_that_penetrates_is_refused() -> None:
     q = lying(0.0)
     q[2] -= 2e-3
-    with pytest.raises(cp.NotAssembled, match=r"penetrates by 0\.002"):
+    with pytest.raises(cp.errors.NotAssembled, match=r"penetrates by 0\.002"):
         cp.simulate(box_scene(0.5), q, np.zeros(6), duration=0.1)
     run = cp.simulate(box_scene(0.5), q, np.zeros(6), duration=0.05, close_start=False)
     assert run.status.ok
@@ -408,7 +408,9 @@ def test_a_first_order_step_keeps_a_four_bar_nearly_as_it_moves() -> None:
     robot = cp.load_robot("four_bar")
     scene = cp.Scene(robot, robot.loops)
     q, v = scene.state()
-    exact = cp.simulate(scene, q, v, duration=1.0, dt=1e-3, integrator=cp.DormandPrince())
+    exact = cp.simulate(
+        scene, q, v, duration=1.0, dt=1e-3, integrator=cp.simulation.DormandPrince()
+    )
     for scheme, far, lost in ((cp.StewartTrinkle(), 2e-3, 0.01), (Moreau(), 2e-5, 1e-4)):
         run = cp.simulate(scene, q, v, duration=1.0, dt=1e-3, integrator=scheme)
         assert np.abs(run.q[-1] - exact.q[-1]).max() < far
@@ -455,7 +457,7 @@ def test_a_run_goes_on_from_its_own_end() -> None:
     assert half.constraint_velocity[-1] > 1e-4  # else there is nothing to allow
     assert np.array_equal(rest.q[-1], whole.q[-1])
     fast = half.v[-1] + np.random.default_rng(0).normal(size=len(v))
-    with pytest.raises(cp.NotAssembled, match="slips"):
+    with pytest.raises(cp.errors.NotAssembled, match="slips"):
         cp.simulate(scene, half.q[-1], fast, duration=0.05, dt=1e-3)
 
 

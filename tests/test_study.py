@@ -58,7 +58,7 @@ MEASURES = {
     "trajectory": cp.study.TrajectoryMeasure(
         duration=2e-3,
         dt=1e-3,
-        integrator=cp.DormandPrince(1e-12, 1e-13),
+        integrator=cp.simulation.DormandPrince(1e-12, 1e-13),
         drift=cp.simulation.NoDrift(),
     )
 }
@@ -360,7 +360,7 @@ Q, V = BAR.state()
 @pytest.mark.parametrize(
     ("label", "states", "error", "said"),
     [
-        ("open", [(Q + 0.1, V, V)], cp.NotAssembled, "open"),
+        ("open", [(Q + 0.1, V, V)], cp.errors.NotAssembled, "open"),
         ("short", [(Q, V, V[:2])], cp.InvalidArgument, "tau"),
         ("two", [(Q, V)], cp.InvalidArgument, r"'two'.* is no \(q, v, tau\)"),
         ("none", [], cp.InvalidArgument, "at least one"),

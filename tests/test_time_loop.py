@@ -33,7 +33,7 @@ def files_of(scene: cp.Scene, steps: int) -> list[str]:
     try:
         cp.simulate(
             scene, q, v, duration=steps * DT, dt=DT, integrator=cp.RungeKutta4(),
-            drift=cp.PostStabilization(),
+            drift=cp.simulation.PostStabilization(),
         )  # fmt: skip
     finally:
         sys.setprofile(before)

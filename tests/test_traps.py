@@ -99,7 +99,7 @@ def bare_lcaba(of: cp.Scene, *states, mu: float = 1e-6, ordered: bool = True):
     return found, settings, datas
 
 
-def truth(of: cp.Scene, q, v, tau) -> cp.Solution:
+def truth(of: cp.Scene, q, v, tau) -> cp.dynamics.Solution:
     return cp.solve(of, q, v, tau, solver=cp.dynamics.Reference())
 
 

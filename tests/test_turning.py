@@ -168,7 +168,9 @@ def held(name: str):
 def test_momentum_is_that_of_every_kind_of_joint(name, integrator):
     """Half the step, a quarter of the error, against Dormand and Prince's method."""
     scene, q, v = held(name)
-    wanted = cp.simulate(scene, q, v, duration=0.02, dt=0.02, integrator=cp.DormandPrince())
+    wanted = cp.simulate(
+        scene, q, v, duration=0.02, dt=0.02, integrator=cp.simulation.DormandPrince()
+    )
     errors = []
     for dt in (0.002, 0.001):
         found = cp.simulate(scene, q, v, duration=0.02, dt=dt, integrator=integrator)
@@ -206,7 +208,9 @@ def test_energy_of_turning_axes_is_kept_to_the_order_of_the_method(name):
 @pytest.mark.parametrize("name", sorted(TURNING))
 def test_every_integrator_goes_where_the_others_go(name, integrator):
     scene, q, v = held(name)
-    wanted = cp.simulate(scene, q, v, duration=0.02, dt=0.02, integrator=cp.DormandPrince())
+    wanted = cp.simulate(
+        scene, q, v, duration=0.02, dt=0.02, integrator=cp.simulation.DormandPrince()
+    )
     found = cp.simulate(
         scene, q, v, duration=0.02, integrator=cp.simulation.INTEGRATORS[integrator]()
     )

@@ -117,7 +117,7 @@ MIMIC = '<mimic joint="left" multiplier="-2" offset="0.1"/>'
 def test_mimic_is_a_coupling(read, kind):
     limit = '<limit lower="-1" upper="1" effort="1" velocity="1"/>' if kind != "continuous" else ""
     robot = read(*SWING[:5], joint("right", "beam", "b", MIMIC + limit, kind), SWING[6])
-    assert robot.loops == (cp.Coupling("right", "left", ratio=-2.0, offset=0.1),)
+    assert robot.loops == (cp.constraints.Coupling("right", "left", ratio=-2.0, offset=0.1),)
     assert any("mimic (right)" in text for text in robot.unused)
     scene = cp.Scene(robot, robot.loops)
     q, v = scene.sample(np.random.default_rng(0))

@@ -1,4 +1,4 @@
-"""Variants of a robot: pieces of a card merged over it; and joints that are locked."""
+"""Variants of a robot: pieces of a config merged over it; and joints that are locked."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from shared import robot
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin._core.joints import indices
-from condyn_pin.io.card import chosen_card
+from condyn_pin.io.config import chosen_config
 from condyn_pin.model.lock import lock_joints
 
 FREE, LOCKED = {"springs": "free"}, {"springs": "locked"}
@@ -76,7 +76,7 @@ def test_cassie_on_lines_is_cassie_on_points():
 def test_fingers_are_coupled_if_asked_for(name, count):
     coupled = cp.load_robot(name, variant={"fingers": "coupled"})
     assert len(coupled.loops) == count
-    assert all(isinstance(loop, cp.Coupling) for loop in coupled.loops)
+    assert all(isinstance(loop, cp.constraints.Coupling) for loop in coupled.loops)
     assert robot(name).loops == ()
     scene = cp.Scene(coupled, coupled.loops)
     assert scene.nominal.mobility == coupled.nv - count
@@ -159,11 +159,11 @@ def test_robots_without_variants_say_so(tmp_path):
         cp.load_robot("cassi", variant=LOCKED)
 
 
-# Cards ------------------------------------------------------------------------------------------
+# Configs ------------------------------------------------------------------------------------------
 
 
 def test_tables_are_merged_lists_grow_and_the_rest_is_replaced():
-    card = {
+    config = {
         "name": "x",
         "description": {"file": "a.sdf", "drop": ["j"], "kinds": {"j": "ball", "k": "ball"}},
         "postures": {"home": {"j": 1.0, "base": [0.0, 0.0, 1.0]}},
@@ -176,47 +176,47 @@ def test_tables_are_merged_lists_grow_and_the_rest_is_replaced():
             },
         },
     }
-    assert chosen_card(card, {}) == {
+    assert chosen_config(config, {}) == {
         "name": "x",
         "licence": "l",
-        "description": card["description"],
-        "postures": card["postures"],
+        "description": config["description"],
+        "postures": config["postures"],
     }
-    both = chosen_card(card, {"one": "b", "two": "d"})
+    both = chosen_config(config, {"one": "b", "two": "d"})
     assert both["description"] == {
         "file": "b.sdf", "drop": ["j", "k", "m"], "kinds": {"j": "ball", "k": "fixed"}
     }  # fmt: skip
     assert both["name"] == "x, one b, two d"
-    higher = chosen_card(card, {"two": "e"})["postures"]["home"]
+    higher = chosen_config(config, {"two": "e"})["postures"]["home"]
     assert higher == {"j": 1.0, "base": [0.0, 0.0, 2.0]}
-    assert card["description"]["drop"] == ["j"]  # the card itself stays as it is
+    assert config["description"]["drop"] == ["j"]  # the config itself stays as it is
 
 
-CARD = 'name = "x"\nsource = "s"\nlicence = "l"\n[description]\nfile = "arm.urdf"\n'
-CARDS = {
-    "variants is a number": ("variants = 3\n" + CARD, "the entry variants = 3"),
-    "an option is a number": (CARD + "[variants]\nspeed = 3", "variants.speed"),
-    "an option without values": (CARD + "[variants.speed]", "variants.speed"),
-    "a value is a number": (CARD + "[variants.speed]\nfast = 3", "variants.speed"),
+CONFIG = 'name = "x"\nsource = "s"\nlicence = "l"\n[description]\nfile = "arm.urdf"\n'
+CONFIGS = {
+    "variants is a number": ("variants = 3\n" + CONFIG, "the entry variants = 3"),
+    "an option is a number": (CONFIG + "[variants]\nspeed = 3", "variants.speed"),
+    "an option without values": (CONFIG + "[variants.speed]", "variants.speed"),
+    "a value is a number": (CONFIG + "[variants.speed]\nfast = 3", "variants.speed"),
     "a table in place of a value": (
-        CARD + "[variants.speed.fast.description]\nfile = { a = 1 }",
+        CONFIG + "[variants.speed.fast.description]\nfile = { a = 1 }",
         r"variants.speed.fast.description.file = \{'a': 1\} does not fit",
     ),
     "a number in place of a table": (
-        CARD + "[variants.speed.fast]\ndescription = 3",
+        CONFIG + "[variants.speed.fast]\ndescription = 3",
         "variants.speed.fast.description = 3",
     ),
-    "an unknown entry": (CARD + "[variants.speed.fast]\nweight = 3", "no entry named 'weight'"),
-    "a joint to lock that is not there": (CARD + 'lock = ["k"]', "no joint named 'k'"),
-    "a word in place of joints to lock": (CARD + 'lock = "j"', "lock = 'j': a list"),
-    "numbers to lock": (CARD + "lock = [1]", r"description.lock = .1.: a list of texts"),
-    "all joints to lock": (CARD + 'lock = ["j"]', "leave one that moves"),
-    "as_file for a URDF": (CARD + "as_file = true", "description.as_file is for an SDF"),
+    "an unknown entry": (CONFIG + "[variants.speed.fast]\nweight = 3", "no entry named 'weight'"),
+    "a joint to lock that is not there": (CONFIG + 'lock = ["k"]', "no joint named 'k'"),
+    "a word in place of joints to lock": (CONFIG + 'lock = "j"', "lock = 'j': a list"),
+    "numbers to lock": (CONFIG + "lock = [1]", r"description.lock = .1.: a list of texts"),
+    "all joints to lock": (CONFIG + 'lock = ["j"]', "leave one that moves"),
+    "as_file for a URDF": (CONFIG + "as_file = true", "description.as_file is for an SDF"),
 }
 
 
-@pytest.mark.parametrize(("text", "says"), CARDS.values(), ids=CARDS)
-def test_a_wrong_card_is_refused_with_the_entry(tmp_path, text, says):
+@pytest.mark.parametrize(("text", "says"), CONFIGS.values(), ids=CONFIGS)
+def test_a_wrong_config_is_refused_with_the_entry(tmp_path, text, says):
     inertial = (
         "<inertial><mass value='1'/><inertia ixx='1' iyy='1' izz='1' ixy='0' ixz='0' iyz='0'/>"
         "</inertial>"
@@ -230,10 +230,10 @@ def test_a_wrong_card_is_refused_with_the_entry(tmp_path, text, says):
         cp.load_robot(tmp_path)
 
 
-# What a card says about an SDF -----------------------------------------------------------------
+# What a config says about an SDF -----------------------------------------------------------------
 
 
-def ring_card(folder, description: str = "") -> None:
+def ring_config(folder, description: str = "") -> None:
     """Write a robot whose three links are in a ring, the last joint from c to b."""
     body = "".join(map(link, "abc")) + joint("ab", "a", "b") + joint("cb", "c", "b", "ball")
     body += joint("ac", "a", "c")
@@ -251,32 +251,32 @@ def ring_card(folder, description: str = "") -> None:
 QUATERNION = [0.1, 0.7, -0.5, 0.5]  # x y z w, of norm 1
 
 
-def test_a_card_may_open_every_loop_as_pinocchio_s_parser_does(tmp_path):
-    ring_card(tmp_path, "as_file = true")
+def test_a_config_may_open_every_loop_as_pinocchio_s_parser_does(tmp_path):
+    ring_config(tmp_path, "as_file = true")
     ring = cp.load_robot(tmp_path)
     assert (ring.nv, [(loop.name, loop.kind) for loop in ring.loops]) == (5, [("cb", "weld")])
     assert ring.mass == 6.0
-    ring_card(tmp_path, "as_file = 3")
+    ring_config(tmp_path, "as_file = 3")
     with pytest.raises(cp.errors.InvalidModel, match=r"description\.as_file = 3: true or false"):
         cp.load_robot(tmp_path)
-    ring_card(tmp_path, 'as_file = true\ncut = ["cb"]')
+    ring_config(tmp_path, 'as_file = true\ncut = ["cb"]')
     with pytest.raises(cp.InvalidArgument, match=r"robot\.toml: cut = \['cb'\]: with as_file"):
         cp.load_robot(tmp_path)
 
 
-def test_a_card_may_name_the_joint_to_cut_and_motors_are_kept(tmp_path):
-    ring_card(tmp_path, 'cut = ["ac"]')
+def test_a_config_may_name_the_joint_to_cut_and_motors_are_kept(tmp_path):
+    ring_config(tmp_path, 'cut = ["ac"]')
     assert [loop.name for loop in cp.load_robot(tmp_path).loops] == ["ac"]
-    ring_card(tmp_path, 'cut = ["ab"]')
+    ring_config(tmp_path, 'cut = ["ab"]')
     with pytest.raises(cp.errors.InvalidModel, match="'ab' cannot be cut: it is actuated"):
         cp.load_robot(tmp_path)
 
 
 def test_the_quaternion_of_a_ball_that_is_reversed_is_inverted_in_postures_of_an_srdf(tmp_path):
-    ring_card(tmp_path, 'root = "a"\ncut = ["ac"]')  # a, b, and c below b
+    ring_config(tmp_path, 'root = "a"\ncut = ["ac"]')  # a, b, and c below b
     q = cp.load_robot(tmp_path).postures["home"]
     np.testing.assert_allclose(q, [0.5, -0.1, -0.7, 0.5, 0.5], atol=1e-15)
-    ring_card(tmp_path, 'root = "c"\ncut = ["ac"]')  # c, b, and a below b
+    ring_config(tmp_path, 'root = "c"\ncut = ["ac"]')  # c, b, and a below b
     q = cp.load_robot(tmp_path).postures["home"]
     np.testing.assert_allclose(q, [*QUATERNION, 0.5], atol=1e-15)
 
@@ -313,7 +313,7 @@ def test_rotors_of_the_joints_that_are_left_stay():
 def test_coupled_joints_are_locked_together():
     talos = robot("talos")
     arms = [f"arm_{side}_1_joint" for side in ("left", "right")]
-    coupled = dataclasses.replace(talos, loops=[cp.Coupling(*arms, name="both arms")])
+    coupled = dataclasses.replace(talos, loops=[cp.constraints.Coupling(*arms, name="both arms")])
     with pytest.raises(cp.errors.InvalidModel, match="'both arms'; lock both"):
         lock_joints(coupled, arms[:1])
     assert lock_joints(coupled, arms).loops == ()

@@ -95,7 +95,7 @@ def solver_of(name: str, parameters: Mapping[str, Any] | None = None) -> Solver:
 def solvers_of(names: str) -> tuple[Solver, ...]:
     """Return the solvers of a list, with their defaults; none of an empty one.
 
-    ``all`` are those that this Pinocchio has, without Reference: it judges the others.
+    ``all`` are those that this Pinocchio has, without Reference: the others are compared with it.
     """
     if names.lower() != "all":
         return tuple(solver_of(name) for name in names_in(names))

@@ -43,11 +43,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any, ClassVar, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from condyn_pin._core.registry import enter
 from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.protocols import Machine, MjcfWriter
+from condyn_pin.constraints.support import Foot, Patch, Support
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -59,37 +60,6 @@ WORLD = ("world", "universe")
 
 # All kinds by the names of their classes; `condyn_pin.constraints.kinds` has those of the library.
 KINDS: dict[str, type[Constraint]] = {}
-
-
-class Support(NamedTuple):
-    """What of a contact lies on the floor, in the axes of its frame: a point by default."""
-
-    half_length: float | None = 0.0  # [m]; None where nothing says it
-    half_width: float | None = 0.0  # [m]
-    axis: int | None = None  # of an edge: it lies along x, y or z
-
-    @property
-    def is_point(self) -> bool:
-        """Whether it has no size at all."""
-        return self.half_length == 0.0
-
-
-class Foot(NamedTuple):
-    """A point of the robot, or the middle of a ball, that touches a floor."""
-
-    name: str
-    frame: str
-    offset: Vector3  # in the axes of the frame [m]
-    radius: float = 0.0  # [m]
-
-
-class Patch(NamedTuple):
-    """The shape that a contact is drawn with."""
-
-    shape: Literal["ball", "box", "capsule", "rod"]
-    size: tuple[float, ...]  # [m]: radius; three edges; radius and length between the ends
-    along: Vector3 = (0.0, 0.0, 1.0)  # axis of a rod
-    turns: bool = True  # with the body; else its axes are the world's
 
 
 @dataclass(frozen=True, kw_only=True)

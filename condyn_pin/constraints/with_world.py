@@ -10,9 +10,10 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Constraint, Patch
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.support import Patch
 
 USUAL: Final = 0.025  # half of what is drawn of a contact that says no size, of that of the scene
 THIN: Final = 0.004  # thickness of what is drawn, the same

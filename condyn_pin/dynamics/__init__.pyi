@@ -6,7 +6,7 @@ from .force import ConstraintForce as ConstraintForce
 from .impacts import Impact as Impact
 from .impacts import impact as impact
 from .nominal import NominalAnalysis as NominalAnalysis
-from .nominal import described_posture as described_posture
+from .postures import described_posture as described_posture
 from .residuals import Residuals as Residuals
 from .scene import Scene as Scene
 from .solution import Solution as Solution

@@ -16,7 +16,7 @@ from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.constraints import loads
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Load, Loads
-from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
+from condyn_pin.constraints.rows.cancellation import ROUNDED
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.constraints.violation import ConstraintViolation, gap_of, slip_of
@@ -96,5 +96,5 @@ def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
 
     A slip is the difference of two velocities: 1e-13 of what the joints bring to either.
     """
-    sides = ROUNDED * (cancellation_scale(equations_of(scene), q) @ np.abs(x))
+    sides = ROUNDED * (equations_of(scene).cancellation(q) @ np.abs(x))
     return {b.name: float(sides[b.rows].max()) for b in scene.bounds}

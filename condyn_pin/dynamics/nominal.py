@@ -17,10 +17,11 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg.mass_factor import MassFactor, factorise_mass
+from condyn_pin._core.linalg.minimum_norm import factorise_rows
 from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin._core.linalg.range_space import whiten
-from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
+from condyn_pin.constraints.rows.cancellation import ROUNDED
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.mass_pivots import MassPivots
 from condyn_pin.constraints.rows.pinocchio_constraints import (
@@ -28,19 +29,19 @@ from condyn_pin.constraints.rows.pinocchio_constraints import (
     pinocchio_constraints,
 )
 from condyn_pin.dynamics.nominal_states import NominalState, nominal_states
+from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.residuals import ErrorEstimator
 from condyn_pin.errors import (
     BranchChanged,
-    InvalidArgument,
     InvalidModel,
     NotAssembled,
-    unknown_name,
 )
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
     from condyn_pin.dynamics.solvers.base import Solver
+    from condyn_pin.model.robot import Robot
 
 # How far joints are moved to open loops [rad, m].
 _APART = 1e-3
@@ -83,14 +84,13 @@ class NominalAnalysis:
     @one_blas_thread
     def __init__(self, scene: Scene, equations: Equations) -> None:
         self._scene, robot = scene, scene.robot
-        robot.check_unedited()
         self.measured: dict[Solver, tuple[float, int, int]] = {}
         self.q, self.closed = _nominal_configuration(scene, equations)
         self.terms = equations.terms(self.q, np.zeros(robot.nv))
-        self.cancellation = cancellation_scale(equations, self.q)
-        self.factors = factorise(
-            self.terms.M, self.terms.J, tolerances.RANK, why=singular_mass(robot.model, self.q)
-        ).above_rounding(self.cancellation)
+        self.cancellation = equations.cancellation(self.q)
+        mass = _mass_factor(robot, self.q, self.terms.M)
+        factors = factorise_rows(mass, self.terms.J, tolerances.RANK)
+        self.factors = factors.above_rounding(self.cancellation)
         self.rank = self.factors.rank
         self.mobility, self.dependent = robot.nv - self.rank, self.rank < scene.rows
         # independent rows do not all but vanish a thousandth of a radian away
@@ -119,19 +119,10 @@ class NominalAnalysis:
         """
         return self.rank == self._lively and not pinocchio_constraints_of(self._scene).approximated
 
-    def condition_exceeds(self, limit: float) -> bool:
-        """Whether the condition number of M is above a limit: its traces say no at less cost.
-
-        |M| |M^-1| <= tr M tr M^-1
-        """
-        at_most = float(self.terms.M.trace()) * float((self.factors.weights**2).sum())
-        return not at_most <= limit and self.condition > limit
-
-    @cached_property
-    @one_blas_thread
+    @property
     def condition(self) -> float:
         """Condition number of the mass matrix."""
-        return float(np.linalg.cond(self.terms.M))
+        return self.factors.mass.condition
 
     @property
     def delassus_norm(self) -> float:
@@ -170,7 +161,7 @@ class NominalAnalysis:
     @cached_property
     def pivots(self) -> MassPivots:
         """Those of M that may be far less elsewhere."""
-        return MassPivots(self._scene.robot.least_pivots, self.terms.M)
+        return MassPivots(self._scene.robot.least_pivots, self.factors.mass.pivots)
 
     @cached_property
     @one_blas_thread
@@ -203,37 +194,6 @@ def pinocchio_constraints_of(scene: Scene) -> PinocchioConstraints:
     return found
 
 
-def described_posture(scene: Scene, posture: str | None = None) -> Array:
-    """Return a posture of the robot as it is in the description; neutral if it has none.
-
-    Parameters
-    ----------
-    scene : Scene
-    posture : str, optional
-        Its name; the first one by default.
-
-    Returns
-    -------
-    q : (nq,) array
-
-    Raises
-    ------
-    InvalidArgument
-        If the name is no text.
-    UnknownName
-        If there is no such posture.
-    """
-    postures = scene.robot.postures
-    if posture is None:
-        q = next(iter(postures.values()), None)
-        return np.array(pin.neutral(scene.robot.model) if q is None else q)
-    if not isinstance(posture, str):
-        raise InvalidArgument(f"posture = {posture!r}: the name of a posture is needed")
-    if posture not in postures:
-        raise unknown_name("posture", posture, postures)
-    return np.array(postures[posture])
-
-
 def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, bool]:
     """Return q of the nominal state, and whether the loops are closed there."""
     q = normalised(scene.robot.model, "posture", described_posture(scene))
@@ -246,6 +206,15 @@ def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, b
         return error.assembly.q, True
     except NotAssembled:
         return described_posture(scene), False
+
+
+def _mass_factor(robot: Robot, q: Array, M: Array) -> MassFactor:
+    """Return the factor of M; scenes of a robot share it where they are nominal at one q."""
+    known = vars(robot)
+    found: MassFactor | None = known.get("_mass_factor")
+    if found is None or not np.array_equal(found.M, M):
+        found = known["_mass_factor"] = factorise_mass(M, why=singular_mass(robot.model, q))
+    return found
 
 
 def _lively_rows(equations: Equations, q: Array, P: Array) -> tuple[int, bool]:

@@ -106,11 +106,10 @@ class ErrorEstimator:
         rank = self.factors.rank
         return float(self.factors.S[rank - 1]) if rank else inf
 
-    @cached_property
+    @property
     def rounding(self) -> float:
         """What no answer can be better than: eps cond(D M D)."""
-        L = self.factors.L  # its rows have the norms M_jj^1/2
-        return _EPS * float(np.linalg.cond(L / np.linalg.norm(L, axis=1)[:, None])) ** 2
+        return self.factors.mass.rounding
 
     @cached_property
     def blur(self) -> float:

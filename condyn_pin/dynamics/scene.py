@@ -20,7 +20,8 @@ from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.dynamics.nominal import NominalAnalysis, described_posture
+from condyn_pin.dynamics.nominal import NominalAnalysis
+from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.model.robot import Robot
 
@@ -123,6 +124,7 @@ class Scene:
         """What the scene is at its nominal state; each figure is measured on first use."""
         if self.contacts:
             return self.bilateral.nominal
+        self.robot.check_unedited()
         return NominalAnalysis(self, Equations(self.robot.unedited, self.bounds))
 
     def closed(self, modes: Mapping[str, Mode] | None = None) -> Scene:
@@ -192,7 +194,7 @@ class Scene:
         NotAssembled
             If the loops cannot be closed from there; the text says which one is open, and how far.
         """
-        from condyn_pin.mechanism.assembly import assemble_posture
+        from condyn_pin.mechanism.assembling import assemble_posture
 
         self.robot.check_unedited()
         q = assemble_posture(self, described_posture(self, posture)).q
@@ -232,7 +234,7 @@ class Scene:
         BranchChanged
             If they are closed on the other side of a dead point; its `assembly` is there.
         """
-        from condyn_pin.mechanism.assembly import assemble
+        from condyn_pin.mechanism.assembling import assemble
 
         return assemble(
             self, q0, fixed=fixed, within_limits=within_limits, branch=branch, throw=throw

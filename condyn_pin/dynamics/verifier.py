@@ -14,7 +14,6 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.constraints.loads import Load
-from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.rows.terms import largest_torque
 from condyn_pin.constraints.violation import ConstraintViolation, worst
 from condyn_pin.dynamics.at_state import gaps
@@ -35,7 +34,7 @@ _LOOSE = 1e-12
 
 
 class Verifier:
-    """The judge of one method in one workspace."""
+    """What proves the answers of one method in one workspace."""
 
     def __init__(self, workspace: Workspace, method: BoundSolver) -> None:
         self._workspace, self._method = workspace, method
@@ -138,7 +137,7 @@ class Verifier:
         equations, nominal = self._workspace.equations, self._estimator
         q = normalised(equations.model, "q", q)
         terms = equations.terms(q, np.zeros(self._workspace.model.nv))
-        P = cancellation_scale(equations, q)
+        P = equations.cancellation(q)
         factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK).above_rounding(P)
         estimator = ErrorEstimator(factors, P, nominal.gravity, nominal.weight)
         r, s = equations.residuals(q, v, tau, a, lam, load)

@@ -17,7 +17,7 @@ leave out: loops, contacts, motors, postures, the licence.
     [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
     [postures.X]   joint = value or list of values; joints left out stay at neutral; of a joint
                    without limits, which is (cos, sin), also its angle [rad]
-    [variants.OPTION.VALUE]  pieces of the card that are merged over it: see `io.card`
+    [variants.OPTION.VALUE]  pieces of the config that are merged over it: see `io.config`
 """
 
 from __future__ import annotations
@@ -45,8 +45,8 @@ def available_robots() -> dict[str, Callable[[], Robot]]:
         Called without arguments, each loads its `Robot`.
     """
     folders = sorted(path.parent for path in robots_folder().glob("*/robot.toml"))
-    cards = {folder.name: partial(_read_card, folder / "robot.toml", {}) for folder in folders}
-    return cards | MECHANISMS
+    configs = {folder.name: partial(_read_config, folder / "robot.toml", {}) for folder in folders}
+    return configs | MECHANISMS
 
 
 def load_robot(
@@ -85,7 +85,7 @@ def load_robot(
         If a file cannot be read; the text names the file and the element.
     """
     # what reads files is imported when there is one to read: mechanisms need none of it
-    from condyn_pin.io.card import check_variant
+    from condyn_pin.io.config import check_variant
 
     if not isinstance(name, (str, Path)):
         raise InvalidArgument(f"name = {name!r}: a name or a path is needed")
@@ -108,9 +108,9 @@ def load_robot(
     if str(name) in MECHANISMS:
         check_variant(chosen, {})
         return MECHANISMS[str(name)]()
-    card = _card(robots_folder() / str(name) if str(name) in known else path)
-    if card.is_file():
-        return _read_card(card, chosen)
+    config = _config(robots_folder() / str(name) if str(name) in known else path)
+    if config.is_file():
+        return _read_config(config, chosen)
     if path.suffix or path.exists():
         raise InvalidModel(
             f"{path}: a .urdf, an .sdf or an .xml with an MJCF is needed, or a folder with a "
@@ -119,10 +119,10 @@ def load_robot(
     raise unknown_name("robot", str(name), known)
 
 
-def _read_card(path: Path, variant: Mapping[str, str]) -> Robot:
-    from condyn_pin.io.manifest import read_card
+def _read_config(path: Path, variant: Mapping[str, str]) -> Robot:
+    from condyn_pin.io.manifest import read_config
 
-    return read_card(path, variant)
+    return read_config(path, variant)
 
 
 def _path(name: str | Path) -> Path:
@@ -135,6 +135,6 @@ def _path(name: str | Path) -> Path:
     return path
 
 
-def _card(path: Path) -> Path:
+def _config(path: Path) -> Path:
     """Return where the robot.toml of a folder would be, or the path if it is one."""
     return path if path.name == "robot.toml" and path.is_file() else path / "robot.toml"

@@ -1,4 +1,4 @@
-"""From a robot.toml to a robot; `load` opens with the format, `card` has what it may say."""
+"""From a robot.toml to a robot; `load` opens with the format, `config` has what it may say."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import gap_of
 from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
-from condyn_pin.io.card import FOR_SDF, check_card, chosen_card, contacts_of, loops_of
+from condyn_pin.io.config import FOR_SDF, check_config, chosen_config, contacts_of, loops_of
 from condyn_pin.io.description import Description
 from condyn_pin.io.files import check_root_joint, description_file
 from condyn_pin.io.xml import place
@@ -31,14 +31,14 @@ from condyn_pin.model.robot import Robot
 _UNKNOWN = "unknown"
 
 
-def read_card(path: Path, variant: Mapping[str, str]) -> Robot:
+def read_config(path: Path, variant: Mapping[str, str]) -> Robot:
     """Return the robot of a robot.toml."""
     with place(path):
         try:
-            card = parse_toml(read_text(path))
+            config = parse_toml(read_text(path))
         except (OSError, ValueError) as error:
             raise InvalidModel(str(error)) from error
-        return _robot(chosen_card(card, variant), path.parent)
+        return _robot(chosen_config(config, variant), path.parent)
 
 
 def read_alone(path: Path, root_joint: str) -> Robot:
@@ -51,29 +51,29 @@ def read_alone(path: Path, root_joint: str) -> Robot:
         return _with_notices(robot)
 
 
-def _robot(card: Mapping[str, Any], folder: Path) -> Robot:
-    check_card(card)
-    description = card["description"]
+def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
+    check_config(config)
+    description = config["description"]
     file = description_file(description["file"], folder)
     root_joint = description.get("root_joint", "fixed")
     check_root_joint(root_joint)
-    read = _read(file, description, root_joint, card.get("actuated", ()))
-    own = loops_of(card.get("loops", ()))
+    read = _read(file, description, root_joint, config.get("actuated", ()))
+    own = loops_of(config.get("loops", ()))
     ends = {_ends(loop) for loop in own}
     robot = Robot(
-        card["name"],
+        config["name"],
         **_fields(read)
         | {
-            "postures": _postures(card, folder, read),
+            "postures": _postures(config, folder, read),
             "loops": (*(loop for loop in read.loops if _ends(loop) not in ends), *own),
-            "contacts": contacts_of(card.get("contacts", ())),
-            "actuated": tuple(card.get("actuated", read.actuated)),
-            "source": card.get("source", _UNKNOWN),
-            "licence": card.get("licence", _UNKNOWN),
+            "contacts": contacts_of(config.get("contacts", ())),
+            "actuated": tuple(config.get("actuated", read.actuated)),
+            "source": config.get("source", _UNKNOWN),
+            "licence": config.get("licence", _UNKNOWN),
             "description": str(file),
         },
     )
-    for i, table in enumerate(card.get("frames", ())):
+    for i, table in enumerate(config.get("frames", ())):
         with place(f"frames[{i}]"):
             robot = robot.with_frame(**table)
     _check_constraints(robot, own)
@@ -105,16 +105,16 @@ def _fields(read: Description) -> dict[str, Any]:
     return {key: value for key, value in vars(read).items() if key != "reversed"}
 
 
-def _postures(card: Mapping[str, Any], folder: Path, read: Description) -> dict[str, Array]:
-    """Return the postures of the SRDF, of the card, and of an MJCF, which come last."""
-    found, description = {}, card["description"]
+def _postures(config: Mapping[str, Any], folder: Path, read: Description) -> dict[str, Array]:
+    """Return the postures of the SRDF, of the config, and of an MJCF, which come last."""
+    found, description = {}, config["description"]
     if "srdf" in description:
         from condyn_pin.io.srdf import read_srdf
 
         srdf = description_file(description["srdf"], folder)
         rotors = description.get("rotors", False)
         found = read_srdf(read.model, srdf, rotors=rotors, inverted=read.reversed)
-    for name, values in card.get("postures", {}).items():
+    for name, values in config.get("postures", {}).items():
         found[name] = _posture(read.model, values, f"postures.{name}")
     return {**found, **read.postures, **found}
 

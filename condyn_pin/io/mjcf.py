@@ -21,13 +21,13 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.names import few
 from condyn_pin.constraints.base import WORLD
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.description import Description
 from condyn_pin.io.mjcf_file import body_names, compiled, joint_names, require_mujoco
+from condyn_pin.io.mjcf_unused import not_read, not_used
 from condyn_pin.io.xml import place
 from condyn_pin.model.spring import Spring
 from condyn_pin.model.tree import DrawnJoint, DrawnTree
@@ -89,12 +89,13 @@ class _Reader:
             self._add_site(s, site)
         loops = tuple(self._loops())
         postures = self._postures()
-        self.unused += [*self._not_read(), *self._not_used()]
+        springs = tuple(self._springs())
+        self.unused += [*not_read(mj), *not_used(mj, tuple(tree.joints.values()), springs)]
         return Description(
             tree.model,
             loops=loops,
             actuated=tuple(dict.fromkeys(self._actuated())),
-            springs=tuple(Spring(j.name, k, rest) for j, k, rest in self._stiffness() if j.scalar),
+            springs=tuple(Spring(j.name, k, rest) for j, k, rest in springs if j.scalar),
             postures=postures,
             unused=tuple(self.unused),
         )
@@ -225,48 +226,13 @@ class _Reader:
             if int(self.mj.actuator_trntype[k]) in kinds:
                 yield self.joints[self.mj.actuator_trnid[k, 0]]
 
-    def _stiffness(self) -> Iterator[tuple[DrawnJoint, float, float]]:
+    def _springs(self) -> Iterator[tuple[DrawnJoint, float, float]]:
         """Yield the joints with a spring, its stiffness, and where it rests."""
         mj = self.mj
         for j, joint in enumerate(self.tree.joints.values()):
             if mj.jnt_stiffness[j] and not self._disabled("SPRING"):
                 at = mj.jnt_qposadr[j]
                 yield joint, float(mj.jnt_stiffness[j]), float(mj.qpos_spring[at])
-
-    def _not_read(self) -> Iterator[str]:
-        """Say what the compiled model has beside bodies, joints, sites and equalities."""
-        mj = self.mj
-        counts = {
-            "geoms, as bodies that touch": mj.ngeom,
-            "actuators, but for their joints": mj.nu,
-            "tendons": mj.ntendon,
-            "flexible bodies": mj.nflex,
-            "sensors": mj.nsensor,
-            "joints with dry friction": np.count_nonzero(mj.dof_frictionloss),
-            "bodies with gravity compensation": np.count_nonzero(mj.body_gravcomp),
-            "mocap bodies, which stand still": mj.nmocap,
-        }
-        listed = [f"{n} {what}" for what, n in counts.items() if n]
-        if listed:
-            yield f"parts of the compiled model that are not read: {', '.join(listed)}"
-        for poly in ("jnt_stiffnesspoly", "dof_dampingpoly"):
-            if np.any(getattr(mj, poly, 0)):
-                yield f"{poly}: springs and dampers are linear here"
-        if mj.opt.density or mj.opt.viscosity or mj.opt.wind.any():
-            yield "the medium around the bodies (density, viscosity, wind)"
-
-    def _not_used(self) -> Iterator[str]:
-        """Say which settings of the joints the dynamics do not use."""
-        joints = self.tree.joints.values()
-        if damped := [joint.name for joint in joints if joint.damping]:
-            yield f"joint damping ({few(damped)}): add Robot.passive_torque to tau"
-        if limited := [joint for joint in joints if joint.lower > -inf or joint.upper < inf]:
-            yield f"limits of position ({len(limited)} joints)"
-        ranges = zip(joints, self.mj.jnt_range, self.mj.jnt_limited, strict=True)
-        if wide := [joint.name for joint, ends, limits in ranges if ends.any() and not limits]:
-            yield f"ranges that are no limits to MuJoCo ({few(wide)})"
-        if sprung := [joint.name for joint, *_ in self._stiffness() if not joint.scalar]:
-            yield f"springs of joints with several coordinates ({few(sprung)})"
 
 
 def _pose(translation: Array, wxyz: Array) -> Any:

@@ -13,7 +13,7 @@ The format: http://sdformat.org/spec
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from os import PathLike
@@ -134,13 +134,14 @@ def read_sdf(
             unused=(
                 *_unused_parts(sdf, kinds, drop, root_pose, idle),
                 *_unused_settings((*joints, *gearboxes), (*spanned.cut, *gearboxes)),
-                *doubts(
-                    (link.name, link.inertia.mass, link.inertia.inertia)
-                    for link in links
-                    if link.inertia is not None
-                ),
+                *_doubts(links),
             ),
         )
+
+
+def _doubts(links: Sequence[Link]) -> Iterable[str]:
+    bodies = ((link.name, link.inertia) for link in links)
+    return doubts((name, Y.mass, Y.inertia) for name, Y in bodies if Y is not None)
 
 
 def _check_as_file(as_file: Any, cut: Sequence[str]) -> None:

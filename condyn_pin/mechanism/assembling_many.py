@@ -13,7 +13,7 @@ from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.mechanism.assembly import best_end
+from condyn_pin.mechanism.assembling import best_end
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.model.limits import NO_LIMITS

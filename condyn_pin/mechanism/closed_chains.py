@@ -30,10 +30,9 @@ from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.numerical_rank import counted
 from condyn_pin._core.linalg.pivots import pivots, redundant_rows
-from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.dynamics.nominal import described_posture
+from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.clusters import Cluster, clusters, isolated
@@ -147,7 +146,7 @@ def factors_at(
 ) -> MinimumNorm:
     """Return M and J factorised, without the singular values that are zeros but for rounding."""
     factors = factorise(terms.M, terms.J, share, why=singular_mass(equations.model, q))
-    return factors.above_rounding(cancellation_scale(equations, q))
+    return factors.above_rounding(equations.cancellation(q))
 
 
 def passive_joints(robot: Robot, motors: Indices) -> tuple[Indices, Indices]:

@@ -24,13 +24,8 @@ from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.violation import beyond_text
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
-from condyn_pin.mechanism.assembly import (
-    Assembly,
-    AssemblyStatus,
-    assemble_from,
-    check_held,
-    limited,
-)
+from condyn_pin.mechanism.assembling import assemble_from, check_held, limited
+from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
 from condyn_pin.mechanism.following import Follower
 

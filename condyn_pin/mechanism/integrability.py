@@ -31,7 +31,7 @@ from condyn_pin._core.linalg.numerical_rank import null_space
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.mechanism.assembly import assemble
+from condyn_pin.mechanism.assembling import assemble
 from condyn_pin.mechanism.check import check
 
 _LOOKS = 2  # at configurations nearby: a bracket may vanish at one by accident

@@ -29,7 +29,6 @@ from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.numerical_rank import rank_of
-from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.constraints.violation import worst
 from condyn_pin.dynamics.at_state import equations_of, rounding, slips
 from condyn_pin.dynamics.scene import Scene
@@ -177,5 +176,5 @@ def _ranks(scene: Scene, q: Array, factors: MinimumNorm, closed: bool) -> Iterat
     usual = min(rank_of(factors.S), chains_of(scene).rank)
     yield factors.at_most(usual)
     if closed:
-        most = factors.above_rounding(cancellation_scale(equations_of(scene), q)).rank
+        most = factors.above_rounding(equations_of(scene).cancellation(q)).rank
         yield from (factors.at_most(rank) for rank in range(usual + 1, most + 1))

@@ -10,7 +10,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.mechanism.assembly import assemble, best_end
+from condyn_pin.mechanism.assembling import assemble, best_end
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.projection import nearest

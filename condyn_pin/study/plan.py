@@ -20,7 +20,7 @@ import numpy as np
 from condyn_pin._core.files.beside import check_writable, write_text
 from condyn_pin._core.files.text import parse_json, read_text
 from condyn_pin._core.machine import machine
-from condyn_pin.dynamics.nominal import described_posture
+from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.tables import FORMAT, Record

@@ -66,7 +66,7 @@ def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
 def default_sweep(scene: Scene, measure: Measure = _ACCELERATION) -> tuple[Method, ...]:
     """Return all that a measure asks with parameters turned; what does not take the scene once.
 
-    `Reference` judges the others, and is not among them.
+    `Reference` is what the others are compared with, and is not among them.
     """
     chosen: list[Method] = []
     for kind in measure.methods.values():

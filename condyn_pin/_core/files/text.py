@@ -43,9 +43,9 @@ def parse_json(text: str | bytes) -> Any:
 
 def parse_toml(text: str) -> dict[str, Any]:
     """Return what a toml says, or raise ValueError."""
-    card: dict[str, Any] = _parsed(tomllib.loads, text, tomllib.TOMLDecodeError)
-    _check_depth(card)
-    return card
+    config: dict[str, Any] = _parsed(tomllib.loads, text, tomllib.TOMLDecodeError)
+    _check_depth(config)
+    return config
 
 
 def _parsed(parse: Callable[[Any], Any], text: Any, known: type[ValueError]) -> Any:

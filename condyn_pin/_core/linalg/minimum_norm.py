@@ -21,14 +21,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache, cached_property
 from math import isfinite
-from typing import Any
 
 import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.mass_factor import MassFactor, factorise_mass, lapack
 from condyn_pin.errors import InvalidModel
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -40,8 +39,8 @@ class MinimumNorm:
 
     Attributes
     ----------
-    L : (nv, nv) array
-        Lower Cholesky factor of M.
+    mass : MassFactor
+        M = L L^T.
     U : (m, m) array
         Left singular vectors of Jw; the columns from `rank` on span the redundancy of the rows.
     S : (min(m, nv),) array
@@ -52,15 +51,25 @@ class MinimumNorm:
         Number of singular values above the tolerance.
     """
 
-    L: Array
+    mass: MassFactor
     U: Array
     S: Array
     V: Array
     rank: int
 
+    @property
+    def L(self) -> Array:
+        """Lower Cholesky factor of M (nv, nv)."""
+        return self.mass.L
+
+    @property
+    def weights(self) -> Array:
+        """W (nv,): square roots of the diagonal of M^-1."""
+        return self.mass.weights
+
     def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
         """Return (a, lam) for one or many right-hand sides r (nv, k), s (m, k)."""
-        dtrtrs = _lapack().dtrtrs
+        dtrtrs = lapack().dtrtrs
         U, S = self.U[:, : self.rank], self.S[: self.rank]
         y = dtrtrs(self.L.T, r, trans=1)[0]  # LAPACK reads columns: L^T is no copy
         z = ((U.T @ s).T / S).T - self.V.T @ y
@@ -69,7 +78,7 @@ class MinimumNorm:
     def closing(self, c: Array) -> Array:
         """Return the least move (nv,) in the metric of M that takes c (m,) back: J dq = -c."""
         along = c.dot(self.U[:, : self.rank]) / -self.S[: self.rank]
-        return np.asarray(_lapack().dtrtrs(self.L.T, self.V.dot(along))[0])
+        return np.asarray(lapack().dtrtrs(self.L.T, self.V.dot(along))[0])
 
     def moved(self, s: Array) -> Array:
         """Return how far a (nv,) moves where J a is off by about s (m,), each row by itself."""
@@ -86,12 +95,6 @@ class MinimumNorm:
         from scipy.linalg import cho_solve
 
         return np.asarray(cho_solve((self.L, True), r, check_finite=False))
-
-    @cached_property
-    def weights(self) -> Array:
-        """W (nv,): square roots of the diagonal of M^-1."""
-        inverse = _lapack().dtrtri(self.L, lower=1)[0]
-        return np.asarray(np.sqrt(np.einsum("ij,ij->j", inverse, inverse)))
 
     def blur(self, P: Array) -> float:
         """Return eps |P w|, what rounding of J does to Jw, for P what J is a difference of."""
@@ -142,24 +145,20 @@ def factorise(
     InvalidModel
         If M is not positive definite, or J not finite.
     """
-    lapack = _lapack()
-    upper, info = lapack.dpotrf(M.T)  # what is below the diagonal of M, as in np.linalg.cholesky
-    if info:
-        raise InvalidModel(why() or "the mass matrix is not positive definite at this q")
+    return factorise_rows(factorise_mass(M, why=why), J, rank_tolerance, least)
+
+
+def factorise_rows(
+    mass: MassFactor, J: Array, rank_tolerance: float, least: float = 0.0
+) -> MinimumNorm:
+    """Factorise J in the metric of M, as `factorise` does."""
+    n = len(mass.L)
     if not len(J):
-        return MinimumNorm(upper.T, np.zeros((0, 0)), np.zeros(0), np.zeros((len(M), 0)), 0)
-    Jw = lapack.dtrtrs(upper, J.T, trans=1)[0].T
+        return MinimumNorm(mass, np.zeros((0, 0)), np.zeros(0), np.zeros((n, 0)), 0)
+    Jw = lapack().dtrtrs(mass.L.T, J.T, trans=1)[0].T
     # all of U, whose last columns are the redundancy, but only so much of V as can be needed
-    U, S, Vt, info = lapack.dgesdd(Jw, full_matrices=len(J) > len(M))
+    U, S, Vt, info = lapack().dgesdd(Jw, full_matrices=len(J) > n)
     if info or not isfinite(S[0]):
         raise InvalidModel("the constraint Jacobian is not finite at this q")
     rank = int(np.count_nonzero(max(rank_tolerance * S[0], least) < S))
-    return MinimumNorm(upper.T, U, S, Vt[:rank].T, rank)
-
-
-@cache
-def _lapack() -> Any:
-    """Return LAPACK's own routines: half the time of numpy's at the size of robots."""
-    from scipy.linalg import lapack  # takes as long to import as Pinocchio
-
-    return lapack
+    return MinimumNorm(mass, U, S, Vt[:rank].T, rank)

@@ -23,7 +23,7 @@ def assemble(
 ) -> None:
     """Close the loops, starting from a posture; exits with 1 if they cannot be closed."""
     from condyn_pin.cli.words import names_in, scene_of
-    from condyn_pin.dynamics.nominal import described_posture
+    from condyn_pin.dynamics.postures import described_posture
 
     scene = scene_of(robot, "", loops, variant)
     assembly = scene.assemble(

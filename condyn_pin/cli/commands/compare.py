@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from condyn_pin._core.tolerances import ENGINES
 from condyn_pin.cli import arguments as arg
 from condyn_pin.cli.output import leave, print_json, say
+
+if TYPE_CHECKING:
+    from condyn_pin._core.arrays import Array
+    from condyn_pin.model.robot import Robot
 
 PANEL = "Look"
 
@@ -38,11 +42,7 @@ def compare(
     Both are put in one random state that moves and in which the loops are closed, with random
     torques at the motors.
     """
-    import numpy as np
-
-    from condyn_pin._core.joints import indices
     from condyn_pin.cli.words import names_in, pairs_in, robot_of
-    from condyn_pin.dynamics.scene import Scene
     from condyn_pin.io.mjcf_file import compiled
     from condyn_pin.io.xml import place
     from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge
@@ -52,14 +52,24 @@ def compare(
     with place(mjcf):
         model, _ = compiled(mjcf)
     bridge = MujocoBridge(chosen, model, names=names, without=names_in(without))
-    rng = np.random.default_rng(seed)
-    q, v = Scene(chosen, chosen.loops).sample(rng)
-    tau = np.zeros(chosen.nv)
-    motors = indices(chosen.model, chosen.actuated)[1]
-    tau[motors] = rng.normal(size=motors.size)
-    found = bridge.compare(q, v, tau, tolerance=tolerance)
+    found = bridge.compare(*_random_state(chosen, seed), tolerance=tolerance)
     if as_json:
         print_json(found.to_dict())
     else:
         say(str(found))
     leave(ok=found.ok)
+
+
+def _random_state(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
+    """Return q and v with the loops closed, and torques at the motors."""
+    import numpy as np
+
+    from condyn_pin._core.joints import indices
+    from condyn_pin.dynamics.scene import Scene
+
+    rng = np.random.default_rng(seed)
+    q, v = Scene(robot, robot.loops).sample(rng)
+    tau = np.zeros(robot.nv)
+    motors = indices(robot.model, robot.actuated)[1]
+    tau[motors] = rng.normal(size=motors.size)
+    return q, v, tau

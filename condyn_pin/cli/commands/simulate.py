@@ -16,16 +16,18 @@ if TYPE_CHECKING:
 
 PANEL = "Simulate"
 
+Friction = Annotated[
+    float | None,
+    typer.Option(help="Put it onto its feet, which may open and slide with this coefficient."),
+]
+
 
 def simulate(
     robot: arg.RobotName,
     contacts: arg.Contacts = "",
     loops: arg.Loops = True,
     posture: arg.Posture = None,
-    friction: Annotated[
-        float | None,
-        typer.Option(help="Put it onto its feet, which may open and slide with this coefficient."),
-    ] = None,
+    friction: Friction = None,
     duration: Annotated[float, typer.Option(help="Duration of the motion [s].")] = 1.0,
     dt: Annotated[float, typer.Option(help="The step [s].")] = 1e-3,
     integrator: arg.IntegratorName = None,
@@ -54,16 +56,10 @@ def simulate(
         scene = replace(scene, contacts=scene.robot.frictional_contacts(friction))
         q = put_down(scene, q)
     found = simulate_scene(
-        scene,
-        q,
-        v,
-        duration=duration,
-        dt=dt,
-        integrator=integrator_of(integrator),
-        drift=drift_of(drift, gain),
+        scene, q, v, duration=duration, dt=dt, record=record,
+        integrator=integrator_of(integrator), drift=drift_of(drift, gain),
         solver=solver_of(solver) if solver else None,
-        record=record,
-    )
+    )  # fmt: skip
     if save:
         found.save(save)
     if csv:

@@ -49,6 +49,10 @@ Swept = Annotated[
     ),
 ]
 
+Steps = Annotated[
+    str | None,
+    typer.Option(help="Steps of a trajectory or a contact problem, comma-separated [s]."),
+]
 Error = Annotated[
     float | None, typer.Option(help="Choose the fastest solver with no larger error.")
 ]
@@ -66,17 +70,8 @@ Save = Annotated[bool, typer.Option(help="With --tune: keep the choice.")]
 # Options that say something only with --tune, and only without it.
 _OF_TUNE = ("contacts", "loops", "variant", "save")
 _OF_STUDY = (
-    "dt",
-    "integrator",
-    "drift",
-    "states",
-    "quick",
-    "jobs",
-    "results",
-    "csv",
-    "markdown",
-    "plot",
-)
+    "dt", "integrator", "drift", "states", "quick", "jobs", "results", "csv", "markdown", "plot",
+)  # fmt: skip
 
 
 def trade(
@@ -84,10 +79,7 @@ def trade(
     robots: arg.RobotNames = None,
     error: Error = None,
     measure: Measure = "acceleration",
-    dt: Annotated[
-        str | None,
-        typer.Option(help="Steps of a trajectory or a contact problem, comma-separated [s]."),
-    ] = None,
+    dt: Steps = None,
     integrator: arg.IntegratorName = None,
     drift: arg.DriftName = None,
     solvers: Swept = "",
@@ -110,7 +102,7 @@ def trade(
     Ctrl-C keeps what was measured. Exits with 1 if no solver meets the error. With `--tune` a
     short study of one scene, with its `--contacts`, chooses for an error of 1e-8 or `--error`.
     """
-    from condyn_pin.cli.words import measures_of, scene_of, swept_solvers_of
+    from condyn_pin.cli.words import measures_of, swept_solvers_of
     from condyn_pin.study.bench import ROBOTS
     from condyn_pin.study.cheapest import check_error
     from condyn_pin.study.clocks import TimingEffort
@@ -124,9 +116,7 @@ def trade(
     measures = measures_of(measure, dt, integrator, drift)
     chosen = swept_solvers_of(solvers, measures[0])
     if tune:
-        if robots is None or len(robots) != 1:
-            raise InvalidArgument("--tune chooses for one scene: name one robot")
-        scene = scene_of(robots[0], contacts, loops, variant)
+        scene = _one_scene(robots, contacts, loops, variant)
         _tune(scene, error, measure, chosen, save, as_json)
         return
     effort = TimingEffort(rounds=20) if quick else TimingEffort()
@@ -135,9 +125,8 @@ def trade(
     _show(table, csv, as_json, markdown, plot)
     if stopped:
         warn(f"stopped: {len(table.rows)} rows were measured")
-    elif error is not None:
-        leave(ok=_choose(table, error, for_people(as_json)))
-    leave(stopped=stopped)
+    reached = stopped or error is None or _choose(table, error, for_people(as_json))
+    leave(ok=reached, stopped=stopped)
 
 
 def _refuse(context: typer.Context, options: tuple[str, ...], where: str) -> None:
@@ -146,6 +135,17 @@ def _refuse(context: typer.Context, options: tuple[str, ...], where: str) -> Non
         source = context.get_parameter_source(str(option.name))
         if option.name in options and source is not None and source.name != "DEFAULT":
             raise InvalidArgument(f"{option.opts[0]} says nothing {where} --tune: leave it out")
+
+
+def _one_scene(
+    robots: list[str] | None, contacts: str, loops: bool, variant: list[str] | None
+) -> Scene:
+    """Return the scene of the only robot."""
+    from condyn_pin.cli.words import scene_of
+
+    if robots is None or len(robots) != 1:
+        raise InvalidArgument("--tune chooses for one scene: name one robot")
+    return scene_of(robots[0], contacts, loops, variant)
 
 
 def _tune(

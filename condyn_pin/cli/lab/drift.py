@@ -77,7 +77,9 @@ def _facts(
             name: {"gap": growth.violation[-1], "t": growth.t[-1], "power": growth.power}
             for name, growth in growths.items()
         },
-        "walls": {integrator.title: stability_limit(integrator) for integrator in integrators},
+        "stability_limits": {
+            integrator.title: stability_limit(integrator) for integrator in integrators
+        },
         "runs": {one.title: {"area": one.area, "errors": one.errors} for one in found},
     }
 

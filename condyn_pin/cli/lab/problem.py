@@ -33,7 +33,7 @@ def problem(
     ] = None,
     as_json: arg.AsJson = False,
 ) -> None:
-    """Run a benchmark problem and judge the motion; exits with 1 if no limit is met."""
+    """Run a benchmark problem and check the motion; exits with 1 if no limit is met."""
     choices = (n, dt, integrator, drift, gain, solver, duration)
     if not name and all(each is None for each in choices):
         _list(as_json)

@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Patch
 from condyn_pin.constraints.contacts.cores import Core
 from condyn_pin.constraints.contacts.meetings import most_meetings
+from condyn_pin.constraints.support import Patch
 
 
 class Touch(NamedTuple):

@@ -12,9 +12,9 @@ from itertools import product
 from typing import NamedTuple
 
 from condyn_pin._core.registry import enter
-from condyn_pin.constraints.base import Patch
 from condyn_pin.constraints.constraint_fields import Vector3, check_positive
 from condyn_pin.constraints.contacts.cores import Core, box_core, points_core
+from condyn_pin.constraints.support import Patch
 
 # All shapes by the names of their classes, by which archives find them.
 SHAPES: dict[str, type[Shape]] = {}

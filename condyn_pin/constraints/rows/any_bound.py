@@ -166,6 +166,11 @@ class OnFrames(AnyBound, ABC):
         """Return the frames c1 and c2 in the world."""
         return oMi[self.joint1] * self.placement1, oMi[self.joint2] * self.placement2
 
+    def arm(self, oMi: Any) -> float:
+        """Return how far what the rows are about is from c1: the origin of c2 [m]."""
+        c1, c2 = self.ends(oMi)
+        return length(c2.translation - c1.translation)
+
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
         """Return the origin of c2."""
         return np.array(c2.translation)
@@ -188,3 +193,8 @@ class OnFrames(AnyBound, ABC):
         linear, angular = body(self.joint1) + body(self.joint2)
         # MuJoCo's angular rows are half of ours
         return [4 * angular if turns else linear for turns in self.turns(None)]
+
+
+def length(x: Array) -> float:
+    """Return the length of a vector."""
+    return math.sqrt(x.dot(x))

@@ -1,4 +1,4 @@
-"""Reach: what the two bodies of a row bring to J before they cancel.
+"""Cancellation: what the two bodies of a row bring to J before they cancel.
 
 J = J1 - X J2 is rounded to eps (|J1| + |X J2|), however small it is itself. Pinocchio forms either
 from columns at the origin of the world, so that each is rounded to eps times its distance from
@@ -7,57 +7,60 @@ there at least: far away that is what counts.
 
 from __future__ import annotations
 
-from math import sqrt
-from typing import TYPE_CHECKING, Any, Final
+from collections.abc import Sequence
+from typing import Any, Final
 
 import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.any_bound import OnFrames
+from condyn_pin.constraints.rows.any_bound import AnyBound, OnFrames, length
 from condyn_pin.constraints.rows.couplings import Coupled
-from condyn_pin.constraints.rows.rolling import Rolled
-
-if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.equations import Equations
 
 # What is rounding of a row, as a share of what its two bodies bring to it.
 ROUNDED: Final = 1e-13
 
 
-def cancellation_scale(equations: Equations, q: Array) -> Array:
-    """Return the sizes of what J is a difference of (m, nv).
+class Cancellation:
+    """What the two bodies of each row bring to J; it keeps no state of `data`, but writes to it."""
 
-    The same for all shifts of a constraint, and for all its turns. Of all places of a machine it is
-    least near the origin of the world.
-    """
-    model, data = equations.model, equations.data
-    pin.computeJointJacobians(model, data, q)
-    found = np.zeros((equations.m, model.nv))
-    ends: list[tuple[Any, int, Any, float]] = []  # those that move, and an arm between the two
-    for bound in equations.bounds:
-        if isinstance(bound, Coupled):
-            found[bound.rows, list(bound.velocity)] = 1.0, abs(bound.ratio)
-        elif isinstance(bound, Rolled):
-            ends.append((bound, bound.joint1, bound.placement1, bound.radius))
-        else:
-            assert isinstance(bound, OnFrames)
-            c1, c2 = bound.ends(data.oMi)
-            apart = _length(c2.translation - c1.translation)
-            both = ((bound.joint1, bound.placement1, apart), (bound.joint2, bound.placement2, 0.0))
-            ends += [(bound, *end) for end in both if end[0]]
-    if not ends:
+    def __init__(self, model: Any, data: Any, bounds: Sequence[AnyBound]) -> None:
+        self._model, self._data = model, data
+        self._couplings = np.zeros((sum(b.size for b in bounds), model.nv))
+        self._ends: list[tuple[int, Any]] = []  # joint and placement of those that move
+        self._arms: list[OnFrames | None] = []  # what has an arm from c1 to c2
+        rows: tuple[list[Any], list[Any]] = [], []  # of c1 and of c2: row, end, is it an angle
+        for b in bounds:
+            if isinstance(b, Coupled):
+                self._couplings[b.rows, list(b.velocity)] = 1.0, abs(b.ratio)
+                continue
+            assert isinstance(b, OnFrames)
+            angles = list(zip(range(b.rows.start, b.rows.stop), b.turns(model), strict=True))
+            ends = (b.joint1, b.placement1, b), (b.joint2, b.placement2, None)
+            for its_rows, (joint, placement, arm) in zip(rows, ends, strict=True):
+                if joint:
+                    its_rows.extend((row, len(self._ends), angle) for row, angle in angles)
+                    self._ends.append((joint, placement))
+                    self._arms.append(arm)
+        self._origins = [data.oMi[joint] for joint, _ in self._ends]
+        self._rows = [np.array(each, dtype=int).T for each in rows if each]
+
+    def at(self, q: Array) -> Array:
+        """Return the sizes of what J is a difference of (m, nv).
+
+        The same for all shifts of a constraint, and for all its turns. Of all places of a machine
+        it is least near the origin of the world.
+        """
+        model, data, found = self._model, self._data, self._couplings.copy()
+        pin.computeJointJacobians(model, data, q)
+        if not self._ends:
+            return found
+        sixes = [pin.getFrameJacobian(model, data, *end, LOCAL) for end in self._ends]
+        # by end, linear or angular, component and column
+        shift, turn = np.abs(sixes).reshape(len(sixes), 2, 3, -1).max(axis=2).swapaxes(0, 1)
+        away = np.array([[length(origin.translation)] for origin in self._origins])
+        arms = np.array([[b.arm(data.oMi) if b else 0.0] for b in self._arms])
+        sizes = np.array([np.maximum(shift + arms * turn, away * turn), turn])
+        for rows, ends, angles in self._rows:
+            found[rows] += sizes[angles, ends]
         return found
-    sixes = [pin.getFrameJacobian(model, data, end[1], end[2], LOCAL) for end in ends]
-    # by end, linear or angular, component and column
-    shift, turn = np.abs(sixes).reshape(len(ends), 2, 3, -1).max(axis=2).swapaxes(0, 1)
-    arm = np.array([[end[3]] for end in ends])
-    away = np.array([[_length(data.oMi[end[1]].translation)] for end in ends])
-    moved = np.maximum(shift + arm * turn, away * turn)
-    for k, (bound, *_) in enumerate(ends):
-        found[bound.rows] += [(turn if angle else moved)[k] for angle in bound.turns(model)]
-    return found
-
-
-def _length(x: Array) -> float:
-    return sqrt(x.dot(x))

@@ -20,7 +20,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.any_bound import AnyBound
-from condyn_pin.constraints.rows.cancellation import ROUNDED, cancellation_scale
+from condyn_pin.constraints.rows.cancellation import ROUNDED, Cancellation
 from condyn_pin.constraints.rows.groups import Groups
 from condyn_pin.constraints.rows.terms import Terms
 
@@ -65,9 +65,9 @@ class Equations:
         self._groups = Groups(model, self.data, self.bounds, motion)
         self._plain, self._couplings = self._groups.plain, self._groups.couplings
         self._evaluators = self._groups.evaluators
-        reached = cancellation_scale(
-            self, pin.neutral(model)
-        )  # here, where data holds no state of anybody's
+        self._cancellation = Cancellation(model, self.data, self.bounds)
+        # here, where data holds no state of anybody's
+        reached = self.cancellation(pin.neutral(model))
         self._least = ROUNDED**2 * float(np.vdot(reached, reached))
 
     def terms(self, q: Array, v: Array) -> Terms:
@@ -88,6 +88,10 @@ class Equations:
         """Return J (m, nv)."""
         self.motion(q, self._still, self._still)
         return self._jacobian()
+
+    def cancellation(self, q: Array) -> Array:
+        """Return P (m, nv): the sizes of what J is a difference of."""
+        return self._cancellation.at(q)
 
     def mass(self, q: Array) -> Array:
         """Return M (nv, nv)."""

@@ -99,16 +99,17 @@ class WorldContacts:
 
     def __init__(self, data: Any, bounds: Sequence[Bound], motion: Array) -> None:
         self._joints, self._out = Joints(data, {b.joint1 for b in bounds}), motion
-        X = np.zeros((motion.shape[1], self._joints.size))
-        for b in bounds:
-            six = b.placement1.toActionMatrixInverse()
-            X[b.rows, self._joints.place[b.joint1]] = six[list(b.selection)]
-        self._XT = np.ascontiguousarray(X.T)
         points = [b for b in bounds if b.selection == POINT]
-        self._centripetal = Centripetal(
-            *self._joints.maps([(b.joint1, b.placement1) for b in points])
-        )
         self._points, self._has_points = rows_of(points), bool(points)
+        linear, angular = self._joints.maps([(b.joint1, b.placement1) for b in points])
+        self._centripetal = Centripetal(linear, angular)
+        X = np.zeros((motion.shape[1], self._joints.size))
+        X[self._points] = linear
+        for b in bounds:
+            if b.selection != POINT:
+                six = b.placement1.toActionMatrixInverse()
+                X[b.rows, self._joints.place[b.joint1]] = six[list(b.selection)]
+        self._XT = np.ascontiguousarray(X.T)
         self._others = [b for b in bounds if not b.is_plain]
         anchored = [
             (b, data.oMi[b.joint1], b.placement1, b.placement2) for b in bounds if b.anchored
@@ -174,9 +175,7 @@ class Wrenches:
             if b.joint2:
                 dual = b.placement2.toDualActionMatrix()
                 on_joint2[place[b.joint2], at] = -dual[:, list(components)]
-        self._wrenches = pin.StdVec_Force()
-        for _ in range(model.njoints):
-            self._wrenches.append(pin.Force.Zero())
+        self._wrenches = pin.StdVec_Force(model.njoints, pin.Force.Zero())
         self._stacked = np.zeros(6 * len(joints))
         # views into the memory of the wrenches, and what goes there
         self._targets = [(self._wrenches[j].vector, self._stacked[place[j]]) for j in joints]

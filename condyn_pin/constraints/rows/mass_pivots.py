@@ -18,6 +18,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes, turning
+from condyn_pin._core.linalg.mass_factor import pivots
 
 # A pivot that cannot fall below this share of its nominal value is not watched: an estimate of the
 # error that is too small by less than the inverse of it is within the margin of most answers.
@@ -25,10 +26,9 @@ _SHARE: Final = 1e-2
 
 
 class MassPivots:
-    """The pivots of a robot that may fall, to `least` at any q, from those of the nominal M."""
+    """The pivots of a robot that may fall, to `least` at any q, from the `nominal` ones."""
 
-    def __init__(self, least: Array, M: Array) -> None:
-        nominal = pivots(M)
+    def __init__(self, least: Array, nominal: Array) -> None:
         self._watched = np.flatnonzero(~(least > _SHARE * nominal))
         self._nominal = nominal[self._watched]
 
@@ -44,16 +44,6 @@ class MassPivots:
         """
         least = float((pivots(M)[self._watched] / self._nominal).min(initial=1.0))
         return 0.0 if isnan(least) else least
-
-
-def pivots(M: Array) -> Array:
-    """Return D (nv,) of M = U D U^T; NaN if M is not positive definite."""
-    from scipy.linalg.lapack import dpotrf
-
-    factor, info = dpotrf(M[::-1, ::-1], lower=1)
-    if info:
-        return np.full(len(M), np.nan)
-    return np.asarray(factor.diagonal()[::-1] ** 2)
 
 
 def least_pivots(model: Any) -> Array:

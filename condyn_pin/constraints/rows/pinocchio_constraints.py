@@ -75,7 +75,7 @@ def pinocchio_constraints(
     `rows` returns the Jacobian at the nominal state in the metric of M, J L^-T (m, nv).
     """
     made: list[PinocchioConstraint] = []
-    blocks: list[Array] = []
+    blocks: list[Array | None] = []
     approximated: list[tuple[str, int]] = []
     unsupported: list[str] = []
     for bound in bounds:
@@ -86,28 +86,37 @@ def pinocchio_constraints(
             unsupported.append(bound.name)
         elif points[0].approximates:
             approximated.append((bound.name, points[0].joint1))
-    E_T = np.zeros((sum(len(b) for b in blocks), sum(b.shape[1] for b in blocks)))
-    row = column = 0
-    for block in blocks:
-        height, width = block.shape
-        E_T[row : row + height, column : column + width] = block
-        row, column = row + height, column + width
-    constraints, W = spread(made, lambda: E_T.T @ rows())
-    to_scene = E_T if W is None else E_T @ W.T
-    same = to_scene.shape[0] == to_scene.shape[1] and (to_scene == np.eye(len(to_scene))).all()
+    E_T = None if all(block is None for block in blocks) else _side_by_side(blocks, bounds)
+    constraints, W = spread(made, lambda: rows() if E_T is None else E_T.T @ rows())
+    to_scene = E_T if W is None else W.T if E_T is None else E_T @ W.T
     return PinocchioConstraints(
         constraints,
-        None if same else to_scene,
+        to_scene,
         tuple(name for name, _ in approximated),
         tuple(name for name, joint1 in approximated if joint1 == 0),
         tuple(unsupported),
     )
 
 
-def _equivalent(model: Any, bound: AnyBound) -> tuple[list[PinocchioConstraint], Array]:
-    """Return what Pinocchio has in place of a constraint, and E^T; nothing where it has nothing."""
+def _side_by_side(blocks: Sequence[Array | None], bounds: Sequence[AnyBound]) -> Array:
+    """Return E^T of all constraints from that of each, None where it is 1."""
+    whole = [np.eye(b.size) if E is None else E for E, b in zip(blocks, bounds, strict=True)]
+    E_T = np.zeros((sum(len(E) for E in whole), sum(E.shape[1] for E in whole)))
+    column = 0
+    for bound, E in zip(bounds, whole, strict=True):
+        E_T[bound.rows, column : column + E.shape[1]] = E
+        column += E.shape[1]
+    return E_T
+
+
+def _equivalent(model: Any, bound: AnyBound) -> tuple[list[PinocchioConstraint], Array | None]:
+    """Return what Pinocchio has in place of a constraint, and E^T: None if that is 1.
+
+    Nothing where it has nothing.
+    """
     if isinstance(bound, Bound) and bound.is_plain:
-        return [PinocchioConstraint.of(bound, bound.size)], bound.sign * np.eye(bound.size)
+        E_T = None if bound.sign > 0 else -np.eye(bound.size)
+        return [PinocchioConstraint.of(bound, bound.size)], E_T
     if isinstance(bound, Bound) and bound.is_hinge:
         ends = bound.lever * np.array([1.0, -1.0])[:, None] * np.eye(3)[bound.axis]
         E = np.vstack([np.hstack([np.eye(3), -pin.skew(d)]) for d in ends])

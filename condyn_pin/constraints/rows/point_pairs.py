@@ -111,7 +111,6 @@ def spread(
 
 def _clusters(pinocchio_constraints: Sequence[PinocchioConstraint]) -> list[Cluster]:
     """Return the points that are nearly one, if no others of their two bodies are far from them."""
-    ends = np.cumsum([native.size for native in pinocchio_constraints])
     groups: dict[tuple[int, int, bool], list[int]] = {}
     for i, native in enumerate(pinocchio_constraints):
         if native.size == 3:
@@ -126,6 +125,7 @@ def _clusters(pinocchio_constraints: Sequence[PinocchioConstraint]) -> list[Clus
         radius = float(np.linalg.norm(p - p.mean(axis=0), axis=1).max())
         lever = max(point.lever for point in points)
         if ONE * lever < radius < NEARLY * lever:
+            ends = np.cumsum([native.size for native in pinocchio_constraints])
             rows = np.concatenate([ends[i] + np.arange(-3, 0) for i in places])
             found.append(Cluster(tuple(places), rows, points, _APART * lever / radius))
     return found

@@ -69,6 +69,10 @@ class Rolled(OnFrames):
     joint2: int = 0
     sign: float = 1.0
 
+    def arm(self, oMi: Any) -> float:
+        """Return the radius: the rows are about the point that touches [m]."""
+        return self.radius
+
     @property
     def positioned(self) -> range:
         """The row that has a position error: the one off the plane, if the plane has a height."""

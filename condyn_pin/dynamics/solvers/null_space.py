@@ -12,7 +12,6 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.parameters import check_share
 from condyn_pin._core.quietly import quietly
-from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 
 if TYPE_CHECKING:
@@ -66,9 +65,7 @@ class NullSpace(Solver):
     def start(self, workspace: Workspace) -> BoundSolver:
         """Return the factorisation bound to the equations of `workspace`."""
         rank_tolerance, nominal = self.rank_tolerance, workspace.scene.nominal
-        reached = cancellation_scale(workspace.equations, nominal.q) / np.sqrt(
-            nominal.terms.M.diagonal()
-        )
+        reached = workspace.equations.cancellation(nominal.q) / np.sqrt(nominal.terms.M.diagonal())
         least = tolerances.BLURRED * float(np.finfo(float).eps * np.linalg.norm(reached))
         latest: list[tuple[_Split, Array]] = []
 

@@ -196,4 +196,4 @@ def _pinocchios(
 def _refinements(nominal: NominalAnalysis) -> int:
     """Return how many corrections a scene needs: one where rounding alone spoils an answer."""
     most = tolerances.SOLVED / _EPS
-    return int(nominal.delassus_condition > most or nominal.condition_exceeds(most))
+    return int(nominal.delassus_condition > most or nominal.factors.mass.condition_exceeds(most))

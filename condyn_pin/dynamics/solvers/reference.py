@@ -15,7 +15,6 @@ from condyn_pin._core.linalg.extended import add, exact_residual
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.parameters import check_count, check_share
 from condyn_pin._core.quietly import quietly
-from condyn_pin.constraints.rows.cancellation import cancellation_scale
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
 from condyn_pin.errors import InvalidModel
 
@@ -60,7 +59,7 @@ class Reference(Solver):
 
     title: ClassVar[str] = "Reference"
     cost: ClassVar[str] = "O(n^3 + m^2 n), with exact sums"
-    use: ClassVar[str] = "to judge the others by; any rows"
+    use: ClassVar[str] = "the truth that others are compared with; any rows"
     takes_redundant: ClassVar[bool] = True
 
     rank_tolerance: float = tolerances.REFERENCE_RANK
@@ -79,7 +78,7 @@ class Reference(Solver):
         @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
-            a, latest[:] = self.solve(equations.terms(q, v), tau, cancellation_scale(equations, q))
+            a, latest[:] = self.solve(equations.terms(q, v), tau, equations.cancellation(q))
             return a
 
         return BoundSolver(acceleration, latest.copy, lambda: 1 + self.refinements)

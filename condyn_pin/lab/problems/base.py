@@ -174,7 +174,7 @@ class Problem(ABC):
         solver: Solver | None = None,
         duration: float | None = None,
     ) -> ProblemResult:
-        """Simulate the problem and judge the motion.
+        """Simulate the problem and check the motion.
 
         Parameters
         ----------

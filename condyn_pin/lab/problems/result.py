@@ -152,7 +152,7 @@ def _said(limit: Limit) -> str:
 
 
 def run_problem(problem: Problem, setting: Setting, duration: float | None) -> ProblemResult:
-    """Simulate, compare with the right motion, and judge; `Problem.run` says how."""
+    """Simulate, compare with the right motion, and give a verdict; `Problem.run` says how."""
     duration = _duration(problem, duration)
     steps = _steps(setting.dt, duration)
     scene, q0, v0 = problem.scene, problem.q0, problem.v0

@@ -11,7 +11,7 @@ what it was in the way of is tried.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -24,15 +24,15 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
 from condyn_pin._core.timing import State
-from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.scene import Scene, check_bilateral
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
+from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.mechanism.reduction.minimal_report import Minimal, ReductionStep
 from condyn_pin.mechanism.reduction.price import ReductionErrors, answers, compare
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
+from condyn_pin.mechanism.reduction.states import checked_states, sampled
 from condyn_pin.mechanism.reduction.suggestions import Suggestion, suggestions
 from condyn_pin.mechanism.reduction.trials import time_trials, trial
 from condyn_pin.model.robot import Robot
@@ -97,11 +97,11 @@ def minimal(
     solver = default_solver(scene) if solver is None else solver
     if not isinstance(solver, Solver):
         raise InvalidArgument(f"solver = {solver!r}: a solver object is needed")
-    states = _sampled(scene, 0, _SAMPLES) if motion is None else _checked(scene, motion)
+    states = sampled(scene, 0, _SAMPLES) if motion is None else checked_states(scene, motion)
     asked = _asked(scene, states, watch)
     question = judge = _Question(scene, states, asked)
     if motion is None:
-        judge = _Question(scene, _sampled(scene, 1, _FRESH), asked)
+        judge = _Question(scene, sampled(scene, 1, _FRESH), asked)
     search = _Search(question, solver, limit)
     errors = None
     while errors is None:
@@ -213,34 +213,6 @@ def _moving(robot: Robot, joints: Sequence[str], states: Sequence[State]) -> set
         step = np.array(pin.difference(model, states[0][0], q))
         away = np.maximum(away, np.maximum(np.abs(step), np.abs(v)))
     return {n for n in joints if away[indices(model, [n])[1]].max() > tolerances.CLOSED}
-
-
-def _sampled(scene: Scene, seed: int, count: int) -> list[State]:
-    rng = np.random.default_rng(seed)
-    return [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
-
-
-def _checked(scene: Scene, motion: Any) -> list[State]:
-    if isinstance(motion, str) or not isinstance(motion, Iterable):
-        raise InvalidArgument(f"motion = {motion!r}: a list of (q, v, tau) is needed")
-    check = scene.robot.arguments.check
-    states = []
-    for k, state in enumerate(motion):
-        try:
-            q, v, tau = state
-        except (TypeError, ValueError) as error:
-            raise InvalidArgument(f"motion[{k}]: (q, v, tau) is needed ({error})") from error
-        try:
-            q, v, tau = check(q, v, tau)
-            scene.check(q, v).raise_if_open()
-        except InvalidArgument as error:
-            raise InvalidArgument(f"motion[{k}]: {error}") from error
-        except NotAssembled as error:
-            raise NotAssembled(f"motion[{k}]: {error}", error.assembly) from error
-        states.append((q, v, tau))
-    if not states:
-        raise InvalidArgument("motion: it is empty; one state (q, v, tau) at least is needed")
-    return states
 
 
 def _times(

@@ -18,7 +18,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from math import sqrt
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
@@ -26,12 +25,11 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import HIGH, LOW
 from condyn_pin._core.arrays import Array, finite, finite_rows
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.mjcf_file import require_mujoco
 from condyn_pin.model.robot import Robot
-from condyn_pin.study.mujoco.pairs import Pair, check_axes, pairs_of
+from condyn_pin.study.mujoco.pairs import Pair, check_axes, check_units, pairs_of
 from condyn_pin.study.mujoco.velocity_map import VelocityMap, moved, reordered
 
 if TYPE_CHECKING:
@@ -93,7 +91,6 @@ class MujocoBridge:
         object.__setattr__(self, "names", MappingProxyType(dict(self.names)))
         object.__setattr__(self, "without", tuple(self.without))
         object.__setattr__(self, "_pairs", paired)
-        object.__setattr__(self, "_units", self.robot.arguments.units)
         data = mujoco.MjData(self.model)
         mujoco.mj_kinematics(self.model, data)
         check_axes(self.robot, data, paired, self.from_mujoco(data.qpos, data.qvel)[0])
@@ -167,7 +164,7 @@ class MujocoBridge:
             x = qpos_[..., pair.qpos]
             if pair.kind in ("free", "ball"):
                 x = reordered(x, -1)
-                _check_units("qpos", x[..., -4:], slice(pair.qpos.stop - 4, pair.qpos.stop))
+                check_units("qpos", x[..., -4:], slice(pair.qpos.stop - 4, pair.qpos.stop))
             if pair.kind == "free":
                 x = moved(self.robot.model.jointPlacements[pair.here].inverse(), x)
             if pair.kind == "hinge" and pair.q.stop - pair.q.start == 2:
@@ -240,8 +237,8 @@ class MujocoBridge:
 
     def _configuration(self, q: ArrayLike) -> Array:
         q_ = finite_rows("q", q, self.robot.nq)
-        for part in self._units:  # type: ignore[attr-defined]
-            _check_units("q", q_[..., part], part)
+        for part in self.robot.arguments.units:
+            check_units("q", q_[..., part], part)
         return q_
 
     def _held(self, data: Any) -> tuple[Array, Array]:
@@ -251,16 +248,3 @@ class MujocoBridge:
             raise InvalidArgument(f"data = {type(data).__name__}: a mujoco.MjData is needed")
         qpos = finite("data.qpos", data.qpos, self.model.nq)
         return qpos, finite("data.qvel", data.qvel, self.model.nv)
-
-
-def _check_units(name: str, x: Array, part: slice) -> None:
-    squared = np.atleast_1d((x * x).sum(axis=-1))
-    wrong = squared[~((squared > LOW) & (squared < HIGH))]
-    if wrong.size:
-        order = "(w x y z)" if name == "qpos" else "(x y z w) or (cos, sin)"
-        raise InvalidArgument(
-            f"{name}[{part.start}:{part.stop}] has norm {sqrt(wrong.flat[0]):.9g}: a unit "
-            f"quaternion {order} is needed; "
-            + ("mujoco.mj_normalizeQuat" if name == "qpos" else "pin.normalize")
-            + " makes one"
-        )

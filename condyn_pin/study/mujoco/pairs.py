@@ -9,12 +9,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import sqrt
 from typing import Any, Final
 
 import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import HIGH, LOW
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import checked, listed
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
@@ -170,3 +172,17 @@ def axes(model: Any, placed: Any, data: Any, pair: Pair) -> tuple[Array, Array]:
 def _numbers(values: Array) -> str:
     columns = np.atleast_2d(np.round(values.T, 4) + 0.0)  # no minus zero
     return ", ".join(f"({', '.join(f'{x:g}' for x in column)})" for column in columns)
+
+
+def check_units(name: str, x: Array, part: slice) -> None:
+    """Refuse quaternions, or (cos, sin), that are not of norm 1."""
+    squared = np.atleast_1d((x * x).sum(axis=-1))
+    wrong = squared[~((squared > LOW) & (squared < HIGH))]
+    if wrong.size:
+        order = "(w x y z)" if name == "qpos" else "(x y z w) or (cos, sin)"
+        raise InvalidArgument(
+            f"{name}[{part.start}:{part.stop}] has norm {sqrt(wrong.flat[0]):.9g}: a unit "
+            f"quaternion {order} is needed; "
+            + ("mujoco.mj_normalizeQuat" if name == "qpos" else "pin.normalize")
+            + " makes one"
+        )

@@ -1,4 +1,4 @@
-"""Cards: what a robot.toml may say, and the pieces of it that are chosen by a variant.
+"""Configs: what a robot.toml may say, and the pieces of it that are chosen by a variant.
 
 What is wrong is said in the words of the file: the entry, its value, and what would do.
 
@@ -6,7 +6,7 @@ What is wrong is said in the words of the file: the entry, its value, and what w
     [variants.springs.locked.description]
     lock = ["left-knee-shin-joint"]
 
-The first value of an option is its default. A piece has the entries of the card itself: tables are
+The first value of an option is its default. A piece has the entries of the config: tables are
 merged, lists grow, and the rest is replaced.
 """
 
@@ -35,7 +35,7 @@ _TRUTH: Final[Check] = (lambda x: isinstance(x, bool), "true or false")
 _TABLE: Final[Check] = (lambda x: isinstance(x, dict), "a table")
 _TABLES: Final[Check] = (_is_list(dict), "a list of tables")
 
-_CARD: Final[Mapping[str, Check]] = {
+_CONFIG: Final[Mapping[str, Check]] = {
     "name": _TEXT, "source": _TEXT, "licence": _TEXT, "actuated": _TEXTS, "description": _TABLE,
     "frames": _TABLES, "loops": _TABLES, "contacts": _TABLES, "postures": _TABLE,
 }  # fmt: skip
@@ -49,19 +49,19 @@ _DESCRIPTION: Final[Mapping[str, Check]] = {
 _FRAME: Final = ("name", "parent", "translation", "rotation")
 
 
-def check_card(card: Table) -> None:
-    """Refuse entries that no card has, and values that are not what their entry needs."""
+def check_config(config: Table) -> None:
+    """Refuse entries that no config has, and values that are not what their entry needs."""
     for key in ("name", "description"):
-        if key not in card:
+        if key not in config:
             raise InvalidModel(f"the entry {key!r} is missing")
-    _check_table("", card, _CARD)
-    description = card["description"]
+    _check_table("", config, _CONFIG)
+    description = config["description"]
     if "file" not in description:
         raise InvalidModel("the entry description.file is missing")
     _check_table("description.", description, _DESCRIPTION)
-    for name, values in card.get("postures", {}).items():
+    for name, values in config.get("postures", {}).items():
         _check("postures.", name, values, _TABLE)
-    for i, frame in enumerate(card.get("frames", ())):
+    for i, frame in enumerate(config.get("frames", ())):
         _check_names(f"frames[{i}]", frame, _FRAME, _FRAME[:3])
     _check_file(description)
 
@@ -80,7 +80,7 @@ def _check_file(description: Table) -> None:
 
 
 def loops_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
-    """Return the loops that a card lists: a kind without a word of its own is one of `Loop`."""
+    """Return the loops that a config lists: a kind without a word of its own is one of `Loop`."""
     known = worded(closes=True)
     made = []
     for i, table in enumerate(tables):
@@ -93,7 +93,7 @@ def loops_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
 
 
 def contacts_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
-    """Return the contacts that a card lists."""
+    """Return the contacts that a config lists."""
     known = worded(closes=False)
     made = []
     for i, table in enumerate(tables):
@@ -141,12 +141,12 @@ def _check(where: str, key: str, value: Any, check: Check) -> None:
         raise InvalidModel(f"the entry {where}{key} = {value!r}: {needed} is needed")
 
 
-def chosen_card(card: Mapping[str, Any], variant: Mapping[str, str]) -> dict[str, Any]:
-    """Return a card with the chosen values of its options, and the defaults of the others.
+def chosen_config(config: Mapping[str, Any], variant: Mapping[str, str]) -> dict[str, Any]:
+    """Return a config with the chosen values of its options, and the defaults of the others.
 
     Parameters
     ----------
-    card : mapping
+    config : mapping
         A robot.toml, as read.
     variant : mapping of str to str
         Option to value, such as ``{"springs": "locked"}``.
@@ -156,10 +156,10 @@ def chosen_card(card: Mapping[str, Any], variant: Mapping[str, str]) -> dict[str
     UnknownName
         If the robot has no such option, or the option no such value.
     """
-    options = card.get("variants", {})
+    options = config.get("variants", {})
     _check_options(options)
     check_variant(variant, options)
-    merged = {key: entry for key, entry in card.items() if key != "variants"}
+    merged = {key: entry for key, entry in config.items() if key != "variants"}
     other = []  # what is not the default, for the name
     for option, values in options.items():
         default = next(iter(values))

@@ -1,0 +1,161 @@
+"""Assembling: loops closed from a guess, on the branch of the start.
+
+`condyn_pin.mechanism.closing` has the runs that are tried, one after the other;
+`condyn_pin.mechanism.closed_chains` says what a branch is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.linalg.numerical_rank import rank_of
+from condyn_pin._core.names import checked
+from condyn_pin.dynamics.at_state import gaps
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
+from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
+from condyn_pin.mechanism.closing import Closer, Closing
+from condyn_pin.model.limits import NO_LIMITS, Limits
+
+
+@one_blas_thread
+def assemble(
+    scene: Scene,
+    q0: ArrayLike,
+    *,
+    fixed: Sequence[str] = (),
+    within_limits: bool = True,
+    branch: Mapping[str, int] | None = None,
+    throw: bool = True,
+) -> Assembly:
+    """Close the loops of a scene; see `Scene.assemble`."""
+    robot, chains = scene.robot, chains_of(scene)
+    robot.check_unedited()
+    start = normalised(robot.model, "q", q0)
+    held = indices(robot.model, checked("fixed", fixed, robot.joints, "joint"))[1]
+    if within_limits:
+        check_held("fixed", chains.limits, start, held)
+    if branch is not None:
+        _check_branch(branch, chains.assembly_mode)
+    moving = np.ones(robot.nv, dtype=bool)
+    moving[held] = False
+    assembly = assemble_from(scene, start, moving, within_limits=within_limits, branch=branch)
+    if throw and not assembly.status.ok:
+        raise assembly.error()
+    return assembly
+
+
+@one_blas_thread
+def assemble_posture(scene: Scene, guess: Array) -> Assembly:
+    """Close a posture: within the joint limits if it starts there and that can be, or without.
+
+    On the side of its dead points where it is; or else on that of the first posture, for what a
+    rough drawing is far from closed has no side.
+    """
+    inside = not chains_of(scene).limits.beyond(guess)
+    for within_limits in (True, False) if inside else (False,):
+        for branch in (None, chains_of(scene).assembly_mode):
+            found = assemble(scene, guess, within_limits=within_limits, branch=branch, throw=False)
+            if found.status is not AssemblyStatus.BRANCH_CHANGED:
+                break
+        if found.status.ok:
+            return found
+    raise found.error()
+
+
+def assemble_from(
+    scene: Scene,
+    start: Array,
+    moving: NDArray[np.bool_],
+    *,
+    within_limits: bool,
+    branch: Mapping[str, int] | None = None,
+) -> Assembly:
+    """Close the loops of a scene with the velocity indices that may move; nothing is raised."""
+    chains = chains_of(scene)
+    closer = Closer.of(scene, moving, chains.limits if within_limits else NO_LIMITS)
+    end, status, flipped = best_end(chains, closer, start, branch)
+    iterations, beyond = end.iterations, chains.limits.beyond(end.q)
+    if within_limits and status is AssemblyStatus.UNREACHABLE:
+        free = Closer.of(scene, moving).close(end.q)
+        iterations += free.iterations
+        if free.size <= tolerances.CLOSED:
+            status, beyond = AssemblyStatus.BEYOND_LIMITS, chains.limits.beyond(free.q)
+    J = end.J
+    return Assembly(
+        q=end.q,
+        violation=gaps(scene, closer.equations.violation(end.q)),
+        iterations=iterations,
+        rank=rank_of(np.linalg.svd(J[chains.rows], compute_uv=False)),
+        smallest_singular_value=chains.smallest(J),
+        branch=chains.branch(J),
+        flipped=flipped,
+        beyond_limits=beyond,
+        status=status,
+        scene=scene,
+        start=start,
+    )
+
+
+def best_end(
+    chains: ClosedChains, closer: Closer, start: Array, branch: Mapping[str, int] | None
+) -> tuple[Closing, AssemblyStatus, tuple[str, ...]]:
+    """Return the first end that is closed on the right branch, or else the best one.
+
+    With the iterations of all runs, a status, and the clusters on the wrong side of a dead point.
+    """
+    wanted = chains.branch(closer.equations.jacobian(start)) if branch is None else branch
+    best: Closing | None = None
+    iterations = 0
+    for end in closer.ends(start):
+        iterations += end.iterations
+        if end.size <= tolerances.CLOSED and not _across(wanted, chains.branch(end.J)):
+            return replace(end, iterations=iterations), AssemblyStatus.CLOSED, ()
+        if best is None or (best.size > tolerances.CLOSED and end.size <= best.size):
+            best = end
+    assert best is not None
+    best = replace(best, iterations=iterations)
+    if best.size <= tolerances.CLOSED:
+        return best, AssemblyStatus.BRANCH_CHANGED, _across(wanted, chains.branch(best.J))
+    status = AssemblyStatus.UNREACHABLE if best.stationary else AssemblyStatus.STALLED
+    return best, status, ()
+
+
+def _across(one: Mapping[str, int], other: Mapping[str, int]) -> tuple[str, ...]:
+    """Return the clusters that two branches have on different sides of a dead point."""
+    return tuple(name for name, side in one.items() if side * other.get(name, 0) < 0)
+
+
+def check_held(argument: str, limits: Limits, q: Array, held: Indices) -> None:
+    """Refuse a joint that is to stay where its limits do not allow it."""
+    for joint, by in limits.beyond(q).items():
+        if joint in limited(limits, held):
+            raise InvalidArgument(
+                f"{argument}: {joint!r} is {by} beyond its limits; "
+                "give it another value, or pass within_limits=False"
+            )
+
+
+def limited(limits: Limits, of: Indices) -> set[str]:
+    """Return the joints with limits among some velocity indices."""
+    return {joint for joint, iv in zip(limits.joints, limits.iv, strict=True) if iv in of}
+
+
+def _check_branch(branch: Mapping[str, int], known: Mapping[str, int]) -> None:
+    if not isinstance(branch, Mapping):
+        raise InvalidArgument(f"branch = {branch!r}: the branch of an Assembly is needed")
+    for name, side in branch.items():
+        if name not in known:
+            raise unknown_name("cluster of loops", str(name), known)
+        if side not in (-1, 0, 1):
+            raise InvalidArgument(f"branch[{name!r}] = {side!r}: one of -1, 0 and 1 is needed")
