@@ -95,7 +95,7 @@ def test_contract(name, label):
     assert list(found.forces) == list(problem.names)
     assert str(found).startswith(found.status.name.lower())
     if problem.rows:
-        assert found.path[0] in (solver.title, "Newton")
+        assert found.path[0] in (solver.title, "Newton", "sticking")
         assert natural(problem, found.lam) == pytest.approx(found.residuals.natural, abs=1e-14)
     if found.status.ok:
         assert found.residuals.natural <= CONTACT_SOLVED
@@ -213,6 +213,30 @@ def test_polish_ends_at_rounding():
     rough, fine = (solve_contact(problem, ADMM(polish=polish)) for polish in (False, True))
     assert fine.residuals.natural < 1e-14 < rough.residuals.natural
     assert fine.path == ("ADMM", "Newton")
+
+
+@pytest.mark.parametrize(
+    "problem",
+    [
+        solo12().problem,
+        solo12(law="ccp", R=SOFT).problem,
+        box(push=(2.0, 0.0, 0.0)).problem,
+        box(push=(0.0, 0.0, 30.0)).problem,
+        ContactProblem(np.eye(3) + 0.1, [-1.0, 0.2, 0.3], [], 2, [5.0]),
+    ],
+    ids=["solo12", "soft", "box, redundant", "box flies", "stops and dry friction"],
+)
+def test_what_does_not_slide_is_answered_at_once_and_to_rounding(problem):
+    found = solve_contact(problem, ADMM())
+    assert found.path == ("sticking",)
+    assert found.iterations == 1
+    assert natural(problem, found.lam) < 1e-14
+
+
+def test_no_impulse_where_all_contacts_leave():
+    """Where friction couples to the normal, one that sticks would answer as well."""
+    problem = ContactProblem([[1, 0, -1.9], [0, 1, 0], [-1.9, 0, 4]], [-1.0, 0.0, 0.1], [3.0])
+    assert not solve_contact(problem, ADMM()).lam.any()
 
 
 def test_newton_is_exact():
