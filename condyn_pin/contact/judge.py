@@ -141,7 +141,7 @@ def attempt_contact(
     apart = islands(problem)
     if not apart:
         return _insist(problem, solver, guess, accuracy)
-    lam, iterations, path = np.empty(problem.rows), 0, dict[str, None]()
+    lam, iterations, path, answered = np.empty(problem.rows), 0, dict[str, None](), True
     for island in apart:
         part = island.problem(problem)
         begin = None if guess is None else guess[island.rows]
@@ -150,7 +150,8 @@ def attempt_contact(
         lam[island.rows] = found.lam
         iterations += found.iterations
         path |= dict.fromkeys(found.path)
-    return Attempt(lam, iterations, tuple(path)), natural_residual(problem, lam)
+        answered &= found.answered
+    return Attempt(lam, iterations, tuple(path), answered), natural_residual(problem, lam)
 
 
 def _insist(

@@ -6,8 +6,9 @@
    registers itself under its lower-case name in `CONTACT_SOLVERS`.
 3. Write `attempt(problem, guess)`. It returns an `Attempt`: impulses, iterations, and which methods
    had a part. It need not look whether it succeeded: `solve_contact` proves every answer, by the
-   same formulas. What cannot be answered is returned as the best that was found; NaN may come
-   out, and becomes a status.
+   same formulas. What cannot be answered is returned as the best that was found. One that is not
+   `exact` says whether it `answered` its own problem: residuals cannot tell. NaN may come out, and
+   becomes a status.
 4. A method that sometimes fails yields from `alternatives` what else is to be tried, in this order.
    The judge asks for the next one while the natural residual is too large.
 5. It is handed any scale: take the problem from `normalised` where tolerances are absolute.
@@ -36,12 +37,13 @@ class Attempt(NamedTuple):
     lam: Array  # (m,) [N s]
     iterations: int
     path: tuple[str, ...]  # titles of the methods that had a part, the one that answered last
+    answered: bool = True  # whether a method that is not `exact` solved what it puts in its place
 
     def after(self, before: Attempt) -> Attempt:
         """Return these impulses, with the iterations and methods of what came `before`."""
         goes_on = before.path[-1:] == self.path[:1]
         path = (*before.path, *(self.path[1:] if goes_on else self.path))
-        return Attempt(self.lam, before.iterations + self.iterations, path)
+        return self._replace(iterations=before.iterations + self.iterations, path=path)
 
 
 @dataclass(frozen=True)

@@ -102,14 +102,14 @@ class ContactSteps:
         StepFailed if the contact solver has no answer.
         """
         taken = self.attempt(t, q, v)
-        exact, natural = self._scheme.contact.exact, self.last.natural
-        answered = bool(np.isfinite(self.last.attempt.lam).all())
-        if not isfinite(natural) and answered:
+        exact, natural, found = self._scheme.contact.exact, self.last.natural, self.last.attempt
+        if not isfinite(natural) and np.isfinite(found.lam).all():
             raise StepFailed(
                 f"t = {t:g} s: the step is not finite, its numbers overflow; look at v, tau and "
                 "masses, or take a smaller dt"
             )
-        if not natural <= tolerances.CONTACT_SOLVED and (exact or not answered):
+        solved = natural <= tolerances.CONTACT_SOLVED
+        if not solved and (exact or not (found.answered and isfinite(natural))):
             names = ", ".join(self.last.posed.problem.names)
             raise StepFailed(
                 f"contacts {names} at t = {t:g} s: "
