@@ -138,6 +138,10 @@ def attempt_contact(
     """
     if not problem.rows:
         return Attempt(np.zeros(0), 0, ()), 0.0
+    if guess is None and (quick := solver.at_once(problem)) is not None:
+        natural = natural_residual(problem, quick.lam)
+        if natural <= accuracy:
+            return quick, natural
     apart = islands(problem)
     if not apart:
         return _insist(problem, solver, guess, accuracy)
@@ -146,7 +150,7 @@ def attempt_contact(
         part = island.problem(problem)
         begin = None if guess is None else guess[island.rows]
         enough = max(accuracy * _share(part, problem), FINEST)
-        found, _ = _insist(part, solver, begin, enough)
+        found, _ = attempt_contact(part, solver, begin, enough)
         lam[island.rows] = found.lam
         iterations += found.iterations
         path |= dict.fromkeys(found.path)

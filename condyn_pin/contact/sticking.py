@@ -17,12 +17,9 @@ from scipy.linalg.lapack import dpotrf, dpotrs
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem
 
-# What redundant contacts get more on the diagonal of G, relative: far above rounding, far below the
-# eigenvalues of contacts that feel each other, 1e-5.
-_MORE: Final = 1e-8
-
-# Corrections, each of which takes out what _MORE has left: 1e-3 of it at an eigenvalue of 1e-5.
-_CORRECTIONS: Final = 2
+# What G gets more on its diagonal, relative: far above rounding, far below its eigenvalues where
+# contacts are not redundant, 1e-5. One correction leaves the square of their ratio.
+_MORE: Final = 1e-9
 
 
 def sticking(problem: ContactProblem) -> Array | None:
@@ -51,7 +48,7 @@ def sticking(problem: ContactProblem) -> Array | None:
 
 def _closing(problem: ContactProblem) -> list[bool]:
     """Return for each contact whether it closes without impulses; dry friction counts as one."""
-    _, lines, dry = problem.sets.parts
+    lines = problem.sets.parts[1]
     normal = [*problem.g[problem.sets.axes[2]].tolist(), *problem.g[lines].tolist()]
     return [*(speed < 0 for speed in normal), *len(problem.limits) * (True,)]
 
@@ -64,7 +61,5 @@ def _solved(G: Array, g: Array) -> Array | None:
     factor, info = dpotrf(more, overwrite_a=1)
     if info:
         return None
-    lam = dpotrs(factor, -g)[0]
-    for _ in range(_CORRECTIONS):
-        lam -= dpotrs(factor, G.dot(lam) + g)[0]
-    return np.asarray(lam)
+    lam = -dpotrs(factor, g)[0]
+    return np.asarray(lam - dpotrs(factor, G.dot(lam) + g)[0])

@@ -32,6 +32,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel
 
 _EPS = float(np.finfo(np.float64).eps)
+_NONE, _EMPTY = np.zeros(0), np.zeros((0, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -147,7 +148,7 @@ def factorise(
     if info:
         raise InvalidModel(why() or "the mass matrix is not positive definite at this q")
     if not len(J):
-        return MinimumNorm(upper.T, np.zeros((0, 0)), np.zeros(0), np.zeros((len(M), 0)), 0)
+        return MinimumNorm(upper.T, _EMPTY, _NONE, np.zeros((len(M), 0)), 0)
     Jw = lapack.dtrtrs(upper, J.T, trans=1)[0].T
     # all of U, whose last columns are the redundancy, but only so much of V as can be needed
     U, S, Vt, info = lapack.dgesdd(Jw, full_matrices=len(J) > len(M))

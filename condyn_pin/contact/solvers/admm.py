@@ -11,7 +11,6 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import Grid, check_accuracy, check_count, check_iterations
 from condyn_pin.contact.padded import padded
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.scaling import normalised
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.contact.solvers.newton import refine, restarts
@@ -75,13 +74,16 @@ class ADMM(ContactSolver):
         check_iterations(self.max_iterations)
         check_count("anderson", self.anderson, least=0)
 
+    def at_once(self, problem: ContactProblem) -> Attempt | None:
+        """Return the answer if no contact slides."""
+        lam = None if self.polish else sticking(problem)
+        return None if lam is None else Attempt(lam, 1, ("sticking",))
+
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
-        """Return impulses that stick, or what Pinocchio's ADMM answers; polished if asked for."""
-        found = None if guess is not None else self._sticking(problem)
-        if found is None:
-            if not _taken(problem):
-                return refine(problem, guess, _RESCUE)
-            found = self._run(problem, guess, self.anderson)
+        """Return what Pinocchio's ADMM answers, polished if that is asked for."""
+        if not _taken(problem):
+            return refine(problem, guess, _RESCUE)
+        found = self._run(problem, guess, self.anderson)
         return refine(problem, found.lam, _POLISH).after(found) if self.polish else found
 
     def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
@@ -94,13 +96,6 @@ class ADMM(ContactSolver):
                 found = again._replace(path=("ADMM without Anderson",)).after(found)
                 yield found
         yield from restarts(problem, found, _RESCUE)
-
-    def _sticking(self, problem: ContactProblem) -> Attempt | None:
-        """Return the answer to the problem if no contact slides."""
-        lam = sticking(problem)
-        if lam is None or not natural_residual(problem, lam) <= self.tolerance:
-            return None
-        return Attempt(lam, 1, ("sticking",))
 
     def _run(self, problem: ContactProblem, guess: Array | None, anderson: int) -> Attempt:
         small, unit = normalised(problem)

@@ -10,7 +10,8 @@
    `exact` says whether it `answered` its own problem: residuals cannot tell. NaN may come out, and
    becomes a status.
 4. A method that sometimes fails yields from `alternatives` what else is to be tried, in this order.
-   The judge asks for the next one while the natural residual is too large.
+   The judge asks for the next one while the natural residual is too large. One that has a guess
+   at most problems for next to nothing returns it from `at_once`, which is asked first.
 5. It is handed any scale: take the problem from `normalised` where tolerances are absolute.
 6. It reads nothing that an earlier call left behind: the same problem and guess give the same bits.
 7. Sources: cite the paper in the docstring.
@@ -66,6 +67,10 @@ class ContactSolver(ABC):
     @abstractmethod
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
         """Return impulses (m,) of a `problem`; `guess` is where to begin."""
+
+    def at_once(self, problem: ContactProblem) -> Attempt | None:
+        """Return impulses that cost little and are often right, None if there are none."""
+        return None
 
     def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
         """Yield other attempts at a `problem` than `found`.
