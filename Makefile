@@ -18,7 +18,8 @@ VENV3  := .venv3
 VENVW  := .venv-wheel
 PEERS  ?= build/peers
 BIN    := $(VENV)/bin
-NUMERICS := $(patsubst %,tests/test_%.py,contract weights extremes nonholonomic bridge derivatives batch)
+NUMERICS := $(patsubst %,tests/test_%.py,contract weights extremes nonholonomic bridge derivatives batch \
+  contact_solvers contact_residuals contact_motions steppers control qp)
 PIP    := -m pip install --quiet --disable-pip-version-check
 
 export OMP_NUM_THREADS := 1

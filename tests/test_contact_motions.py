@@ -269,3 +269,12 @@ def test_polygons_are_off_by_what_they_are_off_a_circle(
     assert run.status.ok, run.reason
     assert run.contact is not None
     assert run.contact.natural.max() < np.sin(np.pi / sides) / 2
+
+
+def test_polygons_that_were_not_answered_end_a_motion() -> None:
+    """However far polygons are from circles by themselves: one pivot is no answer."""
+    scene, q = ball_scene(), np.array([0, 0, 0.05, *UPRIGHT])
+    v = np.array([1.0, 0, 0, 0, 0, 0])
+    assert cp.simulate(scene, q, v, duration=0.01, integrator=Moreau(Lemke(4))).status.ok
+    with pytest.raises(cp.errors.StepFailed, match="Lemke"):
+        cp.simulate(scene, q, v, duration=0.01, integrator=Moreau(Lemke(4, max_iterations=1)))

@@ -7,8 +7,9 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import numpy as np
+import pinocchio as pin
 import pytest
-from contact_problems import box, natural, random, rod, rolling_sole, solo12
+from contact_problems import box, natural, random, rod, rolling_sole, solo12, touching
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -95,7 +96,7 @@ def test_contract(name, label):
     assert list(found.forces) == list(problem.names)
     assert str(found).startswith(found.status.name.lower())
     if problem.rows:
-        assert found.path[0] in (solver.title, "Newton")
+        assert found.path[0] in (solver.title, "Newton", "sticking")
         assert natural(problem, found.lam) == pytest.approx(found.residuals.natural, abs=1e-14)
     if found.status.ok:
         assert found.residuals.natural <= CONTACT_SOLVED
@@ -215,6 +216,30 @@ def test_polish_ends_at_rounding():
     assert fine.path == ("ADMM", "Newton")
 
 
+@pytest.mark.parametrize(
+    "problem",
+    [
+        solo12().problem,
+        solo12(law="ccp", R=SOFT).problem,
+        box(push=(2.0, 0.0, 0.0)).problem,
+        box(push=(0.0, 0.0, 30.0)).problem,
+        ContactProblem(np.eye(3) + 0.1, [-1.0, 0.2, 0.3], [], 2, [5.0]),
+    ],
+    ids=["solo12", "soft", "box, redundant", "box flies", "stops and dry friction"],
+)
+def test_what_does_not_slide_is_answered_at_once_and_to_rounding(problem):
+    found = solve_contact(problem, ADMM())
+    assert found.path == ("sticking",)
+    assert found.iterations == 1
+    assert natural(problem, found.lam) < 1e-14
+
+
+def test_no_impulse_where_all_contacts_leave():
+    """Where friction couples to the normal, one that sticks would answer as well."""
+    problem = ContactProblem([[1, 0, -1.9], [0, 1, 0], [-1.9, 0, 4]], [-1.0, 0.0, 0.1], [3.0])
+    assert not solve_contact(problem, ADMM()).lam.any()
+
+
 def test_newton_is_exact():
     for label in ("box slides", "solo12", "solo12 slides", "random, everything"):
         problem = PROBLEMS[label]
@@ -281,6 +306,57 @@ def test_lemke_ends_on_ties():
     G = np.ones((30, 30))
     problem = ContactProblem(G, -np.ones(30), [], half_lines=30)
     assert solve_contact(problem, Lemke()).lam.sum() == pytest.approx(1.0)
+
+
+def redundant_boxes(seed: int) -> ContactProblem:
+    """Return boxes on up to eight equal corners each, stacked or not, asked to close odd gaps."""
+    rng = np.random.default_rng(seed)
+    boxes, corners = rng.integers(1, 4), rng.integers(2, 9)
+    J = np.zeros((3 * boxes * corners, 6 * boxes))
+    for row in range(0, len(J), 3):
+        i = row // (3 * corners)
+        p, below = (rng.choice([-1.0, 1.0], 3) * (0.1, 0.2, 0.05) for _ in range(2))
+        J[row : row + 3, 6 * i : 6 * i + 6] = np.hstack([np.eye(3), -pin.skew(p)])
+        if i:
+            J[row : row + 3, 6 * i - 6 : 6 * i] = -np.hstack([np.eye(3), -pin.skew(below)])
+    M = np.diag(np.repeat(10 ** rng.uniform(-2, 2, boxes), 6))
+    gaps = rng.choice([0.0, 1e-9, 1e-6]) * rng.uniform(size=len(J))
+    mu = rng.choice([0.0, 0.3, 1.0, 100.0])
+    problem = touching(J, M, rng.normal(size=6 * boxes), np.full(len(J) // 3, mu)).problem
+    return replace(problem, g=problem.g + gaps)
+
+
+@pytest.mark.parametrize("sides", [4, 8, 16])
+def test_lemke_answers_redundant_polygons_on_any_processor(sides):
+    """The most dissipation of a polygon, l_t . s_t = -mu l_n max(-d . s_t), and pivots that end."""
+    angles = 2 * np.pi * np.arange(sides) / sides
+    c, s = np.cos(np.pi / sides), np.sin(np.pi / sides)
+    D = np.column_stack([np.cos(angles), np.sin(angles)])
+    outward = D @ [[c, s], [-s, c]]  # normals of the sides, halfway between corners
+    for seed in range(100):
+        problem = redundant_boxes(seed)
+        found = Lemke(sides).attempt(problem)
+        assert found.answered
+        assert found.iterations < 20 * problem.rows
+        (stiff, speed), mu = problem.scale, problem.friction
+        L = found.lam.reshape(-1, 3) * stiff / speed
+        S = problem.velocities(found.lam).reshape(-1, 3) / speed
+        small = 1e-7 * max(1.0, np.abs(L).max(), mu.max())
+        assert np.minimum(L[:, 2], S[:, 2]).min() > -small
+        assert (L[:, :2] @ outward.T - mu[:, None] * c * L[:, 2:]).max() < small
+        assert (L[:, 2] * S[:, 2]).max() < small
+        slip = (-S[:, :2] @ D.T).max(axis=1)
+        assert np.abs((L[:, :2] * S[:, :2]).sum(axis=1) + mu * L[:, 2] * slip).max() < small
+
+
+def test_polygons_without_an_answer_are_no_nan():
+    """What is nearest to one comes back, and says that it is none."""
+    G = np.zeros((6, 6))
+    G[:3, :3] = np.eye(3)
+    problem = ContactProblem(G, [0, 0, -1, 0, 0, -1], [0.5, 0.5])
+    found = Lemke().attempt(problem)
+    assert not found.answered
+    assert np.isfinite(found.lam).all()
 
 
 @pytest.mark.parametrize("R", [0.2, 0.05, 0.01, 1e-3, 1e-6])

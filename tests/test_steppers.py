@@ -25,6 +25,7 @@ from condyn_pin.constraints import (
 from condyn_pin.contact import ContactProblem, SemismoothNewton
 from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.dynamics import contact_gaps
+from condyn_pin.errors import StepFailed
 from condyn_pin.model import free_ball, free_box, painleve_rod, pendulum, together
 from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
 from condyn_pin.simulation.integrators import contact_steps
@@ -444,6 +445,23 @@ def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) 
         cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3)
     now = cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3, throw=False)
     assert not now.status.ok
+
+
+def test_a_run_that_ends_in_the_infeasible_names_what_no_impulse_can_meet() -> None:
+    """A ball between a floor and a ceiling that are 0.1 mm nearer than it is wide."""
+    floor = FrictionalContact("ball", Ball(0.05), friction=0.5, name="floor")
+    ceiling = replace(floor, on=Plane((0, 0, -1), -0.0999), name="ceiling")
+    wall = replace(floor, on=Plane((-1, 0, 0), -1.0), name="wall")
+    scene = cp.Scene(free_ball(mass=1.0, radius=0.05), contacts=[floor, ceiling, wall])
+    q = np.array([0, 0, 0.04995, 0, 0, 0, 1.0])
+    with pytest.raises(cp.SolveFailed) as caught:
+        cp.step(scene, q, np.zeros(6), dt=1e-3)
+    answer = caught.value.solution.contact
+    assert (answer.status.name, answer.unmet) == ("INFEASIBLE", ("floor", "ceiling"))
+    with pytest.raises(StepFailed) as told:
+        cp.simulate(scene, q, np.zeros(6), duration=0.01)
+    assert str(answer.status) in str(told.value)
+    assert "no impulse can meet floor, ceiling" in str(told.value)
 
 
 def test_a_run_goes_on_from_its_own_end() -> None:

@@ -138,19 +138,24 @@ def attempt_contact(
     """
     if not problem.rows:
         return Attempt(np.zeros(0), 0, ()), 0.0
+    if guess is None and (quick := solver.at_once(problem)) is not None:
+        natural = natural_residual(problem, quick.lam)
+        if natural <= accuracy:
+            return quick, natural
     apart = islands(problem)
     if not apart:
         return _insist(problem, solver, guess, accuracy)
-    lam, iterations, path = np.empty(problem.rows), 0, dict[str, None]()
+    lam, iterations, path, answered = np.empty(problem.rows), 0, dict[str, None](), True
     for island in apart:
         part = island.problem(problem)
         begin = None if guess is None else guess[island.rows]
         enough = max(accuracy * _share(part, problem), FINEST)
-        found, _ = _insist(part, solver, begin, enough)
+        found, _ = attempt_contact(part, solver, begin, enough)
         lam[island.rows] = found.lam
         iterations += found.iterations
         path |= dict.fromkeys(found.path)
-    return Attempt(lam, iterations, tuple(path)), natural_residual(problem, lam)
+        answered &= found.answered
+    return Attempt(lam, iterations, tuple(path), answered), natural_residual(problem, lam)
 
 
 def _insist(

@@ -72,8 +72,9 @@ def natural_residual(problem: ContactProblem, lam: Array) -> float:
     s = (problem.velocities(lam) / speed).tolist()
     t1, t2, n = sets.axes
     missed = [_EPS * max(map(abs, l))]  # d is lost beside an impulse that is huge
-    by_cone = _missed_in_an_ncp if problem.law == "ncp" else _missed_in_a_ccp
-    missed += map(by_cone, sets.coefficients, l[t1], l[t2], l[n], s[t1], s[t2], s[n])
+    mu = sets.coefficients
+    lift = mu if problem.law == "ncp" else len(mu) * [0.0]
+    missed += map(_missed_by_a_cone, mu, lift, l[t1], l[t2], l[n], s[t1], s[t2], s[n])
     if problem.half_lines:
         lines = sets.parts[1]
         missed += map(_missed_by_a_half_line, l[lines], s[lines])
@@ -83,17 +84,11 @@ def natural_residual(problem: ContactProblem, lam: Array) -> float:
     return max(missed) if isfinite(sum(missed)) else nan
 
 
-def _missed_in_an_ncp(
-    mu: float, l1: float, l2: float, ln: float, s1: float, s2: float, sn: float
+def _missed_by_a_cone(
+    mu: float, lift: float, l1: float, l2: float, ln: float, d1: float, d2: float, sn: float
 ) -> float:
-    """Return |l - P_K(l - d)|_inf of a cone, d = s + (0, 0, mu |s_t|)."""
-    return _missed_in_a_ccp(mu, l1, l2, ln, s1, s2, sn + mu * hypot(s1, s2))
-
-
-def _missed_in_a_ccp(
-    mu: float, l1: float, l2: float, ln: float, d1: float, d2: float, dn: float
-) -> float:
-    """Return |l - P_K(l - d)|_inf of a cone."""
+    """Return |l - P_K(l - d)|_inf of a cone, d = s + (0, 0, lift |s_t|)."""
+    dn = sn + lift * hypot(d1, d2)
     x1, x2, xn = l1 - d1, l2 - d2, ln - dn
     slip = hypot(x1, x2)
     if mu * slip <= -xn < inf:  # the apex is nearest

@@ -43,7 +43,7 @@ class Floating:
 
     def turning(self, v: Array) -> Array:
         """Return w x u of each body (nv,), zero elsewhere: how fast u changes by turning axes."""
-        turning = np.zeros_like(v)
+        turning = np.zeros(len(v))
         for _, i in self._bodies:
             x, y, z, a, b, c = v[i : i + 6].tolist()
             turning[i : i + 3] = b * z - c * y, c * x - a * z, a * y - b * x
@@ -54,10 +54,10 @@ class Floating:
 
     def integrate(self, q: Array, dq: Array) -> Array:
         """Return q moved along dq (nv,), bodies on straight lines."""
-        moved = np.array(pin.integrate(self._model, q, dq))
+        moved: Array = pin.integrate(self._model, q, dq)
         for k, i in self._bodies:
-            R = pin.Quaternion(q[k + 3 : k + 7]).toRotationMatrix()
-            moved[k : k + 3] = q[k : k + 3] + R.dot(dq[i : i + 3])
+            turn = pin.Quaternion(q[k + 3 : k + 7])
+            moved[k : k + 3] = q[k : k + 3] + turn * dq[i : i + 3]
         for k, i in self._planar:
             (x, y), (c, s) = dq[i : i + 2].tolist(), q[k + 2 : k + 4].tolist()
             moved[k : k + 2] = q[k] + c * x - s * y, q[k + 1] + s * x + c * y

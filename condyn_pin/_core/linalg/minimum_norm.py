@@ -31,6 +31,7 @@ from condyn_pin._core.linalg.mass_factor import MassFactor, factorise_mass, lapa
 from condyn_pin.errors import InvalidModel
 
 _EPS = float(np.finfo(np.float64).eps)
+_NONE, _EMPTY = np.zeros(0), np.zeros((0, 0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -154,7 +155,7 @@ def factorise_rows(
     """Factorise J in the metric of M, as `factorise` does."""
     n = len(mass.L)
     if not len(J):
-        return MinimumNorm(mass, np.zeros((0, 0)), np.zeros(0), np.zeros((n, 0)), 0)
+        return MinimumNorm(mass, _EMPTY, _NONE, np.zeros((n, 0)), 0)
     Jw = lapack().dtrtrs(mass.L.T, J.T, trans=1)[0].T
     # all of U, whose last columns are the redundancy, but only so much of V as can be needed
     U, S, Vt, info = lapack().dgesdd(Jw, full_matrices=len(J) > n)

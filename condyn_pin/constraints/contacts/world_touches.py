@@ -1,7 +1,7 @@
 """Feelers over planes of the world: what a step with contacts evaluates most often.
 
 The normal n and the axes d stand still, so that the gap and the moments of the axes about the
-origin are linear in the middle p of a feeler, and one product has all of them:
+origin are linear in the middle p of a feeler:
 
     gap = n . p - (n . o + radius),    (p - radius n) x d
 """
@@ -29,27 +29,30 @@ class WorldTouches(Touches):
         crosses = np.cross(axes[:, :, None], -np.eye(3)).transpose(0, 1, 3, 2)  # p -> p x d
         moments = crosses.reshape(k, 9, 3)
         self._middles = self._local[:, :k]
-        self._slopes = np.concatenate([normals[:, None], moments], axis=1)  # of gap and moments
+        gaps = normals.T[:, None, :] * self._middles  # (3, size, k)
+        self._gap_of = gaps.reshape(3 * len(self._middles), k)
         heights = [np.dot(t.plane.translation, n) for t, n in zip(touches, normals, strict=True)]
-        lowest = np.reshape(heights, (k, 1)) + self._radius[:, None]
+        self._lowest = np.reshape(heights, k) + self._radius
         at_surface = moments @ (self._radius[:, None] * normals)[:, :, None]
-        self._offsets = np.concatenate([lowest, at_surface[:, :, 0]], axis=1)
+        self._moment_of = np.concatenate([moments, -at_surface], axis=2)  # of p and 1
+        self._points = np.ones((4, k))
         self._twist = np.concatenate([axes, np.zeros((k, 3, 3))], axis=2)
         self._data: Any = None
 
     def gaps(self, data: Any) -> Array:
         """Return the signed distances (k,) [m]; reads data.oMi."""
-        return self._linear(data)[:, 0]
+        return self._heights(self._placements.read(data))
 
     def evaluate(self, data: Any) -> tuple[Array, Array]:
         """Return gaps (k,) and the rows t1, t2, n of each feeler (3 k, nv); reads data.J too."""
         if self._data is not data:  # a view into the memory of data: to fetch it costs more
             self._data, self._J = data, data.J.reshape(6, -1)
-        linear = self._linear(data)
-        self._twist[:, :, 3:] = linear[:, 1:].reshape(-1, 3, 3)
-        return linear[:, 0], self._twist.reshape(-1, 6).dot(self._J) * self._moves
+        now = self._placements.read(data)
+        np.dot(now, self._middles, out=self._points[:3])
+        moments = self._moment_of @ self._points.T[:, :, None]
+        self._twist[:, :, 3:] = moments.reshape(-1, 3, 3)
+        return self._heights(now), self._twist.reshape(-1, 6).dot(self._J) * self._moves
 
-    def _linear(self, data: Any) -> Array:
-        """Return the gap, and p x d of t1, t2 and n, of each feeler (k, 10)."""
-        middles = self._placements.read(data).dot(self._middles)
-        return (self._slopes @ middles.T[:, :, None])[:, :, 0] - self._offsets  # type: ignore[no-any-return]
+    def _heights(self, now: Array) -> Array:
+        """Return the gaps of placements (3, size)."""
+        return now.ravel().dot(self._gap_of) - self._lowest  # type: ignore[no-any-return]

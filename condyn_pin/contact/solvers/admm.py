@@ -14,6 +14,7 @@ from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.scaling import normalised
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.contact.solvers.newton import refine, restarts
+from condyn_pin.contact.sticking import sticking
 
 # Newton's steps from an answer that is nearly right, and where nothing is known of it.
 _POLISH, _RESCUE = 3, 50
@@ -24,7 +25,7 @@ _SHARE = 0.25
 
 @dataclass(frozen=True)
 class ADMM(ContactSolver):
-    """Pinocchio's ADMM on the normalised problem, then other methods while that is not enough.
+    """One linear system where no contact slides, else Pinocchio's ADMM, normalised; then others.
 
     Parameters
     ----------
@@ -42,10 +43,12 @@ class ADMM(ContactSolver):
 
     Notes
     -----
-    Cost O(m^3), the factorisation, and O(m^2) an iteration. What is tried, and named in the path,
-    where the natural residual is too large: Newton from there; ADMM without acceleration; Newton
-    from the other starts of `SemismoothNewton`. Pinocchio 3 has neither ccp nor dry friction of
-    joints, and Newton is the first there.
+    Cost O(m^3), the factorisation, and O(m^2) an iteration. Without a guess contacts that would
+    close are first taken to stick, and the others to open (`condyn_pin.contact.sticking`): most
+    steps of a robot on its feet have that answer, to rounding, for a quarter of the time. What is
+    tried, and named in the path, where the natural residual is too large: Newton from there; ADMM
+    without acceleration; Newton from the other starts of `SemismoothNewton`. Pinocchio 3 has
+    neither ccp nor dry friction of joints, and Newton takes the place of ADMM there.
 
     References
     ----------
@@ -70,6 +73,11 @@ class ADMM(ContactSolver):
         check_accuracy("tolerance", self.tolerance)
         check_iterations(self.max_iterations)
         check_count("anderson", self.anderson, least=0)
+
+    def at_once(self, problem: ContactProblem) -> Attempt | None:
+        """Return the answer if no contact slides."""
+        lam = None if self.polish else sticking(problem)
+        return None if lam is None else Attempt(lam, 1, ("sticking",))
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
         """Return what Pinocchio's ADMM answers, polished if that is asked for."""

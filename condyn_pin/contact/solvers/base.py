@@ -6,10 +6,12 @@
    registers itself under its lower-case name in `CONTACT_SOLVERS`.
 3. Write `attempt(problem, guess)`. It returns an `Attempt`: impulses, iterations, and which methods
    had a part. It need not look whether it succeeded: `solve_contact` proves every answer, by the
-   same formulas. What cannot be answered is returned as the best that was found; NaN may come
-   out, and becomes a status.
+   same formulas. What cannot be answered is returned as the best that was found. One that is not
+   `exact` says whether it `answered` its own problem: residuals cannot tell. NaN may come out, and
+   becomes a status.
 4. A method that sometimes fails yields from `alternatives` what else is to be tried, in this order.
-   The judge asks for the next one while the natural residual is too large.
+   The judge asks for the next one while the natural residual is too large. One that has a guess
+   at most problems for next to nothing returns it from `at_once`, which is asked first.
 5. It is handed any scale: take the problem from `normalised` where tolerances are absolute.
 6. It reads nothing that an earlier call left behind: the same problem and guess give the same bits.
 7. Sources: cite the paper in the docstring.
@@ -36,12 +38,13 @@ class Attempt(NamedTuple):
     lam: Array  # (m,) [N s]
     iterations: int
     path: tuple[str, ...]  # titles of the methods that had a part, the one that answered last
+    answered: bool = True  # whether a method that is not `exact` solved what it puts in its place
 
     def after(self, before: Attempt) -> Attempt:
         """Return these impulses, with the iterations and methods of what came `before`."""
         goes_on = before.path[-1:] == self.path[:1]
         path = (*before.path, *(self.path[1:] if goes_on else self.path))
-        return Attempt(self.lam, before.iterations + self.iterations, path)
+        return self._replace(iterations=before.iterations + self.iterations, path=path)
 
 
 @dataclass(frozen=True)
@@ -64,6 +67,10 @@ class ContactSolver(ABC):
     @abstractmethod
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
         """Return impulses (m,) of a `problem`; `guess` is where to begin."""
+
+    def at_once(self, problem: ContactProblem) -> Attempt | None:
+        """Return impulses that cost little and are often right, None if there are none."""
+        return None
 
     def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
         """Yield other attempts at a `problem` than `found`.

@@ -21,7 +21,8 @@ class Chosen:
         cones = candidates.cones
         lines = cones + candidates.half_lines
         self.active, self.rows = active, _all_or(candidates.rows_of(active))
-        self.gaps = _all_or(active[:lines])
+        self.near, self.is_everything = active[:lines], bool(active.all())
+        self.gaps = _all_or(self.near)
         self.over_planes = _all_or(active[: candidates.feelers])
         self.feelers = np.count_nonzero(active[: candidates.feelers])
         k, stops = np.count_nonzero(active[:cones]), np.count_nonzero(active[cones:lines])

@@ -128,8 +128,7 @@ class ContactScheme(Integrator, ABC):
 
     def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
         """Return which gaps (k,) [m, rad] are so small that their contacts take part in a step."""
-        fastest = float(np.maximum.reduce(np.abs(v), initial=0.0))
-        return np.asarray(gaps < max(_NEAR, 2 * dt * fastest))
+        return np.asarray(gaps < max(_NEAR, 2 * dt * fastest(v)))
 
     def check(self, candidates: Candidates) -> None:
         """Refuse `candidates` that rebound where the scheme lets none."""
@@ -154,6 +153,12 @@ def closing_velocities(near: Near) -> Array:
     g = near.free.copy()
     g[near.normals] += (near.bends + allowed_gaps(near.gaps)) / near.dt
     return g
+
+
+def fastest(v: Array) -> float:
+    """Return the largest of velocities (nv,), of either sign."""
+    sizes: map[float] = map(abs, v.tolist())
+    return max(sizes)  # numpy's own takes three times as long for those of a robot
 
 
 def allowed_gaps(gaps: Array) -> Array:

@@ -30,7 +30,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.contact.condense import Condensed, condense
 from condyn_pin.contact.consistent import without_contradiction
-from condyn_pin.contact.judge import attempt_contact
+from condyn_pin.contact.judge import attempt_contact, judged
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
 from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.errors import StepFailed
@@ -102,29 +102,39 @@ class ContactSteps:
         StepFailed if the contact solver has no answer.
         """
         taken = self.attempt(t, q, v)
-        exact, natural = self._scheme.contact.exact, self.last.natural
-        answered = bool(np.isfinite(self.last.attempt.lam).all())
-        if not isfinite(natural) and answered:
+        if not self.last.natural <= tolerances.CONTACT_SOLVED:
+            self._check_answer(t)
+        return taken
+
+    def _check_answer(self, t: float) -> None:
+        """Refuse the last step, unless it has all that its contact solver promises."""
+        solver, (posed, _, found, natural, _) = self._scheme.contact, self.last
+        if not isfinite(natural) and np.isfinite(found.lam).all():
             raise StepFailed(
                 f"t = {t:g} s: the step is not finite, its numbers overflow; look at v, tau and "
                 "masses, or take a smaller dt"
             )
-        if not natural <= tolerances.CONTACT_SOLVED and (exact or not answered):
-            names = ", ".join(self.last.posed.problem.names)
-            raise StepFailed(
-                f"contacts {names} at t = {t:g} s: "
-                f"{self._scheme.contact!r} leaves a natural residual of {natural:.1e}, "
-                f"and {tolerances.CONTACT_SOLVED:g} is asked for; take a smaller dt, or "
+        if not solver.exact and found.answered and isfinite(natural):
+            return
+        answer = judged(posed.problem, found, natural, tolerances.CONTACT_SOLVED, nan)
+        names = ", ".join(posed.problem.names)
+        if answer.unmet:
+            why = f"{answer.status}"
+        else:
+            why = (
+                f"{solver!r} leaves a natural residual of {natural:.1e}, and "
+                f"{tolerances.CONTACT_SOLVED:g} is asked for; take a smaller dt, or "
                 "contact=SemismoothNewton()"
             )
-        return taken
+        said = "; ".join((why, *answer.notices))
+        raise StepFailed(f"contacts {names} at t = {t:g} s: {said}")
 
     def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return the same of whatever the contact solver has answered."""
         posed, found, natural, v1 = self._answered(t, q, v)
         lam, dt, floating = found.lam, self._dt, self._floating
-        a = (v1 - posed.v) / dt - floating.turning(posed.mean)
-        work = 0.5 * float(lam.dot(posed.near.before + posed.J[posed.chosen.rows].dot(v1)))
+        a = (v1 - posed.v) / dt - posed.turning
+        work = 0.5 * float(lam.dot(posed.near.before + posed.J_c.dot(v1)))
         self._system.contact_work += work
         rest = self._share * dt
         q1 = self._closed(posed.condensed, floating.integrate(posed.at, rest * v1))
@@ -145,9 +155,10 @@ class ContactSteps:
         M, h, J_b, gamma = self._equations.parts(at, v)
         data = self._equations.data  # it has the placements and Jacobians of `at` now
         gaps, J = self._candidates.evaluate(data, at)
-        active = scheme.near(gaps, v, dt) if active is None else active
-        chosen, turning = self._choose(active), floating.turning(v)
-        J_c, slip = J[chosen.rows], -0.5 * dt * (gamma - J_b.dot(turning))
+        chosen = self._choose(scheme.near(gaps, v, dt) if active is None else active)
+        J_c, turning = J[chosen.rows], floating.turning(v)
+        before = J_c.dot(v)
+        slip = -0.5 * dt * (gamma - J_b.dot(turning)) if len(J_b) else gamma  # none
         # without springs and damping: they act in v+ - v, as it is in these axes
         inertia = M.copy() if self._is_implicit else M
         factors, mean = self._factors(M, J_b, at), v
@@ -158,13 +169,13 @@ class ContactSteps:
             turning = floating.turning(mean)
             now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip)
         here = gaps[chosen.gaps]
-        bends = self._paths.bends(at, v, here, J_c, chosen) if scheme.closes_gaps else 0.0 * here
+        bends = self._paths.bends(at, v, here, before, chosen) if scheme.closes_gaps else 0.0 * here
         near = Near(
-            dt, here, bends, chosen.restitution, chosen.normals, now.G, J_c.dot(v),
+            dt, here, bends, chosen.restitution, chosen.normals, now.G, before,
             now.contact_velocities, chosen.sets.blocks,
         )  # fmt: skip
         problem = chosen.problem(scheme, near)
-        return Posed(at, v, mean, tau, gaps, active, J, chosen, now, near, problem)
+        return Posed(at, v, mean, turning, tau, gaps, J, J_c, chosen, now, near, problem)
 
     def lam(self) -> Array:
         """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""
@@ -207,7 +218,7 @@ class ContactSteps:
                 return posed, found, natural, v1
             missed = self._missed(posed, v1)
             if missed is not None:
-                posed = self.pose(t, q, v, posed.active | missed)
+                posed = self.pose(t, q, v, posed.chosen.near | missed)
             elif bent < _AGAIN and (bends := self._paths.missed(posed, v1)) is not None:
                 near, bent = posed.near._replace(bends=bends), bent + 1
                 posed = posed._replace(near=near, problem=posed.chosen.problem(scheme, near))
@@ -231,9 +242,10 @@ class ContactSteps:
 
         Where a step is long, or an impulse turns a body, what was far away goes through.
         """
-        if posed.active.all():
+        near = posed.chosen.near
+        if posed.chosen.is_everything:
             return None
-        missed = (posed.gaps + self._dt * posed.J[self._normals].dot(v1) < 0) & ~posed.active
+        missed = (posed.gaps + self._dt * posed.J[self._normals].dot(v1) < 0) & ~near
         return missed if missed.any() else None
 
     def _choose(self, near: NDArray[np.bool_]) -> Chosen:

@@ -4,9 +4,6 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.condense import Condensed
 from condyn_pin.contact.problem import ContactProblem
@@ -20,10 +17,11 @@ class Posed(NamedTuple):
     at: Array  # (nq,), where M, h and J are taken
     v: Array  # (nv,), the velocity before
     mean: Array  # (nv,), the velocity of h
+    turning: Array  # (nv,), w x u of floating bodies at `mean`
     tau: Array  # (nv,), springs and damping as they act at the end of the step [N, N m]
     gaps: Array  # of all cones and half-lines [m, rad]
-    active: NDArray[np.bool_]  # which of them take part
     J: Array  # (rows, nv), of all candidates
+    J_c: Array  # (m, nv), of those that take part
     chosen: Chosen
     condensed: Condensed
     near: Near

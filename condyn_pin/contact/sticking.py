@@ -1,0 +1,65 @@
+"""Sticking: impulses of contacts that stick where they would close, and open where they would not.
+
+    G_AA lam_A = -g_A,    lam = 0 elsewhere,    A: contacts with g_n < 0, and all dry friction
+
+A robot on its feet slides in few of its steps. In the others one linear system has the answer to
+rounding, for a quarter of the time of an iterative solver; the natural residual says which they
+are. Redundant contacts share what they carry: the smallest impulses, rows weighted by the diagonal.
+"""
+
+from __future__ import annotations
+
+from typing import Final
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotrs
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.problem import ContactProblem
+
+# What G gets more on its diagonal, relative: far above rounding, far below its eigenvalues where
+# contacts are not redundant, 1e-5. One correction leaves the square of their ratio.
+_MORE: Final = 1e-9
+
+
+def sticking(problem: ContactProblem) -> Array | None:
+    """Return the impulses (m,) if no contact slides; None where there are none.
+
+    They are not proved: a contact may pull, or slide.
+
+    Notes
+    -----
+    Cost O(m^3), a Cholesky factorisation; 6 us for four contacts.
+    """
+    closing = _closing(problem)
+    lam = np.zeros(problem.rows)
+    if not any(closing):
+        return lam
+    G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
+    if all(closing):
+        return _solved(G, problem.g)
+    rows = np.flatnonzero(np.array(closing)[problem.sets.blocks])
+    found = _solved(G[rows[:, None], rows], problem.g[rows])
+    if found is None:
+        return None
+    lam[rows] = found
+    return lam
+
+
+def _closing(problem: ContactProblem) -> list[bool]:
+    """Return for each contact whether it closes without impulses; dry friction counts as one."""
+    lines = problem.sets.parts[1]
+    normal = [*problem.g[problem.sets.axes[2]].tolist(), *problem.g[lines].tolist()]
+    return [*(speed < 0 for speed in normal), *len(problem.limits) * (True,)]
+
+
+def _solved(G: Array, g: Array) -> Array | None:
+    """Return the smallest solution of G lam = -g, None where a row moves nothing."""
+    more = G.copy()
+    diagonal = np.einsum("ii->i", more)  # a view
+    diagonal *= 1 + _MORE
+    factor, info = dpotrf(more, overwrite_a=1)
+    if info:
+        return None
+    lam = -dpotrs(factor, g)[0]
+    return np.asarray(lam - dpotrs(factor, G.dot(lam) + g)[0])
