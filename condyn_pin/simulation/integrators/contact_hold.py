@@ -4,12 +4,16 @@
     slide    sigma_n' = 0,    lam_t = -mu lam_n s,    s = sigma_t / |sigma_t|
     open     lam = 0
 
-With E the columns of the forces that are unknown, (-mu s, 1) of what slides, and R the rows whose
-sigma' is zero,
+With E the columns of the forces that are unknown, (-mu s, 1) of what slides, and W the rows of
+sigma' that are zero,
 
-    lam = E x + f,    R (G E) x + R (G f + g) = 0.
+    lam = E x + f,    W (G E x + G f + g) = 0.
 
-R G E is not symmetric where something slides. Redundant contacts share a load in many ways: what x
+W G E is not symmetric where something slides. What slides slowly turns the more easily the slower
+it is, with a rate mu lam_n G_tt / |sigma_t|, which no explicit method follows. A slip that does not
+turn is held `straight`: s is fixed, and what acts across it is balanced, not to let rounding grow.
+
+Redundant contacts share a load in many ways: what x
 changes by since modes were last found is the smallest such change.
 """
 
@@ -24,7 +28,7 @@ from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
 from condyn_pin.simulation.integrators.contact_look import ContactLook
 
-# Singular values of R G E, rows and columns scaled to one, that redundant contacts leave.
+# Singular values of W G E, rows and columns scaled to one, that redundant contacts leave.
 _REDUNDANT = 1e-10
 
 
@@ -35,6 +39,7 @@ class Held(NamedTuple):
     lam: Array  # (rows,), of all candidates [N, N m]
     of_constraints: Array  # [N, N m]
     rate: Array  # (rows,), sigma' of all candidates [m/s^2]
+    ease: Array  # (rows,), diagonal of G of what is not open [1/kg]
 
 
 class ContactHold:
@@ -76,10 +81,14 @@ class ContactHold:
         """Find where the unknowns, and what follows from them, are among the rows."""
         candidates, rows, still = self.candidates, self.rows, self.still
         place = {row: i for i, row in enumerate(rows.tolist())}
-        self._R = np.array([place[row] for row in still.tolist()], dtype=np.intp)
-        self._E = np.zeros((len(rows), len(still)))
-        self._E[self._R, np.arange(len(still))] = 1.0
         self.sliding: Indices = np.flatnonzero(self.of_cones == SLIDE)
+        lines = self.sliding[self.straight[self.sliding]]
+        count = len(still) + len(lines)
+        self._W = np.zeros((count, len(rows)))
+        self._W[np.arange(len(still)), [place[row] for row in still.tolist()]] = 1.0
+        for k, i in enumerate(lines.tolist(), start=len(still)):
+            x, y = self.along[i]
+            self._W[k, place[3 * i] : place[3 * i] + 2] = -y, x
         self._t1 = np.array([place[3 * i] for i in self.sliding.tolist()], dtype=np.intp)
         column = {row: i for i, row in enumerate(still.tolist())}
         self._n = np.array([column[3 * i + 2] for i in self.sliding.tolist()], dtype=np.intp)
@@ -104,27 +113,27 @@ class ContactHold:
 
     def solve(self, look: ContactLook) -> Held:
         """Return accelerations and forces at a state."""
-        now = look.forced(self.rows)
-        lam = np.zeros(len(look.J))
-        found = self._forces(look, now.G, now.contact_velocities + look.drift[self.rows])
-        lam[self.rows] = found
+        now, lam, ease = look.forced(self.rows), np.zeros(len(look.J)), np.zeros(len(look.J))
+        G = now.G
+        found = self._forces(look, G, now.contact_velocities + look.drift[self.rows])
+        lam[self.rows], ease[self.rows] = found, G.diagonal()
         a = now.velocity(found)
         rate = look.J.dot(a) + look.drift
-        return Held(a, lam, now.constraint_impulses(found), rate)
+        return Held(a, lam, now.constraint_impulses(found), rate, ease)
 
     def _forces(self, look: ContactLook, G: Array, g: Array) -> Array:
-        E = self._E.copy()
+        W, f = self._W, self._known
+        if not len(W):
+            return f
+        E = W.T.copy()
         if len(self.sliding):
             i = self.sliding
             pull = -self.candidates.friction[i, None] * self.directions(look)[i]
             E[self._t1, self._n], E[self._t1 + 1, self._n] = pull.T
-        if not len(self.still):
-            return self._known
-        R, f = self._R, self._known
-        # rows in units of their own: forces of stops are moments
-        size = 1 / np.sqrt(np.maximum(G.diagonal()[R], np.finfo(float).tiny))
-        before = self.lam[self.still]
-        A, b = G.dot(E)[R], (G.dot(f) + g)[R]
+        # unknowns in units of their own: forces of stops are moments
+        size = 1 / np.sqrt(np.maximum((W**2).dot(G.diagonal()), np.finfo(float).tiny))
+        before = W.dot(self.lam[self.rows])
+        A, b = W.dot(G.dot(E)), W.dot(G.dot(f) + g)
         left = -(b + A.dot(before)) * size
         x, *_ = np.linalg.lstsq(size[:, None] * A * size, left, rcond=_REDUNDANT)
         return np.asarray(E.dot(before + size * x) + f)

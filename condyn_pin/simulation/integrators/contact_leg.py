@@ -1,9 +1,10 @@
 """ContactLeg: smooth motion by an integrator, up to the first event.
 
-A slip that comes to its end without turning goes through zero smoothly, if friction keeps the
-direction that it has: the end is located as that of a gap is. One that turns does so the faster the
-slower it is: legs are so short that it turns by little, and loses a quarter of its speed, until
-what is left of it would end within a nanosecond.
+What slides slowly is stiff across its direction (`ContactHold`). A slip that begins or ends without
+turning is held straight: it goes through zero smoothly, and its end is located as that of a gap is.
+One that turns does so the faster the slower it is: legs are so short that it turns by little, that
+an explicit method is stable, and that it loses a quarter of its speed, until what is left of it
+would end within a nanosecond.
 """
 
 from __future__ import annotations
@@ -35,9 +36,14 @@ _TURNED = 0.95
 # Share of the time to its end that a slip which turns goes on for in a leg.
 _SLOWED = 0.25
 
-# Acceleration across a slip, relative to that along it, with which it does not turn; and what has
-# come of it behind a leg, relative to the speed at the start.
+# A slip is stiff where its direction would follow the forces within this share of a leg.
+_STIFF = 0.5
+
+# Acceleration across a slip, relative to that of friction, with which it does not turn. What is
+# held back in a leg would have become a speed across it, which is none [m/s], relative to the speed
+# of the robot where it is faster.
 _STRAIGHT = 1e-9
+_HELD_BACK = 1e-9
 
 # Legs are not halved below this share of a step.
 _SHORTEST = 1e-9
@@ -99,8 +105,8 @@ class ContactLeg:
                 made = self._moved(now, hold, h, share)
             bent = straight & self._is_bent(now, made)
             if bent.any() and h > _SHORTEST * left:
-                turning |= bent
-                h, straight = self._size(now, left, turning)
+                turning |= bent & now.look.slides
+                h, straight = self._size(now, left if (bent & turning).any() else h / 2, turning)
                 continue
             t1 = end if share * h == left else now.look.t + share * h
             work = self._work(now, hold, made)
@@ -140,22 +146,31 @@ class ContactLeg:
         self, now: Begun, left: float, turning: NDArray[np.bool_]
     ) -> tuple[float, NDArray[np.bool_]]:
         """Return how long a leg may be [s], and which cones slide straight to their end in it."""
-        cones, straight = self._candidates.cones, np.zeros_like(turning)
+        cones, straight, look = self._candidates.cones, np.zeros_like(turning), now.look
         rates = now.held.rate[: 3 * cones].reshape(-1, 3)[:, :2]
         rough = (now.hold.of_cones == SLIDE) & (self._candidates.friction > 0)
-        for i in np.flatnonzero(rough & now.look.slides):
-            speed, s = now.look.speed[i], now.look.tangent[i] / now.look.speed[i]
+        friction = float(self._pulls(now.held)[rough].sum())
+        for i in np.flatnonzero(rough):
+            speed, s = look.speed[i] if look.slides[i] else 0.0, now.hold.along[i]
             ahead = float(s.dot(rates[i]))
             across = abs(float(s[0] * rates[i, 1] - s[1] * rates[i, 0]))
             ends = ahead < 0 and speed < -2 * ahead * left
-            if ends and not turning[i] and across <= -_STRAIGHT * ahead:
+            stiff = speed < _STIFF * friction * left
+            if not speed or ((ends or stiff) and not turning[i] and across <= _STRAIGHT * friction):
                 straight[i] = True
                 continue
             if across * left > _TURN * speed:
                 left = _TURN * speed / across
             if ends:
                 left = min(left, -_SLOWED * speed / ahead)
+            left = min(left, speed / (_STIFF * friction)) if stiff else left
         return left, straight
+
+    def _pulls(self, held: Held) -> Array:
+        """Return what friction at its limit accelerates each cone by (cones,) [m/s^2]."""
+        cones = 3 * self._candidates.cones
+        normal, ease = held.lam[2:cones:3], held.ease[:cones].reshape(-1, 3)[:, :2]
+        return np.asarray(self._candidates.friction * normal * ease.max(axis=1, initial=0.0))
 
     def _has_turned(self, now: Begun, made: _Try, straight: NDArray[np.bool_]) -> bool:
         """Whether the direction of a slip has changed by more than a leg may."""
@@ -165,10 +180,12 @@ class ContactLeg:
         return bool((rough & turned).any())
 
     def _is_bent(self, now: Begun, made: _Try) -> NDArray[np.bool_]:
-        """Return which slips have left their line."""
-        s, v = now.hold.along, made.look.tangent
-        across = np.abs(s[:, 0] * v[:, 1] - s[:, 1] * v[:, 0])
-        return np.asarray(across > _STRAIGHT * now.look.speed)
+        """Return which slips would have left their line, had they not been held."""
+        cones = 3 * self._candidates.cones
+        F, ease = (x[:cones].reshape(-1, 3)[:, :2] for x in (made.held.lam, made.held.ease))
+        s = now.hold.along
+        across = np.abs(s[:, 0] * F[:, 1] - s[:, 1] * F[:, 0]) * ease.max(axis=1, initial=0.0)
+        return np.asarray(across * made.h > _HELD_BACK * now.look.fastest)
 
     def _work(self, now: Begun, hold: ContactHold, made: _Try) -> float:
         """Return the work of friction on a leg [J], by Simpson's rule.
