@@ -14,6 +14,10 @@ from condyn_pin.simulation.contact_columns import contact_rows
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.recorder import Row
 
+# An impulse that is rounding, relative to the largest.
+_NONE = 1e-12
+
+
 @dataclass(frozen=True, eq=False)
 class ContactEvent:
     """What happened, with the samples before and after it.
@@ -45,7 +49,8 @@ class ContactEvent:
         """Return it as a trajectory keeps it, with the place of the sample after it."""
         rows, names = contact_rows(self.candidates), self.candidates.names
         impulses = {name: self.impulse[rows[name]] for name in names}
-        struck = tuple((n, *x.tolist()) for n, x in impulses.items() if x.any())
+        least = _NONE * float(np.abs(self.impulse).max(initial=0.0))
+        struck = tuple((n, *x.tolist()) for n, x in impulses.items() if np.abs(x).max() > least)
         before, after = self.modes
         changed = tuple(
             (names[i], MODES[before[i]], MODES[after[i]]) for i in np.flatnonzero(before != after)

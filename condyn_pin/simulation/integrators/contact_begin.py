@@ -21,6 +21,7 @@ from condyn_pin.simulation.events import ZenoDetected
 from condyn_pin.simulation.integrators.contact_choice import ContactChoice
 from condyn_pin.simulation.integrators.contact_hold import ContactHold, Held
 from condyn_pin.simulation.integrators.contact_look import ContactLook
+from condyn_pin.simulation.integrators.contact_margins import margins
 from condyn_pin.simulation.system import System
 
 # Velocities of what stands still that are rounding, relative to the speed of the robot.
@@ -87,16 +88,28 @@ class ContactBegin:
             else:
                 choice = self._choice.next(look, at_end)
                 if choice.hold is not None:
-                    held = choice.hold.solve(look)
-                    settled = self._settled(look, choice.hold, held)
+                    hold, held = self._evenly(look, choice.hold)
+                    settled = self._settled(look, hold, held)
                     if settled is v:
-                        return Begun(look, choice.hold, held, choice.natural, impulse, work, what)
+                        return Begun(look, hold, held, choice.natural, impulse, work, what)
                     v = settled
                     continue
                 struck, what = self._choice.shock(look, choice), "shock"
             v, impulse, work = struck.v, impulse + struck.impulse, work + struck.work
             at_end = False
         raise ZenoDetected(f"contacts go on striking at t = {t:g} s; take a stepper, as Moreau()")
+
+    def _evenly(self, look: ContactLook, hold: ContactHold) -> tuple[ContactHold, Held]:
+        """Return a hold whose redundant contacts share their load evenly, if they can.
+
+        The smallest forces depend on the state alone, and not on how it was come to.
+        """
+        even = hold.with_forces(np.zeros(len(look.J)))
+        held = even.solve(look)
+        now = margins(self._system.contacts, even, look, look, held, 0.0)
+        if min(part.min(initial=np.inf) for part in now[1:4]) > 0:
+            return even, held
+        return hold, hold.solve(look)
 
     def _settled(self, look: ContactLook, hold: ContactHold, held: Held) -> Array:
         """Return v without what returns at once, and without what is left of what stands still."""

@@ -104,6 +104,12 @@ class ContactHold:
             self.candidates, self.modes, self.along, self.sense, self.lam, which
         )
 
+    def with_forces(self, lam: Array) -> ContactHold:
+        """Return the same hold, with other forces that redundant contacts stay near to."""
+        return ContactHold(
+            self.candidates, self.modes, self.along, self.sense, lam, self.straight
+        )
+
     def directions(self, look: ContactLook) -> Array:
         """Return s of all cones (cones, 2)."""
         ahead = np.einsum("kx,kx->k", look.tangent, self.along) > 0

@@ -70,7 +70,7 @@ class EventSteps:
             leg = self._leg.take(now, end)
             system.contact_work += leg.work
             last = end - leg.t <= _NOTHING * self._dt
-            t1 = end if last else leg.t
+            t1 = end if last else float(leg.t)
             q1, v1 = self._closed(leg, now.hold)
             if last and not leg.is_event:
                 self._ended = q1, now.hold
