@@ -10,8 +10,12 @@ sigma' that are zero,
     lam = E x + f,    W (G E x + G f + g) = 0.
 
 W G E is not symmetric where something slides. What slides slowly turns the more easily the slower
-it is, with a rate mu lam_n G_tt / |sigma_t|, which no explicit method follows. A slip that does not
-turn is held `straight`: s is fixed, and what acts across it is balanced, not to let rounding grow.
+it is, with a rate mu lam_n G_tt / |sigma_t|, which no explicit method follows. Such a slip is
+`guided`: its direction turns at a rate w that is given, and the force across it follows,
+
+    s(t) = R(w (t - t_0)) s,    s x sigma_t' = w s . sigma_t.
+
+With the w that leaves no force across it at the end it is the slip that Coulomb's law has.
 
 Redundant contacts share a load in many ways: what x
 changes by since modes were last found is the smallest such change.
@@ -22,6 +26,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
@@ -56,18 +61,23 @@ class ContactHold:
         The same of dry friction, 1 or -1.
     lam : (rows,) array
         Forces by which the modes were found.
-    straight : (cones,) bool array
-        Which cones slide `along` whatever their velocity says: to go through zero smoothly.
+    guided : (cones,) bool array, optional
+        Which of the cones that slide are guided.
+    turning : (cones,) array, optional
+        At which rate [rad/s].
+    since : float
+        Where they begin to turn [s].
     """
 
     def __init__(
         self, candidates: Candidates, modes: Modes, along: Array, sense: Array, lam: Array,
-        straight: Array | None = None,
+        guided: Array | None = None, turning: Array | None = None, since: float = 0.0,
     ) -> None:  # fmt: skip
         cones, lines = candidates.cones, candidates.half_lines
         self.candidates, self.modes, self.along = candidates, modes, along
-        self.sense, self.lam = sense, lam
-        self.straight = np.zeros(cones, dtype=bool) if straight is None else straight
+        self.sense, self.lam, self.since = sense, lam, since
+        self.guided = np.zeros(cones, dtype=bool) if guided is None else guided
+        self.turning = np.zeros(cones) if turning is None else turning
         self.of_cones, self.of_dry = modes[:cones], modes[cones + lines :]
         sizes = np.repeat((3, 1), (cones, len(modes) - cones))
         self.rows: Indices = np.flatnonzero(np.repeat(modes != OPEN, sizes))
@@ -82,13 +92,10 @@ class ContactHold:
         candidates, rows, still = self.candidates, self.rows, self.still
         place = {row: i for i, row in enumerate(rows.tolist())}
         self.sliding: Indices = np.flatnonzero(self.of_cones == SLIDE)
-        lines = self.sliding[self.straight[self.sliding]]
-        count = len(still) + len(lines)
-        self._W = np.zeros((count, len(rows)))
+        self._lines = self.sliding[self.guided[self.sliding]]
+        self._across = np.array([place[3 * i] for i in self._lines.tolist()], dtype=np.intp)
+        self._W = np.zeros((len(still) + len(self._lines), len(rows)))
         self._W[np.arange(len(still)), [place[row] for row in still.tolist()]] = 1.0
-        for k, i in enumerate(lines.tolist(), start=len(still)):
-            x, y = self.along[i]
-            self._W[k, place[3 * i] : place[3 * i] + 2] = -y, x
         self._t1 = np.array([place[3 * i] for i in self.sliding.tolist()], dtype=np.intp)
         column = {row: i for i, row in enumerate(still.tolist())}
         self._n = np.array([column[3 * i + 2] for i in self.sliding.tolist()], dtype=np.intp)
@@ -98,24 +105,28 @@ class ContactHold:
         known[first + dry] = -candidates.limits[dry] * self.sense[dry]
         self._known = known[rows]
 
-    def going_straight(self, which: Array) -> ContactHold:
-        """Return the same hold, with these cones sliding on in the direction that they have."""
+    def guiding(self, which: NDArray[np.bool_], turning: Array, since: float) -> ContactHold:
+        """Return the same hold, with these cones guided."""
         return ContactHold(
-            self.candidates, self.modes, self.along, self.sense, self.lam, which
+            self.candidates, self.modes, self.along, self.sense, self.lam, which, turning, since
         )
 
     def with_forces(self, lam: Array) -> ContactHold:
         """Return the same hold, with other forces that redundant contacts stay near to."""
-        return ContactHold(
-            self.candidates, self.modes, self.along, self.sense, lam, self.straight
-        )
+        return ContactHold(self.candidates, self.modes, self.along, self.sense, lam)
+
+    def ahead(self, t: float) -> Array:
+        """Return where cones go that are guided, and where the others went first (cones, 2)."""
+        angle = np.where(self.guided, self.turning * (t - self.since), 0.0)
+        c, s, (x, y) = np.cos(angle), np.sin(angle), self.along.T
+        return np.column_stack((c * x - s * y, s * x + c * y))
 
     def directions(self, look: ContactLook) -> Array:
         """Return s of all cones (cones, 2)."""
-        ahead = np.einsum("kx,kx->k", look.tangent, self.along) > 0
-        turns = look.slides & ahead & ~self.straight
+        ahead = self.ahead(look.t)
+        turns = look.slides & (np.einsum("kx,kx->k", look.tangent, ahead) > 0) & ~self.guided
         size = np.where(turns, look.speed, 1.0)[:, None]
-        return np.where(turns[:, None], look.tangent / size, self.along)
+        return np.where(turns[:, None], look.tangent / size, ahead)
 
     def solve(self, look: ContactLook) -> Held:
         """Return accelerations and forces at a state."""
@@ -131,6 +142,12 @@ class ContactHold:
         W, f = self._W, self._known
         if not len(W):
             return f
+        wanted = np.zeros(len(W))
+        if len(self._lines):
+            W, i, first = W.copy(), self._lines, len(self.still)
+            (x, y), place = self.ahead(look.t)[i].T, np.arange(first, len(W))
+            W[place, self._across], W[place, self._across + 1] = -y, x
+            wanted[first:] = self.turning[i] * (x * look.tangent[i, 0] + y * look.tangent[i, 1])
         E = W.T.copy()
         if len(self.sliding):
             i = self.sliding
@@ -139,7 +156,7 @@ class ContactHold:
         # unknowns in units of their own: forces of stops are moments
         size = 1 / np.sqrt(np.maximum((W**2).dot(G.diagonal()), np.finfo(float).tiny))
         before = W.dot(self.lam[self.rows])
-        A, b = W.dot(G.dot(E)), W.dot(G.dot(f) + g)
+        A, b = W.dot(G.dot(E)), W.dot(G.dot(f) + g) - wanted
         left = -(b + A.dot(before)) * size
         x, *_ = np.linalg.lstsq(size[:, None] * A * size, left, rcond=_REDUNDANT)
         return np.asarray(E.dot(before + size * x) + f)

@@ -1,11 +1,4 @@
-"""ContactLeg: smooth motion by an integrator, up to the first event.
-
-What slides slowly is stiff across its direction (`ContactHold`). A slip that begins or ends without
-turning is held straight: it goes through zero smoothly, and its end is located as that of a gap is.
-One that turns does so the faster the slower it is: legs are so short that it turns by little, that
-an explicit method is stable, and that it loses a quarter of its speed, until what is left of it
-would end within a nanosecond.
-"""
+"""ContactLeg: smooth motion by an integrator, up to the first event."""
 
 from __future__ import annotations
 
@@ -22,28 +15,15 @@ from condyn_pin.simulation.integrators.contact_begin import Begun
 from condyn_pin.simulation.integrators.contact_hold import ContactHold, Held
 from condyn_pin.simulation.integrators.contact_look import ContactLook
 from condyn_pin.simulation.integrators.contact_margins import Margins, fallen, margins
+from condyn_pin.simulation.integrators.slip_guide import Guide, SlipGuide
 from condyn_pin.simulation.integrators.smooth_motion import SmoothMotion
 from condyn_pin.simulation.system import System
 
 # Where an event is found, as a share of a leg.
 _FOUND = 1e-14
 
-# By how much a slip may turn in a leg [rad], as its rate at the start says, and how far it may end
-# from where it began (cosine) before the leg is taken again, half as long.
-_TURN = 0.1
-_TURNED = 0.95
-
-# Share of the time to its end that a slip which turns goes on for in a leg.
-_SLOWED = 0.25
-
-# A slip is stiff where its direction would follow the forces within this share of a leg.
-_STIFF = 0.5
-
-# Acceleration across a slip, relative to that of friction, with which it does not turn. What is
-# held back in a leg would have become a speed across it, which is none [m/s], relative to the speed
-# of the robot where it is faster.
-_STRAIGHT = 1e-9
-_HELD_BACK = 1e-9
+# How often the rate at which guided slips turn is corrected.
+_CORRECTED = 8
 
 # Legs are not halved below this share of a step.
 _SHORTEST = 1e-9
@@ -86,31 +66,47 @@ class ContactLeg:
 
     def __init__(self, system: System, inner: Integrator) -> None:
         self._system, self._inner, self._candidates = system, inner, system.contacts
+        self._guide = SlipGuide(system.contacts)
 
     def take(self, now: Begun, end: float) -> Leg:
         """Return the end of a leg from a state to the first event, or to a time."""
         left = end - now.look.t
-        turning = np.zeros(self._candidates.cones, dtype=bool)
-        h, straight = self._size(now, left, turning)
+        bent = np.zeros(self._candidates.cones, dtype=bool)
+        guide, most = self._guide.before(now, left, bent), left
         while True:
-            hold = now.hold.going_straight(straight) if straight.any() else now.hold
-            made = self._moved(now, hold, h, 1.0)
-            if self._has_turned(now, made, straight) and h > _SHORTEST * left:
-                h /= 2
+            hold, made, off = self._guided(now, guide)
+            if (off & guide.ends).any():
+                bent |= off & guide.ends
+                guide = self._guide.before(now, most, bent)
+                continue
+            again = off.any() or self._guide.has_turned(hold, made.look)
+            if again and guide.h > _SHORTEST * left:
+                most = guide.h / 2
+                guide = self._guide.before(now, most, bent)
                 continue
             fell = fallen(made.margins, made.held, made.look, now.look)
             share, part = 1.0, -1
             if fell:
                 share, part = min(self._share(now, hold, made, *each) for each in fell)
-                made = self._moved(now, hold, h, share)
-            bent = straight & self._is_bent(now, made)
-            if bent.any() and h > _SHORTEST * left:
-                turning |= bent & now.look.slides
-                h, straight = self._size(now, left if (bent & turning).any() else h / 2, turning)
-                continue
-            t1 = end if share * h == left else now.look.t + share * h
+                made = self._moved(now, hold, guide.h, share)
+            t1 = end if made.h == left else now.look.t + made.h
             work = self._work(now, hold, made)
             return Leg(t1, made.look.q, made.look.v, work, bool(fell), part in (1, 2, 3))
+
+    def _guided(self, now: Begun, guide: Guide) -> tuple[ContactHold, _Try, NDArray[np.bool_]]:
+        """Return a leg whose guided slips turn as they have to, and which of them are off."""
+        if not guide.guided.any():
+            return now.hold, self._moved(now, now.hold, guide.h, 1.0), guide.guided
+        turning = np.zeros(len(guide.guided))
+        for _ in range(_CORRECTED):
+            hold = now.hold.guiding(guide.guided, turning, now.look.t)
+            made = self._moved(now, hold, guide.h, 1.0)
+            angles = self._guide.off(hold, made.look, made.held)
+            off = self._guide.is_off(angles, made.look, made.held, guide.h)
+            if not (off & ~guide.ends).any():
+                break
+            turning = turning + np.where(guide.ends, 0.0, angles / guide.h)
+        return hold, made, off
 
     def _moved(self, now: Begun, hold: ContactHold, h: float, share: float) -> _Try:
         """Return where a share of a leg leads to."""
@@ -141,51 +137,6 @@ class ContactLeg:
             return float(self._moved(now, hold, made.h, share).margins[part][i])
 
         return float(brentq(value, 0.0, 1.0, xtol=_FOUND, rtol=_FOUND)), part
-
-    def _size(
-        self, now: Begun, left: float, turning: NDArray[np.bool_]
-    ) -> tuple[float, NDArray[np.bool_]]:
-        """Return how long a leg may be [s], and which cones slide straight to their end in it."""
-        cones, straight, look = self._candidates.cones, np.zeros_like(turning), now.look
-        rates = now.held.rate[: 3 * cones].reshape(-1, 3)[:, :2]
-        rough = (now.hold.of_cones == SLIDE) & (self._candidates.friction > 0)
-        friction = float(self._pulls(now.held)[rough].sum())
-        for i in np.flatnonzero(rough):
-            speed, s = look.speed[i] if look.slides[i] else 0.0, now.hold.along[i]
-            ahead = float(s.dot(rates[i]))
-            across = abs(float(s[0] * rates[i, 1] - s[1] * rates[i, 0]))
-            ends = ahead < 0 and speed < -2 * ahead * left
-            stiff = speed < _STIFF * friction * left
-            if not speed or ((ends or stiff) and not turning[i] and across <= _STRAIGHT * friction):
-                straight[i] = True
-                continue
-            if across * left > _TURN * speed:
-                left = _TURN * speed / across
-            if ends:
-                left = min(left, -_SLOWED * speed / ahead)
-            left = min(left, speed / (_STIFF * friction)) if stiff else left
-        return left, straight
-
-    def _pulls(self, held: Held) -> Array:
-        """Return what friction at its limit accelerates each cone by (cones,) [m/s^2]."""
-        cones = 3 * self._candidates.cones
-        normal, ease = held.lam[2:cones:3], held.ease[:cones].reshape(-1, 3)[:, :2]
-        return np.asarray(self._candidates.friction * normal * ease.max(axis=1, initial=0.0))
-
-    def _has_turned(self, now: Begun, made: _Try, straight: NDArray[np.bool_]) -> bool:
-        """Whether the direction of a slip has changed by more than a leg may."""
-        rough = (now.hold.of_cones == SLIDE) & (self._candidates.friction > 0) & ~straight
-        on = np.einsum("kx,kx->k", now.hold.along, made.look.tangent)
-        turned = made.look.slides & (on < _TURNED * made.look.speed)
-        return bool((rough & turned).any())
-
-    def _is_bent(self, now: Begun, made: _Try) -> NDArray[np.bool_]:
-        """Return which slips would have left their line, had they not been held."""
-        cones = 3 * self._candidates.cones
-        F, ease = (x[:cones].reshape(-1, 3)[:, :2] for x in (made.held.lam, made.held.ease))
-        s = now.hold.along
-        across = np.abs(s[:, 0] * F[:, 1] - s[:, 1] * F[:, 0]) * ease.max(axis=1, initial=0.0)
-        return np.asarray(across * made.h > _HELD_BACK * now.look.fastest)
 
     def _work(self, now: Begun, hold: ContactHold, made: _Try) -> float:
         """Return the work of friction on a leg [J], by Simpson's rule.

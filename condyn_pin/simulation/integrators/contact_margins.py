@@ -60,7 +60,7 @@ def margins(
     gaps = np.where(begun.touches, gone, look.gaps)
     F = held.lam[: 3 * k].reshape(-1, 3)
     stick = mu * F[:, 2] - np.hypot(F[:, 0], F[:, 1])
-    slip = np.einsum("kx,kx->k", look.tangent, hold.along)
+    slip = np.einsum("kx,kx->k", look.tangent, hold.ahead(look.t))
     dry = slice(candidates.rows - candidates.intervals, None)
     rough = mu > 0
     return Margins(

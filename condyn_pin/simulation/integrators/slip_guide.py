@@ -1,0 +1,127 @@
+"""SlipGuide: how long a leg may be while contacts slide, and which slips are guided in it.
+
+Across its direction s a slip of the speed r follows the forces f by friction k = mu lam_n G_tt,
+
+    (r s)' . n = f . n - k s . n,        n across s,
+
+at the rate k / r: the slower, the stiffer. What begins to slide passes through that, and so does
+what ends.
+
+    begins, or is slow      guided: s turns so that friction balances what acts across it
+    ends without turning    guided along a line: it goes through zero smoothly, and that is located
+    ends and turns          the faster the slower it is: legs in which it turns by little, and loses
+                            a quarter of its speed, until it would end within a nanosecond
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.modes import SLIDE
+from condyn_pin.simulation.integrators.contact_begin import Begun
+from condyn_pin.simulation.integrators.contact_hold import ContactHold, Held
+from condyn_pin.simulation.integrators.contact_look import ContactLook
+
+# By how much a slip may turn in a leg [rad], as its rate at the start says, and how far it may end
+# from where it began (cosine) before the leg is taken again, half as long.
+_TURN = 0.1
+_TURNED = 0.95
+
+# Share of the time to its end that a slip which turns goes on for in a leg.
+_SLOWED = 0.25
+
+# A slip is slow where its direction follows the forces faster than in this share of a leg.
+_SLOW = 0.5
+
+# Force across a slip, relative to friction, that is none.
+_STRAIGHT = 1e-9
+
+# A speed across a slip that is none, relative to the speed of the robot or 1 [m/s].
+_NONE = 1e-9
+
+
+class Guide(NamedTuple):
+    """What to do in a leg.
+
+    Attributes
+    ----------
+    h : float
+        The longest that it may be [s].
+    guided, ends : (cones,) bool array
+        Which slips are guided, and which of them along a line to their end.
+    """
+
+    h: float
+    guided: NDArray[np.bool_]
+    ends: NDArray[np.bool_]
+
+
+class SlipGuide:
+    """Guides the slips of one system."""
+
+    def __init__(self, candidates: Candidates) -> None:
+        self._candidates = candidates
+
+    def before(self, now: Begun, left: float, bent: NDArray[np.bool_]) -> Guide:
+        """Return what to do in a leg of `left` seconds at most.
+
+        `bent` are those that were taken to end along a line, and do not.
+        """
+        look, rough = now.look, self._rough(now.hold)
+        guided, ending = np.zeros_like(rough), np.zeros_like(rough)
+        rates = now.held.rate[: 3 * len(rough)].reshape(-1, 3)[:, :2]
+        friction = float(self._pulls(now.held)[rough].sum())
+        for i in np.flatnonzero(rough):
+            speed, s = look.speed[i] if look.slides[i] else 0.0, now.hold.along[i]
+            ahead = float(s.dot(rates[i]))
+            across = abs(float(s[0] * rates[i, 1] - s[1] * rates[i, 0]))
+            ends = ahead < 0 and 0 < speed < -2 * ahead * left
+            slow = speed < _SLOW * friction * left
+            line = across <= _STRAIGHT * friction
+            settled = line or across * speed <= _NONE * look.fastest * friction
+            if (ends and line and not bent[i]) or (slow and settled and not ends):
+                guided[i], ending[i] = True, ends
+                continue
+            if across * left > _TURN * speed:
+                left = _TURN * speed / across
+            if ends:
+                left = min(left, -_SLOWED * speed / ahead)
+            if slow:
+                left = min(left, speed / (_SLOW * friction))
+        return Guide(left, guided, ending)
+
+    def has_turned(self, hold: ContactHold, end: ContactLook) -> bool:
+        """Whether a slip that is not guided has changed its direction by more than it may."""
+        on = np.einsum("kx,kx->k", hold.along, end.tangent)
+        turned = end.slides & (on < _TURNED * end.speed)
+        return bool((self._rough(hold) & ~hold.guided & turned).any())
+
+    def off(self, hold: ContactHold, end: ContactLook, held: Held) -> Array:
+        """Return by how much a guided slip would have to turn at the end (cones,) [rad].
+
+        Friction has the opposite direction of what slides: a force across it says where that goes.
+        """
+        cones, s = len(hold.of_cones), hold.ahead(end.t)
+        F = held.lam[: 3 * cones].reshape(-1, 3)
+        across = s[:, 0] * F[:, 1] - s[:, 1] * F[:, 0]
+        along = np.maximum(self._candidates.friction * F[:, 2], np.finfo(float).tiny)
+        return np.where(hold.guided, -across / along, 0.0)
+
+    def is_off(self, angles: Array, end: ContactLook, held: Held, h: float) -> NDArray[np.bool_]:
+        """Return for which cones that is more than nothing, by the speed that it makes."""
+        speed = np.minimum(np.maximum(end.speed, 0.0), self._pulls(held) * h)
+        return np.asarray(np.abs(angles) * speed > _NONE * end.fastest)
+
+    def _rough(self, hold: ContactHold) -> NDArray[np.bool_]:
+        return np.asarray((hold.of_cones == SLIDE) & (self._candidates.friction > 0))
+
+    def _pulls(self, held: Held) -> Array:
+        """Return what friction at its limit accelerates each cone by (cones,) [m/s^2]."""
+        cones = 3 * self._candidates.cones
+        normal, ease = held.lam[2:cones:3], held.ease[:cones].reshape(-1, 3)[:, :2]
+        return np.asarray(self._candidates.friction * normal * ease.max(axis=1, initial=0.0))
