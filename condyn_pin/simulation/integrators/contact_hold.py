@@ -4,18 +4,13 @@
     slide    sigma_n' = 0,    lam_t = -mu lam_n s,    s = sigma_t / |sigma_t|
     open     lam = 0
 
-With E the columns of the forces that are unknown, (-mu s, 1) of what slides, and W the rows of
-sigma' that are zero,
+With E the columns of the forces that are unknown, (-mu s, 1) of what slides, and R the rows whose
+sigma' is zero,
 
-    lam = E x + f,    W (G E x + G f + g) = 0.
+    lam = E x + f,    R (G E) x + R (G f + g) = 0.
 
-W G E is not symmetric where something slides. What slides slowly turns the more easily the slower
-it is, with a rate mu lam_n G_tt / |sigma_t|, which no explicit method follows. Such a slip is
-`guided`: its direction turns at a rate w that is given, and the force across it follows,
-
-    s(t) = R(w (t - t_0)) s,    s x sigma_t' = w s . sigma_t.
-
-With the w that leaves no force across it at the end it is the slip that Coulomb's law has.
+R G E is not symmetric where something slides. The direction of a `guided` slip is not that of its
+velocity but s(t) = Q(w (t - t_0)) s, a rotation at a rate that is given (`SlipGuide`).
 
 Redundant contacts share a load in many ways: what x
 changes by since modes were last found is the smallest such change.
@@ -33,7 +28,7 @@ from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
 from condyn_pin.simulation.integrators.contact_look import ContactLook
 
-# Singular values of W G E, rows and columns scaled to one, that redundant contacts leave.
+# Singular values of R G E, rows and columns scaled to one, that redundant contacts leave.
 _REDUNDANT = 1e-10
 
 
@@ -92,10 +87,9 @@ class ContactHold:
         candidates, rows, still = self.candidates, self.rows, self.still
         place = {row: i for i, row in enumerate(rows.tolist())}
         self.sliding: Indices = np.flatnonzero(self.of_cones == SLIDE)
-        self._lines = self.sliding[self.guided[self.sliding]]
-        self._across = np.array([place[3 * i] for i in self._lines.tolist()], dtype=np.intp)
-        self._W = np.zeros((len(still) + len(self._lines), len(rows)))
-        self._W[np.arange(len(still)), [place[row] for row in still.tolist()]] = 1.0
+        self._R = np.array([place[row] for row in still.tolist()], dtype=np.intp)
+        self._E = np.zeros((len(rows), len(still)))
+        self._E[self._R, np.arange(len(still))] = 1.0
         self._t1 = np.array([place[3 * i] for i in self.sliding.tolist()], dtype=np.intp)
         column = {row: i for i, row in enumerate(still.tolist())}
         self._n = np.array([column[3 * i + 2] for i in self.sliding.tolist()], dtype=np.intp)
@@ -139,24 +133,17 @@ class ContactHold:
         return Held(a, lam, now.constraint_impulses(found), rate, ease)
 
     def _forces(self, look: ContactLook, G: Array, g: Array) -> Array:
-        W, f = self._W, self._known
-        if not len(W):
+        E, R, f = self._E, self._R, self._known
+        if not len(R):
             return f
-        wanted = np.zeros(len(W))
-        if len(self._lines):
-            W, i, first = W.copy(), self._lines, len(self.still)
-            (x, y), place = self.ahead(look.t)[i].T, np.arange(first, len(W))
-            W[place, self._across], W[place, self._across + 1] = -y, x
-            wanted[first:] = self.turning[i] * (x * look.tangent[i, 0] + y * look.tangent[i, 1])
-        E = W.T.copy()
         if len(self.sliding):
-            i = self.sliding
+            E, i = E.copy(), self.sliding
             pull = -self.candidates.friction[i, None] * self.directions(look)[i]
             E[self._t1, self._n], E[self._t1 + 1, self._n] = pull.T
         # unknowns in units of their own: forces of stops are moments
-        size = 1 / np.sqrt(np.maximum((W**2).dot(G.diagonal()), np.finfo(float).tiny))
-        before = W.dot(self.lam[self.rows])
-        A, b = W.dot(G.dot(E)), W.dot(G.dot(f) + g) - wanted
+        size = 1 / np.sqrt(np.maximum(G.diagonal()[R], np.finfo(float).tiny))
+        before = self.lam[self.still]
+        A, b = G.dot(E)[R], (G.dot(f) + g)[R]
         left = -(b + A.dot(before)) * size
         x, *_ = np.linalg.lstsq(size[:, None] * A * size, left, rcond=_REDUNDANT)
         return np.asarray(E.dot(before + size * x) + f)

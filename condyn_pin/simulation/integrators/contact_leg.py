@@ -22,8 +22,10 @@ from condyn_pin.simulation.system import System
 # Where an event is found, as a share of a leg.
 _FOUND = 1e-14
 
-# How often the rate at which guided slips turn is corrected.
+# How often the rates at which guided slips turn are corrected, and the angle by which one has to
+# turn for the others to say how they depend on it [rad].
 _CORRECTED = 8
+_TURNED = 1e-5
 
 # Legs are not halved below this share of a step.
 _SHORTEST = 1e-9
@@ -94,19 +96,32 @@ class ContactLeg:
             return Leg(t1, made.look.q, made.look.v, work, bool(fell), part in (1, 2, 3))
 
     def _guided(self, now: Begun, guide: Guide) -> tuple[ContactHold, _Try, NDArray[np.bool_]]:
-        """Return a leg whose guided slips turn as they have to, and which of them are off."""
-        if not guide.guided.any():
-            return now.hold, self._moved(now, now.hold, guide.h, 1.0), guide.guided
-        turning = np.zeros(len(guide.guided))
+        """Return a leg whose guided slips turn as they have to, and which of them are off.
+
+        By Newton's method on the rates; how speeds across slips depend on them is looked at once.
+        """
+        turning, slopes = np.zeros(len(guide.guided)), None
+        hold, made, across = self._turned(now, guide, turning)
+        which = np.flatnonzero(guide.guided & ~guide.ends)
         for _ in range(_CORRECTED):
-            hold = now.hold.guiding(guide.guided, turning, now.look.t)
-            made = self._moved(now, hold, guide.h, 1.0)
-            angles = self._guide.off(hold, made.look, made.held)
-            off = self._guide.is_off(angles, made.look, made.held, guide.h)
-            if not (off & ~guide.ends).any():
+            off = self._guide.is_off(guide, across, made.look)
+            if not off[which].any():
                 break
-            turning = turning + np.where(guide.ends, 0.0, angles / guide.h)
-        return hold, made, off
+            if slopes is None:
+                each = np.eye(len(turning))[which] * (_TURNED / guide.h)
+                changed = [self._turned(now, guide, turning + one)[2] - across for one in each]
+                slopes = np.array(changed)[:, which].T * (guide.h / _TURNED)
+            turning[which] -= np.linalg.lstsq(slopes, across[which], rcond=None)[0]
+            hold, made, across = self._turned(now, guide, turning)
+        return hold, made, self._guide.is_off(guide, across, made.look)
+
+    def _turned(self, now: Begun, guide: Guide, turning: Array) -> tuple[ContactHold, _Try, Array]:
+        """Return a leg whose guided slips turn at some rates, and how fast they end across."""
+        hold = now.hold
+        if guide.guided.any():
+            hold = hold.guiding(guide.guided, turning.copy(), now.look.t)
+        made = self._moved(now, hold, guide.h, 1.0)
+        return hold, made, self._guide.across(hold, made.look)
 
     def _moved(self, now: Begun, hold: ContactHold, h: float, share: float) -> _Try:
         """Return where a share of a leg leads to."""

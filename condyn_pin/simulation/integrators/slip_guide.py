@@ -7,10 +7,13 @@ Across its direction s a slip of the speed r follows the forces f by friction k 
 at the rate k / r: the slower, the stiffer. What begins to slide passes through that, and so does
 what ends.
 
-    begins, or is slow      guided: s turns so that friction balances what acts across it
+    begins, or is slow      guided: s turns evenly to where the slip goes at the end of the leg
     ends without turning    guided along a line: it goes through zero smoothly, and that is located
     ends and turns          the faster the slower it is: legs in which it turns by little, and loses
                             a quarter of its speed, until it would end within a nanosecond
+
+That s is the direction of the slip at both ends makes it the trapezoidal rule, which is stable
+however stiff the slip is.
 """
 
 from __future__ import annotations
@@ -41,8 +44,11 @@ _SLOW = 0.5
 # Force across a slip, relative to friction, that is none.
 _STRAIGHT = 1e-9
 
-# A speed across a slip that is none, relative to the speed of the robot or 1 [m/s].
+# A speed across a slip that is none [m/s], relative to the speed of the robot where it is faster:
+# as it is at the start, or at the end of a line; and what the rates at which slips turn are found
+# to, relative to the slip, or to the robot where that is more.
 _NONE = 1e-9
+_FOUND, _ROUNDED = 1e-10, 1e-13
 
 
 class Guide(NamedTuple):
@@ -101,21 +107,15 @@ class SlipGuide:
         turned = end.slides & (on < _TURNED * end.speed)
         return bool((self._rough(hold) & ~hold.guided & turned).any())
 
-    def off(self, hold: ContactHold, end: ContactLook, held: Held) -> Array:
-        """Return by how much a guided slip would have to turn at the end (cones,) [rad].
+    def across(self, hold: ContactHold, end: ContactLook) -> Array:
+        """Return how fast a guided slip is across its direction at the end (cones,) [m/s]."""
+        s, v = hold.ahead(end.t), end.tangent
+        return np.where(hold.guided, s[:, 0] * v[:, 1] - s[:, 1] * v[:, 0], 0.0)
 
-        Friction has the opposite direction of what slides: a force across it says where that goes.
-        """
-        cones, s = len(hold.of_cones), hold.ahead(end.t)
-        F = held.lam[: 3 * cones].reshape(-1, 3)
-        across = s[:, 0] * F[:, 1] - s[:, 1] * F[:, 0]
-        along = np.maximum(self._candidates.friction * F[:, 2], np.finfo(float).tiny)
-        return np.where(hold.guided, -across / along, 0.0)
-
-    def is_off(self, angles: Array, end: ContactLook, held: Held, h: float) -> NDArray[np.bool_]:
-        """Return for which cones that is more than nothing, by the speed that it makes."""
-        speed = np.minimum(np.maximum(end.speed, 0.0), self._pulls(held) * h)
-        return np.asarray(np.abs(angles) * speed > _NONE * end.fastest)
+    def is_off(self, guide: Guide, across: Array, end: ContactLook) -> NDArray[np.bool_]:
+        """Return for which cones that is more than nothing."""
+        found = np.maximum(_FOUND * end.speed, _ROUNDED * end.fastest)
+        return np.asarray(np.abs(across) > np.where(guide.ends, _NONE * end.fastest, found))
 
     def _rough(self, hold: ContactHold) -> NDArray[np.bool_]:
         return np.asarray((hold.of_cones == SLIDE) & (self._candidates.friction > 0))
