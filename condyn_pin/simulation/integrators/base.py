@@ -26,7 +26,7 @@
 9. An explicit method asks for a small dt where the damping of joints is stiff, and a run that
    breaks down says so; one that does not overrides `takes_stiff_damping`.
 10. A scheme whose contacts open and slide inherits from `ContactScheme`, whose file says how; one
-    that finds the times at which they do leaves them in `System.located`, and sets `locates_events`.
+    that finds the times at which they do leaves these in `System.located`: `locates_events`.
 11. Sources: cite the paper in the docstring.
 """
 

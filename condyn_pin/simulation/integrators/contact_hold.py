@@ -66,12 +66,13 @@ class ContactHold:
 
     def __init__(
         self, candidates: Candidates, modes: Modes, along: Array, sense: Array, lam: Array,
-        guided: Array | None = None, turning: Array | None = None, since: float = 0.0,
+        guided: NDArray[np.bool_] | None = None, turning: Array | None = None, since: float = 0.0,
     ) -> None:  # fmt: skip
         cones, lines = candidates.cones, candidates.half_lines
         self.candidates, self.modes, self.along = candidates, modes, along
         self.sense, self.lam, self.since = sense, lam, since
-        self.guided = np.zeros(cones, dtype=bool) if guided is None else guided
+        none = np.zeros(cones, dtype=bool)
+        self.guided: NDArray[np.bool_] = none if guided is None else guided
         self.turning = np.zeros(cones) if turning is None else turning
         self.of_cones, self.of_dry = modes[:cones], modes[cones + lines :]
         sizes = np.repeat((3, 1), (cones, len(modes) - cones))

@@ -1,11 +1,12 @@
 """ContactLook: all that equations of motion with contacts are made of, at one state.
 
-    M a + h = tau + J_b^T l_b + J_c^T lam,    J_b a + gamma = 0,    sigma' = J_c a + Jdot_c v
+M a + h = tau + J_b^T l_b + J_c^T lam,    J_b a + gamma = 0,    sigma' = J_c a + Jdot_c v
 """
 
 from __future__ import annotations
 
 from functools import cached_property
+from math import isfinite
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.contact.condense import Condensed, condense
+from condyn_pin.errors import StepFailed
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.system import System
@@ -30,6 +32,8 @@ _STILL = 1e-9
 
 class ContactLook:
     """A system with contacts at one state; no array is written to later.
+
+    StepFailed if the state is not finite.
 
     Attributes
     ----------
@@ -49,6 +53,11 @@ class ContactLook:
 
     def __init__(self, system: System, t: float, q: Array, v: Array) -> None:
         self._system, self.t, self.q, self.v = system, t, q, v
+        if not isfinite(float(q.dot(q) + v.dot(v))):
+            raise StepFailed(
+                f"t = {t:g} s: the motion is not finite, its numbers overflow; look at v, tau and "
+                "masses, or take a smaller dt"
+            )
         candidates, data = system.contacts, system.equations.data
         self.tau = system.torque(t, q, v)
         self.M, self.h, self.J_b, self.gamma = system.equations.parts(q, v)
@@ -71,7 +80,7 @@ class ContactLook:
 
     @property
     def closing(self) -> Array:
-        """d gap/dt of cones and half-lines [m/s, rad/s]."""
+        """D gap/dt of cones and half-lines [m/s, rad/s]."""
         return np.asarray(self.slip[self._system.contacts.normals])
 
     @property

@@ -11,7 +11,7 @@ gap over the share of the step that is made has none, and is zero where it retur
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -73,12 +73,14 @@ def margins(
     )
 
 
-def fallen(now: Margins, held: Held, look: ContactLook, begun: ContactLook) -> list[tuple[int, int]]:
+def fallen(
+    now: Margins, held: Held, look: ContactLook, begun: ContactLook
+) -> list[tuple[int, int]]:
     """Return which margins have fallen below zero, by more than rounding: part and place in it."""
     force = _FORCE * float(np.abs(held.lam).max(initial=0.0))
     speed = _SPEED * look.fastest
     gap = np.where(begun.touches, _GAP, 0.0)
-    least = (gap, force, force, force, speed, speed)
+    least: tuple[Any, ...] = (gap, force, force, force, speed, speed)
     return [
         (part, int(i))
         for part, (values, zero) in enumerate(zip(now, least, strict=True))

@@ -16,9 +16,8 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
-from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.modes import OPEN
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.model.soundness import singular_mass
@@ -151,7 +150,7 @@ class EventSteps:
             q = system.integrate(q, self._factors(q, candidates.normals[pressing]).closing(c))
         return best, self._factors(best, hold.still).tangent(leg.v)
 
-    def _factors(self, q: Array, rows: Array) -> MinimumNorm:
+    def _factors(self, q: Array, rows: Indices) -> MinimumNorm:
         """Return those of constraints and rows of contacts."""
         system, equations = self._system, self._system.equations
         J_b = equations.jacobian(q)
