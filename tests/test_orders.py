@@ -42,6 +42,9 @@ VARIANTS = [
     cp.Moreau(),
     cp.simulation.Anitescu(),
     cp.simulation.SoftStep(),
+    cp.simulation.EventDriven(),
+    cp.simulation.EventDriven(cp.simulation.StormerVerlet()),
+    cp.simulation.EventDriven(cp.simulation.ExplicitEuler()),
 ]
 
 

@@ -22,6 +22,7 @@ from .integrators import Integrator as Integrator
 from .integrators.anitescu import Anitescu as Anitescu
 from .integrators.contact_scheme import ContactScheme as ContactScheme
 from .integrators.dormand_prince import DormandPrince as DormandPrince
+from .integrators.event_driven import EventDriven as EventDriven
 from .integrators.explicit import ExplicitEuler as ExplicitEuler
 from .integrators.explicit import Leapfrog as Leapfrog
 from .integrators.explicit import RungeKutta4 as RungeKutta4

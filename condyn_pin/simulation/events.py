@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 
@@ -222,6 +223,12 @@ class Happened:
         By the impact [J].
     added, dropped : tuple of str
         Names of constraints.
+    modes : tuple of (str, str, str)
+        Contacts whose mode has changed, of an integrator that locates that: name, and open, stick
+        or slide before and after.
+    impulses : tuple of (str, float, ...)
+        Contacts that have struck: name, and impulse on the robot in the axes (t1, t2, n) of the
+        contact, one number of a stop [N s, N m s].
     """
 
     name: str
@@ -230,6 +237,13 @@ class Happened:
     energy_lost: float = 0.0  # [J]
     added: tuple[str, ...] = ()
     dropped: tuple[str, ...] = ()
+    modes: tuple[tuple[str, str, str], ...] = ()
+    impulses: tuple[tuple[Any, ...], ...] = ()
+
+    @property
+    def is_of_contacts(self) -> bool:
+        """Whether contacts made it, and no `Event`."""
+        return bool(self.modes or self.impulses)
 
 
 class Ended(Exception):

@@ -9,7 +9,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.plan import Plan, default_solver
-from condyn_pin.simulation.recorder import Recorder
+from condyn_pin.simulation.recorder import Recorder, Row
 from condyn_pin.simulation.system import CorrectedStepper, System
 
 
@@ -64,6 +64,14 @@ class HybridPhase:
         """Take a step to t1; `keep` says whether its end is to be a sample."""
         keep = not self.recorder.count if self._samples_start else keep
         return self._stepper_of(t1 - t).take(t, q, v, t1, self.recorder.add if keep else None)
+
+    def split(self, before: Row, after: Row) -> Recorder:
+        """Go on with another recorder behind an event; return it."""
+        if self.recorder.last != before[0]:
+            self.recorder.add(before)
+        self.recorder = Recorder(self.scene)
+        self.recorder.add(after)
+        return self.recorder
 
     def take_back(self, t: float) -> None:
         """Forget the sample of a step from t that does not count."""

@@ -75,7 +75,8 @@ class HybridSimulator:
         Ended, ZenoDetected
             If an event ends the run, or happens again at once.
         """
-        (self._run_watched if self._watch.events else self._run_free)(tick)
+        located = self.plan.integrator.locates_events
+        (self._run_watched if self._watch.events or located else self._run_free)(tick)
         self.phase.end(self.t, self.q, self.v)
 
     def _run_free(self, tick: Callable[[int], None] | None) -> None:
@@ -101,6 +102,7 @@ class HybridSimulator:
             q, v = self.phase.step(self.t, self.q, self.v, k)
             t1 = (k + 1) * self.plan.dt
             q, v = self._through_events(t1, q, v, (k + 1) % self.plan.every == 0)
+            self._keep_located()
             self.t, self.q, self.v = t1, q, v
             self._contact_work = self.phase.system.contact_work
             if tick:
@@ -124,6 +126,7 @@ class HybridSimulator:
                 break
             self.phase.take_back(self.t)
             self.phase.system.contact_work = self._contact_work  # of steps that count
+            self.phase.system.located = ()
             self._go(event, self.t + share * (t1 - self.t))
             self._happen(event)
             if self._is_there(t1):
@@ -183,7 +186,18 @@ class HybridSimulator:
         if t - self.t > _NOTHING * self.plan.dt:
             self.q, self.v = self.phase.part(self.t, self.q, self.v, t)
             self._contact_work = self.phase.system.contact_work
+            self._keep_located()
         self.t = max(t, self.t)  # also if that is not worth a step: a time does not come again
+
+    def _keep_located(self) -> None:
+        """Keep the events of contacts in a step that counts."""
+        system = self.phase.system
+        for located in system.located:
+            if self.plan.at_events:
+                self.recorders.append(self.phase.split(located.before, located.after))
+            sample = sum(recorder.count for recorder in self.recorders)
+            self.happened.append(located.happened(sample - self.plan.at_events))
+        system.located = ()
 
     def _happen(self, event: Event) -> None:
         """Let an event happen here; Ended if it ends the run."""

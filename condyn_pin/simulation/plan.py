@@ -22,7 +22,6 @@ from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.explicit import RungeKutta4
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.outcome import Effects
@@ -54,6 +53,7 @@ class Plan:
     solver: Solver | None
     effects: Effects
     events: tuple[Event, ...]
+    at_events: bool = True  # whether samples are kept where contacts strike, open or slide
 
 
 def plan(
@@ -213,13 +213,13 @@ def default_integrator(scene: Scene, events: Sequence[Event]) -> Integrator:
 
 def check_scheme(scene: Scene, integrator: Integrator) -> None:
     """Refuse an integrator that cannot let the contacts of a scene open, slide or rebound."""
-    if scene.contacts and not isinstance(integrator, ContactScheme):
+    if scene.contacts and not integrator.takes_contacts:
         raise UnsupportedConstraint(
             f"integrator = {integrator!r}: contacts of the scene may open and slide, and "
-            f"{integrator.title} holds them for ever; use StewartTrinkle() or Moreau(), or "
-            "scene.closed()"
+            f"{integrator.title} holds them for ever; use StewartTrinkle() or Moreau(), "
+            "EventDriven(RungeKutta4()), or scene.closed()"
         )
-    if isinstance(integrator, ContactScheme):
+    if integrator.takes_contacts:
         integrator.check(candidates_of(scene))
 
 

@@ -31,6 +31,7 @@ from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.torques import Applied, Torque
 
 if TYPE_CHECKING:
+    from condyn_pin.simulation.contact_event import ContactEvent
     from condyn_pin.simulation.integrators.base import Integrator
 
 # A step of an integrator: (t, q, v) -> (q, v, a)
@@ -62,6 +63,8 @@ class System:
         What may touch; the workspace and its scene know nothing of them.
     contact_work : float
         Work of the contacts since the start of the run [J].
+    located : tuple of ContactEvent
+        Events of contacts in the last step, of an integrator that finds them.
     look : callable
         (t, q, v) -> a sample of the state, by a step where contacts open and slide.
     """
@@ -83,6 +86,7 @@ class System:
         self.torque = total_torque(self.applied, self.passive)
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.contacts, self.contact_work = Candidates(self.model, contacts), 0.0
+        self.located: tuple[ContactEvent, ...] = ()
         self.look: Callable[[float, Array, Array], Row] = self.sample
         self._last = _NOTHING
         self._implicit: tuple[System, float] = (self, 0.0)  # the last one, and its dt
@@ -246,6 +250,8 @@ class CorrectedStepper:
         bare = integrator.start(system, dt)
         self._step, self._lam, self._touch = bare.step, bare.lam, bare.touch
         self.sample = bare.sample or system.sample
+        # what a step begins with may be another system's solve
+        self._first = bare.sample or (bare.system or system).sample
         self._samples_start = integrator.a_at == "start"
         # a correction reads what the solve of the next step leaves behind
         self._system = bare.system or system
@@ -258,7 +264,7 @@ class CorrectedStepper:
         """Return q and v after a step to t1; `keep` is handed the sample that belongs to it."""
         slow, lam = self._slow, None
         if keep and self._samples_start:
-            keep(self._system.sample(t, q, v))
+            keep(self._first(t, q, v))
         if slow and v.dot(v) > slow:  # all velocities together: most often that is enough
             self._manifold.check_turn(v, self._dt)
         q, v, a = self._step(t, q, v)

@@ -156,6 +156,8 @@ class Trajectory:
         samples = [phase.samples for phase in self.phases]
         impacts = np.zeros(len(self.t))
         for event in self.run.happened:
+            if event.is_of_contacts:
+                continue  # the work of contacts has it
             impacts[event.sample :] -= event.energy_lost
         return Energy(
             self._kinematics.kinetic,

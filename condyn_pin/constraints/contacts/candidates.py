@@ -116,6 +116,20 @@ class Candidates:
             J = np.concatenate((J, self._coordinates))
         return self._with_stops(gaps, q), J
 
+    def drift(self, data: Any) -> Array:
+        """Return Jdot v of all rows (rows,) [m/s^2], where no shapes of two bodies meet.
+
+        Reads what forward kinematics with a = 0 leaves in data.
+        """
+        assert not self.pairs, "the points where shapes meet have no closed form"
+        of_cones = self._touches.drift(data)
+        return np.concatenate((of_cones, np.zeros(len(self._coordinates))))
+
+    @property
+    def pairs(self) -> int:
+        """How many of the cones, the last ones, are where shapes of two bodies meet."""
+        return self.cones - self.feelers
+
     def _with_stops(self, gaps: Array, q: Array) -> Array:
         if not self.half_lines:
             return gaps

@@ -40,6 +40,7 @@ class Touches:
             self._local[ground, k + 3 * i : k + 3 * i + 3] = t.plane.homogeneous[:, :3]
             self._local[ground, 4 * k + i] = (*t.plane.translation, 1.0)
         self._radius = np.array([t.radius for t in touches])
+        self._joints = [t.joint for t in touches], [t.ground for t in touches]
         self._moves = np.repeat(
             [columns(model, t.joint) - columns(model, t.ground) for t in touches], 3, axis=0
         ).reshape(3 * k, model.nv)
@@ -66,6 +67,24 @@ class Touches:
         rows = relative_rows(centres - self._radius * normals, axes, J, self._moves)
         return self._gaps(centres, normals, origins), rows
 
+    def drift(self, data: Any) -> Array:
+        """Return Jdot v in the rows of `evaluate` (3 k,) [m/s^2].
+
+        Reads what forward kinematics with a = 0 leaves in data. With the velocity field v_0 + w x p
+        of each body, those of the ground marked g, and the contact point p that moves with the
+        middle of the feeler, u = v_0 + w x p - v_0g - w_g x p is the slip, and
+
+            d(E^T u)/dt = E^T (v_0' + w' x p + w x p' - the same of the ground - w_g x u).
+        """
+        centres, axes, _ = self._world(data)
+        normals, r = axes[:, 2::3].T, self._radius[:, None]
+        (v, w, dv, dw), (v_g, w_g, dv_g, dw_g) = (_fields(data, its) for its in self._joints)
+        p = centres.T - r * normals
+        rate = v + np.cross(w, centres.T) - r * np.cross(w_g, normals)
+        slip = v - v_g + np.cross(w - w_g, p)
+        bias = dv - dv_g + np.cross(dw - dw_g, p) + np.cross(w - w_g, rate) - np.cross(w_g, slip)
+        return np.asarray(np.einsum("xka,kx->ka", axes.reshape(3, self.size, 3), bias).ravel())
+
     def _gaps(self, centres: Array, normals: Array, origins: Array) -> Array:
         above = (centres - origins) * normals
         return above[0] + above[1] + above[2] - self._radius  # type: ignore[no-any-return]
@@ -74,6 +93,16 @@ class Touches:
         """Return middles (3, k), axes (3, 3 k) and points of the planes (3, k) in the world."""
         world, k = self._placements.read(data).dot(self._local), self.size
         return world[:, :k], world[:, k : 4 * k], world[:, 4 * k :]
+
+
+def _fields(data: Any, joints: Sequence[int]) -> Array:
+    """Return v_0, w and their rates without accelerations, of each joint (4, k, 3); world axes."""
+    fields = {0: np.zeros(12)}  # the world stands still
+    for j in set(joints) - {0}:
+        at = data.oMi[j]
+        fields[j] = np.concatenate((at.act(data.v[j]).vector, at.act(data.a[j]).vector))
+    found = np.reshape([fields[j] for j in joints], (len(joints), 4, 3))
+    return np.asarray(found.transpose(1, 0, 2))
 
 
 def relative_rows(points: Array, axes: Array, J: Array, moves: Array) -> Array:

@@ -59,11 +59,12 @@ class Motions:
 
     def plan(self, scene: Scene) -> Plan:
         """Return the plan of the first of them."""
-        return plan(
+        planned = plan(
             scene, self.function or 0.0, duration=self.duration, dt=self.dt,
             integrator=self.integrator, drift=self.drift, solver=self.solver,
             record=self.every, forces=self.forces.forces, jacobian=self.jacobian,
         )  # fmt: skip
+        return replace(planned, at_events=False)  # as many samples of each motion
 
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
         """Simulate the rows; return why those ended early that did."""

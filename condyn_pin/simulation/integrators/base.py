@@ -25,7 +25,8 @@
 8. An implicit method that asks for the slopes of torques (`Applied.slopes`) sets `takes_jacobian`.
 9. An explicit method asks for a small dt where the damping of joints is stiff, and a run that
    breaks down says so; one that does not overrides `takes_stiff_damping`.
-10. A scheme whose contacts open and slide inherits from `ContactScheme`, whose file says how.
+10. A scheme whose contacts open and slide inherits from `ContactScheme`, whose file says how; one
+    that finds the times at which they do leaves these in `System.located`: `locates_events`.
 11. Sources: cite the paper in the docstring.
 """
 
@@ -38,6 +39,7 @@ from typing import ClassVar, Literal, NamedTuple
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.registry import enter
+from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import Step, System
 
@@ -75,6 +77,7 @@ class Integrator(ABC):
     is_adaptive: ClassVar[bool] = False  # whether it takes smaller steps where it must
     needs_positions: ClassVar[bool] = False  # whether it holds c(q) = 0 only, no bare J v = 0
     takes_contacts: ClassVar[bool] = False  # whether contacts may open and slide in its steps
+    locates_events: ClassVar[bool] = False  # whether its steps find the times at which they do
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -97,6 +100,10 @@ class Integrator(ABC):
     def takes_jacobian(self) -> bool:
         """Whether it asks how the torques of a function change with the state."""
         return False
+
+    def check(self, candidates: Candidates) -> None:
+        """Refuse contacts that it lets open and slide, but not as they are."""
+        return None
 
     @abstractmethod
     def start(self, system: System, dt: float) -> Stepper:

@@ -1,0 +1,198 @@
+"""Which contacts press, stick and slide next: a contact problem of accelerations.
+
+    sigma' = G lam + J_c a_free + Jdot_c v,    K contains lam,    K* contains d(sigma'),  orthogonal
+
+of all that touches. What is still may stick: Coulomb's law says whether it does, and where it
+begins to slide. What slides goes on: its tangential row of sigma' is that much larger than all
+accelerations, so that the cone answers with -mu lam_n s. Where it does not, no force lets it slide
+on (Painlevé), and only an impulse does: a frictional shock,
+
+    M (v+ - v) = J_b^T l_b + J_c^T l,    J_b v+ = 0,    sigma+ = J_c v+,    l in K
+
+although nothing approaches. Impacts are the same problem, with Newton's law of restitution,
+
+    sigma_n+ + e min(sigma_n, 0) >= 0,    orthogonal to l_n.
+
+References
+----------
+Pfeiffer, Glocker. Multibody dynamics with unilateral contacts. Wiley, 1996.
+Génot, Brogliato. New results on Painlevé paradoxes. European Journal of Mechanics A 18, 1999.
+"""
+
+from __future__ import annotations
+
+from itertools import compress
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.judge import attempt_contact
+from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
+from condyn_pin.contact.problem import ContactProblem, Level
+from condyn_pin.contact.sets import ContactSets
+from condyn_pin.contact.solvers.base import ContactSolver
+from condyn_pin.errors import StepFailed
+from condyn_pin.simulation.integrators.contact_hold import ContactHold
+from condyn_pin.simulation.integrators.contact_look import ContactLook
+
+# What slides has a larger sigma' than accelerations give, by this factor.
+_FAR = 1e4
+
+# Natural residual that is asked for: of what is _FAR larger, 1e-9 of the accelerations.
+_ACCURATE = 1e-13
+
+# Accelerations, and forces by what they accelerate, that are none, relative to the largest. A
+# contact that has just come to the end of what it can give is there up to rounding of its time.
+_NONE = 1e-8
+_AT_ITS_END = 1e-6
+
+
+class Choice(NamedTuple):
+    """What contacts do next."""
+
+    hold: ContactHold | None  # None if no force lets what slides go on
+    natural: float  # residual of the problem [1]
+    guess: Array  # (rows,), impulses that stop what slides [N s]
+
+
+class Struck(NamedTuple):
+    """An impact or a shock."""
+
+    v: Array
+    impulse: Array  # (rows,) [N s]
+    work: float  # [J]
+
+
+class ContactChoice:
+    """Finds modes and impulses for the contacts of one system."""
+
+    def __init__(self, candidates: Candidates, solver: ContactSolver) -> None:
+        self._candidates, self._solver = candidates, solver
+        k, n = candidates.cones, candidates.half_lines
+        self._all_dry = np.ones(candidates.intervals, dtype=bool)
+        self._parts = slice(0, 3 * k), slice(3 * k, 3 * k + n), slice(3 * k + n, candidates.rows)
+
+    def next(self, look: ContactLook, at_end: bool) -> Choice:
+        """Return what contacts do from a state on where nothing approaches.
+
+        Parameters
+        ----------
+        look : ContactLook
+        at_end : bool
+            Whether a force has just come to the end of what its contact can give: it lets go there,
+            or begins to slip.
+        """
+        candidates, (cones, lines, dry) = self._candidates, self._parts
+        active = np.concatenate((look.rests, self._all_dry))
+        rows, lam, rate = candidates.rows_of(active), np.zeros(len(look.J)), np.zeros(len(look.J))
+        slides = look.slides & look.rests[: candidates.cones] & (candidates.friction > 0)
+        along, sense = np.zeros((candidates.cones, 2)), np.sign(look.dry)
+        along[slides] = look.tangent[slides] / look.speed[slides, None]
+        pushed = np.zeros(len(look.J))
+        pushed[cones].reshape(-1, 3)[:, :2], pushed[dry] = along, sense
+        now = look.forced(np.flatnonzero(rows))
+        g = now.contact_velocities + look.drift[rows]
+        scale = float(np.abs(g).max(initial=0.0)) or tolerances.GRAVITY
+        far = g + _FAR * scale * pushed[rows]
+        problem = self._problem(active, now.G, far, candidates.limits, "acceleration")
+        lam[rows], natural = self._answer(problem, None)
+        rate[rows] = problem.velocities(lam[rows]) / scale
+        unit = problem.scale[0] / scale  # forces as accelerations, relative to the largest
+        stopped = np.einsum("kx,kx->k", rate[cones].reshape(-1, 3)[:, :2], along) < _FAR / 2
+        if (slides & stopped).any() or not natural <= tolerances.CONTACT_SOLVED:
+            fastest = float(look.speed[slides].max(initial=0.0))
+            return Choice(None, natural, lam * (fastest / (_FAR * scale)))
+        least = _AT_ITS_END if at_end else _NONE
+        of_cones = self._of_cones(lam[cones] * unit, rate[cones], slides, along, at_end)
+        of_lines = np.where(lam[lines] * unit > least, STICK, OPEN)
+        left = (candidates.limits - np.abs(lam[dry])) * unit
+        of_dry = self._of_dry(lam[dry], left, rate[dry], sense, at_end)
+        modes = np.concatenate((of_cones, of_lines, of_dry))
+        return Choice(ContactHold(candidates, modes, along, sense, lam), natural, lam)
+
+    def impact(self, look: ContactLook) -> Struck:
+        """Return what follows where contacts approach, by Newton's law of restitution."""
+        e = np.zeros(len(look.gaps))
+        e[: self._candidates.cones] = self._candidates.restitution
+        rebound = np.zeros(len(look.J))
+        rebound[self._candidates.normals] = e * np.minimum(look.closing, 0.0)
+        struck, natural = self._struck(look, rebound, None)
+        if not natural <= tolerances.CONTACT_SOLVED:
+            raise StepFailed(
+                f"the impact of {self._named(look.approaches)} at t = {look.t:g} s: "
+                f"{self._solver!r} leaves a natural residual of {natural:.1e}; take a stepper, "
+                "such as Moreau()"
+            )
+        return struck
+
+    def shock(self, look: ContactLook, choice: Choice) -> Struck:
+        """Return the impulse that stops what no force lets slide on."""
+        struck, natural = self._struck(look, np.zeros(len(look.J)), choice.guess)
+        changed = np.abs(struck.v - look.v).max(initial=0.0) > _NONE * look.fastest
+        if not (natural <= tolerances.CONTACT_SOLVED and changed):
+            raise StepFailed(
+                f"contacts {self._named(look.rests)} at t = {look.t:g} s: {self._solver!r} finds "
+                f"no forces (natural residual {choice.natural:.1e}), and no impulse that would "
+                "stop them; take a stepper, such as StewartTrinkle()"
+            )
+        return struck
+
+    def _of_cones(
+        self, force: Array, rate: Array, slides: NDArray[np.bool_], along: Array, at_end: bool
+    ) -> Modes:
+        """Return the modes of cones; into `along` goes where what begins to slide goes."""
+        F, S = force.reshape(-1, 3), rate.reshape(-1, 3)[:, :2]
+        mu, pull, slip = self._candidates.friction, np.hypot(*F[:, :2].T), np.hypot(*S.T)
+        still = ~slides & (mu > 0)
+        moves = still & (slip > _NONE)
+        slips = still & ~moves & at_end & (mu * F[:, 2] - pull < _AT_ITS_END)
+        along[moves] = S[moves] / slip[moves, None]
+        along[slips] = -F[slips, :2] / np.maximum(pull[slips, None], np.finfo(float).tiny)
+        modes = np.where(still & ~moves & ~slips, STICK, SLIDE)
+        return np.where(F[:, 2] > (_AT_ITS_END if at_end else _NONE), modes, OPEN)
+
+    def _of_dry(self, lam: Array, left: Array, rate: Array, sense: Array, at_end: bool) -> Modes:
+        """Return the modes of dry friction; into `sense` goes where what begins to slide goes."""
+        still = sense == 0
+        moves = still & (np.abs(rate) > _NONE)
+        slips = still & ~moves & at_end & (left < _AT_ITS_END)
+        sense[moves], sense[slips] = np.sign(rate[moves]), -np.sign(lam[slips])
+        return np.where(still & ~moves & ~slips, STICK, SLIDE)
+
+    def _struck(
+        self, look: ContactLook, rebound: Array, guess: Array | None
+    ) -> tuple[Struck, float]:
+        """Return what impulses of all that touches do, and their natural residual."""
+        active = np.concatenate((look.touches, ~self._all_dry))
+        rows, impulse = self._candidates.rows_of(active), np.zeros(len(look.J))
+        now = look.struck(np.flatnonzero(rows))
+        g = now.contact_velocities + rebound[rows]
+        problem = self._problem(active, now.G, g, np.zeros(0), "impulse")
+        begin = None if guess is None else guess[rows]
+        impulse[rows], natural = self._answer(problem, begin)
+        v = now.velocity(impulse[rows])
+        return Struck(v, impulse, 0.5 * float(impulse.dot(look.slip + look.J.dot(v)))), natural
+
+    def _answer(self, problem: ContactProblem, guess: Array | None) -> tuple[Array, float]:
+        found, natural = attempt_contact(problem, self._solver, guess, _ACCURATE)
+        return found.lam, natural
+
+    def _problem(
+        self, active: NDArray[np.bool_], G: Array, g: Array, limits: Array, level: Level
+    ) -> ContactProblem:
+        """Return the problem of the candidates that are active, with limits of dry friction."""
+        candidates = self._candidates
+        k, lines = candidates.cones, candidates.cones + candidates.half_lines
+        friction, stops = candidates.friction[active[:k]], int(active[k:lines].sum())
+        return ContactProblem.trusted(
+            G=G, g=g, friction=friction, half_lines=stops, limits=limits, R=None, law="ncp",
+            level=level, names=tuple(compress(candidates.names, active)),
+            sets=ContactSets(friction, stops, limits),
+        )  # fmt: skip
+
+    def _named(self, which: NDArray[np.bool_]) -> str:
+        return ", ".join(compress(self._candidates.names, which))

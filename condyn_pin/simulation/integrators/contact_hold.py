@@ -1,0 +1,150 @@
+"""ContactHold: smooth motion while no contact opens, closes, sticks or slips.
+
+    stick    sigma' = 0 in all three rows
+    slide    sigma_n' = 0,    lam_t = -mu lam_n s,    s = sigma_t / |sigma_t|
+    open     lam = 0
+
+With E the columns of the forces that are unknown, (-mu s, 1) of what slides, and R the rows whose
+sigma' is zero,
+
+    lam = E x + f,    R (G E) x + R (G f + g) = 0.
+
+R G E is not symmetric where something slides. The direction of a `guided` slip is not that of its
+velocity but s(t) = Q(w (t - t_0)) s, a rotation at a rate that is given (`SlipGuide`).
+
+Redundant contacts share a load in many ways: what x
+changes by since modes were last found is the smallest such change.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core.arrays import Array, Indices
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
+from condyn_pin.simulation.integrators.contact_look import ContactLook
+
+# Singular values of R G E, rows and columns scaled to one, that redundant contacts leave.
+_REDUNDANT = 1e-10
+
+
+class Held(NamedTuple):
+    """The answer of a hold at a state."""
+
+    a: Array  # (nv,)
+    lam: Array  # (rows,), of all candidates [N, N m]
+    of_constraints: Array  # [N, N m]
+    rate: Array  # (rows,), sigma' of all candidates [m/s^2]
+    ease: Array  # (rows,), diagonal of G of what is not open [1/kg]
+
+
+class ContactHold:
+    """What contacts do until the next event.
+
+    Parameters
+    ----------
+    candidates : Candidates
+    modes : (candidates,) array of int
+        Places in `MODES`.
+    along : (cones, 2) array
+        Where what slides goes, unit vectors; for those that have no velocity yet.
+    sense : (intervals,) array
+        The same of dry friction, 1 or -1.
+    lam : (rows,) array
+        Forces by which the modes were found.
+    guided : (cones,) bool array, optional
+        Which of the cones that slide are guided.
+    turning : (cones,) array, optional
+        At which rate [rad/s].
+    since : float
+        Where they begin to turn [s].
+    """
+
+    def __init__(
+        self, candidates: Candidates, modes: Modes, along: Array, sense: Array, lam: Array,
+        guided: NDArray[np.bool_] | None = None, turning: Array | None = None, since: float = 0.0,
+    ) -> None:  # fmt: skip
+        cones, lines = candidates.cones, candidates.half_lines
+        self.candidates, self.modes, self.along = candidates, modes, along
+        self.sense, self.lam, self.since = sense, lam, since
+        none = np.zeros(cones, dtype=bool)
+        self.guided: NDArray[np.bool_] = none if guided is None else guided
+        self.turning = np.zeros(cones) if turning is None else turning
+        self.of_cones, self.of_dry = modes[:cones], modes[cones + lines :]
+        sizes = np.repeat((3, 1), (cones, len(modes) - cones))
+        self.rows: Indices = np.flatnonzero(np.repeat(modes != OPEN, sizes))
+        # rows that stand still: all of what sticks, the normals of what slides
+        stands = np.repeat(modes == STICK, sizes)
+        stands[2 : 3 * cones : 3] |= self.of_cones == SLIDE
+        self.still: Indices = np.flatnonzero(stands)
+        self._place_unknowns()
+
+    def _place_unknowns(self) -> None:
+        """Find where the unknowns, and what follows from them, are among the rows."""
+        candidates, rows, still = self.candidates, self.rows, self.still
+        place = {row: i for i, row in enumerate(rows.tolist())}
+        self.sliding: Indices = np.flatnonzero(self.of_cones == SLIDE)
+        self._R = np.array([place[row] for row in still.tolist()], dtype=np.intp)
+        self._E = np.zeros((len(rows), len(still)))
+        self._E[self._R, np.arange(len(still))] = 1.0
+        self._t1 = np.array([place[3 * i] for i in self.sliding.tolist()], dtype=np.intp)
+        column = {row: i for i, row in enumerate(still.tolist())}
+        self._n = np.array([column[3 * i + 2] for i in self.sliding.tolist()], dtype=np.intp)
+        dry = np.flatnonzero(self.of_dry == SLIDE)
+        first = candidates.rows - candidates.intervals
+        known = np.zeros(candidates.rows)
+        known[first + dry] = -candidates.limits[dry] * self.sense[dry]
+        self._known = known[rows]
+
+    def guiding(self, which: NDArray[np.bool_], turning: Array, since: float) -> ContactHold:
+        """Return the same hold, with these cones guided."""
+        return ContactHold(
+            self.candidates, self.modes, self.along, self.sense, self.lam, which, turning, since
+        )
+
+    def with_forces(self, lam: Array) -> ContactHold:
+        """Return the same hold, with other forces that redundant contacts stay near to."""
+        return ContactHold(self.candidates, self.modes, self.along, self.sense, lam)
+
+    def ahead(self, t: float) -> Array:
+        """Return where cones go that are guided, and where the others went first (cones, 2)."""
+        angle = np.where(self.guided, self.turning * (t - self.since), 0.0)
+        c, s, (x, y) = np.cos(angle), np.sin(angle), self.along.T
+        return np.column_stack((c * x - s * y, s * x + c * y))
+
+    def directions(self, look: ContactLook) -> Array:
+        """Return s of all cones (cones, 2)."""
+        ahead = self.ahead(look.t)
+        turns = look.slides & (np.einsum("kx,kx->k", look.tangent, ahead) > 0) & ~self.guided
+        size = np.where(turns, look.speed, 1.0)[:, None]
+        return np.where(turns[:, None], look.tangent / size, ahead)
+
+    def solve(self, look: ContactLook) -> Held:
+        """Return accelerations and forces at a state."""
+        now, lam, ease = look.forced(self.rows), np.zeros(len(look.J)), np.zeros(len(look.J))
+        G = now.G
+        found = self._forces(look, G, now.contact_velocities + look.drift[self.rows])
+        lam[self.rows], ease[self.rows] = found, G.diagonal()
+        a = now.velocity(found)
+        rate = look.J.dot(a) + look.drift
+        return Held(a, lam, now.constraint_impulses(found), rate, ease)
+
+    def _forces(self, look: ContactLook, G: Array, g: Array) -> Array:
+        E, R, f = self._E, self._R, self._known
+        if not len(R):
+            return f
+        if len(self.sliding):
+            E, i = E.copy(), self.sliding
+            pull = -self.candidates.friction[i, None] * self.directions(look)[i]
+            E[self._t1, self._n], E[self._t1 + 1, self._n] = pull.T
+        # unknowns in units of their own: forces of stops are moments
+        size = 1 / np.sqrt(np.maximum(G.diagonal()[R], np.finfo(float).tiny))
+        before = self.lam[self.still]
+        A, b = G.dot(E)[R], (G.dot(f) + g)[R]
+        left = -(b + A.dot(before)) * size
+        x, *_ = np.linalg.lstsq(size[:, None] * A * size, left, rcond=_REDUNDANT)
+        return np.asarray(E.dot(before + size * x) + f)

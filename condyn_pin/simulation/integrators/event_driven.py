@@ -1,0 +1,116 @@
+"""EventDriven: smooth motion by an accurate integrator, between events that are located."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.solvers.base import ContactSolver
+from condyn_pin.contact.solvers.newton import SemismoothNewton
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
+from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
+from condyn_pin.simulation.integrators.event_steps import EventSteps
+from condyn_pin.simulation.integrators.explicit import ExplicitEuler, RungeKutta4, StormerVerlet
+from condyn_pin.simulation.system import System
+
+# What needs nothing but accelerations at states of its own, and remembers nothing.
+_INNER = (RungeKutta4, DormandPrince, StormerVerlet, ExplicitEuler)
+
+
+@dataclass(frozen=True)
+class EventDriven(Integrator):
+    """Contacts at their own times: each impact, lift-off, slip and stick is located.
+
+    M a + h = tau + J_b^T l_b + (J_n - mu s J_t)^T l_n + J_s^T l_s,
+    J_b a + gamma = 0,    sigma_n' = 0 of what presses,    sigma_s' = 0 of what sticks
+
+    with s the direction of what slides. The order is that of the integrator between events, and
+    across them too: they are found where a gap, a normal force, the margin to the friction cone or
+    a speed of slip is zero. What goes on then is the answer of a contact problem: of impulses with
+    Newton's restitution where contacts approach, of accelerations where they do not; where no
+    acceleration holds what slides (Painlevé), of impulses again, a shock. The events are in
+    `Trajectory.run.happened`, with modes and impulses; every one begins a phase of its own.
+
+    Parameters
+    ----------
+    inner : Integrator
+        What moves between events: `RungeKutta4`, `DormandPrince`, `StormerVerlet` or
+        `ExplicitEuler`.
+    shortest_bounce : float
+        A contact that would be back sooner comes to rest [s]. A ball is off by its height then,
+        g s^2 / 8, and comes to rest earlier by s e / (1 - e): with 1e-7 s by 1e-14 m and 4e-7 s.
+    contact : ContactSolver
+        What answers the contact problems; Newton's method does to rounding.
+
+    Notes
+    -----
+    It sees contacts at the ends of its steps: what touches and leaves again within one is missed.
+    Planes are taken, of the world and of bodies, with stops and dry friction of joints; shapes that
+    meet shapes are refused. Springs and damping act as forces: where they are stiff, dt has to be
+    small. What sticks is held by its velocity, closed to rounding behind each leg.
+
+    Where redundant contacts slide Coulomb's law leaves their loads open: they change as little as
+    they can. Every step takes about eight solves, an event some ten more; robots whose feet rattle
+    have thousands of events a second, and are better off with `StewartTrinkle`.
+
+    References
+    ----------
+    Pfeiffer, Glocker. Multibody dynamics with unilateral contacts. Wiley, 1996.
+    Acary, Brogliato. Numerical methods for nonsmooth dynamical systems. Springer, 2008, chapter 8.
+    """
+
+    title: ClassVar[str] = "event-driven"
+    use: ClassVar[str] = "with few contacts: as accurate as without, times of impact and all"
+    solves_per_step: ClassVar[float] = 8
+    keeps_constraints: ClassVar[bool] = True
+    takes_contacts: ClassVar[bool] = True
+    locates_events: ClassVar[bool] = True
+
+    inner: Integrator = RungeKutta4()  # noqa: RUF009  a value
+    shortest_bounce: float = 1e-7  # [s]
+    contact: ContactSolver = SemismoothNewton()  # noqa: RUF009  a value
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.inner, _INNER):
+            can = ", ".join(kind.__name__ for kind in _INNER)
+            raise InvalidArgument(
+                f"inner = {self.inner!r}: one of {can} is needed, which ask for accelerations only"
+            )
+        check_positive(shortest_bounce=self.shortest_bounce)
+        if not isinstance(self.contact, ContactSolver) or not self.contact.exact:
+            raise InvalidArgument(
+                f"contact = {self.contact!r}: a contact solver that solves Coulomb's law itself is "
+                "needed, such as SemismoothNewton()"
+            )
+        if "ncp" not in self.contact.laws:
+            raise InvalidArgument(
+                f"contact = {self.contact!r}: it solves {' and '.join(self.contact.laws)} only; "
+                "use SemismoothNewton()"
+            )
+
+    @property
+    def order(self) -> Order:
+        """That of the integrator between events."""
+        return self.inner.order
+
+    @property
+    def takes_stiff_damping(self) -> bool:
+        """Whether the integrator between events does."""
+        return self.inner.takes_stiff_damping
+
+    def check(self, candidates: Candidates) -> None:
+        """Refuse contacts between shapes of two bodies."""
+        if candidates.pairs:
+            name = candidates.names[candidates.feelers]
+            raise UnsupportedConstraint(
+                f"{name}: where shapes of two bodies meet changes from one edge to the next, and "
+                f"{self.title} motion takes planes only; use Moreau(), or on_shape=Plane(...)"
+            )
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+        steps = EventSteps(system, dt, self.inner, self.contact, self.shortest_bounce)
+        return Stepper(steps.step, sample=steps.sample)
