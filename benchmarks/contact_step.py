@@ -389,7 +389,7 @@ def markdown(rows: Sequence[Row], crowd: Islands, about: dict[str, str]) -> str:
         f"eliminated. What sticks is answered by one linear system (1 iteration), and ADMM is not "
         f"asked. Error: of v+ against Newton's method to rounding, over g dt. "
         f"{crowd.robots} Solo12 that slide in one scene ({crowd.rows} rows): their contact problem "
-        f"is solved in {crowd.apart:.0f} us, robot by robot, and in {crowd.whole:.0f} us as a whole, "
+        f"is solved in {crowd.apart:.0f} us, robot by robot, in {crowd.whole:.0f} us as a whole, "
         f"{crowd.ratio:.1f} times as long; impulses differ by {crowd.difference:.0e} of the "
         "largest.",
         "`python benchmarks/contact_step.py` on {processor} ({cores} cores, one thread), {system}, "
