@@ -84,8 +84,8 @@ class FrictionalContact(Contact):
         object.__setattr__(self, "friction", not_negative("friction", self.friction))
         if self.friction > tolerances.MOST_FRICTION:
             raise InvalidArgument(
-                f"friction = {self.friction:g}: {tolerances.MOST_FRICTION:g} is the most; with more "
-                "of it rounding of slip hides how fast bodies fall in; what never slides is a "
+                f"friction = {self.friction:g}: {tolerances.MOST_FRICTION:g} is the most; above "
+                "it rounding of slip hides how fast bodies fall in; what never slides is a "
                 "PointContact in Scene(robot, constraints)"
             )
         restitution = float(finite("restitution", self.restitution, ()))
