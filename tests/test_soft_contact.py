@@ -6,6 +6,8 @@ import mujoco
 import numpy as np
 import pytest
 
+import condyn_pin as cp
+from condyn_pin.constraints import Box, FrictionalContact
 from condyn_pin.contact import (
     ADMM,
     SAP,
@@ -15,7 +17,10 @@ from condyn_pin.contact import (
     soft_contact,
     solve_contact,
 )
+from condyn_pin.dynamics.softness import DEFAULT_SOLIMP
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.model import free_box
+from condyn_pin.simulation import SoftStep
 
 BOX_IN_MUJOCO = """<mujoco>
 <option timestep="2e-3" cone="elliptic" solver="Newton" tolerance="1e-16" iterations="200"
@@ -23,6 +28,11 @@ BOX_IN_MUJOCO = """<mujoco>
 <default><geom friction=".5 0 0" condim="3" solref="{solref}" solimp="{solimp}"/></default>
 <worldbody><geom type="plane" size="5 5 .1"/><body pos="0 0 .0497" euler="1 .7 0"><freejoint/>
 <geom type="box" size=".1 .08 .05" mass="2"/></body></worldbody></mujoco>"""
+
+BOX_AT_REST = """<mujoco><option timestep="1e-3" cone="elliptic"/>
+<default><geom friction=".5 0 0" condim="3"/></default>
+<worldbody><geom type="plane" size="5 5 .1"/><body pos="0 0 .05"><freejoint/>
+<geom type="box" size=".1 .08 .05" mass="1"/></body></worldbody></mujoco>"""
 
 
 @pytest.mark.parametrize("solver", [ADMM(tolerance=1e-11), SAP(), SemismoothNewton()], ids=repr)
@@ -74,6 +84,24 @@ def _column(model, data, i):
     result = np.zeros(6)
     mujoco.mj_mulM(model, data, result, np.eye(6)[i])
     return result
+
+
+def test_a_box_rests_as_deep_as_in_mujoco_with_the_same_compliance():
+    """MuJoCo scales it by the body's inverse mass, and SoftStep by G_nn of the corner."""
+    model = mujoco.MjModel.from_xml_string(BOX_AT_REST)
+    data = mujoco.MjData(model)
+    mujoco.mj_step(model, data, 1000)
+    deep = -min(contact.dist for contact in data.contact)
+    corners = FrictionalContact("box", Box(0.1, 0.08, 0.05), friction=0.5)
+    scene = cp.Scene(free_box(size=(0.2, 0.16, 0.1), mass=1.0), contacts=[corners])
+    q, v = np.array([0, 0, 0.05, 0, 0, 0, 1.0]), np.zeros(6)
+    G_nn = cp.simulation.contact_problem(scene, q, v, dt=1e-3).G[2, 2]
+    share = model.body_invweight0[1, 0] / G_nn
+    stiffer = tuple(d / (d + (1 - d) * share) for d in DEFAULT_SOLIMP[:2])
+    for solimp, times in ((DEFAULT_SOLIMP, 4.25), ((*stiffer, *DEFAULT_SOLIMP[2:]), 1.0)):
+        run = cp.simulate(scene, q, v, duration=1.0, integrator=SoftStep(solimp=solimp))
+        deepest = -min(gap[-1] for gap in run.gaps.values())
+        assert deepest == pytest.approx(times * deep, rel=5e-3)
 
 
 def test_bad_softness():

@@ -498,6 +498,26 @@ def test_a_fast_tip_lands_where_its_curved_path_ends(
         assert gaps.min() < 1e-3  # it was there
 
 
+def test_balls_on_fast_links_meet_where_their_curved_paths_do() -> None:
+    """100 rad/s in steps of 0.5 ms: straight paths end up to 0.6 mm before they meet."""
+    model = pin.Model()
+    for k, x in enumerate((0.0, 0.3)):
+        hinge = pin.SE3(np.eye(3), np.array([x, 0, 0]))
+        joint = model.addJoint(0, pin.JointModelRY(), hinge, f"hinge {k}")
+        tip = pin.SE3(np.eye(3), np.array([0, 0, -0.2]))
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(0.5, 0.02), tip)
+        model.addFrame(pin.Frame(f"tip {k}", joint, 0, tip, pin.FrameType.OP_FRAME))
+    balls = FrictionalContact("tip 0", Ball(0.02), on="tip 1", on_shape=Ball(0.02), friction=0.3)
+    scene, met = cp.Scene(cp.Robot("arms", model), contacts=[balls]), 0
+    for lean in (-0.2, 0.0, 0.2, 0.4):
+        for phase in np.linspace(0.3, 0.38, 5):
+            run = cp.simulate(scene, [phase, lean], [-100.0, 100.0], duration=0.02, dt=5e-4)
+            presses = np.flatnonzero(run.forces["tip 0"][:, 2] > 0)
+            met += len(presses) > 0
+            assert np.abs(run.gaps["tip 0"][presses[:1]]).max(initial=0.0) < 1e-4
+    assert met >= 5
+
+
 def test_limp_legs_land_fast() -> None:
     """The fall that went through by 3.4 mm while paths were taken for straight ones."""
     scene = robot_scene("go2")

@@ -138,10 +138,6 @@ def attempt_contact(
     """
     if not problem.rows:
         return Attempt(np.zeros(0), 0, ()), 0.0
-    if guess is None and (quick := solver.at_once(problem)) is not None:
-        natural = natural_residual(problem, quick.lam)
-        if natural <= accuracy:
-            return quick, natural
     apart = islands(problem)
     if not apart:
         return _insist(problem, solver, guess, accuracy)
@@ -150,7 +146,7 @@ def attempt_contact(
         part = island.problem(problem)
         begin = None if guess is None else guess[island.rows]
         enough = max(accuracy * _share(part, problem), FINEST)
-        found, _ = attempt_contact(part, solver, begin, enough)
+        found, _ = _insist(part, solver, begin, enough)
         lam[island.rows] = found.lam
         iterations += found.iterations
         path |= dict.fromkeys(found.path)
@@ -162,6 +158,10 @@ def _insist(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
 ) -> tuple[Attempt, float]:
     """Return the first attempt that the natural residual accepts, or the best of all."""
+    if guess is None and (quick := solver.at_once(problem)) is not None:
+        natural = natural_residual(problem, quick.lam)
+        if natural <= accuracy:
+            return quick, natural
     best = found = solver.attempt(problem, guess)
     least = natural_residual(problem, found.lam)
     if least <= accuracy:

@@ -7,6 +7,8 @@ redundant contacts may be on the surface of their cones and stick all the same.
 
 from __future__ import annotations
 
+from functools import partial
+from math import hypot
 from typing import Final
 
 import numpy as np
@@ -32,14 +34,25 @@ def contact_modes(problem: ContactProblem, lam: Array) -> Modes:
     A stop is open or sticks, dry friction sticks or slides.
     """
     stiff, speed = problem.scale
-    sigma = problem.velocities(lam)
-    x, still = lam - problem.dual(sigma) / stiff, _MOVES * speed
-    t1, t2, n = problem.sets.axes
-    presses = problem.friction * np.hypot(x[t1], x[t2]) > -x[n]
-    codes = np.where(presses, STICK + (np.hypot(sigma[t1], sigma[t2]) > still), OPEN)
-    cones = 3 * len(problem.friction)
-    if len(x) == cones:
-        return codes
-    lines = cones + problem.half_lines
-    of_lines = np.where(x[cones:lines] > 0, STICK, OPEN)
-    return np.concatenate((codes, of_lines, STICK + (np.abs(sigma[lines:]) > still)))
+    l, s = lam.tolist(), problem.velocities(lam).tolist()  # noqa: E741  of the equations above
+    still, sets = _MOVES * speed, problem.sets
+    (t1, t2, n), (_, lines, dry), mu = sets.axes, sets.parts, sets.coefficients
+    lift = mu if problem.law == "ncp" else len(mu) * [0.0]
+    of_cone = partial(_mode_of_a_cone, stiff, still)
+    codes = [*map(of_cone, mu, lift, l[t1], l[t2], l[n], s[t1], s[t2], s[n])]
+    codes += [
+        STICK if li - si / stiff > 0 else OPEN for li, si in zip(l[lines], s[lines], strict=True)
+    ]
+    codes += [SLIDE if abs(speed) > still else STICK for speed in s[dry]]
+    return np.array(codes, dtype=np.int_)
+
+
+def _mode_of_a_cone(
+    stiff: float, still: float, mu: float, lift: float,
+    l1: float, l2: float, ln: float, s1: float, s2: float, sn: float,
+) -> int:  # fmt: skip
+    slip = hypot(s1, s2)
+    x1, x2, xn = l1 - s1 / stiff, l2 - s2 / stiff, ln - (sn + lift * slip) / stiff
+    if not mu * hypot(x1, x2) > -xn:
+        return OPEN
+    return SLIDE if slip > still else STICK

@@ -48,9 +48,9 @@ def sticking(problem: ContactProblem) -> Array | None:
 
 def _closing(problem: ContactProblem) -> list[bool]:
     """Return for each contact whether it closes without impulses; dry friction counts as one."""
-    lines = problem.sets.parts[1]
-    normal = [*problem.g[problem.sets.axes[2]].tolist(), *problem.g[lines].tolist()]
-    return [*(speed < 0 for speed in normal), *len(problem.limits) * (True,)]
+    g, (_, lines, _) = problem.g.tolist(), problem.sets.parts
+    closing = [speed < 0 for speed in g[2 : lines.start : 3] + g[lines]]
+    return closing + len(problem.limits) * [True]
 
 
 def _solved(G: Array, g: Array) -> Array | None:

@@ -8,12 +8,12 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core.plot_style import finished, line
+from condyn_pin._core.plot_style import finished
 from condyn_pin._core.plots import axes
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing.palette import mode_colour
-from condyn_pin.viewing.plots_motion import TIME, mark_events, title_of
+from condyn_pin.viewing.plots_motion import TIME, mark_events, over_time, title_of
 
 _MODES: Final = ("open", "stick", "slide")
 _HEIGHT: Final = 0.8  # of the bar of a contact
@@ -44,12 +44,10 @@ def gaps(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any = N
         If one has another name, or is dry friction, which has no distance.
     """
     found = trajectory.gaps
-    chosen, ax = _chosen(names, found), axes(ax)
-    for i, name in enumerate(chosen):
-        ax.plot(trajectory.t, found[name], label=name, **line(i))
+    lines = {name: found[name] for name in _chosen(names, found)}
+    ax = over_time(trajectory, lines, ax, y="gap [m, rad]")
     ax.axhline(0.0, color="0.6", lw=0.8)
-    mark_events(trajectory, ax)
-    return finished(ax, title=title_of(trajectory), x=TIME, y="gap [m, rad]")
+    return ax
 
 
 def normal_forces(
@@ -77,12 +75,9 @@ def normal_forces(
     UnknownName
         If one has another name, or is dry friction, which has no normal.
     """
-    chosen, ax = _chosen(names, trajectory.gaps), axes(ax)
     forces = trajectory.forces
-    for i, name in enumerate(chosen):
-        ax.plot(trajectory.t, forces[name][:, -1], label=name, **line(i))
-    mark_events(trajectory, ax)
-    return finished(ax, title=title_of(trajectory), x=TIME, y="normal force [N, N m]")
+    lines = {name: forces[name][:, -1] for name in _chosen(names, trajectory.gaps)}
+    return over_time(trajectory, lines, ax, y="normal force [N, N m]")
 
 
 def modes(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any = None) -> Any:

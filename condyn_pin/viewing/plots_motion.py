@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Final
 
 import numpy as np
 
+from condyn_pin._core.arrays import Array
 from condyn_pin._core.plot_style import finished, line
 from condyn_pin._core.plots import axes
 from condyn_pin.errors import unknown_name
@@ -30,17 +31,13 @@ def violation(trajectory: Trajectory, ax: Any = None) -> Any:
     -------
     matplotlib axes
     """
-    ax = axes(ax)
-    for i, (values, label) in enumerate(
-        [
-            (trajectory.violation, "max |c(q)| [m, rad]"),
-            (trajectory.constraint_velocity, "max |J v| [m/s, rad/s]"),
-        ]
-    ):
-        ax.plot(trajectory.t, np.maximum(values, _LEAST), label=label, **line(i))
+    lines = {
+        "max |c(q)| [m, rad]": np.maximum(trajectory.violation, _LEAST),
+        "max |J v| [m/s, rad/s]": np.maximum(trajectory.constraint_velocity, _LEAST),
+    }
+    ax = over_time(trajectory, lines, ax, y="violation")
     ax.set_yscale("log")
-    mark_events(trajectory, ax)
-    return finished(ax, title=title_of(trajectory), x=TIME, y="violation")
+    return ax
 
 
 def energy(trajectory: Trajectory, ax: Any = None) -> Any:
@@ -59,7 +56,7 @@ def energy(trajectory: Trajectory, ax: Any = None) -> Any:
     -------
     matplotlib axes
     """
-    ax, found = axes(ax), trajectory.energy
+    found = trajectory.energy
     lines = {
         "kinetic": found.kinetic,
         "potential, from the start": found.potential - found.potential[0],
@@ -72,10 +69,7 @@ def energy(trajectory: Trajectory, ax: Any = None) -> Any:
         "unexplained": found.error,
     }
     shown = {k: x for k, x in lines.items() if x.any() or k == "unexplained"}
-    for i, (label, values) in enumerate(shown.items()):
-        ax.plot(trajectory.t, values, label=label, **line(i))
-    mark_events(trajectory, ax)
-    return finished(ax, title=title_of(trajectory), x=TIME, y="energy [J]")
+    return over_time(trajectory, shown, ax, y="energy [J]")
 
 
 def forces(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any = None) -> Any:
@@ -104,13 +98,21 @@ def forces(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any =
     for name in names or ():
         if name not in found:
             raise unknown_name("constraint or contact", name, found)
-    ax = axes(ax)
-    for i, name in enumerate(found if names is None else names):
-        ax.plot(trajectory.t, np.linalg.norm(found[name][:, :3], axis=1), label=name, **line(i))
+    chosen = found if names is None else names
+    lines = {name: np.linalg.norm(found[name][:, :3], axis=1) for name in chosen}
+    ax = over_time(trajectory, lines, ax, y="force [N]")
     ax.update_datalim([(trajectory.t[0], 0.0)])  # from zero: a steady force is a level line
     ax.autoscale_view()
+    return ax
+
+
+def over_time(trajectory: Trajectory, lines: Mapping[str, Array], ax: Any, *, y: str) -> Any:
+    """Draw lines (k,) by their labels over the samples, with the events; return the axes."""
+    ax = axes(ax)
+    for i, (label, values) in enumerate(lines.items()):
+        ax.plot(trajectory.t, values, label=label, **line(i))
     mark_events(trajectory, ax)
-    return finished(ax, title=title_of(trajectory), x=TIME, y="force [N]")
+    return finished(ax, title=title_of(trajectory), x=TIME, y=y)
 
 
 def mark_events(trajectory: Trajectory, ax: Any) -> None:

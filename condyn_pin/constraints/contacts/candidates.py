@@ -37,6 +37,8 @@ class Candidates:
         How many there are.
     feelers : int
         How many of the cones, the first ones, are on planes.
+    meets_once : (cones,) bool array
+        Which cones are of two shapes that meet in one point, as balls do.
     friction, restitution : (cones,) array
         Coefficients [1].
     limits : (intervals,) array
@@ -65,6 +67,8 @@ class Candidates:
         others = (*(stop.name for stop in stops), *(each.name for each in dry))
         self.names = (*of_cones, *others)
         self.row_names = (*(f"{name}.{axis}" for name in of_cones for axis in _AXES), *others)
+        once = [isinstance(each, Pair) and each.points == 1 for each in cones]
+        self.meets_once = read_only(np.array(once, dtype=bool))
         self.friction = read_only(np.array([each.friction for each in cones]))
         self.restitution = read_only(np.array([each.restitution for each in cones]))
         self.limits = read_only(np.array([each.limit for each in dry]))

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite, shown
 from condyn_pin.constraints.base import Constraint
@@ -46,7 +47,8 @@ class FrictionalContact(Contact):
         What `on` carries, in its axes: a plane, or a shape round its origin. Two shapes have 1, 4
         (a capsule and a solid), 5 (capsules) or 8 (solids) points where they meet.
     friction : float
-        Coulomb's coefficient [1]. There is no default: 0 is ice, 0.7 rubber on a dry floor.
+        Coulomb's coefficient [1], 1e6 at most. There is no default: 0 is ice, 0.7 rubber on a dry
+        floor.
     restitution : float
         Newton's coefficient [1]: how much of the approach comes back.
     name : str, optional
@@ -80,6 +82,12 @@ class FrictionalContact(Contact):
                 "friction is missing: it has no default; 0 is ice, 0.7 rubber on a dry floor"
             )
         object.__setattr__(self, "friction", not_negative("friction", self.friction))
+        if self.friction > tolerances.MOST_FRICTION:
+            raise InvalidArgument(
+                f"friction = {self.friction:g}: {tolerances.MOST_FRICTION:g} is the most; above "
+                "it rounding of slip hides how fast bodies fall in; what never slides is a "
+                "PointContact in Scene(robot, constraints)"
+            )
         restitution = float(finite("restitution", self.restitution, ()))
         if not 0 <= restitution <= 1:
             raise InvalidArgument(

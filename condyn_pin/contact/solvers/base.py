@@ -69,7 +69,7 @@ class ContactSolver(ABC):
         """Return impulses (m,) of a `problem`; `guess` is where to begin."""
 
     def at_once(self, problem: ContactProblem) -> Attempt | None:
-        """Return impulses that cost little and are often right, None if there are none."""
+        """Return impulses of a `problem` that cost little and are often right; None without any."""
         return None
 
     def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:

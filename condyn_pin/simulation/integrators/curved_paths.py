@@ -25,9 +25,11 @@ _THROUGH = 1e-4
 
 
 class CurvedPaths:
-    """The paths of what is over planes, in steps of one size; others count as straight.
+    """The paths of what is over planes, and of pairs that meet in one point, in steps of one size.
 
-    Where two shapes meet changes along a path, and stops of joints are linear in q.
+    Others count as straight. Boxes and capsules meet in several points, which come and go along a
+    path: on links at 100 rad/s those stop 0.4 mm apart in a step of 0.5 ms. Stops of joints are
+    linear in q.
     """
 
     def __init__(self, system: System, floating: Floating, dt: float) -> None:
@@ -48,17 +50,22 @@ class CurvedPaths:
 
         Notes
         -----
-        It takes 5 us, and leaves the placements of q (+) dt v in the data of the system.
+        It takes 5 us, and leaves the placements of q (+) dt v in the data of the system. Pairs take
+        more, and are followed where a step is long.
         """
-        system, dt, k = self._system, self._dt, chosen.feelers
-        straight = np.zeros(len(gaps) - k)
-        if not k:
-            return straight
-        data = system.equations.data
-        pin.forwardKinematics(system.model, data, self._floating.integrate(q, dt * v))
-        ends = system.contacts.gaps_over_planes(data)[chosen.over_planes]
-        bends = ends - gaps[:k] - dt * speeds[2 : 3 * k : 3]
-        return np.concatenate((bends, straight)) if len(straight) else bends
+        contacts, data, dt = self._system.contacts, self._system.equations.data, self._dt
+        k, bends = chosen.feelers, np.zeros(len(gaps))
+        follows_pairs = len(chosen.pairs) and dt * fastest(v) >= _STRAIGHT
+        if not k and not follows_pairs:
+            return bends
+        pin.forwardKinematics(self._system.model, data, self._floating.integrate(q, dt * v))
+        if k:
+            ends = contacts.gaps_over_planes(data)[chosen.over_planes]
+            bends[:k] = ends - gaps[:k] - dt * speeds[2 : 3 * k : 3]
+        if follows_pairs:
+            at = chosen.pairs_here
+            bends[at] = contacts.gaps(data, q)[chosen.pairs] - gaps[at] - dt * speeds[3 * at + 2]
+        return bends
 
     def missed(self, posed: Posed, v1: Array) -> Array | None:
         """Return s along v+ if a contact goes through because those `posed` were along v, or None.
@@ -66,7 +73,7 @@ class CurvedPaths:
         An impact changes velocities, and with them how paths bend.
         """
         dt, near, chosen = self._dt, posed.near, posed.chosen
-        if not chosen.feelers:
+        if not chosen.feelers and not len(chosen.pairs):
             return None
         if dt * fastest(v1) < _STRAIGHT and max(near.bends.tolist()) < _THROUGH:
             return None
