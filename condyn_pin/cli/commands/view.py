@@ -48,9 +48,7 @@ def view(
     port: Annotated[
         int, typer.Option(help="Port of the server; a free one by default.", min=0, max=65535)
     ] = 0,
-    browser: Annotated[
-        bool, typer.Option(help="Open the browser, if there is a display.")
-    ] = True,
+    browser: Annotated[bool, typer.Option(help="Open the browser, if there is a display.")] = True,
     variant: arg.Variant = None,
     motion: Annotated[
         int | None, typer.Option(help="Which motion of a batch, from 0.", min=0)
