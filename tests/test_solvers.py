@@ -171,7 +171,7 @@ def test_conjugate_gradients_form_no_jacobian(monkeypatch):
         right = truth(label)[0].a
         workspace = cp.Workspace(scene, cp.dynamics.ConjugateGradient())
         with monkeypatch.context() as patch:
-            patch.setattr(Equations, "_jacobian", formed)
+            patch.setattr(Equations, "_raw_jacobian", formed)
             assert relative(workspace.acceleration(*state), right) < SOLVED
 
 

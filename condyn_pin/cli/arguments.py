@@ -88,4 +88,4 @@ TableJson = Annotated[
 ]
 Csv = Annotated[Path | None, typer.Option(help="Write the table here.")]
 Plot = Annotated[Path | None, typer.Option(help="Draw it here (png, svg, pdf).")]
-Quick = Annotated[bool, typer.Option("--quick", help="A short look: fewer rounds of timing.")]
+Quick = Annotated[bool, typer.Option("--quick", help="Fewer rounds of timing.")]

@@ -21,13 +21,14 @@ from condyn_pin._core.linalg.mass_factor import MassFactor, factorise_mass
 from condyn_pin._core.linalg.minimum_norm import factorise_rows
 from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin._core.linalg.range_space import whiten
-from condyn_pin.constraints.rows.cancellation import ROUNDED
+from condyn_pin.constraints.rows.cancellation import ROUNDED, least_of, more_than
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.mass_pivots import MassPivots
 from condyn_pin.constraints.rows.pinocchio_constraints import (
     PinocchioConstraints,
     pinocchio_constraints,
 )
+from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.nominal_states import NominalState, nominal_states
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.residuals import ErrorEstimator
@@ -86,8 +87,9 @@ class NominalAnalysis:
         self._scene, robot = scene, scene.robot
         self.measured: dict[Solver, tuple[float, int, int]] = {}
         self.q, self.closed = _nominal_configuration(scene, equations)
-        self.terms = equations.terms(self.q, np.zeros(robot.nv))
-        self.cancellation = equations.cancellation(self.q)
+        self.cancellation = P = equations.cancellation(self.q)
+        M, h, J, gamma = equations.parts(self.q, np.zeros(robot.nv))
+        self.terms = Terms(M, h, more_than(least_of(P), J), gamma, equations.a_ref())
         mass = _mass_factor(robot, self.q, self.terms.M)
         factors = factorise_rows(mass, self.terms.J, tolerances.RANK)
         self.factors = factors.above_rounding(self.cancellation)
@@ -225,6 +227,7 @@ def _lively_rows(equations: Equations, q: Array, P: Array) -> tuple[int, bool]:
     """
     apart = _APART * np.random.default_rng(0).normal(size=equations.model.nv)
     q = pin.integrate(equations.model, q, apart)
-    sizes = np.linalg.norm(equations.jacobian(q), axis=1)
+    J = equations.parts(q, np.zeros(equations.model.nv))[2]
+    sizes = np.linalg.norm(more_than(least_of(P), J), axis=1)
     lively = sizes > ROUNDED * np.linalg.norm(P, axis=1)
     return int(np.count_nonzero(lively)), bool(sizes[~lively].any())

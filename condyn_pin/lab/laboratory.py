@@ -29,9 +29,10 @@ from condyn_pin.simulation.drift.projection import Projection
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
 from condyn_pin.simulation.integrators.rattle import Rattle
+from condyn_pin.simulation.outcome import uninterrupted
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.stability_limit import growth
-from condyn_pin.simulation.trajectory import Trajectory, uninterrupted
+from condyn_pin.simulation.trajectory import Trajectory
 
 # Samples of a run whose largest errors are wanted.
 _SAMPLES = 20_000

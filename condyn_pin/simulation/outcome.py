@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields, replace
 from enum import Enum
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.drift import Drift
@@ -14,6 +14,9 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators.base import Integrator
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.trajectory import Trajectory
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -140,3 +143,14 @@ def _short(value: Any) -> str:
         f"{f.name}={x!r}" for f in fields(value) if (x := getattr(value, f.name)) != f.default
     )
     return f"{type(value).__name__}({', '.join(parameters)})"
+
+
+def uninterrupted(motion: Trajectory) -> Trajectory:
+    """Return a motion that others are made of, unless Ctrl-C ended it: that stops the whole.
+
+    `simulate` keeps what it has and returns, which is right for who looks at the motion, and
+    wrong for who compares it with others: a part of one is no measurement.
+    """
+    if motion.status is RunStatus.INTERRUPTED:
+        raise KeyboardInterrupt
+    return motion

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from math import ceil
 
@@ -25,6 +25,7 @@ from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.integrators.explicit import RungeKutta4
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.outcome import Effects
+from condyn_pin.simulation.scenes_of_events import checked_events
 from condyn_pin.simulation.stability_limit import check_stability_limit
 from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian
 
@@ -65,15 +66,15 @@ def plan(
 ) -> Plan:  # fmt: skip
     """Return the plan of a run; arguments and errors are those of `simulate`."""
     check_scene(scene)
-    effects, checked_events = effects or Effects(), _events(scene, events)
+    effects, happenings = effects or Effects(), checked_events(scene, events)
     steps, dt = _steps(duration, dt)
-    integrator = default_integrator(scene, checked_events) if integrator is None else integrator
+    integrator = default_integrator(scene, happenings) if integrator is None else integrator
     if not isinstance(integrator, Integrator):
         raise InvalidArgument(
             f"integrator = {integrator!r}: an integrator is needed, such as RungeKutta4()"
         )
-    _check_contacts(scene, integrator, checked_events)
-    drift = default_drift(scene, integrator, solver, checked_events) if drift is None else drift
+    _check_contacts(scene, integrator, happenings)
+    drift = default_drift(scene, integrator, solver, happenings) if drift is None else drift
     if not isinstance(drift, Drift):
         raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
     _check_drift(integrator, drift, dt)
@@ -82,7 +83,7 @@ def plan(
     torque = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
     return Plan(
         scene, torque, duration, dt, steps, record, integrator, drift, solver, effects,
-        checked_events,
+        happenings,
     )  # fmt: skip
 
 
@@ -148,61 +149,6 @@ def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:
             f"drift = {drift!r}: {integrator.title} keeps the constraints itself; use NoDrift()"
         )
     check_stability_limit(integrator, drift.rows, dt)
-
-
-def _events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
-    """Return the events, which have to fit the scene and to have names of their own."""
-    if isinstance(events, Event) or not isinstance(events, Iterable):
-        raise InvalidArgument("events: a list is needed, also for a single event")
-    checked = tuple(events)
-    scalar = {bound.name: bound.is_scalar for bound in scene.bounds}
-    for event in checked:
-        if not isinstance(event, Event):
-            raise InvalidArgument(f"events: {event!r} is not an Event")
-        if sum(other.name == event.name for other in checked) > 1:
-            raise InvalidArgument(f"two events are named {event.name!r}")
-        for other in (event.scene, event.met):
-            if other is not None:
-                _check_scene(event.name, other, scene, scalar)
-        if event.at is not None and event.at <= 0:
-            raise InvalidArgument(f"event {event.name!r}: at = {event.at:g}: after the start")
-    return _shared(scene, checked)
-
-
-def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, bool]) -> None:
-    """Refuse the scene of an event that does not go with the one simulated.
-
-    `scalar` says of the constraints so far whether their force is one number; it gets those of this
-    scene.
-    """
-    if its.robot.model != simulated.robot.model:
-        raise InvalidArgument(
-            f"event {event!r}: its scene is of another model than the one simulated"
-        )
-    one, other = its.robot, simulated.robot
-    if (one.springs, one.spring_dampers) != (other.springs, other.spring_dampers):
-        raise InvalidArgument(
-            f"event {event!r}: its scene has other springs than the one simulated; "
-            "what changes on the way is a torque: tau(t, q, v)"
-        )
-    for bound in its.bounds:
-        if scalar.setdefault(bound.name, bound.is_scalar) != bound.is_scalar:
-            raise InvalidArgument(
-                f"event {event!r}: {bound.name!r} has a force of one number in one "
-                "scene and a vector in another; give one of the two another name"
-            )
-
-
-def _shared(scene: Scene, events: tuple[Event, ...]) -> tuple[Event, ...]:
-    """Return the events with one scene where several have the same constraints: it is one place."""
-    known = {(scene.constraints, scene.contacts): scene}
-
-    def shared(other: Scene) -> Scene:
-        return known.setdefault((other.constraints, other.contacts), other)
-
-    return tuple(
-        replace(event, scene=shared(event.scene)) if event.scene else event for event in events
-    )
 
 
 def default_integrator(scene: Scene, events: Sequence[Event]) -> Integrator:

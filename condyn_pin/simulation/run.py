@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from math import isfinite
 from time import perf_counter
 
 import numpy as np
@@ -19,6 +18,7 @@ from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.errors import CondynError, InvalidArgument
+from condyn_pin.simulation.breakdown import hint_of, is_lost, remedy_of
 from condyn_pin.simulation.events import Ended, Event, ZenoDetected
 from condyn_pin.simulation.fit import check_fit, check_penetration, slip_of_steps
 from condyn_pin.simulation.hybrid_phase import HybridPhase
@@ -27,12 +27,8 @@ from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.outcome import Effects, Run, RunStatus
 from condyn_pin.simulation.plan import Plan, check_closing, plan
 from condyn_pin.simulation.recorder import merge
-from condyn_pin.simulation.stiffness import stiff_damping, stiff_springs
 from condyn_pin.simulation.torques import Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
-
-# A velocity beyond this is no motion of a machine [rad/s, m/s].
-_LOST = 1e10
 
 
 def simulate(
@@ -200,44 +196,24 @@ def _run(
             raise
         return RunStatus.INTERRUPTED, f"interrupted after t = {simulator.t:g} s"
     except CondynError as error:
-        lost = _is_lost(simulator.v)
+        lost = is_lost(simulator.v)
         if not lost:
             with suppress(CondynError):  # no step leads away from it, but it may be a sample
                 simulator.phase.end(simulator.t, simulator.q, simulator.v)
         if not any(recorder.count for recorder in simulator.recorders):
             raise
-        hint = _hint(simulator, q0)
+        hint = hint_of(simulator, q0)
         # what no step can follow grows without bound, whatever it meets on the way
         grown = lost or (hint and simulator.t > 0)
         status = RunStatus.DIVERGED if grown else RunStatus.FAILED
-        return status, f"after t = {simulator.t:g} s: {hint}{error}{_remedy(simulator)}"
-    if _is_lost(simulator.v):
+        return status, f"after t = {simulator.t:g} s: {hint}{error}{remedy_of(simulator)}"
+    if is_lost(simulator.v):
         fastest = np.abs(simulator.v).max()
-        reason = f"{_hint(simulator, q0)}it moves at {fastest:.3g} rad/s or m/s{_remedy(simulator)}"
+        reason = (
+            f"{hint_of(simulator, q0)}it moves at {fastest:.3g} rad/s or m/s{remedy_of(simulator)}"
+        )
         return RunStatus.DIVERGED, reason
     return RunStatus.FINISHED, ""
-
-
-def _is_lost(v: Array) -> bool:
-    """Whether a velocity is none of a machine."""
-    speed = float(np.abs(v).max(initial=0.0))
-    return not (isfinite(speed) and speed < _LOST)
-
-
-def _hint(simulator: HybridSimulator, q0: Array) -> str:
-    """Return which damping or spring is too stiff for a run from q0, if there is one."""
-    plan, system = simulator.plan, simulator.phase.system
-    hint = stiff_damping(system, plan.integrator, plan.dt, q0)
-    hint = hint or stiff_springs(system, plan.integrator, plan.dt, q0)
-    return f"{hint}; " if hint else ""
-
-
-def _remedy(simulator: HybridSimulator) -> str:
-    """Return what may help a run whose torques are those of a function."""
-    plan = simulator.plan
-    if not (plan.integrator.takes_jacobian and plan.tau.could_be_differenced):
-        return ""
-    return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
 
 
 def start(

@@ -240,17 +240,6 @@ class Trajectory:
         return "\n".join(lines)
 
 
-def uninterrupted(motion: Trajectory) -> Trajectory:
-    """Return a motion that others are made of, unless Ctrl-C ended it: that stops the whole.
-
-    `simulate` keeps what it has and returns, which is right for who looks at the motion, and
-    wrong for who compares it with others: a part of one is no measurement.
-    """
-    if motion.status is RunStatus.INTERRUPTED:
-        raise KeyboardInterrupt
-    return motion
-
-
 def _chained(parts: list[Array]) -> Array:
     """Return integrals over phases, each beginning where the one before ended."""
     start, chained = 0.0, []

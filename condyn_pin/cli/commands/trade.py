@@ -59,7 +59,7 @@ Error = Annotated[
 States = Annotated[int, typer.Option(help="Random closed states of each scene.", min=1)]
 Jobs = Annotated[int, typer.Option(help="Processes that compute errors.", min=1)]
 Results = Annotated[
-    Path | None, typer.Option(help="Keep rows here as they come; a second run goes on.")
+    Path | None, typer.Option(help="Save rows here as they are measured; a second run resumes.")
 ]
 Markdown = Annotated[Path | None, typer.Option(help="Write the table here.")]
 Tune = Annotated[

@@ -49,11 +49,9 @@ def view(
     html: Annotated[Path | None, typer.Option(help="Write one page that opens from disk.")] = None,
     png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
     port: Annotated[
-        int, typer.Option(help="Of the server; a free one by default.", min=0, max=65535)
+        int, typer.Option(help="Port of the server; a free one by default.", min=0, max=65535)
     ] = 0,
-    browser: Annotated[
-        bool, typer.Option(help="Open the browser, where there is a screen.")
-    ] = True,
+    browser: Annotated[bool, typer.Option(help="Open the browser, if there is a display.")] = True,
     variant: arg.Variant = None,
     motion: Annotated[
         int | None, typer.Option(help="Which motion of a batch, from 0.", min=0)

@@ -28,7 +28,7 @@ PANEL = "Measure"
 RobotsToStress = Annotated[
     list[str] | None,
     typer.Argument(
-        help="Robots to put through it; four of them, and mechanisms, if none.",
+        help="Robots to test; four of them, and mechanisms, if none.",
         autocompletion=arg.robot_names,
     ),
 ]

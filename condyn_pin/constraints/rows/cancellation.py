@@ -64,3 +64,16 @@ class Cancellation:
         for rows, ends, angles in self._rows:
             found[rows] += sizes[angles, ends]
         return found
+
+
+def least_of(P: Array) -> float:
+    """Return what |J|^2 is at least, if J is more than rounding."""
+    return ROUNDED**2 * float(np.vdot(P, P))
+
+
+def more_than(least: float, J: Array) -> Array:
+    """Return J, or zeros where |J|^2 is no more than `least`.
+
+    The rank is relative to the largest singular value: such rows would hold what they cannot.
+    """
+    return np.zeros_like(J) if np.vdot(J, J) <= least else J

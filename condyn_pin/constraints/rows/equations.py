@@ -11,6 +11,7 @@ Newton-Euler with lam as external forces, and forward kinematics with the answer
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -20,7 +21,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.any_bound import AnyBound
-from condyn_pin.constraints.rows.cancellation import ROUNDED, Cancellation
+from condyn_pin.constraints.rows.cancellation import Cancellation, least_of, more_than
 from condyn_pin.constraints.rows.groups import Groups
 from condyn_pin.constraints.rows.terms import Terms
 
@@ -66,14 +67,19 @@ class Equations:
         self._plain, self._couplings = self._groups.plain, self._groups.couplings
         self._evaluators = self._groups.evaluators
         self._cancellation = Cancellation(model, self.data, self.bounds)
-        # here, where data holds no state of anybody's
-        reached = self.cancellation(pin.neutral(model))
-        self._least = ROUNDED**2 * float(np.vdot(reached, reached))
+
+    @cached_property
+    def _least(self) -> float:
+        """What |J|^2 is at least, if J is more than rounding; to find it, `data` is written to."""
+        # of all places of a machine it is least near the origin of the world
+        P = self.cancellation(pin.neutral(self.model))
+        return least_of(P)
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
+        least = self._least  # before data holds the state
         M, h, J, gamma = self.parts(q, v)
-        return Terms(M, h, self.drop_roundoff_rows(J), gamma, self.a_ref())
+        return Terms(M, h, more_than(least, J), gamma, self.a_ref())
 
     def parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M, h, J and gamma for who looks at the rank of J himself; owned by the caller."""
@@ -86,8 +92,7 @@ class Equations:
 
     def jacobian(self, q: Array) -> Array:
         """Return J (m, nv)."""
-        self.motion(q, self._still, self._still)
-        return self._jacobian()
+        return self.position_level(q)[1]
 
     def cancellation(self, q: Array) -> Array:
         """Return P (m, nv): the sizes of what J is a difference of."""
@@ -109,8 +114,9 @@ class Equations:
 
     def position_level(self, q: Array) -> tuple[Array, Array]:
         """Return c(q) (m,) and J (m, nv)."""
+        least = self._least  # before data holds the state
         self.motion(q, self._still, self._still)
-        return self._c.copy(), self._jacobian()
+        return self._c.copy(), more_than(least, self._raw_jacobian())
 
     def gaps(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return c(q) and J v (m,)."""
@@ -221,18 +227,11 @@ class Equations:
             return np.zeros(self.m)
         return -self.drift.Kd * self._velocity - self.drift.Kp * self._c
 
-    def _jacobian(self) -> Array:
-        """Return J, right after `motion`."""
-        return self.drop_roundoff_rows(self._raw_jacobian())
-
     def _raw_jacobian(self) -> Array:
         _joint_jacobians(self.model, self.data)
         J = self._groups.jacobian()
         return self.sign[:, None] * J if self._flipped else J
 
     def drop_roundoff_rows(self, J: Array) -> Array:
-        """Return J (m, nv), or zeros where J is numerically zero.
-
-        The rank is relative to the largest singular value: such rows would hold what they cannot.
-        """
-        return np.zeros_like(J) if np.vdot(J, J) <= self._least else J
+        """Return J (m, nv), or zeros where J is numerically zero."""
+        return more_than(self._least, J)

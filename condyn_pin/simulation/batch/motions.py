@@ -27,11 +27,11 @@ from condyn_pin.simulation.batch.trajectory import RUN_STATUSES, samples_in
 from condyn_pin.simulation.fit import check_penetration
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.outcome import RunStatus
+from condyn_pin.simulation.outcome import RunStatus, uninterrupted
 from condyn_pin.simulation.plan import Plan, plan
 from condyn_pin.simulation.run import follow, start
 from condyn_pin.simulation.torques import Torque, TorqueJacobian
-from condyn_pin.simulation.trajectory import Trajectory, uninterrupted
+from condyn_pin.simulation.trajectory import Trajectory
 
 _CODES: Final = {status: code for code, status in enumerate(RUN_STATUSES)}
 

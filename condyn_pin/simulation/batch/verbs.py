@@ -225,11 +225,9 @@ def _answer_rows(
 
 
 def _put(outputs: Arrays, i: int, solution: Solution) -> None:
-    outputs["a"][i] = solution.a
-    outputs["lam"][i] = solution.lam
-    outputs["residuals"][i] = solution.residuals
+    for name in ("a", "lam", "residuals", "iterations"):
+        outputs[name][i] = getattr(solution, name)
     outputs["statuses"][i] = _CODES[solution.status]
-    outputs["iterations"][i] = solution.iterations
     outputs["solve_times"][i] = solution.solve_time
 
 

@@ -1,0 +1,36 @@
+"""Why a run broke down, and what may help."""
+
+from __future__ import annotations
+
+from math import isfinite
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.simulation.hybrid_simulator import HybridSimulator
+from condyn_pin.simulation.stiffness import stiff_damping, stiff_springs
+
+# A velocity beyond this is no motion of a machine [rad/s, m/s].
+_LOST = 1e10
+
+
+def is_lost(v: Array) -> bool:
+    """Whether a velocity is none of a machine."""
+    speed = float(np.abs(v).max(initial=0.0))
+    return not (isfinite(speed) and speed < _LOST)
+
+
+def hint_of(simulator: HybridSimulator, q0: Array) -> str:
+    """Return which damping or spring is too stiff for a run from q0, if there is one."""
+    plan, system = simulator.plan, simulator.phase.system
+    hint = stiff_damping(system, plan.integrator, plan.dt, q0)
+    hint = hint or stiff_springs(system, plan.integrator, plan.dt, q0)
+    return f"{hint}; " if hint else ""
+
+
+def remedy_of(simulator: HybridSimulator) -> str:
+    """Return what may help a run whose torques are those of a function."""
+    plan = simulator.plan
+    if not (plan.integrator.takes_jacobian and plan.tau.could_be_differenced):
+        return ""
+    return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
