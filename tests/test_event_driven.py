@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from math import atan2, cos, hypot, pi, sin, sqrt
 from pathlib import Path
 
@@ -87,7 +88,7 @@ def test_bounces_without_end_come_to_rest() -> None:
     scene, q = bouncing()
     run = cp.simulate(scene, q, np.zeros(6), duration=3.0, dt=1e-2, integrator=LOCATED)
     hits = run.run.happened
-    peaks = [G * (b.t - a.t) ** 2 / 8 for a, b in zip(hits[:2], hits[1:3], strict=True)]
+    peaks = [G * (b.t - a.t) ** 2 / 8 for a, b in pairwise(hits[:3])]
     assert_allclose(peaks, (0.32, 0.2048), atol=1e-12)
     assert_allclose(hits[-1].t, 9 * sqrt(1 / G), atol=4.5e-7)  # the last 1e-7 s of a bounce
     assert_allclose(hits[-1].t, 2.873479, atol=1e-6)

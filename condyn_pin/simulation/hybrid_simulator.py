@@ -61,6 +61,7 @@ class HybridSimulator:
         self.phase = phase or HybridPhase(placed, plan)
         self.phase.use(placed)
         self._contact_work = self.phase.system.contact_work = 0.0
+        self.phase.system.located = ()
         self.recorders = [self.phase.begin(self.t, q, v)]
         self.happened: list[Happened] = []
         self._watch = Watch(plan.events)

@@ -19,7 +19,6 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.bound import Touch
 from condyn_pin.constraints.contacts.placements import Placements
 
-
 # The coordinates y, z, x and z, x, y.
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 

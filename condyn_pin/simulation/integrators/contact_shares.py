@@ -1,4 +1,4 @@
-"""How redundant contacts share a load: evenly if they can, and else as far from their limits as any.
+"""How redundant contacts share a load: evenly if they can, else as far from limits as there is.
 
     lam = E x + f,    R (G E) x + R (G f + g) = 0,    x = x_0 + Z y,    (R G E) Z = 0
 
@@ -70,7 +70,7 @@ def _centred(candidates: Candidates, found: Shares, look: ContactLook) -> Array 
     free = found.hold.free_forces(look)
     if not free.shape[1]:
         return None
-    lam0, best = found.held.lam, found.held.lam
+    lam0 = best = found.held.lam
     size = float(np.abs(lam0).max(initial=0.0)) or 1.0
     angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
     facets = [np.column_stack((np.cos(angles), np.sin(angles)))] * candidates.cones
@@ -83,7 +83,7 @@ def _centred(candidates: Candidates, found: Shares, look: ContactLook) -> Array 
         answer = linprog(cost, A_ub=A, b_ub=C @ lam0 + b, bounds=bounds)
         if answer.status != 0:
             return best
-        best = lam0 + free @ answer.x[:-1]
+        best = np.asarray(lam0 + free @ answer.x[:-1])
         F = best[: 3 * candidates.cones].reshape(-1, 3)[:, :2]
         pull = np.hypot(F[:, 0], F[:, 1])
         within = _with(candidates, found.hold, look, best).least
@@ -95,30 +95,32 @@ def _centred(candidates: Candidates, found: Shares, look: ContactLook) -> Array 
     return best
 
 
-def _limits(
-    candidates: Candidates, hold: ContactHold, facets: list[Array]
-) -> tuple[Array, Array]:
+def _limits(candidates: Candidates, hold: ContactHold, facets: list[Array]) -> tuple[Array, Array]:
     """Return C and b of the limits C lam + b >= 0 of what presses and sticks."""
-    rows, b, first = [], [], candidates.rows - candidates.intervals
+    rows, first = list[Array](), candidates.rows - candidates.intervals
     one, mu = np.eye(candidates.rows), candidates.friction
     for i, mode in enumerate(hold.of_cones):
         if mode != OPEN:
             rows.append(one[3 * i + 2])
         if mode == STICK and mu[i] > 0:
             rows += [mu[i] * one[3 * i + 2] - d @ one[3 * i : 3 * i + 2] for d in facets[i]]
-    for i in np.flatnonzero(hold.modes[candidates.cones :][: candidates.half_lines] == STICK):
-        rows.append(one[3 * candidates.cones + i])
+    lines = hold.modes[candidates.cones : candidates.cones + candidates.half_lines]
+    rows += [one[3 * candidates.cones + k] for k in np.flatnonzero(lines == STICK)]
     b = [0.0] * len(rows)
-    for i in np.flatnonzero(hold.of_dry == STICK):
-        rows += [one[first + i], -one[first + i]]
-        b += [float(candidates.limits[i])] * 2
+    for k in np.flatnonzero(hold.of_dry == STICK):
+        rows += [one[first + k], -one[first + k]]
+        b += [float(candidates.limits[k])] * 2
     return np.array(rows).reshape(-1, candidates.rows), np.array(b)
 
 
 def let_go(candidates: Candidates, shares: Shares) -> ContactHold:
     """Return the hold in which what has come to its end lets go, or slips."""
     hold, lam = shares.hold, shares.held.lam
-    k, lines, first = candidates.cones, candidates.half_lines, candidates.rows - candidates.intervals
+    k, lines, first = (
+        candidates.cones,
+        candidates.half_lines,
+        candidates.rows - candidates.intervals,
+    )
     end = AT_ITS_END * float(np.abs(lam).max(initial=0.0))
     F, mu, modes = lam[: 3 * k].reshape(-1, 3), candidates.friction, hold.modes.copy()
     along, sense = hold.along.copy(), hold.sense.copy()
