@@ -245,6 +245,7 @@ def test_painleves_rod_is_stopped_by_a_shock() -> None:
     assert shock.name == "shock of tip"
     assert_allclose(shock.impulses[0][1:], (0.4, 0.0, 0.3), atol=1e-10)
     assert run.modes["tip"][-1] == "stick"
+    assert any("shock of tip" in notice for notice in run.notices)
     assert np.abs(run.energy.error).max() < 1e-10
 
 
@@ -370,6 +371,19 @@ def test_rows_of_contacts_change_as_their_drift_says() -> None:
         change = (8 * (slip(h) - slip(-h)) - slip(2 * h) + slip(-2 * h)) / (12 * h)
         pin.forwardKinematics(robot.model, data, q, v, np.zeros(robot.nv))
         assert_allclose(candidates.drift(data), change, atol=1e-9)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, 1e200])
+def test_what_is_not_finite_ends_the_run(bad: float) -> None:
+    scene, q = bouncing()
+
+    def tau(t: float, q: Array, v: Array) -> Array:
+        return np.full(6, bad if t > 0.35 else 0.0)
+
+    run = cp.simulate(scene, q, np.zeros(6), tau, duration=0.6, dt=0.02, integrator=LOCATED)
+    assert not run.status.ok
+    assert len(run.run.happened) == 1
+    assert np.isfinite(run.q).all()
 
 
 def test_what_is_refused() -> None:
