@@ -39,6 +39,7 @@ SCHEMES = (
     cp.Moreau(),
     cp.simulation.Anitescu(),
     cp.simulation.SoftStep(),
+    cp.simulation.EventDriven(),
 )
 EXACT = 1e-11  # errors below are rounding [m]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -45,6 +45,15 @@ class ContactEvent:
     before: Row
     after: Row
 
+    @property
+    def t(self) -> float:
+        """When [s]."""
+        return self.after[0]
+
+    def at(self, t: float) -> ContactEvent:
+        """Return the same at a time that differs by rounding."""
+        return replace(self, before=(t, *self.before[1:]), after=(t, *self.after[1:]))
+
     def happened(self, sample: int) -> Happened:
         """Return it as a trajectory keeps it, with the place of the sample after it."""
         rows, names = contact_rows(self.candidates), self.candidates.names
@@ -56,7 +65,7 @@ class ContactEvent:
             (names[i], MODES[before[i]], MODES[after[i]]) for i in np.flatnonzero(before != after)
         )
         return Happened(
-            self._called([name for name, *_ in struck]), self.after[0], sample, self.energy_lost,
+            self._called([name for name, *_ in struck]), self.t, sample, self.energy_lost,
             modes=changed, impulses=struck,
         )  # fmt: skip
 

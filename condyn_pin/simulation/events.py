@@ -240,6 +240,10 @@ class Happened:
     modes: tuple[tuple[str, str, str], ...] = ()
     impulses: tuple[tuple[Any, ...], ...] = ()
 
+    def __post_init__(self) -> None:
+        for name in ("modes", "impulses"):  # a file has lists
+            object.__setattr__(self, name, tuple(tuple(each) for each in getattr(self, name)))
+
     @property
     def is_of_contacts(self) -> bool:
         """Whether contacts made it, and no `Event`."""

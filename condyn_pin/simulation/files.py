@@ -11,6 +11,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.files.beside import written_beside
+from condyn_pin.contact.modes import MODES
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.archive import (
     CHOICES,
@@ -155,7 +156,13 @@ def _check_run(run: Run, count: int) -> None:
 
 def _fits(event: Happened, count: int) -> bool:
     """Return whether an event is one of a run of so many samples."""
-    words = (event.name, *event.added, *event.dropped)
+    struck = event.impulses
+    words = (event.name, *event.added, *event.dropped, *(name for name, *_ in struck))
+    words += tuple(name for name, _, _ in event.modes)
+    if not all(mode in MODES for _, *both in event.modes for mode in both):
+        raise ValueError(f"modes = {event.modes!r}")
+    numbers = [x for _, *impulse in struck for x in impulse]
+    finite("impulses", numbers, len(numbers))
     finite("t", event.t, ())
     finite("energy_lost", event.energy_lost, ())
     known = type(event.sample) is int and event.sample in range(count)

@@ -61,6 +61,7 @@ class HybridSimulator:
         self.phase = phase or HybridPhase(placed, plan)
         self.phase.use(placed)
         self._contact_work = self.phase.system.contact_work = 0.0
+        self.phase.system.located = ()
         self.recorders = [self.phase.begin(self.t, q, v)]
         self.happened: list[Happened] = []
         self._watch = Watch(plan.events)
@@ -102,7 +103,7 @@ class HybridSimulator:
             q, v = self.phase.step(self.t, self.q, self.v, k)
             t1 = (k + 1) * self.plan.dt
             q, v = self._through_events(t1, q, v, (k + 1) % self.plan.every == 0)
-            self._keep_located()
+            self._keep_located(t1)
             self.t, self.q, self.v = t1, q, v
             self._contact_work = self.phase.system.contact_work
             if tick:
@@ -186,13 +187,15 @@ class HybridSimulator:
         if t - self.t > _NOTHING * self.plan.dt:
             self.q, self.v = self.phase.part(self.t, self.q, self.v, t)
             self._contact_work = self.phase.system.contact_work
-            self._keep_located()
+            self._keep_located(t)
         self.t = max(t, self.t)  # also if that is not worth a step: a time does not come again
 
-    def _keep_located(self) -> None:
-        """Keep the events of contacts in a step that counts."""
+    def _keep_located(self, t1: float) -> None:
+        """Keep the events of contacts in a step to t1 that counts."""
         system = self.phase.system
         for located in system.located:
+            if abs(t1 - located.t) <= _NOTHING * self.plan.dt:
+                located = located.at(t1)  # k dt and (k - 1) dt + dt are one time
             if self.plan.at_events:
                 self.recorders.append(self.phase.split(located.before, located.after))
             sample = sum(recorder.count for recorder in self.recorders)

@@ -40,7 +40,7 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
     if not trajectory.status.ok:
         said.append(f"{trajectory.status}; {trajectory.reason}")
     said += _open_constraints(trajectory)
-    said += _coarse_turns(trajectory) + _differenced(trajectory)
+    said += _coarse_turns(trajectory) + _differenced(trajectory) + _shocks(trajectory)
     said += solver_notices(trajectory) + _tensile_contacts(trajectory)
     energy = trajectory.energy
     error, scale = float(np.abs(energy.error).max()), energy.scale
@@ -96,6 +96,16 @@ def _coarse_turns(trajectory: Trajectory) -> list[str]:
         f"joint {joint!r} turns by {turns[joint] * run.dt:.3g} rad in a step of {run.dt:.3g} s, "
         "and what its angle does to other joints is not seen: take dt below "
         f"{pi / turns[joint]:.2g} s"
+    ]
+
+
+def _shocks(trajectory: Trajectory) -> list[str]:
+    """Return a sentence for each instant in which friction took an impulse although nothing hit."""
+    return [
+        f"{event.name} at t = {event.t:.4g} s: no force lets it slide on (Painlevé), and an "
+        "impulse has stopped it"
+        for event in trajectory.run.happened
+        if event.is_of_contacts and event.name.startswith("shock of ")
     ]
 
 

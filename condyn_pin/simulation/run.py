@@ -80,7 +80,8 @@ def simulate(
     dt : float
         The step [s]. If `duration` is not a whole number of steps, they are a little smaller.
     integrator : Integrator, optional
-        `StewartTrinkle()` by default where contacts may open, else `RungeKutta4()`: for the time of
+        `StewartTrinkle()` by default where contacts may open (`EventDriven()` finds the times of
+        their events), else `RungeKutta4()`: for the time of
         four solves a step its error falls with dt^4, so that it needs a tenth of the steps of a
         method of order 2, and a thousandth of those of Euler's, for six digits. Over very long
         times, and where energy is all that counts, take one that keeps the constraints.

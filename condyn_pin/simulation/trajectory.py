@@ -20,6 +20,9 @@ from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.recorder import Phase
 
+# Events that a text lists, at most.
+_SHOWN = 20
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
@@ -234,7 +237,9 @@ class Trajectory:
             f"{energy.impacts[-1]:.4g} J, contacts {energy.contact[-1]:.4g} J",
             f"unexplained {np.abs(energy.error).max():.1e} J at most",
         ]
-        lines += [f"event       {e.name} at t = {e.t:.9g} s" for e in run.happened]
+        shown, more = run.happened[:_SHOWN], len(run.happened) - _SHOWN
+        lines += [f"event       {e.name} at t = {e.t:.9g} s" for e in shown]
+        lines += [f"event       and {more} more"] if more > 0 else []
         lines += [f"event       {missed}" for missed in run.missed]
         lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)

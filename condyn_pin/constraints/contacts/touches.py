@@ -19,6 +19,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.bound import Touch
 from condyn_pin.constraints.contacts.placements import Placements
 
+# The coordinates y, z, x and z, x, y.
+_NEXT, _LAST = [1, 2, 0], [2, 0, 1]
+
 
 class Touches:
     """Feelers over planes of one model, evaluated together; not to be shared between threads.
@@ -80,9 +83,9 @@ class Touches:
         normals, r = axes[:, 2::3].T, self._radius[:, None]
         (v, w, dv, dw), (v_g, w_g, dv_g, dw_g) = (_fields(data, its) for its in self._joints)
         p = centres.T - r * normals
-        rate = v + np.cross(w, centres.T) - r * np.cross(w_g, normals)
-        slip = v - v_g + np.cross(w - w_g, p)
-        bias = dv - dv_g + np.cross(dw - dw_g, p) + np.cross(w - w_g, rate) - np.cross(w_g, slip)
+        rate = v + _cross(w, centres.T) - r * _cross(w_g, normals)
+        slip = v - v_g + _cross(w - w_g, p)
+        bias = dv - dv_g + _cross(dw - dw_g, p) + _cross(w - w_g, rate) - _cross(w_g, slip)
         return np.asarray(np.einsum("xka,kx->ka", axes.reshape(3, self.size, 3), bias).ravel())
 
     def _gaps(self, centres: Array, normals: Array, origins: Array) -> Array:
@@ -93,6 +96,11 @@ class Touches:
         """Return middles (3, k), axes (3, 3 k) and points of the planes (3, k) in the world."""
         world, k = self._placements.read(data).dot(self._local), self.size
         return world[:, :k], world[:, k : 4 * k], world[:, 4 * k :]
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return a x b, row by row (k, 3): numpy's own takes ten times as long for a few rows."""
+    return np.asarray(a[:, _NEXT] * b[:, _LAST] - a[:, _LAST] * b[:, _NEXT])
 
 
 def _fields(data: Any, joints: Sequence[int]) -> Array:

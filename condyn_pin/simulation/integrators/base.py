@@ -102,7 +102,7 @@ class Integrator(ABC):
         return False
 
     def check(self, candidates: Candidates) -> None:
-        """Refuse contacts that it lets open and slide, but not as they are."""
+        """Refuse `candidates` that it does not take as they are, by name."""
         return None
 
     @abstractmethod

@@ -21,7 +21,7 @@ from condyn_pin.simulation.events import ZenoDetected
 from condyn_pin.simulation.integrators.contact_choice import ContactChoice
 from condyn_pin.simulation.integrators.contact_hold import ContactHold, Held
 from condyn_pin.simulation.integrators.contact_look import ContactLook
-from condyn_pin.simulation.integrators.contact_margins import margins
+from condyn_pin.simulation.integrators.contact_shares import AT_ITS_END, let_go, shared
 from condyn_pin.simulation.system import System
 
 # Velocities of what stands still that are rounding, relative to the speed of the robot.
@@ -86,9 +86,9 @@ class ContactBegin:
             if look.approaches.any():
                 struck, what = self._choice.impact(look), "impact"
             else:
-                choice = self._choice.next(look, at_end)
+                choice = self._choice.next(look)
                 if choice.hold is not None:
-                    hold, held = self._evenly(look, choice.hold)
+                    hold, held = self._shared(look, choice.hold, at_end)
                     settled = self._settled(look, hold, held)
                     if settled is v:
                         return Begun(look, hold, held, choice.natural, impulse, work, what)
@@ -99,16 +99,14 @@ class ContactBegin:
             at_end = False
         raise ZenoDetected(f"contacts go on striking at t = {t:g} s; take a stepper, as Moreau()")
 
-    def _evenly(self, look: ContactLook, hold: ContactHold) -> tuple[ContactHold, Held]:
-        """Return a hold whose redundant contacts share their load evenly, if they can.
-
-        The smallest forces depend on the state alone, and not on how it was come to.
-        """
-        even = hold.with_forces(np.zeros(len(look.J)))
-        held = even.solve(look)
-        now = margins(self._system.contacts, even, look, look, held, 0.0)
-        if min(part.min(initial=np.inf) for part in now[1:4]) > 0:
-            return even, held
+    def _shared(
+        self, look: ContactLook, hold: ContactHold, at_end: bool
+    ) -> tuple[ContactHold, Held]:
+        """Return the hold with which motion goes on, its load shared; what has to lets go."""
+        shares = shared(self._system.contacts, hold, look)
+        if not at_end or shares.least > AT_ITS_END:
+            return shares.hold, shares.held
+        hold = let_go(self._system.contacts, shares)
         return hold, hold.solve(look)
 
     def _settled(self, look: ContactLook, hold: ContactHold, held: Held) -> Array:

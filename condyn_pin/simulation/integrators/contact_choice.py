@@ -45,10 +45,8 @@ _FAR = 1e4
 # Natural residual that is asked for: of what is _FAR larger, 1e-9 of the accelerations.
 _ACCURATE = 1e-13
 
-# Accelerations, and forces by what they accelerate, that are none, relative to the largest. A
-# contact that has just come to the end of what it can give is there up to rounding of its time.
+# Accelerations, and forces by what they accelerate, that are none, relative to the largest.
 _NONE = 1e-8
-_AT_ITS_END = 1e-6
 
 
 class Choice(NamedTuple):
@@ -76,16 +74,8 @@ class ContactChoice:
         self._all_dry = np.ones(candidates.intervals, dtype=bool)
         self._parts = slice(0, 3 * k), slice(3 * k, 3 * k + n), slice(3 * k + n, candidates.rows)
 
-    def next(self, look: ContactLook, at_end: bool) -> Choice:
-        """Return what contacts do from a state on where nothing approaches.
-
-        Parameters
-        ----------
-        look : ContactLook
-        at_end : bool
-            Whether a force has just come to the end of what its contact can give: it lets go there,
-            or begins to slip.
-        """
+    def next(self, look: ContactLook) -> Choice:
+        """Return what contacts do from a state on where nothing approaches."""
         candidates, (cones, lines, dry) = self._candidates, self._parts
         active = np.concatenate((look.rests, self._all_dry))
         rows, lam, rate = candidates.rows_of(active), np.zeros(len(look.J)), np.zeros(len(look.J))
@@ -106,11 +96,11 @@ class ContactChoice:
         if (slides & stopped).any() or not natural <= tolerances.CONTACT_SOLVED:
             fastest = float(look.speed[slides].max(initial=0.0))
             return Choice(None, natural, lam * (fastest / (_FAR * scale)))
-        least = _AT_ITS_END if at_end else _NONE
-        of_cones = self._of_cones(lam[cones] * unit, rate[cones], slides, along, at_end)
-        of_lines = np.where(lam[lines] * unit > least, STICK, OPEN)
-        left = (candidates.limits - np.abs(lam[dry])) * unit
-        of_dry = self._of_dry(lam[dry], left, rate[dry], sense, at_end)
+        of_cones = self._of_cones(lam[cones] * unit, rate[cones], slides, along)
+        of_lines = np.where(lam[lines] * unit > _NONE, STICK, OPEN)
+        moves = (sense == 0) & (np.abs(rate[dry]) > _NONE)
+        sense[moves] = np.sign(rate[dry][moves])
+        of_dry = np.where(sense == 0, STICK, SLIDE)
         modes = np.concatenate((of_cones, of_lines, of_dry))
         return Choice(ContactHold(candidates, modes, along, sense, lam), natural, lam)
 
@@ -142,26 +132,15 @@ class ContactChoice:
         return struck
 
     def _of_cones(
-        self, force: Array, rate: Array, slides: NDArray[np.bool_], along: Array, at_end: bool
+        self, force: Array, rate: Array, slides: NDArray[np.bool_], along: Array
     ) -> Modes:
         """Return the modes of cones; into `along` goes where what begins to slide goes."""
-        F, S = force.reshape(-1, 3), rate.reshape(-1, 3)[:, :2]
-        mu, pull, slip = self._candidates.friction, np.hypot(*F[:, :2].T), np.hypot(*S.T)
-        still = ~slides & (mu > 0)
-        moves = still & (slip > _NONE)
-        slips = still & ~moves & at_end & (mu * F[:, 2] - pull < _AT_ITS_END)
+        S = rate.reshape(-1, 3)[:, :2]
+        slip = np.hypot(*S.T)
+        moves = ~slides & (self._candidates.friction > 0) & (slip > _NONE)
         along[moves] = S[moves] / slip[moves, None]
-        along[slips] = -F[slips, :2] / np.maximum(pull[slips, None], np.finfo(float).tiny)
-        modes = np.where(still & ~moves & ~slips, STICK, SLIDE)
-        return np.where(F[:, 2] > (_AT_ITS_END if at_end else _NONE), modes, OPEN)
-
-    def _of_dry(self, lam: Array, left: Array, rate: Array, sense: Array, at_end: bool) -> Modes:
-        """Return the modes of dry friction; into `sense` goes where what begins to slide goes."""
-        still = sense == 0
-        moves = still & (np.abs(rate) > _NONE)
-        slips = still & ~moves & at_end & (left < _AT_ITS_END)
-        sense[moves], sense[slips] = np.sign(rate[moves]), -np.sign(lam[slips])
-        return np.where(still & ~moves & ~slips, STICK, SLIDE)
+        sticks = ~slides & ~moves & (self._candidates.friction > 0)
+        return np.where(force[2::3] > _NONE, np.where(sticks, STICK, SLIDE), OPEN)
 
     def _struck(
         self, look: ContactLook, rebound: Array, guess: Array | None

@@ -133,18 +133,34 @@ class ContactHold:
         rate = look.J.dot(a) + look.drift
         return Held(a, lam, now.constraint_impulses(found), rate, ease)
 
+    def free_forces(self, look: ContactLook) -> Array:
+        """Return forces (rows, k) that redundant contacts have among themselves."""
+        free = np.zeros((len(look.J), 0))
+        if not len(self.still):
+            return free
+        E, A, size = self._equation(look, look.forced(self.rows).G)
+        _, S, Vt = np.linalg.svd(size[:, None] * A * size)
+        null = Vt[np.count_nonzero(_REDUNDANT * S[0] < S) :].T
+        free = np.zeros((len(look.J), null.shape[1]))
+        free[self.rows] = E.dot(size[:, None] * null)
+        return free
+
     def _forces(self, look: ContactLook, G: Array, g: Array) -> Array:
-        E, R, f = self._E, self._R, self._known
+        R, f = self._R, self._known
         if not len(R):
             return f
-        if len(self.sliding):
-            E, i = E.copy(), self.sliding
-            pull = -self.candidates.friction[i, None] * self.directions(look)[i]
-            E[self._t1, self._n], E[self._t1 + 1, self._n] = pull.T
-        # unknowns in units of their own: forces of stops are moments
-        size = 1 / np.sqrt(np.maximum(G.diagonal()[R], np.finfo(float).tiny))
+        E, A, size = self._equation(look, G)
         before = self.lam[self.still]
-        A, b = G.dot(E)[R], (G.dot(f) + g)[R]
-        left = -(b + A.dot(before)) * size
+        left = -((G.dot(f) + g)[R] + A.dot(before)) * size
         x, *_ = np.linalg.lstsq(size[:, None] * A * size, left, rcond=_REDUNDANT)
         return np.asarray(E.dot(before + size * x) + f)
+
+    def _equation(self, look: ContactLook, G: Array) -> tuple[Array, Array, Array]:
+        """Return E, R G E, and units of the unknowns: forces of stops are moments."""
+        E, i = self._E, self.sliding
+        if len(i):
+            E = E.copy()
+            pull = -self.candidates.friction[i, None] * self.directions(look)[i]
+            E[self._t1, self._n], E[self._t1 + 1, self._n] = pull.T
+        size = 1 / np.sqrt(np.maximum(G.diagonal()[self._R], np.finfo(float).tiny))
+        return E, G.dot(E)[self._R], size

@@ -33,7 +33,7 @@ _STILL = 1e-9
 class ContactLook:
     """A system with contacts at one state; no array is written to later.
 
-    StepFailed if the state is not finite.
+    StepFailed if the state, or what acts there, is not finite.
 
     Attributes
     ----------
@@ -53,11 +53,7 @@ class ContactLook:
 
     def __init__(self, system: System, t: float, q: Array, v: Array) -> None:
         self._system, self.t, self.q, self.v = system, t, q, v
-        if not isfinite(float(q.dot(q) + v.dot(v))):
-            raise StepFailed(
-                f"t = {t:g} s: the motion is not finite, its numbers overflow; look at v, tau and "
-                "masses, or take a smaller dt"
-            )
+        self._check_finite(q, v)
         candidates, data = system.contacts, system.equations.data
         self.tau = system.torque(t, q, v)
         self.M, self.h, self.J_b, self.gamma = system.equations.parts(q, v)
@@ -65,6 +61,14 @@ class ContactLook:
         pin.forwardKinematics(system.model, data, q, v, np.zeros(len(v)))
         self.drift = candidates.drift(data)
         self.slip = self.J.dot(v)
+        self._check_finite(self.tau, self.h, self.drift, self.gamma)
+
+    def _check_finite(self, *parts: Array) -> None:
+        if not isfinite(sum(float(part.dot(part)) for part in parts)):
+            raise StepFailed(
+                f"t = {self.t:g} s: the motion is not finite, its numbers overflow; look at v, tau "
+                "and masses, or take a smaller dt"
+            )
 
     @cached_property
     def factors(self) -> MinimumNorm:

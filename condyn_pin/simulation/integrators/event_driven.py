@@ -68,6 +68,7 @@ class EventDriven(Integrator):
     keeps_constraints: ClassVar[bool] = True
     takes_contacts: ClassVar[bool] = True
     locates_events: ClassVar[bool] = True
+    takes_restitution: ClassVar[bool] = True
 
     inner: Integrator = RungeKutta4()  # noqa: RUF009  a value
     shortest_bounce: float = 1e-7  # [s]
@@ -102,7 +103,7 @@ class EventDriven(Integrator):
         return self.inner.takes_stiff_damping
 
     def check(self, candidates: Candidates) -> None:
-        """Refuse contacts between shapes of two bodies."""
+        """Refuse `candidates` that are where shapes of two bodies meet."""
         if candidates.pairs:
             name = candidates.names[candidates.feelers]
             raise UnsupportedConstraint(

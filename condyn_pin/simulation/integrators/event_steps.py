@@ -118,7 +118,7 @@ class EventSteps:
         after = self._row(t, look.q, now.look.v, now.hold, now.held, now.natural)
         modes = hold.modes, now.hold.modes
         candidates = self._system.contacts
-        return ContactEvent(now.what, candidates, modes, now.impulse, -now.work, before, after)
+        return ContactEvent(now.what, candidates, modes, now.impulse, 0.0 - now.work, before, after)
 
     def _row(
         self, t: float, q: Array, v: Array, hold: ContactHold, held: Held, natural: float,

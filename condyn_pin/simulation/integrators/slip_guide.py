@@ -45,9 +45,10 @@ _SLOW = 0.5
 _STRAIGHT = 1e-9
 
 # A speed across a slip that is none [m/s], relative to the speed of the robot where it is faster:
-# as it is at the start, or at the end of a line; and what the rates at which slips turn are found
-# to, relative to the slip, or to the robot where that is more.
-_NONE = 1e-9
+# by how much a slow one may be off the direction in which friction balances the forces, and one
+# that was to end along a line. What the rates at which slips turn are found to, relative to the
+# slip, or to the robot where that is more.
+_SETTLED, _NONE = 1e-7, 1e-9
 _FOUND, _ROUNDED = 1e-10, 1e-13
 
 
@@ -89,7 +90,7 @@ class SlipGuide:
             ends = ahead < 0 and 0 < speed < -2 * ahead * left
             slow = speed < _SLOW * friction * left
             line = across <= _STRAIGHT * friction
-            settled = line or across * speed <= _NONE * look.fastest * friction
+            settled = line or across * speed <= _SETTLED * look.fastest * friction
             if (ends and line and not bent[i]) or (slow and settled and not ends):
                 guided[i], ending[i] = True, ends
                 continue
