@@ -22,7 +22,6 @@ import os
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -79,8 +78,6 @@ class Row:
     inside: list[float] = field(default_factory=list)
     away: list[float] = field(default_factory=list)
     fell: list[str] = field(default_factory=list)  # when, and how that ended
-    tick_us: list[float] = field(default_factory=list)
-    real_time: list[float] = field(default_factory=list)
 
 
 class Stand:
@@ -144,8 +141,7 @@ def stand(row: Row, robot: Stand, duration: float, seed: int) -> None:
         return forces[int(t / EVERY)] if 0 <= since < LASTS else np.zeros(3)
 
     answers: list[ControlAnswer] = []
-    times: list[float] = []
-    torque = limp(timed(at_rate(robot.controller, PERIOD, watch=answers.append), times, answers))
+    torque = limp(at_rate(robot.controller, PERIOD, watch=answers.append))
     low = FALLEN * robot.q[2]
     fallen = cp.Event(name="fallen", when=lambda now: float(now.q[2]) - low)
     run = cp.simulate(
@@ -160,8 +156,6 @@ def stand(row: Row, robot: Stand, duration: float, seed: int) -> None:
     row.kkt = max(row.kkt, *(answer.residuals.kkt for answer in answers))
     margins = (margin.least for answer in answers for margin in answer.margins.values())
     row.margin = min(row.margin, *map(float, margins))
-    row.tick_us.append(1e6 * float(np.median(times)))
-    row.real_time.append(float(run.t[-1] / run.run.wall_time))
     if stood:
         balances = [robot.balance(q, v) for q, v in zip(run.q[::5], run.v[::5], strict=True)]
         row.inside.append(float(min(each.capture_margin for each in balances)))
@@ -172,19 +166,6 @@ def stand(row: Row, robot: Stand, duration: float, seed: int) -> None:
             f"seed {seed}: answered for {len(answers) * PERIOD:.2f} s; at {run.t[-1]:.2f} s, "
             f"{run.status.name.lower()}, height x {height:.2f}, mass {away:.2f} m away"
         )
-
-
-def timed(torque: Callable, times: list[float], answers: list) -> Callable:
-    """Return torques whose ticks are timed [s]."""
-
-    def asked(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        before, begun = len(answers), perf_counter()
-        tau = torque(t, q, v)
-        if len(answers) > before:
-            times.append(perf_counter() - begun)
-        return tau
-
-    return asked
 
 
 def limp(torque: Callable) -> Callable:
@@ -205,15 +186,14 @@ def table(rows: list[Row], duration: float, about: dict[str, str]) -> str:
     """Return the rows as text."""
     lines = [
         "| robot | share of the bound | stood | ticks | not ok | worst kkt | least margin [N] "
-        "| capture point inside by [m] | mass away by [m] | tick [us] | x real time |",
-        "|---|---|---|---|---|---|---|---|---|---|---|",
+        "| capture point inside by [m] | mass away by [m] |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
         inside, away = (f"{min(r.inside):.3f}", f"{max(r.away):.3f}") if r.stood else ("", "")
         lines.append(
             f"| {r.robot} | {r.share:g} | {r.stood} of {r.runs} | {r.ticks} | {r.not_ok} "
-            f"| {r.kkt:.0e} | {r.margin:.0e} | {inside} | {away} | {np.median(r.tick_us):.0f} "
-            f"| {np.median(r.real_time):.2f} |"
+            f"| {r.kkt:.0e} | {r.margin:.0e} | {inside} | {away} |"
         )
     where = (
         "`python benchmarks/standing.py` on {processor} ({cores} cores, one thread), {system}, "
@@ -221,8 +201,7 @@ def table(rows: list[Row], duration: float, about: dict[str, str]) -> str:
     )
     meaning = (
         f"Runs of {duration:g} s, a push a second. Stood: the mass ends within 5 cm of where it "
-        "belongs. Tick: the controller with its proof, median. Capture point and mass: of runs "
-        "that stood, the worst of every fifth sample."
+        "belongs. Capture point and mass: of runs that stood, the worst of every fifth sample."
     )
     return "\n".join([*lines, "", where.format(**about), meaning])
 
