@@ -57,9 +57,19 @@ SHARES = (0.25, 0.5, 0.75, 1.0, 1.25)
 PERIOD, EVERY, LASTS, FRICTION = 1e-3, 1.0, 0.05, 0.7  # [s], [s], [s], [1]
 GRAVITY = 9.81  # [m/s^2]
 FALLEN = 0.6  # of the height of the base
-# [N m], of Solo12's motors with their gears, where its file says 1000: Grimminger et al. An open
-# torque-controlled modular robot architecture for legged locomotion research. RA-L 5, 2020.
-TORQUE = {"solo12": 2.7}
+# Torques of motors with their gears, by what the names of joints end in, where the files have no
+# limit or 1000 [N m]. Grimminger et al. An open torque-controlled modular robot architecture for
+# legged locomotion research. RA-L 5, 2020; Agility's own model of Cassie for MuJoCo.
+TORQUES = {
+    "solo12": {"HAA": 2.7, "HFE": 2.7, "KFE": 2.7},
+    "cassie": {
+        "roll-op": 112.5,
+        "yaw-op": 112.5,
+        "pitch-op": 195.2,
+        "knee-op": 195.2,
+        "foot-op": 45.0,
+    },
+}
 
 
 @dataclass
@@ -125,10 +135,13 @@ class Stand:
 def robot_of(name: str) -> cp.Robot:
     """Return a robot with motors as strong as they are."""
     made = cp.load_robot(name)
-    if name not in TORQUE:
-        return made
     model = pin.Model(made.model)
-    model.effortLimit = np.full(made.nv, TORQUE[name])
+    most = np.array(model.effortLimit)
+    for joint in made.actuated:
+        for end, torque in TORQUES.get(name, {}).items():
+            if joint.endswith(end):
+                most[model.joints[model.getJointId(joint)].idx_v] = torque
+    model.effortLimit = most
     return replace(made, model=model)
 
 
