@@ -54,7 +54,8 @@ class ControlResiduals(NamedTuple):
     dynamics : float
         max abs(M a + h - tau - passive - J^T lam), by Newton-Euler [N, N m].
     constraints : float
-        max abs(J a + gamma - a_ref), by forward kinematics [m/s^2, rad/s^2].
+        max abs(J a + gamma - a_ref), by forward kinematics [m/s^2, rad/s^2]. Redundant rows, such
+        as those of two points of a foot, leave something where the foot moves.
     """
 
     kkt: float  # [m/s^2]
