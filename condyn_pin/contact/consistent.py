@@ -19,6 +19,9 @@ from condyn_pin.contact.problem import ContactProblem
 # What is left out of g, relative to |g|, at most: a creep of a micrometre where a metre is moved.
 _SMALL: Final = 1e-6
 
+# What is left in, relative to |g|: no residual feels it.
+_FELT: Final = 0.01 * tolerances.CONTACT_SOLVED
+
 
 def without_contradiction(problem: ContactProblem, lam: Array) -> ContactProblem | None:
     """Return the problem without the part of g that no motion of what touches has.
@@ -54,7 +57,7 @@ def without_contradiction(problem: ContactProblem, lam: Array) -> ContactProblem
     values, vectors = np.linalg.eigh(problem.G[np.ix_(A, A)])
     Z = vectors[:, values <= tolerances.CONTACT_RANK * values[-1]]
     out = Z.dot(Z.T.dot(problem.g[A]))
-    if not 0 < np.abs(out).max() <= _SMALL * speed:
+    if not _FELT * speed < np.abs(out).max() <= _SMALL * speed:
         return None
     g = problem.g.copy()
     g[A] -= out

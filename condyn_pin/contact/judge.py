@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from math import isfinite, isnan
 from time import perf_counter
-from typing import Final
+from typing import Final, TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -24,6 +25,10 @@ from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.errors import InvalidArgument, SolveFailed
 
 _DEFAULT: Final = ADMM()
+
+_Answer: TypeAlias = Callable[
+    [ContactProblem, ContactSolver, Array | None, float], tuple[Attempt, float]
+]
 
 
 def solve_contact(
@@ -136,17 +141,36 @@ def attempt_contact(
     -----
     Cost: that of the solver, and about 20 us.
     """
+    return _apart(problem, solver, guess, accuracy, _insist)
+
+
+@one_blas_thread
+def first_attempt(
+    problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
+) -> tuple[Attempt, float]:
+    """Return the same of a solver that does not begin again where its residual is too large."""
+    return _apart(problem, solver, guess, accuracy, _first)
+
+
+def _apart(
+    problem: ContactProblem,
+    solver: ContactSolver,
+    guess: Array | None,
+    accuracy: float,
+    answer: _Answer,
+) -> tuple[Attempt, float]:
+    """Return the answers of all islands of a problem as one."""
     if not problem.rows:
         return Attempt(np.zeros(0), 0, ()), 0.0
     apart = islands(problem)
     if not apart:
-        return _insist(problem, solver, guess, accuracy)
+        return answer(problem, solver, guess, accuracy)
     lam, iterations, path, answered = np.empty(problem.rows), 0, dict[str, None](), True
     for island in apart:
         part = island.problem(problem)
         begin = None if guess is None else guess[island.rows]
         enough = max(accuracy * _share(part, problem), FINEST)
-        found, _ = _insist(part, solver, begin, enough)
+        found, _ = answer(part, solver, begin, enough)
         lam[island.rows] = found.lam
         iterations += found.iterations
         path |= dict.fromkeys(found.path)
@@ -154,16 +178,24 @@ def attempt_contact(
     return Attempt(lam, iterations, tuple(path), answered), natural_residual(problem, lam)
 
 
-def _insist(
+def _first(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
 ) -> tuple[Attempt, float]:
-    """Return the first attempt that the natural residual accepts, or the best of all."""
+    """Return what costs little where the natural residual accepts it, or the first attempt."""
     if guess is None and (quick := solver.at_once(problem)) is not None:
         natural = natural_residual(problem, quick.lam)
         if natural <= accuracy:
             return quick, natural
-    best = found = solver.attempt(problem, guess)
-    least = natural_residual(problem, found.lam)
+    found = solver.attempt(problem, guess)
+    return found, natural_residual(problem, found.lam)
+
+
+def _insist(
+    problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
+) -> tuple[Attempt, float]:
+    """Return the first attempt that the natural residual accepts, or the best of all."""
+    best, least = _first(problem, solver, guess, accuracy)
+    found = best
     if least <= accuracy:
         return best, least
     for found in solver.alternatives(problem, best):

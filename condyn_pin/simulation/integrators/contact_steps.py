@@ -30,7 +30,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.contact.condense import Condensed, condense
 from condyn_pin.contact.consistent import without_contradiction
-from condyn_pin.contact.judge import attempt_contact, judged
+from condyn_pin.contact.judge import attempt_contact, first_attempt, judged
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
 from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.errors import StepFailed
@@ -226,16 +226,24 @@ class ContactSteps:
                 return posed, found, natural, v1
 
     def _solved(self, posed: Posed) -> tuple[Posed, Attempt, float]:
-        """Return impulses and their natural residual, and what they solve."""
+        """Return impulses and their natural residual, and what they solve.
+
+        Redundant contacts are looked at before the solver begins again and again, which may take a
+        thousand times as long.
+        """
         solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
-        found, natural = attempt_contact(posed.problem, solver, None, accuracy)
-        if natural <= accuracy or not (solver.exact and isfinite(natural)):
-            return posed, found, natural
-        consistent = without_contradiction(posed.problem, found.lam)
-        if consistent is None:
-            return posed, found, natural
-        again = attempt_contact(consistent, solver, found.lam, accuracy)
-        return posed._replace(problem=consistent), *again
+        begin = first_attempt if solver.exact else attempt_contact
+        found, natural = begin(posed.problem, solver, None, accuracy)
+        for is_best in (False, True):
+            if natural <= accuracy or not (solver.exact and isfinite(natural)):
+                break
+            consistent = without_contradiction(posed.problem, found.lam)
+            if consistent is not None:
+                posed = posed._replace(problem=consistent)
+            elif is_best:
+                break
+            found, natural = attempt_contact(posed.problem, solver, found.lam, accuracy)
+        return posed, found, natural
 
     def _missed(self, posed: Posed, v1: Array) -> NDArray[np.bool_] | None:
         """Return a flag for each gap that the step closes and that takes no part, None for none.
