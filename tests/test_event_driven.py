@@ -176,7 +176,7 @@ def test_the_order_is_kept_between_events_and_across_them() -> None:
     orders = np.log2(np.divide(*errors))
     assert (orders > 3.7).all(), (errors, orders)
     assert max(errors[1][:2]) < 1e-7
-    fine = cp.DormandPrince(relative_tolerance=1e-12, absolute_tolerance=1e-13)
+    fine = cp.simulation.DormandPrince(relative_tolerance=1e-12, absolute_tolerance=1e-13)
     assert_allclose(pushed(0.06, fine)[:3], (way, slip, stick), atol=1e-10)
 
 
@@ -200,7 +200,9 @@ def test_slip_that_turns_comes_to_its_end(slope: float) -> None:
     """Its direction turns the faster the slower it is; by an adaptive method as by steps."""
     scene, q = box_scene(0.5, slope)
     v = np.array([0.3, 0.1, 0, 0, 0, 3.0]) if not slope else np.array([0, 0.5, 0, 0, 0, 0])
-    fine = EventDriven(cp.DormandPrince(relative_tolerance=1e-11, absolute_tolerance=1e-12))
+    fine = EventDriven(
+        cp.simulation.DormandPrince(relative_tolerance=1e-11, absolute_tolerance=1e-12)
+    )
     runs = [
         cp.simulate(scene, q, v, duration=0.2, dt=dt, integrator=integrator)
         for dt, integrator in ((1e-2, fine), (1e-2, LOCATED), (2.5e-3, LOCATED))
@@ -391,7 +393,7 @@ def test_what_is_refused() -> None:
     still = np.zeros(6)
     with pytest.raises(cp.errors.UnsupportedConstraint, match=r"EventDriven\(RungeKutta4\(\)\)"):
         cp.simulate(scene, q, still, duration=0.1, integrator=cp.RungeKutta4())
-    for inner in (cp.Moreau(), cp.RadauIIA(), cp.SemiImplicitEuler(), 4, LOCATED):
+    for inner in (cp.Moreau(), cp.simulation.RadauIIA(), cp.SemiImplicitEuler(), 4, LOCATED):
         with pytest.raises(cp.InvalidArgument, match="inner"):
             EventDriven(inner)  # type: ignore[arg-type]
     for bounce in (0.0, -1.0, float("nan")):

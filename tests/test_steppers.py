@@ -433,7 +433,8 @@ def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) 
     def give_up(problem: ContactProblem, *_: object) -> tuple[Attempt, float]:
         return Attempt(np.zeros(problem.rows), 1, ("nothing",)), float(problem.rows > 0)
 
-    monkeypatch.setattr(contact_steps, "attempt_contact", give_up)
+    for name in ("first_attempt", "attempt_contact"):
+        monkeypatch.setattr(contact_steps, name, give_up)
     scene, q, v = thrown()
     q[2] += 0.05
     run = cp.simulate(scene, q, v, duration=0.3)
