@@ -234,8 +234,10 @@ class ContactSteps:
         solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
         begin = first_attempt if solver.exact else attempt_contact
         found, natural = begin(posed.problem, solver, None, accuracy)
+        if not isfinite(natural):
+            return posed, *attempt_contact(posed.problem, solver, None, accuracy)
         for is_best in (False, True):
-            if natural <= accuracy or not (solver.exact and isfinite(natural)):
+            if natural <= accuracy or not solver.exact:
                 break
             consistent = without_contradiction(posed.problem, found.lam)
             if consistent is not None:
