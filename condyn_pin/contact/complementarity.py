@@ -28,9 +28,6 @@ _NO_PIVOT: Final = 1e-9
 # Ratios of b, relative to |b|, that differ by less are tied; what is below is zero.
 _TIED: Final = 1e-11
 
-# Pivots after which the tableau is computed anew from A: what they rounded is gone.
-_ANEW: Final = 25
-
 # What s is at the end of a path, relative to |b|. What rows ask for that no z can do is left of it,
 # and pivots that go on are rounding.
 _ENDED: Final = 1e-9
@@ -62,7 +59,8 @@ def lemke(A: Array, b: Array, max_pivots: int) -> Complementary:
 
     Notes
     -----
-    A path without an answer ends on a ray. Cost O(n^2) a pivot.
+    A path without an answer ends on a ray. Cost O(n^3) a pivot: each basis is factorised by itself,
+    since a tableau that is carried on rounds until what is tied no longer is.
     """
     best, least, pivots = np.zeros(len(b)), _missed(A, b, np.zeros(len(b))), 0
     for step in _PATHS:
@@ -77,8 +75,8 @@ def lemke(A: Array, b: Array, max_pivots: int) -> Complementary:
 
 
 def _missed(A: Array, b: Array, z: Array) -> float:
-    """Return |min(z, A z + b)|_inf, relative to the larger of |z| and |b|."""
-    size = max(float(np.abs(z).max(initial=0.0)), float(np.abs(b).max(initial=0.0)))
+    """Return |min(z, A z + b)|_inf, relative to |b|: a z that rounding has made large is none."""
+    size = float(np.abs(b).max(initial=0.0))
     return float(np.abs(np.minimum(z, A @ z + b)).max(initial=0.0)) / (size or 1.0)
 
 
@@ -86,56 +84,47 @@ def _path(A: Array, b: Array, p: Array, max_pivots: int) -> tuple[Array, int]:
     """Return z at the end of a path, and its pivots."""
     n, size = len(b), float(np.abs(b).max())
     artificial = 2 * n
-    # columns of w, z, s, b and p; a tableau keeps those that are not in the basis, and b and p
+    # of w, z, s, b and p
     columns = np.hstack([np.eye(n), -A, -np.ones((n, 1)), (b / size)[:, None], p[:, None]])
-    basis, others = np.arange(n), np.arange(n, 2 * n + 3)
-    T, enter = columns[:, others], n  # the place of s
+    basis, enter = np.arange(n), artificial
     nearest, least = basis.copy(), inf
     row = int(np.lexsort((p, np.where(np.abs(b) > _TIED * size, b, 0.0)))[0])
-    for pivot in range(1, max_pivots + 1):
+    pivots = 0
+    while pivots < max_pivots:
+        pivots += 1
         leave = int(basis[row])
-        basis[row], others[enter] = others[enter], leave
+        basis[row] = enter
         if leave == artificial:
             nearest = basis
             break
-        if pivot % _ANEW:
-            _pivot(T, row, enter)
-        else:
-            T = _tableau(columns, basis, others)
-        s = float(np.abs(T[basis == artificial, -2]).max())
+        enter = leave + n if leave < n else leave - n  # what is complementary to the one that left
+        T = _in_basis(columns, basis, np.array([enter, artificial + 1, artificial + 2]))
+        is_s = basis == artificial
+        s = float(np.abs(T[is_s, 1]).max())
         if s < least:
             nearest, least = basis.copy(), s
         if s <= _ENDED:
             break
-        # what is complementary to the one that left comes in
-        enter = int(np.flatnonzero(others == (leave + n if leave < n else leave - n))[0])
-        row = _leaving(T, enter, basis == artificial)
+        row = _leaving(T, is_s)
         if row < 0:
             break
-    return size * _values(columns, nearest), pivot
+    return size * _values(columns, nearest), pivots
 
 
-def _pivot(T: Array, row: int, enter: int) -> None:
-    """Change a tableau by one pivot: a variable of the basis and another change places."""
-    pivot, column = T[row, enter], T[:, enter].copy()
-    T[row] /= pivot
-    column[row] = 0.0
-    T -= np.multiply.outer(column, T[row])
-    T[:, enter] = -column / pivot
-    T[row, enter] = 1 / pivot
-
-
-def _tableau(columns: Array, basis: Indices, others: Indices) -> Array:
-    """Return the tableau of a basis; NaN, on which a path ends, where rounding took its rank."""
+def _in_basis(columns: Array, basis: Indices, others: Indices) -> Array:
+    """Return columns in terms of a basis; NaN, which ends a path, where rounding took its rank."""
     try:
         return np.asarray(np.linalg.solve(columns[:, basis], columns[:, others]))
     except np.linalg.LinAlgError:
         return np.full((len(basis), len(others)), np.nan)
 
 
-def _leaving(T: Array, enter: int, artificial: Array) -> int:
-    """Return the row with the smallest ratio of b, and among those that are tied of p; or -1."""
-    column, b, p = T[:, enter], T[:, -2], T[:, -1]
+def _leaving(T: Array, artificial: Array) -> int:
+    """Return the row with the smallest ratio of b, and among those that are tied of p; or -1.
+
+    T has the entering column, b and p in terms of the basis.
+    """
+    column, b, p = T.T
     rows = np.flatnonzero(column > _NO_PIVOT * np.abs(column).max())
     if not len(rows):
         return -1
@@ -150,5 +139,5 @@ def _values(columns: Array, basis: Indices) -> Array:
     """Return z >= 0 of a basis."""
     n = len(basis)
     values = np.zeros(2 * n + 1)
-    values[basis] = _tableau(columns, basis, np.array([2 * n + 1]))[:, 0]
+    values[basis] = _in_basis(columns, basis, np.array([2 * n + 1]))[:, 0]
     return np.maximum(values[n : 2 * n], 0.0)
