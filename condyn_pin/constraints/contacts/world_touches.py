@@ -1,7 +1,7 @@
-"""Feelers over planes of the world: what a step with contacts evaluates most often.
+"""Contact points over planes of the world: what a step with contacts evaluates most often.
 
 The normal n and the axes d stand still, so that the gap and the moments of the axes about the
-origin are linear in the middle p of a feeler, and one product has all of them:
+origin are linear in the middle p of a contact point, and one product has all of them:
 
     gap = n . p - (n . o + radius),    (p - radius n) x d
 """
@@ -19,7 +19,7 @@ from condyn_pin.constraints.contacts.touches import Touches
 
 
 class WorldTouches(Touches):
-    """Feelers over planes of the world, evaluated together; not to be shared between threads."""
+    """Contact points over planes of the world, together; not to be shared between threads."""
 
     def __init__(self, model: Any, touches: Sequence[Touch]) -> None:
         super().__init__(model, touches)
@@ -42,7 +42,7 @@ class WorldTouches(Touches):
         return self._linear(data)[:, 0]
 
     def evaluate(self, data: Any) -> tuple[Array, Array]:
-        """Return gaps (k,) and the rows t1, t2, n of each feeler (3 k, nv); reads data.J too."""
+        """Return gaps (k,) and the rows t1, t2, n of each point (3 k, nv); reads data.J too."""
         if self._data is not data:  # a view into the memory of data: to fetch it costs more
             self._data, self._J = data, data.J.reshape(6, -1)
         linear = self._linear(data)
@@ -50,6 +50,6 @@ class WorldTouches(Touches):
         return linear[:, 0], self._twist.reshape(-1, 6).dot(self._J) * self._moves
 
     def _linear(self, data: Any) -> Array:
-        """Return the gap, and p x d of t1, t2 and n, of each feeler (k, 10)."""
+        """Return the gap, and p x d of t1, t2 and n, of each contact point (k, 10)."""
         middles = self._placements.read(data).dot(self._middles)
         return (self._slopes @ middles.T[:, :, None])[:, :, 0] - self._offsets  # type: ignore[no-any-return]

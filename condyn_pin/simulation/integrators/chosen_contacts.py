@@ -22,8 +22,8 @@ class Chosen:
         lines = cones + candidates.half_lines
         self.active, self.rows = active, _all_or(candidates.rows_of(active))
         self.gaps = _all_or(active[:lines])
-        self.over_planes = _all_or(active[: candidates.feelers])
-        self.feelers = np.count_nonzero(active[: candidates.feelers])
+        self.over_planes = _all_or(active[: candidates.contact_points])
+        self.contact_points = np.count_nonzero(active[: candidates.contact_points])
         k, stops = np.count_nonzero(active[:cones]), np.count_nonzero(active[cones:lines])
         self.normals: Indices | slice = slice(2, 3 * k, 3)
         if stops:

@@ -50,7 +50,7 @@ class CurvedPaths:
         -----
         It takes 6 us, and leaves the placements of q (+) dt v in the data of the system.
         """
-        system, dt, k = self._system, self._dt, chosen.feelers
+        system, dt, k = self._system, self._dt, chosen.contact_points
         bends = np.zeros(len(gaps))
         if k:
             data = system.equations.data
@@ -65,7 +65,7 @@ class CurvedPaths:
         An impact changes velocities, and with them how paths bend.
         """
         dt, near, chosen = self._dt, posed.near, posed.chosen
-        if not chosen.feelers:
+        if not chosen.contact_points:
             return None
         if dt * float(np.abs(v1).max()) < _STRAIGHT and float(near.bends.max()) < _THROUGH:
             return None
