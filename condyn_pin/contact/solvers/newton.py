@@ -127,7 +127,8 @@ def restarts(problem: ContactProblem, found: Attempt, max_iterations: int) -> It
     """Yield the ends of Newton's method from other starts, the cheapest first."""
     small, unit = normalised(problem)
     if not np.isfinite(np.concatenate((small.G.ravel(), small.g, small.friction))).all():
-        return  # nobody answers that
+        yield Attempt(np.zeros(problem.rows), 0, ()).after(found)  # nobody answers that
+        return
     cheap = len(problem.friction) * _SIDES[0] <= _LARGEST
     if problem.law == "ncp":
         if cheap:
