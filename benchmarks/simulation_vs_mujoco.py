@@ -6,7 +6,7 @@ Writes benchmarks/results/simulation_vs_mujoco.{json,png} and docs/results.md; w
 --from-json the tables are made from the committed results, without running anything.
 
 Both engines read one file (`Robot.to_mjcf`), start from one state, and are measured with one
-yardstick, Pinocchio's: the largest gap and change of energy among samples every 16 ms. Energy is
+reference, Pinocchio's: the largest gap and change of energy among samples every 16 ms. Energy is
 conserved: nothing dissipates. Time is CPU time of the thread, the median over interleaved blocks
 of steps; MuJoCo takes the steps of a block in one call of `mj_step`.
 """

@@ -108,7 +108,7 @@ def test_by_hand_is_right_or_not_there(label):
         assert np.abs(answer(*state) - truth).max() < 1e-6 * max(np.abs(truth).max(), 9.81)
 
 
-def test_redundant_rows_get_a_damped_yardstick():
+def test_redundant_rows_get_a_damped_reference():
     rows = bench_scene("four_bar loops", all_scenes()["four_bar loops"], effort=TINY)
     dense = [row for row in rows if row.method.startswith("Dense KKT")]
     assert [row.status for row in dense] == ["2 singular", "2 ok"]

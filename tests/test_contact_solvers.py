@@ -359,6 +359,60 @@ def test_polygons_without_an_answer_are_no_nan():
     assert np.isfinite(found.lam).all()
 
 
+def plate(points: int, rough: float = 0.0, **fields) -> ContactProblem:
+    """Return a plate that slides and turns on many points, in gaps of up to `rough` [m/s]."""
+    rng = np.random.default_rng(0)
+    P = np.column_stack([rng.uniform(-1, 1, (points, 2)), np.full(points, -0.05)])
+    J = np.vstack([np.hstack([np.eye(3), -pin.skew(p)]) for p in P])
+    v = np.array([0.5, 0.2, -1e-2, 0.0, 0.0, 1.0])
+    problem = touching(J, np.diag([1, 1, 1, 0.3, 0.3, 0.6]), v, np.full(points, 0.5)).problem
+    g = problem.g + np.where(np.arange(problem.rows) % 3 == 2, rough * rng.uniform(size=len(J)), 0)
+    return problem.replaced(g=g, **fields)
+
+
+@pytest.mark.parametrize("solver", EXACT, ids=repr)
+@pytest.mark.parametrize(
+    "problem",
+    [
+        plate(60),
+        plate(200),
+        plate(200, rough=1e-6),
+        plate(200, rough=1e-3),
+        plate(80, rough=0.1),
+        plate(80, law="ccp"),
+        plate(80, rough=1e-3, law="ccp"),
+        plate(80, R=np.full(240, 1e-3), law="ccp"),
+    ],
+    ids=["60", "200", "micrometres", "millimetres", "decimetres", "convex", "convex gaps", "soft"],
+)
+def test_hundreds_of_points_below_a_plate(solver, problem):
+    found = solve_contact(problem, solver)
+    assert natural(problem, found.lam) <= 1.01 * CONTACT_SOLVED
+    assert "Lemke" not in found.path  # whose pivots are on thousands of rows
+
+
+@pytest.mark.parametrize("solver", EXACT, ids=repr)
+@pytest.mark.parametrize("seed", range(3))
+def test_a_tower_of_boxes_that_slide_on_each_other(seed, solver):
+    """What joins them is redundant; ADMM finds it, and Newton begins there."""
+    rng = np.random.default_rng(seed)
+    corners = np.array([(x, y, 0.05) for x in (0.1, -0.1) for y in (0.1, -0.1)])
+    rows = []
+    for i in range(16):
+        for p in corners:
+            J = np.zeros((3, 96))
+            J[:, 6 * i : 6 * i + 6] = np.hstack([np.eye(3), pin.skew(p)])
+            if i:
+                J[:, 6 * i - 6 : 6 * i] = -np.hstack([np.eye(3), -pin.skew(p)])
+            rows.append(J)
+    v = 0.3 * rng.normal(size=(16, 6)) * (1, 1, 0, 0, 0, 1) - np.array([0, 0, 1e-2, 0, 0, 0])
+    M = np.diag(np.tile([1, 1, 1, 4e-3, 4e-3, 7e-3], 16))
+    problem = touching(np.vstack(rows), M, v.ravel(), np.full(64, 0.5)).problem
+    found = solve_contact(problem, solver)
+    assert natural(problem, found.lam) <= 1.01 * CONTACT_SOLVED
+    assert set(found.path) <= {"ADMM", "Newton"}
+
+
 @pytest.mark.parametrize("R", [0.2, 0.05, 0.01, 1e-3, 1e-6])
 def test_sap_finds_what_newton_finds(R):
     for seed in range(5):

@@ -55,7 +55,7 @@ def test_tree_is_the_robot(peers, case):
 
 def test_bare_pinocchio_gives_the_exported_answers(peers, case):
     scene, exported = case
-    hot, derivatives = peers["bare"].yardsticks(exported)
+    hot, derivatives = peers["bare"].references(exported)
     for i in range(exported.count):
         assert exported.error("acceleration", i, hot.answer(i)) < 1e-10
         if scene.robot.name != "four_bar":  # there Pinocchio's own first column is wrong
@@ -123,7 +123,7 @@ def test_difference_is_that_of_pinocchio_and_does_not_count_turns(case):
 def test_harness_measures(peers, case):
     _, exported = case
     harness = peers["harness"]
-    hot, _ = peers["bare"].yardsticks(exported)
+    hot, _ = peers["bare"].references(exported)
     called = []
     slow = harness.Candidate(
         "acceleration", "slow", called.append, lambda i: exported.states["a"][i]
@@ -138,8 +138,8 @@ def test_harness_measures(peers, case):
 
 
 def result(version: str, pinocchio: str, peer: str = "Toy", **changes: float) -> dict:
-    """What a script writes, with one row of its own and the yardstick."""
-    from peers.harness import YARDSTICKS
+    """What a script writes, with one row of its own and the reference."""
+    from peers.harness import REFERENCES
 
     row = {
         "scene": "s", "quantity": "acceleration", "peer": peer, "version": version, "method": "m",
@@ -147,13 +147,13 @@ def result(version: str, pinocchio: str, peer: str = "Toy", **changes: float) ->
         "error_median": 1e-9, "error_worst": 1e-6,
     } | changes  # fmt: skip
     bare = row | {
-        "peer": "Pinocchio", "version": pinocchio, "method": YARDSTICKS["acceleration"],
+        "peer": "Pinocchio", "version": pinocchio, "method": REFERENCES["acceleration"],
         "median_us": 10.0, "min_us": 8.0, "bare_min_us": 8.0, "error_worst": 1e-15,
     }  # fmt: skip
     return {"peer": peer, "version": version, "pinocchio": pinocchio, "rows": [bare, row]}
 
 
-def test_gather_takes_medians_over_passes_and_the_yardstick_of_the_pass(peers):
+def test_gather_takes_medians_over_passes_and_the_reference_of_the_pass(peers):
     gather = peers["table"].gather
     passes = [
         [

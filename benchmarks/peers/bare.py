@@ -1,4 +1,4 @@
-"""Pinocchio with nothing around it, on any version: the yardstick, and a peer."""
+"""Pinocchio with nothing around it, on any version: the reference, and a peer."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ import numpy as np
 import pinocchio as pin
 
 from peers.exported import ACCELERATION, DERIVATIVES, Exported
-from peers.harness import YARDSTICKS, Candidate
+from peers.harness import REFERENCES, Candidate
 
 PEER = "Pinocchio"
 IS_4 = int(pin.__version__.split(".")[0]) >= 4
@@ -103,10 +103,10 @@ def derivatives(scene: Exported) -> Candidate:
 
     turning = scene.joints[0].kind == "revolute" and any(c.joint2 for c in scene.constraints)
     note = "its first column is wrong for a loop on a base that turns" if turning else ""
-    return Candidate(DERIVATIVES, YARDSTICKS[DERIVATIVES], call, answer, note, PEER)
+    return Candidate(DERIVATIVES, REFERENCES[DERIVATIVES], call, answer, note, PEER)
 
 
-def yardsticks(scene: Exported) -> list[Candidate]:
+def references(scene: Exported) -> list[Candidate]:
     """Return what is timed in every environment."""
-    hot = acceleration(scene, YARDSTICKS[ACCELERATION], scene.settings)
+    hot = acceleration(scene, REFERENCES[ACCELERATION], scene.settings)
     return [hot, derivatives(scene)]

@@ -11,7 +11,7 @@ A peer's script says what it can do with a scene::
    sets the state: a user's state changes from call to call.
 2. `answer(i)` does the same and returns the answer in Pinocchio's coordinates. It is not timed.
 3. Memory, models and options are made once, before.
-4. Bare Pinocchio is timed in the same rounds, wherever it can be imported: the yardstick.
+4. Bare Pinocchio is timed in the same rounds, wherever it can be imported: the reference.
 5. A round takes one sample of every candidate, in an order that turns. A sample is the mean of a
    sweep over the states, or of as many sweeps as fit into a millisecond: nothing is warm-started
    from its own answer.
@@ -39,7 +39,7 @@ from peers.exported import MOTION, Exported, load
 SAMPLE = 1e-3  # [s]
 MOST_SWEEPS = 3
 ROUNDS = {"acceleration": 100, "derivatives": 25, "motion": 8}
-YARDSTICKS = {  # what a time is divided by
+REFERENCES = {  # what a time is divided by
     "acceleration": "constraintDynamics, settings of condyn_pin",
     "derivatives": "constraintDynamics + computeConstraintDynamicsDerivatives",
     "motion": "constraintDynamics, settings of condyn_pin",
@@ -112,12 +112,12 @@ def measure(scene: Exported, found: Sequence[Candidate], effort: float) -> list[
         group = [candidate for candidate in found if candidate.quantity == quantity]
         if not group:
             continue
-        yardsticks = [c for c in found if c.method == YARDSTICKS[quantity] and c not in group]
-        together = [*group, *yardsticks]
+        references = [c for c in found if c.method == REFERENCES[quantity] and c not in group]
+        together = [*group, *references]
         timed = samples(scene, together, max(3, int(effort * rounds)))
         errors = [_errors(scene, candidate) for candidate in group]
         methods = [candidate.method for candidate in together]
-        bare = timed[methods.index(YARDSTICKS[quantity])] if YARDSTICKS[quantity] in methods else 0
+        bare = timed[methods.index(REFERENCES[quantity])] if REFERENCES[quantity] in methods else 0
         per = 1e3 * scene.duration if quantity == MOTION else 1.0
         for candidate, times, error in zip(group, timed[: len(group)], errors, strict=True):
             scaled = np.array(times) / per
@@ -145,12 +145,12 @@ def _errors(scene: Exported, candidate: Candidate) -> list[float]:
 
 
 def bare_pinocchio(scene: Exported) -> list[Candidate]:
-    """Return the yardsticks, if Pinocchio is here."""
+    """Return the references, if Pinocchio is here."""
     try:
-        from peers.bare import yardsticks
+        from peers.bare import references
     except ImportError:
         return []
-    return yardsticks(scene)
+    return references(scene)
 
 
 def main(peer: str, version: str, candidates: Callable[[Exported], list[Candidate]]) -> None:
@@ -163,12 +163,12 @@ def main(peer: str, version: str, candidates: Callable[[Exported], list[Candidat
     rows, pinocchio = [], ""
     for folder in arguments.folders:
         scene = load(folder)
-        yardstick = bare_pinocchio(scene)
-        if yardstick:
+        reference = bare_pinocchio(scene)
+        if reference:
             import pinocchio as pin
 
             pinocchio = pin.__version__
-        for row in measure(scene, [*yardstick, *candidates(scene)], arguments.effort):
+        for row in measure(scene, [*reference, *candidates(scene)], arguments.effort):
             row["version"] = version if not row["peer"] else pinocchio
             row["peer"] = row["peer"] or peer
             rows.append(row)

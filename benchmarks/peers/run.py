@@ -125,7 +125,7 @@ def main() -> None:
         table = load(RESULTS / "peers.json")
     else:
         only = arguments.only or [environment.name for environment in ENVIRONMENTS]
-        # the yardstick is always there
+        # the reference is always there
         chosen = [e for e in ENVIRONMENTS if e.name in only or e is ENVIRONMENTS[0]]
         passes, effort = (1, 0.1) if arguments.quick else (arguments.passes, 1.0)
         table = measure(chosen, arguments.folder.resolve(), passes, effort)

@@ -9,10 +9,10 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from peers.harness import YARDSTICKS
+from peers.harness import REFERENCES
 
 PEERS = ("condyn_pin", "Pinocchio", "MuJoCo", "Crocoddyl", "Drake", "exudyn")
-YARDSTICK_VERSION = "4.1"
+REFERENCE_VERSION = "4.1"
 TARGETS = {
     "acceleration": (1e-2, 1e-8),
     "derivatives": (1e-1, 1e-8),
@@ -75,18 +75,18 @@ class PeerTable:
             for row in self.rows
             if (row.scene, row.quantity, row.peer) == (scene, quantity, peer)
             and row.error_worst <= error
-            and (row.pinocchio.startswith(YARDSTICK_VERSION) or peer not in PEERS[:2])
+            and (row.pinocchio.startswith(REFERENCE_VERSION) or peer not in PEERS[:2])
         ]
         return min(found, key=lambda row: row.ratio, default=None)
 
     def bare_us(self, scene: str, quantity: str) -> float:
-        """Return the least time of the yardstick [us], in its own environment."""
+        """Return the least time of the reference [us], in its own environment."""
         return next(
             row.min_us
             for row in self.rows
             if row.scene == scene
-            and row.method == YARDSTICKS[quantity]
-            and row.version.startswith(YARDSTICK_VERSION)
+            and row.method == REFERENCES[quantity]
+            and row.version.startswith(REFERENCE_VERSION)
         )
 
     def to_json(self, path: Path) -> None:
@@ -141,7 +141,7 @@ class PeerTable:
 
 
 def _beside(row: PeerRow) -> str:
-    own = row.peer == "Pinocchio" or row.pinocchio.startswith(YARDSTICK_VERSION)
+    own = row.peer == "Pinocchio" or row.pinocchio.startswith(REFERENCE_VERSION)
     return "" if own else f" on Pinocchio {row.pinocchio}"
 
 
@@ -155,7 +155,7 @@ def _where(table: PeerTable) -> str:
 def gather(passes: Sequence[Sequence[dict[str, Any]]]) -> tuple[PeerRow, ...]:
     """Return one row a method from the results of each script in each pass.
 
-    A pass is a list of what scripts wrote. The yardstick is taken from the row's own process and
+    A pass is a list of what scripts wrote. The reference is taken from the row's own process and
     rounds, if Pinocchio 4.1 is there, and otherwise from the first process of the same pass that
     has it.
     """
@@ -178,14 +178,14 @@ def gather(passes: Sequence[Sequence[dict[str, Any]]]) -> tuple[PeerRow, ...]:
 
 
 def _ratio(row: dict[str, Any], result: dict[str, Any], results: Iterable[dict[str, Any]]) -> float:
-    if result["pinocchio"].startswith(YARDSTICK_VERSION):
+    if result["pinocchio"].startswith(REFERENCE_VERSION):
         return float(row["min_us"] / row["bare_min_us"])
     for other in results:
-        if other["pinocchio"].startswith(YARDSTICK_VERSION):
+        if other["pinocchio"].startswith(REFERENCE_VERSION):
             for near in other["rows"]:
                 if all(near[k] == row[k] for k in ("scene", "quantity")):
                     return float(row["min_us"] / near["bare_min_us"])
-    raise ValueError(f"no bare Pinocchio {YARDSTICK_VERSION} in the pass of {row['method']!r}")
+    raise ValueError(f"no bare Pinocchio {REFERENCE_VERSION} in the pass of {row['method']!r}")
 
 
 def _row(entries: Sequence[dict[str, Any]]) -> PeerRow:

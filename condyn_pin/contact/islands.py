@@ -68,7 +68,7 @@ def _islands(sets: ContactSets, names: tuple[str, ...], pattern: bytes) -> tuple
     found = np.unique(label)
     if len(found) == 1:
         return ()
-    return tuple(_island(sets, names, np.flatnonzero(label == each)) for each in found)
+    return tuple(island_of(sets, names, np.flatnonzero(label == each)) for each in found)
 
 
 def _labels(felt: NDArray[np.bool_]) -> Indices:
@@ -81,7 +81,8 @@ def _labels(felt: NDArray[np.bool_]) -> Indices:
         label = least
 
 
-def _island(sets: ContactSets, names: tuple[str, ...], contacts: Indices) -> Island:
+def island_of(sets: ContactSets, names: tuple[str, ...], contacts: Indices) -> Island:
+    """Return some contacts of a problem, by their places among its names."""
     rows = np.flatnonzero(np.isin(sets.blocks, contacts))
     k, lines = len(sets.friction), sets.half_lines
     cones, intervals = contacts[contacts < k], contacts[contacts >= k + lines]

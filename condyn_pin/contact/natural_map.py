@@ -17,6 +17,7 @@ from math import isfinite
 from typing import Final, NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dgelsy, dgelsy_lwork
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem
@@ -54,12 +55,11 @@ def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> End:
         if point.largest <= _ROUNDING * max(1.0, float(np.abs(lam).max(initial=0.0))):
             break
         D = _derivative(problem, point)
-        try:
-            step, *_ = np.linalg.lstsq(D, -point.F, rcond=_REDUNDANT)
-        except np.linalg.LinAlgError:
+        step = _smallest_step(D, point.F)
+        if step is None:
             break
         steps += 1
-        moved = _descend(problem, lam, np.asarray(step), point)
+        moved = _descend(problem, lam, step, point)
         if moved is None and slips < _SLIPS:
             slips += 1
             moved = _until_one_changes(problem, lam, point, D)
@@ -82,6 +82,16 @@ class _Point(NamedTuple):
         return float(np.abs(self.F).max(initial=0.0))
 
 
+def _smallest_step(D: Array, F: Array) -> Array | None:
+    """Return the smallest step with D step = -F, by a complete orthogonal factorisation."""
+    n = len(F)
+    if not np.isfinite(D).all():
+        return None
+    pivots, (work, _) = np.zeros((n, 1), dtype=np.int32), dgelsy_lwork(n, n, 1, _REDUNDANT)
+    _, step, _, _, wrong = dgelsy(D, -F[:, None], pivots, _REDUNDANT, int(work))
+    return None if wrong else np.asarray(step[:, 0])
+
+
 def _descend(
     problem: ContactProblem, lam: Array, step: Array, point: _Point
 ) -> tuple[Array, _Point] | None:
@@ -100,12 +110,10 @@ def _until_one_changes(
     problem: ContactProblem, lam: Array, point: _Point, D: Array
 ) -> tuple[Array, _Point] | None:
     """Return lam with as much of what changes no F as makes a contact stick, slide or open."""
-    try:
-        _, sizes, V = np.linalg.svd(D)
-    except np.linalg.LinAlgError:
+    within = _smallest_step(D, -D.dot(point.F))  # the part of F that D sees
+    if within is None:
         return None
-    N = V[sizes <= _REDUNDANT * sizes[0]]
-    y = -N.T.dot(N.dot(point.F))
+    y = within - point.F
     length = float(np.sqrt(y @ y))
     if not length > _ALONG * point.size:
         return None

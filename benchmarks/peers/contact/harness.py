@@ -10,7 +10,7 @@ A peer's script says in which ways it can step through a scene::
 1. `play()` starts anew, steps to the end, and returns where the bodies were, and the processor time
    that the steps took: of the process and all its threads.
 2. Models, options and memory are made once, before.
-3. The yardstick is `mj_step` with MuJoCo's defaults and dt = 1 ms, through the same scene, in the
+3. The reference is `mj_step` with MuJoCo's defaults and dt = 1 ms, through the same scene, in the
    same process, before each run. A ratio is of least times a step.
 """
 
@@ -61,14 +61,14 @@ def played(
 
 def measure(scene: ContactScene, found: Sequence[Way]) -> list[dict[str, Any]]:
     """Return a row for each way: error [m], time for a step [us], and its ratio."""
-    from peers.contact.with_mujoco import YARDSTICK, way
+    from peers.contact.with_mujoco import REFERENCE, way
 
-    yardstick = way(scene, YARDSTICK, 1e-3)
+    reference = way(scene, REFERENCE, 1e-3)
     rows = []
     for each in found:
         times, bare, positions = [], [], None
         while len(times) < RUNS and sum(times) < LONG:
-            bare.append(yardstick.play()[1])
+            bare.append(reference.play()[1])
             positions, took = each.play()
             times.append(took)
         step = 1e6 * min(times) * each.dt / scene.duration
@@ -79,7 +79,7 @@ def measure(scene: ContactScene, found: Sequence[Way]) -> list[dict[str, Any]]:
                 "dt": each.dt,
                 "error": scene.distance(positions),
                 "step_us": step,
-                "ratio": step / (1e6 * min(bare) * yardstick.dt / scene.duration),
+                "ratio": step / (1e6 * min(bare) * reference.dt / scene.duration),
             }
         )
     return rows

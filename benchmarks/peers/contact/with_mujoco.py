@@ -30,9 +30,9 @@ class Softness:
 
 RESOLVED = 10  # steps of half a swing
 
-YARDSTICK = Softness("default")
+REFERENCE = Softness("default")
 SETTINGS = (
-    YARDSTICK,
+    REFERENCE,
     Softness("elliptic", elliptic=True),
     Softness("elliptic, impratio 10", elliptic=True, impratio=10.0),
     Softness("elliptic, solref .002, solimp .9999", 0.002, 0.9999, elliptic=True),

@@ -12,7 +12,7 @@ from condyn_pin.constraints.support import Patch
 
 
 class Touch(NamedTuple):
-    """A feeler of one body over a plane of another: three rows."""
+    """A contact point of one body over a plane of another: three rows."""
 
     name: str
     joint: int

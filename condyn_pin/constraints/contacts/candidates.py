@@ -35,7 +35,7 @@ class Candidates:
         Of cones, half-lines and intervals.
     cones, half_lines, intervals : int
         How many there are.
-    feelers : int
+    contact_points : int
         How many of the cones, the first ones, are on planes.
     meets_once : (cones,) bool array
         Which cones are of two shapes that meet in one point, as balls do.
@@ -76,7 +76,7 @@ class Candidates:
         self.is_length = read_only(np.array([True] * len(cones) + of_stops, dtype=bool))
         kind = Touches if any(touch.ground for touch in touches) else WorldTouches
         self._touches, self._pairs = kind(model, touches), Pairs(model, pairs)
-        self.feelers = len(touches)
+        self.contact_points = len(touches)
         self._iq = np.array([stop.iq for stop in stops], dtype=np.int_)
         self._sign = np.array([stop.sign for stop in stops])
         self._limit = np.array([stop.limit for stop in stops])
@@ -132,7 +132,7 @@ class Candidates:
     @property
     def pairs(self) -> int:
         """How many of the cones, the last ones, are where shapes of two bodies meet."""
-        return self.cones - self.feelers
+        return self.cones - self.contact_points
 
     def _with_stops(self, gaps: Array, q: Array) -> Array:
         if not self.half_lines:

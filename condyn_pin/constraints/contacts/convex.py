@@ -12,7 +12,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, shown
 from condyn_pin.constraints.constraint_fields import Vector3, floats
 from condyn_pin.constraints.contacts.cores import Core, Indices, solid_core
-from condyn_pin.constraints.contacts.shapes import Feeler, Shape
+from condyn_pin.constraints.contacts.shapes import ContactPoint, Shape
 from condyn_pin.errors import InvalidArgument
 
 # Three rows each on a plane: what has more is as good with fewer.
@@ -55,9 +55,11 @@ class Convex(Shape):
             )
 
     @property
-    def feelers(self) -> tuple[Feeler, ...]:
+    def contact_points(self) -> tuple[ContactPoint, ...]:
         """Its corners."""
-        return tuple(Feeler(f"corner {i}", at, 0.0) for i, at in enumerate(self.vertices, start=1))
+        return tuple(
+            ContactPoint(f"corner {i}", at, 0.0) for i, at in enumerate(self.vertices, start=1)
+        )
 
     @property
     def core(self) -> Core:

@@ -79,7 +79,7 @@ def points_core(*vertices: tuple[float, float, float], radius: float) -> Core:
 
 
 def box_core(x: float, y: float, z: float) -> Core:
-    """Return a box with half-edges x, y and z, its corners in the order of `Box.feelers`."""
+    """Return a box with half-edges x, y and z, its corners in the order of `Box.contact_points`."""
     half = np.array([x, y, z])
     vertices = half * np.array([*product((1.0, -1.0), repeat=3)])
     edges = np.array([(i, i + step) for step in (4, 2, 1) for i in range(8) if not i & step])

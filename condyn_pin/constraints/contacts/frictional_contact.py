@@ -19,7 +19,7 @@ from condyn_pin.constraints.constraint_fields import Vector3, floats, not_negati
 from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact, Pair, Solid, Touch
 from condyn_pin.constraints.contacts.plane import Plane
-from condyn_pin.constraints.contacts.shapes import Feeler, Point, Shape
+from condyn_pin.constraints.contacts.shapes import ContactPoint, Point, Shape
 from condyn_pin.constraints.planar_contact import PlanarContact
 from condyn_pin.constraints.point_contact import PointContact
 from condyn_pin.constraints.protocols import Machine
@@ -117,7 +117,7 @@ class FrictionalContact(Contact):
             raise InvalidArgument("on_shape = Point(): points do not meet; one has to be a Ball")
 
     def bind(self, machine: Machine) -> BoundContact:
-        """Return its feelers over the plane, or the pair of shapes."""
+        """Return its contact points over the plane, or the pair of shapes."""
         joint, placement = machine.frame(self.frame)
         in_world = isinstance(self.on, Plane)
         ground, origin = (0, pin.SE3.Identity()) if in_world else machine.frame(str(self.on))
@@ -137,40 +137,40 @@ class FrictionalContact(Contact):
         assert below is not None  # checked when it was made
         plane = origin * below.placement
         touches = (
-            Touch(self._called(f), joint, at.act(np.array(f.point)), f.radius, ground, plane, *law)
-            for f in self.shape.feelers
+            Touch(self._called(f), joint, at.act(np.array(f.middle)), f.radius, ground, plane, *law)
+            for f in self.shape.contact_points
         )
         return BoundContact(
             self.name, touches=tuple(touches), solids=_solids((joint, at, self.shape))
         )
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
-        """Return its feelers where they are: points and balls that stick, or slide on the plane."""
+        """Return its contact points where they are: points and balls that stick or slide on it."""
         if not isinstance(self.on, Plane):
             return self._between_bodies(modes)
         chosen = {}
-        for feeler in self.shape.feelers:
-            name = self._called(feeler)
-            chosen[name] = "stick" if modes is None else modes.get(name, "open"), feeler
+        for point in self.shape.contact_points:
+            name = self._called(point)
+            chosen[name] = "stick" if modes is None else modes.get(name, "open"), point
         return tuple(
-            self._holding(name, feeler, sticks=mode == "stick")
-            for name, (mode, feeler) in chosen.items()
+            self._holding(name, point, sticks=mode == "stick")
+            for name, (mode, point) in chosen.items()
             if mode != "open"
         )
 
-    def _holding(self, name: str, feeler: Feeler, *, sticks: bool) -> Constraint:
+    def _holding(self, name: str, point: ContactPoint, *, sticks: bool) -> Constraint:
         assert isinstance(self.on, Plane)
-        x, y, z = (a + b for a, b in zip(self.offset, feeler.point, strict=True))
+        x, y, z = (a + b for a, b in zip(self.offset, point.middle, strict=True))
         if not sticks:
             return PlanarContact(self.frame, (x, y, z), self.on.normal, name=name)
-        if not feeler.radius:
+        if not point.radius:
             return PointContact(self.frame, (x, y, z), name=name)
         if x or y or z:
             raise UnsupportedConstraint(
                 f"{name}: what is round rolls about the origin of a frame, and it is beside that "
                 f"of {self.frame!r}; give it a frame of its own, Robot.with_frame"
             )
-        return RollingBall(self.frame, feeler.radius, self.on.normal, name=name)
+        return RollingBall(self.frame, point.radius, self.on.normal, name=name)
 
     def _between_bodies(self, modes: Mapping[str, Mode] | None) -> tuple[()]:
         """Return nothing if all its candidates are open."""
@@ -180,8 +180,8 @@ class FrictionalContact(Contact):
             )
         return ()
 
-    def _called(self, feeler: Feeler) -> str:
-        return f"{self.name}/{feeler.called}" if feeler.called else self.name
+    def _called(self, point: ContactPoint) -> str:
+        return f"{self.name}/{point.called}" if point.called else self.name
 
 
 def _solids(*placed: tuple[int, Any, Shape]) -> tuple[Solid, ...]:

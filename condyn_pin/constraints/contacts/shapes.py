@@ -1,7 +1,7 @@
 """Shapes of bodies that touch: points, balls, capsules and boxes.
 
-What of a shape meets a plane are its feelers, points with a radius: the gap of a feeler p over a
-plane n . x = height is n . p - height - radius, and the gap of the shape is the least of them.
+What of a shape meets a plane are its contact points, points with a radius: the gap of one at p over
+a plane n . x = height is n . p - height - radius, and the gap of the shape is the least of them.
 """
 
 from __future__ import annotations
@@ -20,16 +20,16 @@ from condyn_pin.constraints.support import Patch
 SHAPES: dict[str, type[Shape]] = {}
 
 
-class Feeler(NamedTuple):
+class ContactPoint(NamedTuple):
     """A point of a shape that may touch first, in the axes of the shape."""
 
     called: str  # among those of its shape; empty for the only one
-    point: Vector3  # [m]
+    middle: Vector3  # [m]
     radius: float  # [m]
 
 
 class Shape(ABC):
-    """What has feelers."""
+    """What has contact points."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -37,7 +37,7 @@ class Shape(ABC):
 
     @property
     @abstractmethod
-    def feelers(self) -> tuple[Feeler, ...]:
+    def contact_points(self) -> tuple[ContactPoint, ...]:
         """The points that may touch a plane."""
 
     @property
@@ -47,9 +47,9 @@ class Shape(ABC):
 
     @property
     def core(self) -> Core:
-        """Itself without its round skin; what feelers there are make a ball or a capsule."""
-        radius = self.feelers[0].radius
-        return points_core(*(feeler.point for feeler in self.feelers), radius=radius)
+        """Itself without its round skin; what contact points there are make a ball or a capsule."""
+        radius = self.contact_points[0].radius
+        return points_core(*(each.middle for each in self.contact_points), radius=radius)
 
 
 @dataclass(frozen=True)
@@ -57,9 +57,9 @@ class Point(Shape):
     """A point: a tip, a stud, the middle of a small foot."""
 
     @property
-    def feelers(self) -> tuple[Feeler, ...]:
+    def contact_points(self) -> tuple[ContactPoint, ...]:
         """Itself."""
-        return (Feeler("", (0.0, 0.0, 0.0), 0.0),)
+        return (ContactPoint("", (0.0, 0.0, 0.0), 0.0),)
 
 
 @dataclass(frozen=True)
@@ -79,9 +79,9 @@ class Ball(Shape):
         object.__setattr__(self, "radius", float(self.radius))
 
     @property
-    def feelers(self) -> tuple[Feeler, ...]:
+    def contact_points(self) -> tuple[ContactPoint, ...]:
         """Its middle."""
-        return (Feeler("", (0.0, 0.0, 0.0), self.radius),)
+        return (ContactPoint("", (0.0, 0.0, 0.0), self.radius),)
 
     @property
     def patch(self) -> Patch:
@@ -110,11 +110,11 @@ class Capsule(Shape):
         object.__setattr__(self, "half_length", float(self.half_length))
 
     @property
-    def feelers(self) -> tuple[Feeler, ...]:
+    def contact_points(self) -> tuple[ContactPoint, ...]:
         """The middles of its ends."""
         return (
-            Feeler("end 1", (0.0, 0.0, self.half_length), self.radius),
-            Feeler("end 2", (0.0, 0.0, -self.half_length), self.radius),
+            ContactPoint("end 1", (0.0, 0.0, self.half_length), self.radius),
+            ContactPoint("end 2", (0.0, 0.0, -self.half_length), self.radius),
         )
 
     @property
@@ -143,10 +143,10 @@ class Box(Shape):
             object.__setattr__(self, edge, float(getattr(self, edge)))
 
     @property
-    def feelers(self) -> tuple[Feeler, ...]:
+    def contact_points(self) -> tuple[ContactPoint, ...]:
         """Its corners, from (x, y, z) to (-x, -y, -z); the sign of z changes fastest."""
         corners = product((self.x, -self.x), (self.y, -self.y), (self.z, -self.z))
-        return tuple(Feeler(f"corner {i}", at, 0.0) for i, at in enumerate(corners, start=1))
+        return tuple(ContactPoint(f"corner {i}", at, 0.0) for i, at in enumerate(corners, start=1))
 
     @property
     def patch(self) -> Patch:

@@ -1,9 +1,9 @@
-"""Feelers over planes, all of a scene at once.
+"""Contact points over planes, all of a scene at once.
 
     gap = n . (p - o) - radius,        contact point = p - radius n
     J   = E^T (J_v - [contact point] J_w),        d gap/dt = n . (J v)
 
-p the middle of a feeler, o and E = (t1, t2, n) of its plane. J is that of the material point of the
+p the middle of a point, o and E = (t1, t2, n) of its plane. J is that of the material point of the
 body which is at the contact point, against that of the ground: both bodies count, and what carries
 both of them does not.
 """
@@ -24,12 +24,12 @@ _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
 class Touches:
-    """Feelers over planes of one model, evaluated together; not to be shared between threads.
+    """Contact points over planes of one model, together; not to be shared between threads.
 
     Attributes
     ----------
     size : int
-        Number of feelers, k.
+        Number of contact points, k.
     """
 
     def __init__(self, model: Any, touches: Sequence[Touch]) -> None:
@@ -59,11 +59,11 @@ class Touches:
         return (centres - self._radius * axes[:, 2::3]).T
 
     def axes(self, data: Any) -> Array:
-        """Return t1, t2, n of each feeler as columns (k, 3, 3)."""
+        """Return t1, t2, n of each contact point as columns (k, 3, 3)."""
         return self._world(data)[1].reshape(3, self.size, 3).transpose(1, 0, 2)
 
     def evaluate(self, data: Any) -> tuple[Array, Array]:
-        """Return gaps (k,) and the rows t1, t2, n of each feeler (3 k, nv); reads data.J too."""
+        """Return gaps (k,) and the rows t1, t2, n of each point (3 k, nv); reads data.J too."""
         centres, axes, origins = self._world(data)
         normals = axes[:, 2::3]
         J = data.J.reshape(6, -1)  # a single column comes as a vector
@@ -74,8 +74,8 @@ class Touches:
         """Return Jdot v in the rows of `evaluate` (3 k,) [m/s^2].
 
         Reads what forward kinematics with a = 0 leaves in data. With the velocity field v_0 + w x p
-        of each body, those of the ground marked g, and the contact point p that moves with the
-        middle of the feeler, u = v_0 + w x p - v_0g - w_g x p is the slip, and
+        of each body, those of the ground marked g, and a place p that moves with the middle of the
+        contact point, u = v_0 + w x p - v_0g - w_g x p is the slip, and
 
             d(E^T u)/dt = E^T (v_0' + w' x p + w x p' - the same of the ground - w_g x u).
         """

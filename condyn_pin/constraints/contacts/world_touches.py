@@ -1,7 +1,7 @@
-"""Feelers over planes of the world: what a step with contacts evaluates most often.
+"""Contact points over planes of the world: what a step with contacts evaluates most often.
 
 The normal n and the axes d stand still, so that the gap and the moments of the axes about the
-origin are linear in the middle p of a feeler:
+origin are linear in the middle p of a contact point:
 
     gap = n . p - (n . o + radius),    (p - radius n) x d
 """
@@ -19,7 +19,7 @@ from condyn_pin.constraints.contacts.touches import Touches
 
 
 class WorldTouches(Touches):
-    """Feelers over planes of the world, evaluated together; not to be shared between threads."""
+    """Contact points over planes of the world, together; not to be shared between threads."""
 
     def __init__(self, model: Any, touches: Sequence[Touch]) -> None:
         super().__init__(model, touches)
@@ -44,7 +44,7 @@ class WorldTouches(Touches):
         return self._heights(self._placements.read(data))
 
     def evaluate(self, data: Any) -> tuple[Array, Array]:
-        """Return gaps (k,) and the rows t1, t2, n of each feeler (3 k, nv); reads data.J too."""
+        """Return gaps (k,) and the rows t1, t2, n of each point (3 k, nv); reads data.J too."""
         if self._data is not data:  # a view into the memory of data: to fetch it costs more
             self._data, self._J = data, data.J.reshape(6, -1)
         now = self._placements.read(data)

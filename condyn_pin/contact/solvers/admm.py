@@ -3,24 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
-from condyn_pin._core import _pin_contacts
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import Grid, check_accuracy, check_count, check_iterations
-from condyn_pin.contact.padded import padded
+from condyn_pin.contact.directions import accelerated, directions
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.scaling import normalised
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
-from condyn_pin.contact.solvers.newton import refine, restarts
+from condyn_pin.contact.solvers.newton import fewer, refine, restarts
 from condyn_pin.contact.sticking import sticking
 
 # Newton's steps from an answer that is nearly right, and where nothing is known of it.
 _POLISH, _RESCUE = 3, 50
 
-# What Pinocchio is asked for, as a share of the tolerance.
-_SHARE = 0.25
+# Iterations of the second run, in those of the first.
+_LONGER = 4
 
 
 @dataclass(frozen=True)
@@ -43,12 +41,14 @@ class ADMM(ContactSolver):
 
     Notes
     -----
-    Cost O(m^3), the factorisation, and O(m^2) an iteration. Without a guess contacts that would
-    close are first taken to stick, and the others to open (`condyn_pin.contact.sticking`): most
-    steps of a robot on its feet have that answer, to rounding, for a quarter of the time. What is
-    tried, and named in the path, where the natural residual is too large: Newton from there; ADMM
-    without acceleration; Newton from the other starts of `SemismoothNewton`. Pinocchio 3 has
-    neither ccp nor dry friction of joints, and Newton takes the place of ADMM there.
+    Cost O(m^3), the factorisation, and O(m^2) an iteration; where contacts are many and bodies few,
+    O(m r) with r the rank of G, by a method of ours (`condyn_pin.contact.low_rank`). Without a
+    guess contacts that would close are first taken to stick, and the others to open
+    (`condyn_pin.contact.sticking`): most steps of a robot on its feet have that answer, to
+    rounding, for a quarter of the time. What is tried, and named in the path, where the natural
+    residual is too large: some of the contacts, where few bodies have many; Newton from there; ADMM
+    without acceleration, or for longer; Newton from the other starts of `SemismoothNewton`. Newton
+    takes the place of ADMM on Pinocchio 3, where that has neither ccp nor dry friction of joints.
 
     References
     ----------
@@ -80,35 +80,37 @@ class ADMM(ContactSolver):
         return None if lam is None else Attempt(lam, 1, ("sticking",))
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
-        """Return what Pinocchio's ADMM answers, polished if that is asked for."""
-        if not _taken(problem):
-            return refine(problem, guess, _RESCUE)
+        """Return what alternating directions end on, polished if that is asked for."""
         found = self._run(problem, guess, self.anderson)
+        if found is None:
+            return refine(problem, guess, _RESCUE)
         return refine(problem, found.lam, _POLISH).after(found) if self.polish else found
 
     def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
-        """Yield what Newton and ADMM without acceleration find, and Newton from other starts."""
-        if _taken(problem):
-            found = refine(problem, found.lam, _RESCUE).after(found)
+        """Yield what Newton and another run of ADMM find, and Newton from other starts."""
+        if found.path[0] == self.title:
+            lam = found.lam
+            for found in fewer(problem, found, _RESCUE):  # noqa: B020
+                yield found
+            found = refine(problem, lam, _RESCUE).after(found)
             yield found
-            if self.anderson and _pin_contacts.HAS_ANDERSON:
-                again = self._run(problem, None, 0)
-                found = again._replace(path=("ADMM without Anderson",)).after(found)
+            again = self._again(problem, lam)
+            if again is not None:
+                found = again.after(found)
                 yield found
         yield from restarts(problem, found, _RESCUE)
 
-    def _run(self, problem: ContactProblem, guess: Array | None, anderson: int) -> Attempt:
-        small, unit = normalised(problem)
-        rows = padded(small)
-        found = _pin_contacts.admm(
-            rows.G, rows.g, rows.friction, rows.limits,
-            ncp=problem.law == "ncp", tolerance=_SHARE * self.tolerance,
-            max_iterations=self.max_iterations, anderson=anderson,
-            guess=rows.spread(None if guess is None else guess / unit),
+    def _again(self, problem: ContactProblem, lam: Array) -> Attempt | None:
+        """Return a run without acceleration, or where there was none a longer one from lam."""
+        if not accelerated(problem):
+            longer = replace(self, max_iterations=_LONGER * self.max_iterations)
+            return longer._run(problem, lam, 0)
+        again = self._run(problem, None, 0) if self.anderson else None
+        return again and again._replace(path=("ADMM without Anderson",))
+
+    def _run(self, problem: ContactProblem, guess: Array | None, anderson: int) -> Attempt | None:
+        found = directions(
+            problem, guess,
+            tolerance=self.tolerance, max_iterations=self.max_iterations, anderson=anderson,
         )  # fmt: skip
-        return Attempt(found.lam[rows.kept] * unit, found.iterations, (self.title,))
-
-
-def _taken(problem: ContactProblem) -> bool:
-    """Whether the installed Pinocchio takes the law and the sets of the problem."""
-    return _pin_contacts.solves_contacts(problem.law == "ncp", len(problem.limits))
+        return None if found is None else Attempt(*found, (self.title,))

@@ -12,6 +12,8 @@ from condyn_pin._core import _pin_contacts, tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import check_iterations
 from condyn_pin.contact.cadoux import cadoux
+from condyn_pin.contact.directions import directions
+from condyn_pin.contact.fewer import with_fewer
 from condyn_pin.contact.natural_map import newton
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
@@ -24,8 +26,16 @@ from condyn_pin.contact.solvers.pgs import PGS
 # problems there are at most.
 _SOFTEST, _HARDER, _HARDEST, _PROXIMAL = 1.0, 0.1, 1e-10, 40
 
-# Polygons that are tried, with so many sides.
-_SIDES = (8, 16)
+# Polygons that are tried, with so many sides, and how many sides of all contacts come first: pivots
+# cost the square of that, and where there are more they are the last resort.
+_SIDES, _LARGEST = (8, 16), 400
+
+# Rows from which ADMM is the cheaper start, and fewer contacts are tried; what it is asked for, and
+# Newton's steps from there: if so few do not end, they stall.
+MANY, _NEAR, _STEPS, BRIEF = 60, 1e-8, 4000, 8
+
+# Iterations of ADMM where all else stalls: 70 ms for eight contacts.
+_LONG = 20_000
 
 # Convex problems of the last method, and slips that no longer change [1].
 _CONVEX, _SAME = 100, 1e-6
@@ -76,11 +86,19 @@ class SemismoothNewton(ContactSolver):
         check_iterations(self.max_iterations)
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
-        """Return the end of Newton's method from `guess`, or from no impulses."""
-        return refine(problem, guess, self.max_iterations)
+        """Return the end of Newton's method from `guess`, from ADMM, or from no impulses."""
+        near = None
+        if guess is None and problem.rows >= MANY:
+            near = directions(problem, None, tolerance=_NEAR, max_iterations=_STEPS, anderson=4)
+        if near is None:
+            return refine(problem, guess, self.max_iterations)
+        steps = min(self.max_iterations, BRIEF)
+        return refine(problem, near[0], steps).after(Attempt(*near, ("ADMM",)))
 
     def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
         """Yield the ends from other starts."""
+        for found in fewer(problem, found, self.max_iterations):  # noqa: B020
+            yield found
         yield from restarts(problem, found, self.max_iterations)
 
 
@@ -94,15 +112,33 @@ def refine(problem: ContactProblem, start: Array | None, max_iterations: int) ->
     return Attempt(end.lam * unit, end.iterations, (SemismoothNewton.title,))
 
 
+def fewer(problem: ContactProblem, found: Attempt, max_iterations: int) -> Iterator[Attempt]:
+    """Yield what some of many contacts answer, and those that go through their answer."""
+
+    def solve(part: ContactProblem, guess: Array) -> tuple[Array, int]:
+        end = refine(part, guess, max_iterations)
+        for other in restarts(part, end, max_iterations):
+            if natural_residual(part, end.lam) <= tolerances.FINEST:
+                break
+            end = other
+        return end.lam, end.iterations
+
+    for lam, iterations in with_fewer(problem, solve):
+        found = Attempt(lam, iterations, ("fewer contacts",)).after(found)
+        yield found
+
+
 def restarts(problem: ContactProblem, found: Attempt, max_iterations: int) -> Iterator[Attempt]:
     """Yield the ends of Newton's method from other starts, the cheapest first."""
     small, unit = normalised(problem)
+    if not np.isfinite(np.concatenate((small.G.ravel(), small.g, small.friction))).all():
+        yield Attempt(np.zeros(problem.rows), 0, ()).after(found)  # nobody answers that
+        return
+    cheap = len(problem.friction) * _SIDES[0] <= _LARGEST
     if problem.law == "ncp":
-        for sides in _SIDES:
-            polygon = Lemke(sides).attempt(problem)
-            end = refine(problem, polygon.lam, max_iterations)
-            found = end.after(polygon.after(found))
-            yield found
+        if cheap:
+            for found in _polygons(problem, found, max_iterations):  # noqa: B020
+                yield found
         lam, iterations = _fixed_point(small, max_iterations)
         found = Attempt(lam * unit, iterations, ("fixed point",)).after(found)
     else:
@@ -112,15 +148,33 @@ def restarts(problem: ContactProblem, found: Attempt, max_iterations: int) -> It
     found = refine(problem, found.lam, max_iterations).after(found)
     yield found
     if problem.law == "ncp":
-        if _pin_contacts.solves_contacts(True, len(problem.limits)):
-            found = PGS().attempt(problem).after(found)
+        for first in _slow(problem):
+            found = first.after(found)
             yield found
             found = refine(problem, found.lam, max_iterations).after(found)
             yield found
-        lam, steps = cadoux(small)
-        found = Attempt(lam * unit, steps, ("convex problems",)).after(found)
+        if not cheap:
+            yield from _polygons(problem, found, max_iterations)
+
+
+def _slow(problem: ContactProblem) -> Iterator[Attempt]:
+    """Yield what methods of first order, and convex problems, come to in many iterations."""
+    if _pin_contacts.solves_contacts(True, len(problem.limits)):
+        yield PGS().attempt(problem)
+        long = directions(problem, None, tolerance=_NEAR, max_iterations=_LONG, anderson=0)
+        if long is not None:
+            yield Attempt(*long, ("ADMM for longer",))
+    small, unit = normalised(problem)
+    lam, steps = cadoux(small)
+    yield Attempt(lam * unit, steps, ("convex problems",))
+
+
+def _polygons(problem: ContactProblem, found: Attempt, max_iterations: int) -> Iterator[Attempt]:
+    """Yield the ends of Newton's method from the answers of polygons."""
+    for sides in _SIDES:
+        polygon = Lemke(sides).attempt(problem)
+        found = refine(problem, polygon.lam, max_iterations).after(polygon.after(found))
         yield found
-        yield refine(problem, found.lam, max_iterations).after(found)
 
 
 def _proximal(problem: ContactProblem, max_iterations: int) -> Iterator[tuple[Array, int]]:

@@ -79,7 +79,7 @@ class PGS(ContactSolver):
         rows = padded(small)
         relaxation = self._relaxation(rows.G, problem)
         if not relaxation > 0:  # nothing moves a contact along t1 or t2, by which it divides
-            return Attempt(np.full(problem.rows, np.nan), 0, (self.title,))
+            return Attempt(np.zeros(problem.rows), 0, (self.title,))
         found = _pin_contacts.pgs(
             rows.G, rows.g, rows.friction, rows.limits,
             tolerance=self.tolerance, max_iterations=self.max_iterations,

@@ -23,8 +23,8 @@ class Chosen:
         self.active, self.rows = active, _all_or(candidates.rows_of(active))
         self.near, self.is_everything = active[:lines], bool(active.all())
         self.gaps = _all_or(self.near)
-        self.over_planes = _all_or(active[: candidates.feelers])
-        self.feelers = np.count_nonzero(active[: candidates.feelers])
+        self.over_planes = _all_or(active[: candidates.contact_points])
+        self.contact_points = np.count_nonzero(active[: candidates.contact_points])
         once = candidates.meets_once & active[:cones]
         self.pairs = np.flatnonzero(once)  # of two shapes that meet in one point: among all cones
         self.pairs_here = np.flatnonzero(once[active[:cones]])  # and among those that take part

@@ -54,7 +54,7 @@ class CurvedPaths:
         more, and are followed where a step is long.
         """
         contacts, data, dt = self._system.contacts, self._system.equations.data, self._dt
-        k, bends = chosen.feelers, np.zeros(len(gaps))
+        k, bends = chosen.contact_points, np.zeros(len(gaps))
         follows_pairs = len(chosen.pairs) and dt * fastest(v) >= _STRAIGHT
         if not k and not follows_pairs:
             return bends
@@ -73,7 +73,7 @@ class CurvedPaths:
         An impact changes velocities, and with them how paths bend.
         """
         dt, near, chosen = self._dt, posed.near, posed.chosen
-        if not chosen.feelers and not len(chosen.pairs):
+        if not chosen.contact_points and not len(chosen.pairs):
             return None
         if dt * fastest(v1) < _STRAIGHT and max(near.bends.tolist()) < _THROUGH:
             return None

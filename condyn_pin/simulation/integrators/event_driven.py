@@ -105,7 +105,7 @@ class EventDriven(Integrator):
     def check(self, candidates: Candidates) -> None:
         """Refuse `candidates` that are where shapes of two bodies meet."""
         if candidates.pairs:
-            name = candidates.names[candidates.feelers]
+            name = candidates.names[candidates.contact_points]
             raise UnsupportedConstraint(
                 f"{name}: where shapes of two bodies meet changes from one edge to the next, and "
                 f"{self.title} motion takes planes only; use Moreau(), or on_shape=Plane(...)"
