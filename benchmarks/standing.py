@@ -11,7 +11,7 @@ the capture point of a robot at rest a share of the way to the edge of its suppo
 
     J = share m omega d,    omega = sqrt(g / height of the centre of mass):
 
-below a share of one a robot that takes no step can stand, beyond it none can.
+below a share of one an inverted pendulum of constant height can stand without a step, beyond not.
 """
 
 from __future__ import annotations
