@@ -11,7 +11,7 @@ the capture point of a robot at rest a share of the way to the edge of its suppo
 
     J = share m omega d,    omega = sqrt(g / height of the centre of mass):
 
-below a share of one a robot that takes no step can stand, beyond it none can.
+below a share of one an inverted pendulum of constant height can stand without a step, beyond not.
 """
 
 from __future__ import annotations
@@ -57,9 +57,8 @@ SHARES = (0.25, 0.5, 0.75, 1.0, 1.25)
 PERIOD, EVERY, LASTS, FRICTION = 1e-3, 1.0, 0.05, 0.7  # [s], [s], [s], [1]
 GRAVITY = 9.81  # [m/s^2]
 FALLEN = 0.6  # of the height of the base
-# Torques of motors with their gears, by what the names of joints end in, where the files have no
-# limit or 1000 [N m]. Grimminger et al. An open torque-controlled modular robot architecture for
-# legged locomotion research. RA-L 5, 2020; Agility's own model of Cassie for MuJoCo.
+# What motors give here, by what the names of joints end in, where the files have no limit, or
+# 1000: about as much as those of the machines [N m]. Without a limit what falls is flung about.
 TORQUES = {
     "solo12": {"HAA": 2.7, "HFE": 2.7, "KFE": 2.7},
     "cassie": {
@@ -133,7 +132,7 @@ class Stand:
 
 
 def robot_of(name: str) -> cp.Robot:
-    """Return a robot with motors as strong as they are."""
+    """Return a robot with motors that have a limit."""
     made = cp.load_robot(name)
     model = pin.Model(made.model)
     most = np.array(model.effortLimit)

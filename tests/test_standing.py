@@ -203,11 +203,7 @@ def test_the_table_is_that_of_the_committed_results(monkeypatch: pytest.MonkeyPa
         page = (root / path).read_text("utf-8")
         assert filled(page, blocks) == page, path
     rows = measured[0]
-    for row in rows:
-        if row.stood == row.runs:
-            assert row.not_ok == 0
-            assert row.kkt <= 1e-9
-            assert row.margin > -1e-9
+    assert all(row.not_ok == 0 and row.kkt <= 1e-9 and row.margin > -1e-9 for row in rows)
     assert {row.robot for row in rows} == set(standing.ROBOTS)
     assert all(row.stood == row.runs for row in rows if row.share == min(standing.SHARES))
     assert all(row.stood == 0 for row in rows if row.share > 1)
