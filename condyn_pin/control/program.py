@@ -115,10 +115,10 @@ class Program:
             for level in levels
         ]
         self.inequalities = self._inequality_rows(actuation)
+        self._nothing = np.zeros(len(cones.names))
+        self._endless = self._nothing - np.inf
         no_loops = not len(cones.held)
-        self._constant = (
-            Elimination.of(np.zeros((0, robot.nv)), self._columns) if no_loops else None
-        )
+        self._constant = Elimination.free(robot.nv, self._columns) if no_loops else None
 
     def assemble(
         self, q: Array, v: Array, t: float, passive: Array
@@ -129,23 +129,29 @@ class Program:
         terms, held, touching = self.motion.terms, self.cones.held, self.cones.touching
         E = self._constant or Elimination.of(terms.J[held], self._columns)
         r = terms.a_ref - terms.gamma
-        a_0, J_c = E.particular(r[held]), terms.J[touching]
+        a_0 = E.particular(r[held])
+        J_c = terms.J[touching] if len(held) else terms.J
         touch = E.along(J_c)
-        inertia = E.along(E.along(terms.M).T)  # N^T M N
-        force = np.hstack((inertia / self.mass, -touch.T))  # N^T (M a - J_c^T lam) / m
+        k = E.N.shape[1]
+        force = np.empty((k, k + len(touch)))  # N^T (M a - J_c^T lam) / m
+        np.divide(E.along(E.along(terms.M).T), self.mass, out=force[:, :k])
+        np.negative(touch.T, out=force[:, k:])
         force_0 = E.along(terms.M @ a_0 + terms.h - passive) / self.mass
-        T, t_0 = np.hstack((E.drive @ force, E.inner)), E.drive @ force_0
+        T, t_0 = E.torques(force), E.torques(force_0)
+        if E.inner.shape[1]:
+            T = np.hstack((T, E.inner))
         self._at = E, a_0, J_c, T, t_0
 
         hard, n = self._hard.level(self.motion, t, self), T.shape[1]
         self._wished = hard
-        first = E.undriven.shape[1]
+        unreached, unreached_0 = E.unreached(force), E.unreached(force_0)
+        first = len(unreached)
         last = first + len(touch)
         A = np.zeros((last + len(hard.b), n))
-        A[:first, : force.shape[1]] = E.undriven.T @ force
+        A[:first, : force.shape[1]] = unreached
         A[first:last, : touch.shape[1]] = touch
         A[last:] = hard.G
-        b = np.concatenate((-(E.undriven.T @ force_0), r[touching] - J_c @ a_0, hard.b))
+        b = np.concatenate((-unreached_0, r[touching] - J_c @ a_0, hard.b))
         C, lower, upper = self._inequalities(q, v)
         program = QuadraticProgram(np.zeros((n, n)), np.zeros(n), A, b, C, lower, upper)
         return program, [stack.level(self.motion, t, self) for stack in self._levels]
@@ -161,9 +167,9 @@ class Program:
         C[first:last, :k] = E.N[columns]
         C[last:, k : k + len(self.cones.touching)] = self.cones.rows(self.motion.data.oMi)
         least, most = self._bounds.at(q, v)
-        given, cones = t_0[self._limited], np.zeros(len(C) - last)
-        lower = np.concatenate((-self._most - given, least - a_0[columns], cones - np.inf))
-        upper = np.concatenate((self._most - given, most - a_0[columns], cones))
+        given = t_0[self._limited]
+        lower = np.concatenate((-self._most - given, least - a_0[columns], self._endless))
+        upper = np.concatenate((self._most - given, most - a_0[columns], self._nothing))
         return C, lower, upper
 
     def equation_rows(self, program: QuadraticProgram) -> list[Row]:
@@ -177,7 +183,8 @@ class Program:
         k, m = E.N.shape[1], len(self.cones.touching)
         G = np.zeros((len(J) + len(F), k + m + E.inner.shape[1]))
         G[: len(J), :k] = E.along(J)
-        G[len(J) :, k : k + m] = self.mass * F[:, self.cones.touching]
+        if len(F):
+            G[len(J) :, k : k + m] = self.mass * F[:, self.cones.touching]
         return G
 
     @property
@@ -240,11 +247,13 @@ class _Stack:
 
     def level(self, motion: Motion, t: float, program: Program) -> Level:
         """Return the rows at a state, over x."""
+        if not self.rows:
+            return Level(program.over_x(*self._none), np.zeros(0), self._weights)
         of_a = [each.rows(motion, t) for each in self._over_a]
         of_f = [each.rows(motion, t) for each in self._over_f]
         J = np.vstack([rows for rows, _ in of_a]) if of_a else self._none[0]
         F = np.vstack([rows for rows, _ in of_f]) if of_f else self._none[1]
-        if F[:, program.cones.held].any():
+        if len(F) and F[:, program.cones.held].any():
             raise InvalidArgument(
                 f"tasks: one of {', '.join(self.tasks)} is about the force of a contact that has "
                 "no cone; cones={name: FrictionCone(...)} gives it one"
