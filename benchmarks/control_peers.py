@@ -54,7 +54,9 @@ def bare_description(folder: Path) -> Path:
     return path
 
 
-def measure(folder: Path, passes: int, effort: float) -> tuple[list[dict[str, Any]], dict[str, str]]:
+def measure(
+    folder: Path, passes: int, effort: float
+) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """Return the rows of all passes, and who is missing, with the reason."""
     from peers.control.with_condyn import question_of
 
@@ -83,8 +85,8 @@ def markdown(rows: Sequence[dict[str, Any]], missing: dict[str, str], about: dic
     """Return the table, and what it means."""
     lines = [
         "| library | program solved [x ABA] | whole tick [x ABA] | tick [us] | ABA [us] | size "
-        "| equations of motion [N m] | CoM [m/s^2] |",
-        "|---|---|---|---|---|---|---|---|",
+        "| equations of motion [N m] | feet [m/s^2] | CoM [m/s^2] |",
+        "|---|---|---|---|---|---|---|---|---|",
     ]
     for peer in dict.fromkeys(row["peer"] for row in rows):
         mine = [row for row in rows if row["peer"] == peer]
@@ -98,24 +100,27 @@ def markdown(rows: Sequence[dict[str, Any]], missing: dict[str, str], about: dic
             f"{min(r['aba_min_us'] for r in mine):.1f}",
             last["size"],
             f"{last['dynamics']:.0e}",
+            f"{last['feet']:.0e}",
             f"{last['com']:.0e}",
         )
         lines.append("| " + " | ".join(cells) + " |")
     notes = {row["peer"]: row["note"] for row in rows if row["note"]}
     lines += [
         "",
-        "Talos on both feet, the same tasks, weights, limits and states. Factors are of Pinocchio's "
-        "ABA, called from Python in the same environment between the ticks: of least times, the "
-        "median of the passes with the smallest and the largest, and the factor of medians in "
-        "brackets. Times: the least, and the median. Errors are the worst over the states: the "
-        "equations of motion by Newton-Euler, and how far the centre of mass accelerates from "
-        "what is wanted, which other tasks weigh against.",
+        "Talos on both feet, the same tasks, weights, limits and states; no inequality is active. "
+        "Factors are of Pinocchio's ABA, called from Python in the same environment between the "
+        "ticks: of least times, the median of the passes with the smallest and the largest, and "
+        "the factor of medians in brackets. Times: the least, and the median. Errors are the worst "
+        "over the states: the equations of motion by Newton-Euler; how the feet accelerate, which "
+        "are not to; and how far the centre of mass is from what is wanted of it, which other "
+        "tasks weigh against.",
         "",
         *(f"- {peer}: {note}." for peer, note in notes.items()),
         *(f"- Not there: {name}: {why}." for name, why in missing.items()),
         "",
-        "`python benchmarks/control_peers.py` on {processor} ({cores} cores, one thread), {system}, "
-        "Python {python}, {date}".format(**about) + f"; {STATES} states.",
+        "`python benchmarks/control_peers.py` on {processor} ({cores} cores, one thread), "
+        "{system}, Python {python}, {date}".format(**about)
+        + f"; {STATES} states.",
     ]
     return "\n".join(lines)
 

@@ -15,8 +15,8 @@ A peer's script says what it does with a question::
 3. A round is all states in order, as under a controller: what a library keeps from the last tick,
    it may use. Between two states of a peer ABA is called at the same ones, interleaved.
 4. Times are wall-clock times of one call; of each the least and the median over all rounds.
-5. Errors are of the equations of motion, by Newton-Euler in this environment's own Pinocchio, and
-   of the centre of mass: how far J a + drift is from what was wanted.
+5. Errors are of the equations of motion, by Newton-Euler in this environment's own Pinocchio, of
+   the feet, which are not to accelerate, and of the centre of mass: how far from what is wanted.
 """
 
 from __future__ import annotations
@@ -89,15 +89,20 @@ def timed(question: Question, found: Contender, rounds: int) -> dict[str, float]
 
 
 def errors(question: Question, found: Contender) -> dict[str, float]:
-    """Return the worst errors over the states: of the motion [N m], of the centre of mass."""
+    """Return the worst errors over the states: of the motion, of the feet, of the mass."""
     model, wish = model_of(question), question.wish
     data = model.createData()
-    worst = {"dynamics": 0.0, "com": 0.0, "torque": 0.0}
+    worst = {"dynamics": 0.0, "feet": 0.0, "com": 0.0, "torque": 0.0}
     for i in range(len(question.q)):
         q, v = question.q[i], question.v[i]
         a, tau, felt = found.answer(i)
         left = pin.rnea(model, data, q, v, a) - tau - felt
         worst["dynamics"] = max(worst["dynamics"], float(np.abs(left).max()))
+        pin.forwardKinematics(model, data, q, v, a)
+        for foot in question.feet:
+            frame = model.getFrameId(foot)
+            slips = pin.getFrameClassicalAcceleration(model, data, frame, pin.LOCAL).vector
+            worst["feet"] = max(worst["feet"], float(np.abs(slips).max()))
         pin.centerOfMass(model, data, q, v, a)
         c, velocity = np.array(data.com[0]), np.array(data.vcom[0])
         wanted = wish.com_kp * (question.com - c) - 2 * np.sqrt(wish.com_kp) * velocity

@@ -5,7 +5,6 @@ from __future__ import annotations
 from importlib.metadata import version
 
 import numpy as np
-import pinocchio as pin
 import placo
 
 from peers.control.harness import Contender, main
@@ -39,6 +38,7 @@ class Engine:
         self.feet = []
         for foot in question.feet:
             task = self.solver.add_frame_task(foot, self.robot.get_T_world_frame(foot))
+            task.configure(foot, "hard")
             for part in (task.position(), task.orientation()):
                 part.kp = part.kd = 0.0
             contact = self.solver.add_planar_contact(task)
@@ -88,7 +88,7 @@ def contender(question: Question) -> Contender:
     engine = Engine(question)
     engine.tick(0)
     problem = engine.solver.problem
-    size = f"{problem.n_variables} unknowns, {problem.n_equalities} equations, "
+    size = f"{problem.n_variables} unknowns, {problem.determined_variables} equations, "
     size += f"{problem.n_inequalities} inequalities"
     return Contender(engine.tick, engine.answer, size, "assembly and solver are one call")
 

@@ -50,9 +50,7 @@ class Engine:
         trunk = tsid.TaskSE3Equality("trunk", self.robot, question.trunk)
         trunk.setMask(np.array([0.0, 0.0, 0.0, 1.0, 1.0, 1.0]))
         posture = tsid.TaskJointPosture("posture", self.robot)
-        home = self.robot.framePosition(
-            made.data(), self.robot.model().getFrameId(question.trunk)
-        )
+        home = self.robot.framePosition(made.data(), self.robot.model().getFrameId(question.trunk))
         placed = np.concatenate((home.translation, home.rotation.T.ravel()))
         wanted = (
             (com, question.com, wish.com_kp, wish.com_weight, 3),
