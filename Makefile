@@ -9,6 +9,7 @@
 # make stress    every method on every hard question, on both Pinocchios (minutes); writes results
 # make stress-slice  a minute of that, mixed
 # make peers     time MuJoCo, Drake, Crocoddyl and exudyn beside us, each in an environment of its own
+# make control-peers  a control tick beside tsid and placo (2 minutes)
 # make contact-peers  contact in MuJoCo, Drake and Newton's Kamino beside ours (10 minutes)
 # make native    build and run the C++ timing program (about 7 minutes), write demo/native.json
 
@@ -27,7 +28,7 @@ export OMP_NUM_THREADS := 1
 export PIP_RETRIES ?= 10
 export PIP_DEFAULT_TIMEOUT ?= 120
 
-.PHONY: test test3 test-kernels test-numerics docs demo wheel native peers contact-peers stress stress-slice style clean
+.PHONY: test test3 test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -83,6 +84,9 @@ native: $(VENV)/ready
 
 peers: $(VENV)/ready
 	$(BIN)/python benchmarks/peers/run.py --folder $(PEERS)
+
+control-peers: $(VENV)/ready
+	$(BIN)/python benchmarks/control_peers.py --folder $(PEERS)
 
 contact-peers: $(VENV)/ready
 	$(BIN)/python benchmarks/contact_peers.py --folder $(PEERS)

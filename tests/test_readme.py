@@ -41,6 +41,7 @@ SCRIPTS = {
     "contact_step": lambda script: script.load(script.RESULTS),
     "auto_mu": lambda script: script.load(RESULTS / "auto_mu.json"),
     "contact_peers": lambda script: script.load(),
+    "control_peers": lambda script: script.load(),
     "contact_convergence": lambda script: script.load(),
     "contact_four_bar": lambda script: script.load(),
     "falls": lambda script: script.load(),

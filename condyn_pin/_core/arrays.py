@@ -51,6 +51,10 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
     The text names the argument, the entry and its value, and what would do.
     """
     wanted = (shape,) if isinstance(shape, int) else shape
+    if type(value) is np.ndarray and value.dtype == np.float64 and value.shape == wanted:
+        plain: Array = value
+        if np.isfinite(plain).all():
+            return plain  # without the questions below
     needed = f"an array of shape {wanted}" if wanted else "one finite number"
     found = name if wanted else f"{name} = {shown(value)}"
     try:

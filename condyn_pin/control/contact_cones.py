@@ -51,9 +51,15 @@ class ContactCones:
         self.names = tuple(names)
         self.touching, self.held = np.flatnonzero(is_touching), np.flatnonzero(~is_touching)
         self._shape = (row, column)
+        self._constant: Array | None = None
+        turning = any(group.turns for group in self._groups)
+        if not turning:
+            self._constant = self.rows(None)
 
     def rows(self, oMi: Any) -> Array:
-        """Return A (r, m_c) of A lam <= 0, with the joints at oMi."""
+        """Return A (r, m_c) of A lam <= 0, with the joints at oMi; not to be written to."""
+        if self._constant is not None:
+            return self._constant
         A = np.zeros(self._shape)
         for group in self._groups:
             group.fill(A, oMi, self._up)
@@ -77,6 +83,11 @@ class _Group:
         self._blocks.append(block)
         self._to_wrench = np.array([bound.whole(row) for row in np.eye(bound.size)]).T
         self._fixed = self._cone.rows().A @ self._to_wrench if self._contact.has_normal else None
+
+    @property
+    def turns(self) -> bool:
+        """Whether its rows turn with the robot."""
+        return not self._contact.has_normal
 
     def fill(self, A: Array, oMi: Any, up: Array) -> None:
         if self._fixed is not None:  # the axes of its force are those of the floor

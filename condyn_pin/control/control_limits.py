@@ -95,6 +95,8 @@ class AccelerationBounds:
 
     def at(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the bounds (k,) of the accelerations at a state; infinite where there is none."""
+        if not len(self.columns):
+            return np.zeros(0), np.zeros(0)
         lower, upper = -self._most, self._most.copy()
         if self._dt is not None:
             dt, joints = self._dt, self._joints

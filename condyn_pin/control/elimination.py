@@ -8,7 +8,8 @@ and with the columns of the motors, S = N^T E = X_1 s Y_1^T, of what the motors 
 
     N^T E t = N^T f    is    t = (Y_1 s^-1 X_1^T) N^T f + Y_2 w,    X_2^T N^T f = 0.
 
-w is there where motors work against each other through the loops.
+w is there where motors work against each other through the loops. Without loops N = 1, and what
+motors have to give, and what none reaches, are entries of f.
 """
 
 from __future__ import annotations
@@ -30,18 +31,14 @@ class Elimination:
     ----------
     N : (nv, k) array
         Orthonormal basis of the accelerations that the held rows leave.
-    drive : (motors, k) array
-        Torques of the motors for N^T f.
-    undriven : (k, u) array
-        What no motor reaches: X_2.
     inner : (motors, w) array
         Torques that do nothing: Y_2.
     """
 
     N: Array
-    drive: Array
-    undriven: Array
     inner: Array
+    _drive: Array | NDArray[np.int_]  # Y_1 s^-1 X_1^T; or the entries that it takes
+    _undriven: Array | NDArray[np.int_]  # X_2^T, likewise
     _Q: Array
     _R: Array
     _pivots: NDArray[np.int_]
@@ -50,24 +47,41 @@ class Elimination:
         """Return what is over accelerations (..., nv), a row or many, over z: times N."""
         return rows @ self.N if len(self._pivots) else rows
 
+    def torques(self, f: Array) -> Array:
+        """Return the torques of the motors for N^T f (k, ...)."""
+        return self._drive @ f if len(self._pivots) else f[self._drive]
+
+    def unreached(self, f: Array) -> Array:
+        """Return what no motor reaches of N^T f (k, ...)."""
+        return self._undriven @ f if len(self._pivots) else f[self._undriven]
+
+    @classmethod
+    def free(cls, nv: int, columns: NDArray[np.int_]) -> Elimination:
+        """Return the maps without held rows, with motors in some entries of v."""
+        nothing, none = np.zeros((0, 0)), np.zeros(0, np.int_)
+        others = np.setdiff1d(np.arange(nv), columns)
+        inner = np.zeros((len(columns), 0))
+        return cls(np.eye(nv), inner, columns, others, nothing, nothing, none)
+
     @classmethod
     def of(cls, J: Array, columns: NDArray[np.int_]) -> Elimination:
         """Return the maps of held rows J (m, nv) and motors in some entries of v."""
+        if not len(J):
+            return cls.free(J.shape[1], columns)
         # imported here: scipy.linalg takes as long to import as Pinocchio
         from scipy.linalg import qr
 
-        if len(J):
-            Q, R, pivots = qr(J.T, pivoting=True, check_finite=False)
-            sizes = np.abs(np.diagonal(R))
-            rank = int(np.count_nonzero(sizes > tolerances.RANK * sizes[0]))
-        else:
-            Q, R, pivots, rank = np.eye(J.shape[1]), np.zeros((0, 0)), np.zeros(0, np.int_), 0
+        Q, R, pivots = qr(J.T, pivoting=True, check_finite=False)
+        sizes = np.abs(np.diagonal(R))
+        rank = int(np.count_nonzero(sizes > tolerances.RANK * sizes[0]))
+        if not rank:
+            return cls.free(J.shape[1], columns)
         N = Q[:, rank:]
         X, s, Yt = np.linalg.svd(N[columns].T)
         reached = int(np.count_nonzero(s > tolerances.RANK))
         drive = (Yt[:reached].T / s[:reached]) @ X[:, :reached].T
         return cls(
-            N, drive, X[:, reached:], Yt[reached:].T, Q[:, :rank], R[:rank, :rank], pivots[:rank]
+            N, Yt[reached:].T, drive, X[:, reached:].T, Q[:, :rank], R[:rank, :rank], pivots[:rank]
         )
 
     def particular(self, r: Array) -> Array:

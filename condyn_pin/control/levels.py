@@ -60,6 +60,8 @@ class Stack:
     tasks : dict of str to slice
         Which rows belong to a task.
     weights : (r,) array
+    none : tuple of array
+        No rows of accelerations (0, nv), and none of forces (0, m).
     """
 
     def __init__(self, scene: Scene, tasks: Sequence[Task], home: Home) -> None:
@@ -78,12 +80,12 @@ class Stack:
                 weights += [task.weight] * len(each.names)
                 self.tasks[task.name] = slice(start, len(self.rows))
         self.weights = np.array(weights)
-        self._none = np.zeros((0, scene.robot.nv)), np.zeros((0, scene.rows))
+        self.none = np.zeros((0, scene.robot.nv)), np.zeros((0, scene.rows))
 
     def at(self, motion: Motion, t: float) -> tuple[Array, Array, Array]:
         """Return rows of accelerations (r, nv), of forces (s, m), and what they want (r + s,)."""
         of_a = [each.rows(motion, t) for each in self._over_a]
         of_f = [each.rows(motion, t) for each in self._over_f]
-        J = np.vstack([rows for rows, _ in of_a]) if of_a else self._none[0]
-        F = np.vstack([rows for rows, _ in of_f]) if of_f else self._none[1]
+        J = np.vstack([rows for rows, _ in of_a]) if of_a else self.none[0]
+        F = np.vstack([rows for rows, _ in of_f]) if of_f else self.none[1]
         return J, F, np.concatenate([*(b for _, b in of_a), *(b for _, b in of_f), np.zeros(0)])

@@ -88,8 +88,11 @@ class Program:
         self.inequalities = self._inequality_rows(actuation)
         self._redundant: bool | None = None  # not known before the first tick
         self.rigid = _rigid_rows(robot, rigid, self._columns)
-        no_loops = not len(cones.held)
-        self._constant = Elimination.of(self.rigid, self._columns) if no_loops else None
+        self._nothing = np.zeros(len(cones.names))
+        self._endless = self._nothing - np.inf
+        self._constant: Elimination | None = None
+        if not len(cones.held):
+            self._constant = Elimination.of(self.rigid, self._columns)
 
     def assemble(
         self, q: Array, v: Array, t: float, passive: Array
@@ -101,30 +104,37 @@ class Program:
         E = self._constant or Elimination.of(self._held_rows, self._columns)
         r = terms.a_ref - terms.gamma
         a_0 = E.particular(np.concatenate((r[held], np.zeros(len(self.rigid)))))
-        J_c = terms.J[touching]
+        J_c = terms.J[touching] if len(held) else terms.J
         touch = E.along(J_c)
-        inertia = E.along(E.along(terms.M).T)  # N^T M N
-        force = np.hstack((inertia / self.mass, -touch.T))  # N^T (M a - J_c^T lam) / m
+        k = E.N.shape[1]
+        force = np.empty((k, k + len(touch)))  # N^T (M a - J_c^T lam) / m
+        np.divide(E.along(E.along(terms.M).T), self.mass, out=force[:, :k])
+        np.negative(touch.T, out=force[:, k:])
         force_0 = E.along(terms.M @ a_0 + terms.h - passive) / self.mass
-        T, t_0 = np.hstack((E.drive @ force, E.inner)), E.drive @ force_0
+        T, t_0 = E.torques(force), E.torques(force_0)
+        if E.inner.shape[1]:
+            T = np.hstack((T, E.inner))
         self._at = E, a_0, J_c, T, t_0
 
         hard, n = self._level(self._hard, t), T.shape[1]
         self._wished = hard
-        first = E.undriven.shape[1]
+        unreached, unreached_0 = E.unreached(force), E.unreached(force_0)
+        first = len(unreached)
         last = first + len(touch)
         A = np.zeros((last + len(hard.b), n))
-        A[:first, : force.shape[1]] = E.undriven.T @ force
+        A[:first, : force.shape[1]] = unreached
         A[first:last, : touch.shape[1]] = touch
         A[last:] = hard.G
         wanted = self._within_reach(touch, r[touching] - J_c @ a_0)
-        b = np.concatenate((-(E.undriven.T @ force_0), wanted, hard.b))
+        b = np.concatenate((-unreached_0, wanted, hard.b))
         C, lower, upper = self._inequalities(q, v)
         program = QuadraticProgram(np.zeros((n, n)), np.zeros(n), A, b, C, lower, upper)
         return program, [self._level(stack, t) for stack in self._levels]
 
     def _level(self, stack: Stack, t: float) -> Level:
         """Return the rows of tasks, over x."""
+        if not stack.rows:
+            return Level(self.over_x(*stack.none), np.zeros(0), stack.weights)
         J, F, b = stack.at(self.motion, t)
         if F[:, self.cones.held].any():
             raise InvalidArgument(
@@ -159,9 +169,9 @@ class Program:
         C[first:last, :k] = E.N[columns]
         C[last:, k : k + len(self.cones.touching)] = self.cones.rows(self.motion.data.oMi)
         least, most = self._bounds.at(q, v)
-        given, cones = t_0[self._limited], np.zeros(len(C) - last)
-        lower = np.concatenate((-self._most - given, least - a_0[columns], cones - np.inf))
-        upper = np.concatenate((self._most - given, most - a_0[columns], cones))
+        given = t_0[self._limited]
+        lower = np.concatenate((-self._most - given, least - a_0[columns], self._endless))
+        upper = np.concatenate((self._most - given, most - a_0[columns], self._nothing))
         return C, lower, upper
 
     def equation_rows(self, program: QuadraticProgram) -> list[Row]:
@@ -175,7 +185,8 @@ class Program:
         k, m = E.N.shape[1], len(self.cones.touching)
         G = np.zeros((len(J) + len(F), k + m + E.inner.shape[1]))
         G[: len(J), :k] = E.along(J)
-        G[len(J) :, k : k + m] = self.mass * F[:, self.cones.touching]
+        if len(F):
+            G[len(J) :, k : k + m] = self.mass * F[:, self.cones.touching]
         return G
 
     @property

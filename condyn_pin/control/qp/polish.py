@@ -24,7 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.control.qp.quadratic_program import QuadraticProgram
+from condyn_pin.control.qp.quadratic_program import QuadraticProgram, largest
 
 Flags = NDArray[np.bool_]
 
@@ -61,6 +61,7 @@ def start(
     """Return a rough answer with the rows that are active in it, or in another one."""
     y = np.zeros(len(program.b))
     if active:
+        y = active.y if len(active.y) == len(y) else y
         return Polished(x, y, z, active.at_lower, active.at_upper, np.inf)
     moved = program.C @ x + z
     # where rows depend on each other a solver holds only some of them, and its choice has the signs
@@ -112,7 +113,7 @@ def _on_active_rows(program: QuadraticProgram, at: Polished) -> Polished:
         left = np.concatenate((-(program.H @ x + program.g + y @ G), d - G @ x))
         step = dgetrs(factor, pivots, left)[0]
         x, y = x + step[:n], y + step[n:]
-        if np.abs(step).max() <= _SETTLED * max(np.abs(x).max(), np.abs(y).max(initial=0.0)):
+        if largest(step) <= _SETTLED * max(largest(x), largest(y)):
             break
     z = np.zeros(len(program.lower))
     z[active] = y[p:]

@@ -57,19 +57,19 @@ class QuadraticProgram:
             An answer, and the multipliers of equations and inequalities.
         """
         Hx, Cx = self.H @ x, self.C @ x
-        size = 1.0 + max(_largest(self.g), _largest(Hx))
+        size = 1.0 + max(largest(self.g), largest(Hx))
         nearest = np.minimum(np.maximum(Cx + z / size, self.lower), self.upper)
         found = max(
-            _largest(Hx + self.g + y @ self.A + z @ self.C) / size,
-            _largest(self.A @ x - self.b),
-            _largest(Cx - nearest),
+            largest(Hx + self.g + y @ self.A + z @ self.C) / size,
+            largest(self.A @ x - self.b),
+            largest(Cx - nearest),
         )
         return found if np.isfinite(found) else np.inf
 
 
-def _largest(v: Array) -> float:
+def largest(v: Array) -> float:
     """Return the largest size of an entry; NaN if one is."""
-    return float(np.abs(v).max()) if len(v) else 0.0
+    return float(np.maximum.reduce(np.abs(v))) if len(v) else 0.0
 
 
 class QPResult(NamedTuple):

@@ -1,0 +1,1 @@
+"""Whole-body control beside tsid and placo: one robot, one wish, one clock."""

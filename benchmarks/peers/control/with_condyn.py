@@ -1,0 +1,75 @@
+"""condyn_pin: loops and torques eliminated, wrench cones, ProxQP behind the last active set."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
+from condyn_pin.contact import WrenchCone
+from condyn_pin.control import CenterOfMass, Controller, Orientation, Posture
+from condyn_pin.dynamics.force import Sites
+from peers.control.harness import Contender, main
+from peers.control.question import Question, Wish
+
+
+def talos() -> cp.Scene:
+    """Return Talos on both feet."""
+    robot = cp.load_robot("talos")
+    return cp.Scene(robot, robot.contacts)
+
+
+def controller_of(scene: cp.Scene, wish: Wish) -> Controller:
+    """Return the controller of a wish."""
+    tasks = [
+        CenterOfMass(kp=wish.com_kp, weight=wish.com_weight),
+        Orientation("base_link", kp=wish.trunk_kp, weight=wish.trunk_weight),
+        Posture(kp=wish.posture_kp, weight=wish.posture_weight),
+    ]
+    return Controller(scene, tasks, cones=WrenchCone(wish.friction))
+
+
+def question_of(urdf: str, count: int) -> Question:
+    """Return the question: states of a slow motion in steps of 1 ms, which keeps the feet."""
+    scene = talos()
+    robot = scene.robot
+    q, v = scene.state()
+    data = robot.model.createData()
+    com = np.array(pin.centerOfMass(robot.model, data, q))
+    way = np.random.default_rng(0).normal(size=robot.nv)
+    home, Q, V = q, [], []
+    for k in range(count):
+        v = cp.mechanism.project_velocity(scene, q, 0.1 * np.sin(0.05 * k) * way)
+        Q.append(q)
+        V.append(v)
+        q = pin.integrate(robot.model, q, 1e-3 * v)
+    foot = robot.contacts[0]
+    return Question(
+        urdf, "base_link", [each.name for each in robot.contacts], foot.half_length,
+        foot.half_width, home, com, np.array(robot.model.armature),
+        np.array(robot.model.effortLimit), np.array(Q), np.array(V), Wish(),
+    )  # fmt: skip
+
+
+def contender(question: Question) -> Contender:
+    """Return ours at work; the proof is part of the tick."""
+    scene = talos()
+    controller = controller_of(scene, question.wish)
+
+    def tick(i: int) -> float:
+        out = controller.solve(question.q[i], question.v[i])
+        return out.solve_time
+
+    def answer(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        out = controller.solve(question.q[i], question.v[i])
+        if not out.status.ok:
+            raise ValueError(f"state {i}: {out.status}")
+        return out.a, out.tau, Sites(scene, question.q[i]).jacobian.T @ out.lam
+
+    n, p, r = controller.program(question.q[0], question.v[0]).sizes
+    size = f"{n} unknowns, {p} equations, {r} inequalities"
+    return Contender(tick, answer, size, "with the proof of each answer")
+
+
+if __name__ == "__main__":
+    main("condyn_pin", cp.__version__, contender)

@@ -1,0 +1,76 @@
+"""Control beside tsid and placo without the peers: the question, the clock, and the table."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("proxsuite")
+
+ROOT = Path(__file__).parent.parent
+
+
+@pytest.fixture(autouse=True)
+def benchmarks(monkeypatch):
+    """Let scripts be imported."""
+    monkeypatch.syspath_prepend(str(ROOT / "benchmarks"))
+
+
+@pytest.fixture
+def question(tmp_path):
+    """Return what peers are told of Talos in three states."""
+    import control_peers
+    from peers.control.question import load
+    from peers.control.with_condyn import question_of
+
+    made = question_of(str(control_peers.bare_description(tmp_path)), 3)
+    told = load(made.save(tmp_path / "question.json"))
+    assert told.wish == made.wish
+    assert np.array_equal(told.q, made.q)
+    return told
+
+
+def test_the_robot_that_is_told_is_ours(question):
+    from peers.control import harness
+    from peers.control.with_condyn import talos
+
+    model, ours = harness.model_of(question), talos().robot.model
+    assert list(model.names) == list(ours.names)
+    assert np.array_equal(model.armature, ours.armature)
+    assert [inertia.mass for inertia in model.inertias] == pytest.approx(
+        [inertia.mass for inertia in ours.inertias]
+    )
+
+
+def test_errors_are_those_of_the_answer(question):
+    from peers.control import harness
+    from peers.control.with_condyn import contender
+
+    ours = contender(question)
+    found = harness.errors(question, ours)
+    assert found["dynamics"] < 1e-10
+    assert found["feet"] < 1e-10
+    assert found["com"] < 0.1
+
+    def off(i):
+        a, tau, felt = ours.answer(i)
+        return a + 1e-3, tau, felt
+
+    wrong = harness.errors(question, replace(ours, answer=off))
+    assert wrong["dynamics"] > 1e-3
+    assert wrong["feet"] > 1e-4
+
+
+def test_committed_rows_have_right_answers():
+    import control_peers
+
+    rows, missing, _ = control_peers.load()
+    assert not missing
+    assert {row["peer"] for row in rows} == {"condyn_pin", "tsid", "placo"}
+    for row in rows:
+        assert row["dynamics"] < 1e-9
+        assert row["feet"] < 1e-9
+        assert row["com"] == pytest.approx(0.085, abs=0.01)  # the same wish, weighed the same
