@@ -386,6 +386,15 @@ def test_what_is_not_finite_ends_the_run(bad: float) -> None:
     assert np.isfinite(run.q).all()
 
 
+def test_damping_that_is_too_stiff_is_named() -> None:
+    robot = slider(limits=(-1e300, 1e300))
+    robot.model.damping[:] = 1e5
+    scene = cp.Scene(cp.Robot("slider", robot.model), contacts=[JointLimit("rail")])
+    run = cp.simulate(scene, [0.0], [1.0], duration=1.0, dt=1e-2, integrator=LOCATED)
+    assert not run.status.ok
+    assert "the damping of joint 'rail'" in run.reason
+
+
 def test_what_is_refused() -> None:
     scene, q = bouncing()
     still = np.zeros(6)

@@ -33,7 +33,7 @@ from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System
 
 # Legs of one step, at most. A ball that comes to rest in it makes some hundred.
-_MOST = 2000
+_MOST = 1000
 
 # Newton's steps that close what is held, at most, and what they leave [m, rad].
 _CLOSINGS = 5
