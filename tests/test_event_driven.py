@@ -84,6 +84,22 @@ def test_a_ball_bounces_at_its_own_times(dt: float) -> None:
     assert_allclose(run.v[hit.sample, 2], -0.8 * run.v[hit.sample - 1, 2], rtol=1e-12)
 
 
+@pytest.mark.parametrize("off", [-1e-14, 0.0, 1e-15, 1e-13, 1e-10])
+def test_an_event_at_the_end_of_a_step_is_one_event(off: float) -> None:
+    scene, q = bouncing()
+    t0 = sqrt(2 * 0.5 / G)
+    dt = t0 / 8 * (1 + off)
+    run = cp.simulate(scene, q, np.zeros(6), duration=12 * dt, dt=dt, integrator=LOCATED)
+    assert len(run.run.happened) == 1
+    assert_allclose(run.energy.contact[-1], -0.36 * G * 0.5, rtol=1e-12)
+    assert np.abs(run.energy.error).max() < 1e-12
+    assert (np.diff(run.t) >= 0).all()
+    hit = run.run.happened[0]
+    assert run.t[hit.sample] == run.t[hit.sample - 1]
+    for phase in run.phases:
+        assert (np.diff(run.t[phase.samples]) > 0).all()
+
+
 def test_bounces_without_end_come_to_rest() -> None:
     scene, q = bouncing()
     run = cp.simulate(scene, q, np.zeros(6), duration=3.0, dt=1e-2, integrator=LOCATED)
@@ -386,6 +402,15 @@ def test_what_is_not_finite_ends_the_run(bad: float) -> None:
     assert not run.status.ok
     assert len(run.run.happened) == 1
     assert np.isfinite(run.q).all()
+
+
+def test_damping_that_is_too_stiff_is_named() -> None:
+    robot = slider(limits=(-1e300, 1e300))
+    robot.model.damping[:] = 1e5
+    scene = cp.Scene(cp.Robot("slider", robot.model), contacts=[JointLimit("rail")])
+    run = cp.simulate(scene, [0.0], [1.0], duration=1.0, dt=1e-2, integrator=LOCATED)
+    assert not run.status.ok
+    assert "the damping of joint 'rail'" in run.reason
 
 
 def test_what_is_refused() -> None:

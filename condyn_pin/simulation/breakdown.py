@@ -23,8 +23,9 @@ def is_lost(v: Array) -> bool:
 def hint_of(simulator: HybridSimulator, q0: Array) -> str:
     """Return which damping or spring is too stiff for a run from q0, if there is one."""
     plan, system = simulator.plan, simulator.phase.system
-    hint = stiff_damping(system, plan.integrator, plan.dt, q0)
-    hint = hint or stiff_springs(system, plan.integrator, plan.dt, q0)
+    integrator = plan.integrator.between_events
+    hint = stiff_damping(system, integrator, plan.dt, q0)
+    hint = hint or stiff_springs(system, integrator, plan.dt, q0)
     return f"{hint}; " if hint else ""
 
 

@@ -55,7 +55,8 @@ class HybridPhase:
         """Take step k, which ends at (k + 1) dt, and keep its sample if it is its turn."""
         # the first sample of a phase always is
         keep = k % self.plan.every == self.turn or not self.recorder.count
-        keep = keep and self.recorder.last != t  # an event has kept it
+        if self._samples_start and self.recorder.last == t:
+            keep = False  # an event of contacts has kept it
         t1 = (k + 1) * self.plan.dt
         return self.stepper.take(t, q, v, t1, self.recorder.add if keep else None)
 

@@ -80,7 +80,7 @@ def _open_constraints(trajectory: Trajectory) -> list[str]:
 def _coarse_turns(trajectory: Trajectory) -> list[str]:
     """Return a sentence on the joint that turns fastest, if by half a turn a step or more."""
     run, model = trajectory.run, trajectory.scene.robot.model
-    if run.integrator.is_adaptive:
+    if run.integrator.between_events.is_adaptive:
         return []
     speed = np.abs(trajectory.v).max(axis=0)
     turns = {

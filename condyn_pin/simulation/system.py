@@ -256,7 +256,7 @@ class CorrectedStepper:
         # a correction reads what the solve of the next step leaves behind
         self._system = bare.system or system
         self._correct = drift.start(self._system, dt)
-        self._slow = None if integrator.is_adaptive else system.manifold.slow(dt)
+        self._slow = None if integrator.between_events.is_adaptive else system.manifold.slow(dt)
 
     def take(
         self, t: float, q: Array, v: Array, t1: float, keep: Callable[[Row], None] | None = None

@@ -92,6 +92,11 @@ class Integrator(ABC):
         """Of q, v and lam, with the parameters that it has."""
 
     @property
+    def between_events(self) -> Integrator:
+        """What moves where nothing happens: itself, unless it finds events and leaves the rest."""
+        return self
+
+    @property
     def takes_stiff_damping(self) -> bool:
         """Whether the damping of the robot's joints does not limit dt."""
         return self.keeps_constraints or self.is_adaptive

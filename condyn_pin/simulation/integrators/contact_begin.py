@@ -11,7 +11,7 @@ taken away. Bounces that grow shorter without end, a ball's or those of a box th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -58,6 +58,10 @@ class Begun:
     impulse: Array
     work: float = 0.0
     what: str = ""
+
+    def without_impulse(self) -> Begun:
+        """Return the same once its impulse is counted."""
+        return replace(self, impulse=np.zeros_like(self.impulse), work=0.0, what="")
 
 
 class ContactBegin:

@@ -98,6 +98,11 @@ class EventDriven(Integrator):
         return self.inner.order
 
     @property
+    def between_events(self) -> Integrator:
+        """The integrator between events."""
+        return self.inner
+
+    @property
     def takes_stiff_damping(self) -> bool:
         """Whether the integrator between events does."""
         return self.inner.takes_stiff_damping

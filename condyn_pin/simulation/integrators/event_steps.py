@@ -33,7 +33,7 @@ from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System
 
 # Legs of one step, at most. A ball that comes to rest in it makes some hundred.
-_MOST = 2000
+_MOST = 1000
 
 # Newton's steps that close what is held, at most, and what they leave [m, rad].
 _CLOSINGS = 5
@@ -59,31 +59,24 @@ class EventSteps:
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return q and v at the end of a step, and the acceleration at its start."""
         system, end, events = self._system, t + self._dt, list[ContactEvent]()
-        now, before = self._at(t, q, v), self._hold_before(q)
-        a = now.held.a
-        system.contact_work += now.work
-        if now.what or (before is not None and (before.modes != now.hold.modes).any()):
-            hold = now.hold if before is None else before
-            events.append(self._event(hold, ContactLook(system, t, q, v), now))
+        now = self._at(t, q, v)
+        hold, a = self._hold_before(q) or now.hold, now.held.a
         for _ in range(_MOST):
-            leg = self._leg.take(now, end)
+            self._count(events, hold, v, now)
+            leg, hold = self._leg.take(now, end), now.hold
             system.contact_work += leg.work
-            last = end - leg.t <= _NOTHING * self._dt
-            t1 = end if last else float(leg.t)
-            q1, v1 = self._closed(leg, now.hold)
-            if last and not leg.is_event:
-                self._ended = q1, now.hold
-                self._system.located = tuple(events)
-                return q1, v1, a
-            hold, now = now.hold, self._begin.at(t1, q1, v1, at_end=leg.at_end)
-            system.contact_work += now.work
-            if now.what or (hold.modes != now.hold.modes).any():
-                events.append(self._event(hold, ContactLook(system, t1, q1, v1), now))
-            if last:
-                self._keep(t1, q1, now.look.v, now)
-                self._ended = q1, now.hold
-                self._system.located = tuple(events)
-                return q1, now.look.v, a
+            is_last = end - leg.t <= _NOTHING * self._dt
+            q, v = self._closed(leg, hold)
+            if leg.is_event or not is_last:
+                t1 = end if is_last else float(leg.t)
+                now = self._begin.at(t1, q, v, at_end=leg.at_end)
+            if is_last:
+                if leg.is_event:
+                    self._count(events, hold, v, now)
+                    v, hold = now.look.v, now.hold
+                    self._keep(end, q, v, now.without_impulse())
+                self._ended, system.located = (q, hold), tuple(events)
+                return q, v, a
         raise ZenoDetected(
             f"more than {_MOST} legs from t = {t:g} s to {end:g} s: events of contacts pile up; "
             "take a longer shortest_bounce, or a stepper, such as StewartTrinkle()"
@@ -110,6 +103,13 @@ class EventSteps:
     def _hold_before(self, q: Array) -> ContactHold | None:
         """Return what was held at the end of the step before, if this one goes on from there."""
         return self._ended[1] if self._ended is not None and self._ended[0] is q else None
+
+    def _count(self, events: list[ContactEvent], hold: ContactHold, v: Array, now: Begun) -> None:
+        """Count what happens in an instant that a hold ends in, with the velocity v."""
+        self._system.contact_work += now.work
+        if now.what or (hold.modes != now.hold.modes).any():
+            look = ContactLook(self._system, now.look.t, now.look.q, v)
+            events.append(self._event(hold, look, now))
 
     def _event(self, hold: ContactHold, look: ContactLook, now: Begun) -> ContactEvent:
         """Return what happened between the end of a hold and what goes on."""
