@@ -150,10 +150,12 @@ class KktDerivatives(Derivatives):
 
     def _form(self) -> tuple[Array, Array, Array]:
         n = self._n
-        by_state = self._solve(self._of.rhs)
-        if self._matrix is None:
-            return by_state[:, :n], by_state[:, n:], self._inverse[:, :n].copy()
-        return by_state[:, :n], by_state[:, n:], self._solve(np.eye(n + self._m, n))
+        by_state, by_tau = self._solve(self._of.rhs), self._inverse[:, :n].copy()
+        if self._matrix is not None:
+            left = self._matrix.dot(by_tau)
+            left.flat[: n * n : n + 1] -= 1.0  # what is left of the torques, with the other sign
+            by_tau -= self._inverse.dot(left)
+        return by_state[:, :n], by_state[:, n:], by_tau
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
         n = self._n
