@@ -68,6 +68,9 @@ class PointPartials:
         self, model: Any, data: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None
     ) -> None:
         self._data, self._drift, self._n = data, drift, model.nv
+        # views into data's own memory; of a single coordinate Pinocchio has vectors
+        left = data.J, data.dJ, data.dAdq, data.dAdv
+        self._left = tuple(part.reshape(6, model.nv) for part in left)
         points = [b for b in bounds if isinstance(b, Bound) and b.is_point]
         points.sort(key=lambda b: b.joint2 == 0)  # those between two bodies come first
         self.k, self.between = k, between = len(points), sum(b.joint2 > 0 for b in points)
@@ -93,8 +96,9 @@ class PointPartials:
         ends = [(b.joint1, b.placement1) for b in points]
         ends += [(b.joint2, b.placement2) for b in points[:between]]
         self._on_ends = [joint for joint, _ in ends]
-        duals = [c.toDualActionMatrix()[:, :3].T for _, c in ends]
-        self._duals = np.array(duals).reshape(-1, 3, 6)
+        duals = np.array([c.toDualActionMatrix()[:, :3].T for _, c in ends]).reshape(-1, 3, 6)
+        duals[k:] *= -1.0  # the opposite acts on body 2
+        self._duals = duals
 
     def apply(self, lam: Array, on_joint: Mapping[int, Array]) -> None:
         """Add the forces to the wrenches on the joints."""
@@ -102,8 +106,7 @@ class PointPartials:
         if between:
             self._E = E = self._ends.placements()
             one, two = E[:, :between, :3]
-            on2 = -forces[:between] @ one @ two.swapaxes(1, 2)
-            forces = np.concatenate([forces, on2])
+            forces = np.concatenate([forces, forces[:between] @ one @ two.swapaxes(1, 2)])
         for joint, wrench in zip(self._on_ends, (forces @ self._duals)[:, 0], strict=True):
             on_joint[joint][:] += wrench
 
@@ -117,7 +120,7 @@ class PointPartials:
             rhs[:, :n][self._below] -= by_q.reshape(-1, n)
         if between:
             F = (self._forces(lam)[:between] @ of.axes[:between])[:, 0]
-            Ja = self._turned * self._data.J[3:]
+            Ja = self._turned * self._left[0][3:]
             rhs[:n, :n] += of.J2[:between].reshape(-1, n).T @ (skews(F) @ Ja).reshape(-1, n)
 
     def turning(self, out: Array) -> None:
@@ -131,7 +134,7 @@ class PointPartials:
     def _c_q(self, of: _Rows) -> Array:
         """Return the partials of the violation (k, 3, nv), zero without an anchor."""
         p1, p2 = self._places[:, :, 1:4]
-        Ja_1 = self._moved[0, :, 0] * self._data.J[3:]
+        Ja_1 = self._moved[0, :, 0] * self._left[0][3:]
         turned = of.axes @ skews(p2 - p1) @ Ja_1
         return np.asarray(self._anchored * (of.parts[:, :, 0] - turned))
 
@@ -153,10 +156,10 @@ class PointPartials:
 
     def _gather(self) -> None:
         """Copy what the derivatives of Newton-Euler left behind."""
-        data, columns = self._data, self._columns
-        J, A_v = data.J, data.dAdv
-        columns[:6, 0], columns[:6, 2], columns[:6, 3] = J, data.dAdq, A_v
-        dV = np.subtract(A_v, data.dJ, out=columns[:6, 1])
+        J, dJ, A_q, A_v = self._left
+        columns = self._columns
+        columns[:6, 0], columns[:6, 2], columns[:6, 3] = J, A_q, A_v
+        dV = np.subtract(A_v, dJ, out=columns[:6, 1])
         columns[6:9, 2] = dV[3:]
         columns[6:9, 3] = columns[9:12, 1] = columns[12:, 2] = J[3:]
 

@@ -75,13 +75,15 @@ class KktDerivatives(Derivatives):
         self._factors: MinimumNorm | None = None  # of redundant rows
         self._J = J = workspace.equations.drop_roundoff_rows(of.J)
         Y = of.M_inv.dot(J.T)
-        K = _independent(J.dot(Y), _rounding(of.M_inv, J))
+        nominal = workspace.scene.nominal
+        # where rows are known to be redundant there is nothing to try
+        K = None if nominal.dependent else _independent(J.dot(Y), _rounding(of.M_inv, J))
         if K is None:
             self._factors = factorise(of.M, J, tolerances.RANK)
             K = self._factors.U[:, : self._factors.rank] / self._factors.S[: self._factors.rank]
         self._inverse, self._workspace, self._v = _inverse(of.M_inv, Y, K), workspace, v
         self._matrix: Array | None = None
-        if workspace.scene.nominal.condition * _EPS > _ILL:
+        if nominal.condition * _EPS > _ILL:
             self._matrix = _saddle(of.M, J)
 
     @cached_property
