@@ -57,9 +57,7 @@ class PairPartials:
     def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
         self._frames, self._drift = frames, drift
         chosen = [
-            b
-            for b in bounds
-            if isinstance(b, Related) or (isinstance(b, Bound) and not b.is_point)
+            b for b in bounds if isinstance(b, Related) or (isinstance(b, Bound) and not b.is_point)
         ]
         self._pairs = [_pair(b) for b in chosen]
         self._between: list[Any] = []  # c1Mc2 where a force depends on it, as `apply` found it

@@ -129,7 +129,7 @@ class PointPartials:
 
     def _forces(self, lam: Array) -> Array:
         """Return the forces on body 1 (k, 1, 3), in the axes of c1."""
-        return lam[self._rows].reshape(-1, 1, 3) * self._signs
+        return np.asarray(lam[self._rows].reshape(-1, 1, 3) * self._signs)
 
     def _c_q(self, of: _Rows) -> Array:
         """Return the partials of the violation (k, 3, nv), zero without an anchor."""
