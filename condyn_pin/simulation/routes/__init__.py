@@ -1,0 +1,10 @@
+"""Routes to the derivatives of a step with contacts: one file a route.
+
+Nouns: `Route`, a way over kinks and jumps; `StepDerivatives`, what it finds. Verb:
+`trajectory_derivatives`, through all steps of a motion.
+"""
+
+from condyn_pin.simulation.routes.active_set import ActiveSet
+from condyn_pin.simulation.routes.base import ROUTES, Route
+
+__all__ = ["ROUTES", "ActiveSet", "Route"]
