@@ -87,17 +87,9 @@ class LawRoute(Route, ABC):
 
     def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
         """Return the derivatives of a step of `steps` from a state."""
-        law = partial(self.law, size=_size(steps))
+        law = partial(self.law, size=steps.size)
         with np.errstate(all="ignore"):  # what is not finite is refused
             return StepDerivatives.of(self, steps, steps.end(t, q, v, law))
-
-
-def _size(steps: LinearSteps) -> float:
-    """Return (m g dt) (g dt) [J], with 9.81 m/s^2 where there is no gravity."""
-    model = steps.system.model
-    mass = sum(inertia.mass for inertia in list(model.inertias))
-    g = float(np.linalg.norm(model.gravity.linear)) or 9.81
-    return float(mass * (g * steps.dt) ** 2)
 
 
 # The memory of this thread's last call: a loop over derivatives of one scene makes only one.

@@ -15,10 +15,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
+from scipy.linalg.lapack import dgecon, dgetrf, dgetrs, dtrtrs
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
@@ -33,6 +33,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
+from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.floating_partials import FloatingPartials
@@ -64,6 +65,8 @@ class LinearSteps:
         self.steps = ContactSteps(scheme, self.system, dt)
         model = self.system.model
         self._floating, self._partials = Floating(model), FloatingPartials(model)
+        self._paths = CurvedPaths(self.system, self._floating, dt)
+        self.size = _size(model, dt)
         self._turning = ContactTurning(model, scene.contact_bounds)
         self.columns = Columns(scene.robot.nv, self.system.contacts.cones)
         self._share = 0.5 * dt if scheme.at_midpoint else dt
@@ -113,7 +116,9 @@ class LinearSteps:
             return [(posed, lam)]
         path, tracks = posed.v, []
         for _ in range(_TRACKS):
-            bends = self._bends(posed, path)[0]
+            bends = self._paths.bends(
+                posed.at, path, posed.near.gaps, posed.J[posed.chosen.rows], posed.chosen
+            )
             if np.array_equal(bends, posed.near.bends):
                 break
             near = posed.near._replace(bends=bends)
@@ -136,7 +141,8 @@ class LinearSteps:
         of = self._linearised(posed.at, posed.v, posed.v, v1, l_b)
         all_lam = np.zeros(len(posed.J))
         all_lam[posed.chosen.rows] = law.lam
-        slips, pulls = self._turning.at(posed.at, v1, all_lam)
+        self._turning.go(posed.at)
+        slips, pulls = self._turning.slips(v1), self._turning.pulls(all_lam)
         f = self._balance(of, posed, v1, start, start.v) + pulls @ start.at
         dv0, _ = posed.condensed.factors.solve(f, self._slip(of, posed, posed.v, v1, start))
         dsigma = J_c @ dv0 + slips[posed.chosen.rows] @ start.at
@@ -146,7 +152,7 @@ class LinearSteps:
         A = law.by_sigma @ G + law.by_lam
         b = law.by_sigma @ dsigma
         b[:, self._friction(posed)] += law.by_friction
-        moved = np.linalg.lstsq(A, -b, rcond=_REDUNDANT)[0]
+        moved = _least(A, -b)
         return dv0 + np.asarray(dtrtrs(posed.condensed.factors.L.T, posed.condensed.X.dot(moved))[0])
 
     def _linearised(self, at: Array, v: Array, mean: Array, v1: Array, l_b: Array) -> Linearised:
@@ -228,12 +234,12 @@ class LinearSteps:
         gaps = J_c[near.normals] @ start.at  # (k, columns)
         added[near.normals] += by.gaps[:, None] * gaps
         if self.scheme.closes_gaps and chosen.feelers:
-            _, by_at, by_path = self._bends(posed, path)
+            by_at, by_path = self._bends(posed, path)
             k = chosen.feelers
             bends = by_at @ start.at + by_path @ along
             added[2 : 3 * k : 3] += by.bends[:k, None] * bends
         if by.before.any():
-            slips, _ = self._turning.at(posed.at, posed.v, np.zeros(len(posed.J)))
+            slips = self._turning.slips(posed.v)
             before = J_c @ start.v + slips[chosen.rows] @ start.at
             added += by.before[:, None] * before
         cones = len(chosen.friction)
@@ -243,23 +249,16 @@ class LinearSteps:
             added += law.lam[:, None] * self._softer(posed, by, gaps, start)
         return added
 
-    def _bends(self, posed: Posed, path: Array) -> tuple[Array, Array, Array]:
-        """Return the bends (k,) of feelers along a path, and how they change with at and path."""
+    def _bends(self, posed: Posed, path: Array) -> tuple[Array, Array]:
+        """Return how the bends (k,) of feelers along a path change with `at` and the path."""
         dt, system, chosen = self.dt, self.system, posed.chosen
-        k, data = chosen.feelers, system.equations.data
-        J_n = posed.J[chosen.rows][2 : 3 * k : 3]
+        normals, data = slice(2, 3 * chosen.feelers, 3), system.equations.data
         there = self._floating.integrate(posed.at, dt * path)
         pin.computeJointJacobians(system.model, data, there)
-        gaps, J = system.contacts.evaluate(data, there)
-        J_end = J[chosen.rows][2 : 3 * k : 3]
-        pin.forwardKinematics(system.model, data, there)
-        ends = system.contacts.gaps_over_planes(data)[chosen.over_planes]
+        J_end = system.contacts.evaluate(data, there)[1][chosen.rows][normals]
+        J_n, turned = (rows[chosen.rows][normals] for rows in (posed.J, self._turning.slips(path)))
         by_at, by_move = self._partials.integrate(posed.at, dt * path)
-        slips, _ = self._turning.at(posed.at, path, np.zeros(len(posed.J)))
-        turned = slips[chosen.rows][2 : 3 * k : 3]
-        bends = posed.near.bends.copy()
-        bends[:k] = ends - posed.near.gaps[:k] - dt * J_n.dot(path)
-        return bends, J_end @ by_at - J_n - dt * turned, dt * (J_end @ by_move - J_n)
+        return J_end @ by_at - J_n - dt * turned, dt * (J_end @ by_move - J_n)
 
     def _softer(self, posed: Posed, by: AskedBy, gaps: Array, start: _Start) -> Array:
         """Return R by all columns (m, columns): by gaps, and by G_nn of each contact."""
@@ -285,7 +284,7 @@ class LinearSteps:
         """Return G_nn by q (nv,): 2 y . (J_n^T)' - y . (M y - J_b^T l_b)' + l_b . (J_b y)'."""
         n = len(y)
         of = self._weightless.at(posed.at, np.zeros(n), y, l_b)
-        slips, _ = self._turning.at(posed.at, y, np.zeros(len(posed.J)))
+        slips = self._turning.slips(y)
         by_q = 2 * slips[posed.chosen.rows][row] + y @ of.rhs[:n, :n] - l_b @ of.rhs[n:, :n]
         if self.system.passive.between is not None:
             by_q = by_q - y @ self._stiffer(posed.at, y)
@@ -329,6 +328,21 @@ class LinearSteps:
         Z = by_x @ np.asarray(dtrtrs(factors.L.T, factors.V)[0])  # (nv, rank)
         back = np.linalg.lstsq(J1 @ Z, J1 @ dq, rcond=tolerances.RANK)[0]
         return np.asarray(dq - Z @ back)
+
+
+def _least(A: Array, b: Array) -> Array:
+    """Return x of A x = b (m, columns), the smallest one where contacts are redundant."""
+    lu, pivots, info = dgetrf(A)
+    if not info and dgecon(lu, float(np.abs(A).sum(axis=0).max()))[0] > _REDUNDANT:
+        return np.asarray(dgetrs(lu, pivots, b)[0])
+    return np.asarray(np.linalg.lstsq(A, b, rcond=_REDUNDANT)[0])
+
+
+def _size(model: Any, dt: float) -> float:
+    """Return (m g dt) (g dt) [J], with 9.81 m/s^2 where there is no gravity."""
+    mass = sum(inertia.mass for inertia in list(model.inertias))
+    g = float(np.linalg.norm(model.gravity.linear)) or 9.81
+    return float(mass * (g * dt) ** 2)
 
 
 class _Start(NamedTuple):
