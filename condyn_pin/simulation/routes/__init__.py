@@ -6,5 +6,7 @@ Nouns: `Route`, a way over kinks and jumps; `StepDerivatives`, what it finds. Ve
 
 from condyn_pin.simulation.routes.active_set import ActiveSet
 from condyn_pin.simulation.routes.base import ROUTES, Route
+from condyn_pin.simulation.routes.kappa import Kappa
+from condyn_pin.simulation.routes.softened import Softened
 
-__all__ = ["ROUTES", "ActiveSet", "Route"]
+__all__ = ["ROUTES", "ActiveSet", "Kappa", "Route", "Softened"]

@@ -98,10 +98,10 @@ def _of_modes(problem: ContactProblem, lam: Array, modes: Array) -> Law:
         by_lam[n, n], by_sigma[n, n] = 0.0, 1.0
         if problem.law == "ccp":
             by_sigma[n, t], by_friction[n, i] = -mu[i] * s, -slip
-    return Law(lam, by_sigma, by_lam, by_friction, _margin(problem, lam, sigma, modes))
+    return Law(lam, by_sigma, by_lam, by_friction, margin(problem, lam, sigma, modes))
 
 
-def _margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Array) -> float:
+def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Array) -> float:
     """Return how far the nearest contact is from another mode."""
     stiff, speed = problem.scale
     x, y, (cones, lines, dry) = lam * stiff / speed, sigma / speed, problem.sets.parts
