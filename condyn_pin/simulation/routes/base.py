@@ -7,8 +7,9 @@ of kinks and jumps.
 1. Add one file to this folder with one frozen dataclass that inherits from `Route`. Its fields are
    its parameters, each with a default and a unit. It registers itself in `ROUTES`.
 2. Set `title`, `cost` and `use`: when to take it.
-3. Write `differentiate(scene, scheme, dt, start)`, which returns `StepDerivatives`.
-4. A route that only has another law of the contacts inherits from `LawRoute`, and writes
+3. Write `at(steps, t, q, v)`, which returns `StepDerivatives`. If the end of its step is not that of
+   the scheme, write `step` too, and `scheme` if it takes steps of another one.
+4. A route that only has another law of the contacts inherits from `LawRoute`, and writes only
    `law(problem, lam, size)`: impulses, and the law linearised at them (`Law`). All else, how the
    problem changes with q, v and tau and how the end of the step follows, is that of `LinearSteps`.
 5. It reads nothing that an earlier call left behind.
@@ -50,19 +51,29 @@ class Route(ABC):
         if ABC not in cls.__bases__:
             enter(ROUTES, cls.__name__.lower(), cls, f"a route named {cls.__name__}")
 
+    def scheme(self, scheme: ContactScheme) -> ContactScheme:
+        """Return the scheme whose steps are taken; InvalidArgument if there is none."""
+        return scheme
+
     @abstractmethod
+    def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
+        """Return the end of a step from a state, and how it changes."""
+
+    def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the end of the same step, without derivatives."""
+        return steps.step(t, q, v)
+
     def differentiate(
         self, scene: Scene, scheme: ContactScheme, dt: float, start: StepStart
     ) -> StepDerivatives:
         """Return how the end of a step of a `scheme` changes with its start."""
+        steps = linear_steps(scene, self.scheme(scheme), dt)
+        steps.system.applied.hold(start.tau, start.forces)
+        return self.at(steps, 0.0, start.q, start.v)
 
 
 class LawRoute(Route, ABC):
     """A route that puts another law of the contacts into the same step."""
-
-    def scheme(self, scheme: ContactScheme) -> ContactScheme:
-        """Return the scheme whose contact problems the law is for."""
-        return scheme
 
     @abstractmethod
     def law(self, problem: ContactProblem, lam: Array, size: float) -> Law:
@@ -77,19 +88,15 @@ class LawRoute(Route, ABC):
             (m g dt) (g dt) of the robot and the step [J].
         """
 
-    def differentiate(
-        self, scene: Scene, scheme: ContactScheme, dt: float, start: StepStart
-    ) -> StepDerivatives:
-        """Return how the end of a step of a `scheme` changes with its start."""
-        steps = linear_steps(scene, self.scheme(scheme), dt)
-        steps.system.applied.hold(start.tau, start.forces)
-        return self.at(steps, 0.0, start.q, start.v)
-
     def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
-        """Return the derivatives of a step of `steps` from a state."""
-        law = partial(self.law, size=steps.size)
+        """Return the end of a step from a state, and how it changes."""
         with np.errstate(all="ignore"):  # what is not finite is refused
-            return StepDerivatives.of(self, steps, steps.end(t, q, v, law))
+            ended = steps.end(t, q, v, partial(self.law, size=steps.size))
+            return StepDerivatives.of(self, steps, ended)
+
+    def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the end of the same step, without derivatives."""
+        return steps.ended(t, q, v, partial(self.law, size=steps.size))
 
 
 # The memory of this thread's last call: a loop over derivatives of one scene makes only one.

@@ -89,6 +89,22 @@ class LinearSteps:
             path, along = v1, dv1
         return self._moved(posed, found, v1, dv1, start)
 
+    def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the end of a step of the scheme."""
+        q, v, _ = self.steps.step(t, q, v)
+        return q, v
+
+    def ended(
+        self, t: float, q: Array, v: Array, law: Callable[[ContactProblem, Array], Law]
+    ) -> tuple[Array, Array]:
+        """Return what `end` does, without derivatives."""
+        self.steps.attempt(t, q, v)
+        taken = self.steps.last
+        for posed, guess in self._tracks(taken.posed, taken.attempt.lam):
+            v1 = posed.condensed.velocity(law(posed.problem, guess).lam)
+        moved = self._floating.integrate(posed.at, self._share * v1)
+        return self.steps._closed(posed.condensed, moved), self._floating.turned(v1, self._share)
+
     # ---- the start -------------------------------------------------------------------------------
 
     def _start(self, t: float, q: Array, v: Array) -> _Start:

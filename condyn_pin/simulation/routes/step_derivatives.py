@@ -53,22 +53,27 @@ class StepDerivatives:
         """Return those of a step that has ended."""
         if not (np.isfinite(ended.dq).all() and np.isfinite(ended.dv).all()):
             raise SolveFailed(f"{route!r}: the derivatives of this step are not finite", None)
-        posed, candidates = ended.posed, steps.system.contacts
-        modes = np.full(len(posed.chosen.active), OPEN)
-        if posed.problem.rows:
-            still = 100 * tolerances.CONTACT_POLISHED
-            modes[posed.chosen.active] = contact_modes(posed.problem, ended.law.lam, still)
-        named = dict(zip(candidates.names, (MODES[code] for code in modes), strict=True))
         parameters = ["friction"]
         if steps.scheme.takes_restitution:
             parameters.append("restitution")
         if hasattr(steps.scheme, "solref"):
             parameters.append("solref")
-        q, v, dq, dv = read_only((ended.q, ended.v, ended.dq, ended.dv))
-        return StepDerivatives(
-            q, v, named, ended.law.margin, route, candidates.names[: candidates.cones], (dq, dv),
-            tuple(parameters),
+        return StepDerivatives.made(
+            route, steps, (ended.q, ended.v), (ended.dq, ended.dv), modes_of(steps, ended),
+            ended.law.margin, tuple(parameters),
         )  # fmt: skip
+
+    @staticmethod
+    def made(
+        route: Route, steps: LinearSteps, state: tuple[Array, Array],
+        matrices: tuple[Array, Array], modes: dict[str, str], margin: float,
+        parameters: tuple[str, ...],
+    ) -> StepDerivatives:  # fmt: skip
+        """Return those with these `matrices`, at the end of a step in this `state`."""
+        candidates = steps.system.contacts
+        q, v, dq, dv = read_only((*state, *matrices))
+        names = candidates.names[: candidates.cones]
+        return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters)
 
     @property
     def one_sided(self) -> bool:
@@ -152,3 +157,14 @@ class StepDerivatives:
         counts = ", ".join(f"{modes.count(m)} {m}" for m in MODES if m in modes) or "no contacts"
         sided = "; one-sided" if self.one_sided else ""
         return f"StepDerivatives({self.route!r}: {counts}{sided})"
+
+
+def modes_of(steps: LinearSteps, ended: Ended) -> dict[str, str]:
+    """Return the modes of all contacts in a step that has ended."""
+    chosen, problem = ended.posed.chosen, ended.posed.problem
+    modes = np.full(len(chosen.active), OPEN)
+    if problem.rows:
+        still = 100 * tolerances.CONTACT_POLISHED
+        modes[chosen.active] = contact_modes(problem, ended.law.lam, still)
+    names = steps.system.contacts.names
+    return dict(zip(names, (MODES[code] for code in modes), strict=True))
