@@ -11,4 +11,6 @@ from condyn_pin.simulation.routes.kappa import Kappa
 from condyn_pin.simulation.routes.randomised import Randomised
 from condyn_pin.simulation.routes.softened import Softened
 
-__all__ = ["ROUTES", "ActiveSet", "EventLocated", "Kappa", "Randomised", "Route", "Softened"]
+__all__ = [
+    "ROUTES", "ActiveSet", "EventLocated", "Kappa", "Randomised", "Route", "Softened",
+]  # fmt: skip
