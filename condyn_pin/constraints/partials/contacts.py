@@ -152,7 +152,9 @@ class _OverPlanes:
             P_moved += (self._ground * self._radius[:, None])[:, None] * (_skew(n) @ ang)
             f_turned = -self._ground[:, None] * (_skew(f) @ ang)
             about = _skew(P) @ f_turned
-            on_ground = (self._moves[:, None] * lin).reshape(3 * k, -1).T @ f_turned.reshape(3 * k, -1)
+            on_ground = (self._moves[:, None] * lin).reshape(3 * k, -1).T @ f_turned.reshape(
+                3 * k, -1
+            )
             on_ground += rows.reshape(3 * k, -1).T @ about.reshape(3 * k, -1)
         by_q = -rows.reshape(3 * k, -1).T @ (_skew(f) @ P_moved).reshape(3 * k, -1)
         if self._ground.any():

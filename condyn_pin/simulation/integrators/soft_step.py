@@ -87,7 +87,8 @@ class SoftStep(ContactScheme):
         if solref[0] != self.solref[0]:  # 2 dt in its place
             by_solref[:, 0] = 0.0
         return AskedBy.nothing(near)._replace(
-            gaps=(near.dt * (k + k_d * d_gap * c))[near.normals], before=np.full_like(c, near.dt * b - 1.0),
+            gaps=(near.dt * (k + k_d * d_gap * c))[near.normals],
+            before=np.full_like(c, near.dt * b - 1.0),
             solref=-near.dt * by_solref, R_gaps=-d_gap / d**2 * near.stiffness,
             R_stiffness=(1 - d) / d,
         )  # fmt: skip

@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.judge import attempt_contact
-from condyn_pin.contact.modes import OPEN, SLIDE, STICK, contact_modes
+from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes, contact_modes
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.solvers.newton import SemismoothNewton, refine
@@ -33,14 +33,15 @@ class ActiveSet(LawRoute):
     stick  sigma = 0
     slide  sigma_n = 0,  lam_t + mu lam_n s = 0,  s = sigma_t / |sigma_t|
 
-    In a ccp what slides has sigma_n = mu |sigma_t|. Modes are read off impulses that Newton's method
-    has polished. Where contacts are redundant, the impulses change by the least that does it.
+    In a ccp what slides has sigma_n = mu |sigma_t|. Modes are read off impulses that Newton's
+    method has polished. Where contacts are redundant, the impulses change by the least that does
+    it.
 
     Notes
     -----
     Exact, and one-sided where a contact is about to change its mode. A contact that sticks has no
-    slope in the directions that it holds, however near it is to slipping, and one that closes within
-    the step has that of the time step, not of the time of the impact: `EventLocated` has it.
+    slope in the directions that it holds, however near it is to slipping, and one that closes
+    within the step has that of the time step, not of the time of the impact: `EventLocated` has it.
 
     References
     ----------
@@ -78,7 +79,7 @@ def polished(problem: ContactProblem, lam: Array) -> Array:
     )
 
 
-def _of_modes(problem: ContactProblem, lam: Array, modes: Array) -> Law:
+def _of_modes(problem: ContactProblem, lam: Array, modes: Modes) -> Law:
     """Return the law of contacts in their modes."""
     m, mu, sets = problem.rows, problem.friction, problem.sets
     sigma = problem.velocities(lam)
@@ -101,7 +102,7 @@ def _of_modes(problem: ContactProblem, lam: Array, modes: Array) -> Law:
     return Law(lam, by_sigma, by_lam, by_friction, margin(problem, lam, sigma, modes))
 
 
-def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Array) -> float:
+def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Modes) -> float:
     """Return how far the nearest contact is from another mode."""
     stiff, speed = problem.scale
     x, y, (cones, lines, dry) = lam * stiff / speed, sigma / speed, problem.sets.parts

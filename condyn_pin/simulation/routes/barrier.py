@@ -105,9 +105,7 @@ class Barrier:
         lam, s, eta, p, q = self._parts(x)
         sigma = self._problem.velocities(lam)
         most, T, S = self._mu * lam[self._n], lam[self._t], sigma[self._t]
-        tangent = np.where(
-            self._mu[:, None] > 0, most[:, None] * S + eta[:, None] * T, T
-        )
+        tangent = np.where(self._mu[:, None] > 0, most[:, None] * S + eta[:, None] * T, T)
         cone = np.where(self._mu > 0, most * eta + (T * S).sum(axis=1) - k, eta - 1.0)
         dry = lam[self._dry]
         left = np.concatenate((
@@ -155,7 +153,7 @@ class Barrier:
         for _ in range(_STEPS):
             if least <= (_ROUNDING * min(1.0, k) if last else 1e-2 * k):
                 return x
-            step = np.linalg.solve(self._derivative(x, sigma), -left)
+            step = np.asarray(np.linalg.solve(self._derivative(x, sigma), -left), dtype=np.float64)
             share = min(1.0, _INSIDE * self._way(x, step))
             for _ in range(30):
                 there = x + share * step

@@ -1,14 +1,14 @@
 """The contract of a route to the derivatives of a step with contacts, and how to write one.
 
 A step is piecewise smooth: within a mode of its contacts - open, stick, slide - its end is a smooth
-function of its start, and between two modes it has a kink, or a jump. Routes differ in what they make
-of kinks and jumps.
+function of its start, and between two modes it has a kink, or a jump. Routes differ in what they
+make of kinks and jumps.
 
 1. Add one file to this folder with one frozen dataclass that inherits from `Route`. Its fields are
    its parameters, each with a default and a unit. It registers itself in `ROUTES`.
 2. Set `title`, `cost` and `use`: when to take it.
-3. Write `at(steps, t, q, v)`, which returns `StepDerivatives`. If the end of its step is not that of
-   the scheme, write `step` too, and `scheme` if it takes steps of another one.
+3. Write `at(steps, t, q, v)`, which returns `StepDerivatives`. If the end of its step is not that
+   of the scheme, write `step` too, and `scheme` if it takes steps of another one.
 4. A route that only has another law of the contacts inherits from `LawRoute`, and writes only
    `law(problem, lam, size)`: impulses, and the law linearised at them (`Law`). All else, how the
    problem changes with q, v and tau and how the end of the step follows, is that of `LinearSteps`.
@@ -104,7 +104,7 @@ _last = threading.local()
 
 
 def linear_steps(scene: Scene, scheme: ContactScheme, dt: float) -> LinearSteps:
-    """Return this thread's linear steps of a scene, a scheme and a dt: the last ones, or new ones."""
+    """Return this thread's linear steps of a scene and a scheme: the last ones, or new ones."""
     kept: LinearSteps | None = getattr(_last, "kept", None)
     if kept is None or kept.scene is not scene or (kept.scheme, kept.dt) != (scheme, dt):
         _last.kept = kept = LinearSteps(scene, scheme, dt)

@@ -46,9 +46,9 @@ class EventLocated(Route):
     x+ = flow(dt - s) o impact o flow(s),    gap(s) = 0,    ds = -(J_n dq) / (J_n v)
 
     The step is cut where a gap closes. On both sides contacts keep what they are, open or at rest,
-    by steps of `Moreau`; at the cut they rebound by Newton's law, with friction. The time of the cut
-    depends on the start, which no step of fixed length knows: a ball that bounces once, its height
-    after it by the height of its fall, has a slope that is wrong at every dt otherwise.
+    by steps of `Moreau`; at the cut they rebound by Newton's law, with friction. The time of the
+    cut depends on the start, which no step of fixed length knows: a ball that bounces once, its
+    height after it by the height of its fall, has a slope that is wrong at every dt otherwise.
 
     Notes
     -----
@@ -92,9 +92,7 @@ class _Held(ContactSteps):
 
     held: NDArray[np.bool_]
 
-    def pose(
-        self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None
-    ) -> Posed:
+    def pose(self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None) -> Posed:
         """Return the step from a state with the contacts that are held."""
         return super().pose(t, q, v, self.held)
 
@@ -132,7 +130,8 @@ class _Parts:
         columns, n = self._steps.columns, len(v)
         dq, dv, done, ds = columns.empty(), columns.empty(), 0.0, np.zeros(columns.size)
         dq[:, columns.q], dv[:, columns.v] = np.eye(n), np.eye(n)
-        self._bounces, modes, margin = 0, {}, inf
+        modes: dict[str, str] = {}
+        self._bounces, margin = 0, inf
         while done < self._dt:
             held = self._impact(q, v)
             if held is not None:
@@ -145,18 +144,16 @@ class _Parts:
             modes = _joined(modes, modes_of(self._steps, ended))
             margin = min(margin, ended.law.margin)
             dq, dv = _composed(ended, dq, dv)
-            # this part is longer by what the one before was shorter
+            # at the same time, though this part has begun later by ds
             dq, dv = dq - np.outer(rate_q, ds), dv - np.outer(rate_v, ds)
             q, v, done = ended.q, ended.v, self._dt
             if cut.closing >= 0:
                 J_n = self._normal(q, cut.closing)
                 later = -(J_n @ dq) / float(J_n @ rate_q)
                 dq, dv = dq + np.outer(rate_q, later), dv + np.outer(rate_v, later)
-                ds, done = ds + later, cut.start + cut.length
+                ds, done = later, cut.start + cut.length
         parameters = ("friction", "restitution")
-        return StepDerivatives.made(
-            route, self._steps, (q, v), (dq, dv), modes, margin, parameters
-        )
+        return StepDerivatives.made(route, self._steps, (q, v), (dq, dv), modes, margin, parameters)
 
     def _made(self, dt: float, held: NDArray[np.bool_]) -> LinearSteps:
         """Return the linear steps of a part."""
@@ -236,7 +233,10 @@ class _Parts:
     def _located(self, whole: _Cut, t: float, q: Array, v: Array, i: int) -> float:
         """Return when a gap closes, by secants within an interval that holds the root."""
         low, high = 0.0, whole.length
-        f_low, f_high = float(self._approach(q, v)[0][i]), float(self._gaps_after(whole, t, q, v)[i])
+        f_low, f_high = (
+            float(self._approach(q, v)[0][i]),
+            float(self._gaps_after(whole, t, q, v)[i]),
+        )
         if f_low <= _TOUCHES:  # it has just left: the gap opens first
             low, f_low = self._opened(whole, t, q, v, i)
         for k in range(_HALVINGS):

@@ -53,8 +53,8 @@ class FloatingPartials:
             by_v[i : i + 3, i : i + 3] = turn
             by_v[i : i + 3, i + 3 : i + 6] = dt * turn @ pin.skew(u) @ pin.Jexp3(-dt * w)
         for i in self._planar:
-            u, w = v[i : i + 2], float(v[i + 2])
-            turn = _turn(-dt * w)
+            u, angle = v[i : i + 2], -dt * float(v[i + 2])
+            turn = _turn(angle)
             by_v[i : i + 2, i : i + 2] = turn
             by_v[i : i + 2, i + 2] = -dt * turn @ _SKEW @ u
         return by_v

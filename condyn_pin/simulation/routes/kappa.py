@@ -8,8 +8,8 @@ from typing import ClassVar
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.simulation.routes.base import LawRoute
 from condyn_pin.simulation.routes.barrier import Barrier
+from condyn_pin.simulation.routes.base import LawRoute
 from condyn_pin.simulation.routes.law import Law
 
 
@@ -37,8 +37,8 @@ class Kappa(LawRoute):
 
     References
     ----------
-    Howell, Le Cleac'h, Bruedigam, Kolter, Schwager, Manchester. Dojo: a differentiable physics engine
-    for robotics. arXiv:2203.00806, 2022.
+    Howell, Le Cleac'h, Bruedigam, Kolter, Schwager, Manchester. Dojo: a differentiable physics
+    engine for robotics. arXiv:2203.00806, 2022.
     """
 
     title: ClassVar[str] = "kappa"
@@ -51,7 +51,7 @@ class Kappa(LawRoute):
         kappa = float(finite("kappa", self.kappa, ()))
         if not 1e-12 <= kappa <= 1e3:
             raise InvalidArgument(
-                f"kappa = {self.kappa!r}: a number from 1e-12 to 1e3 is needed; ActiveSet() has none"
+                f"kappa = {self.kappa!r}: a number from 1e-12 to 1e3; ActiveSet() has none"
             )
         object.__setattr__(self, "kappa", kappa)
 

@@ -3,12 +3,12 @@
     M dv+ - J_b^T dl_b - J_c^T dlam = df,    J_b dv+ = ds
     dsigma = G dlam + J_c dv_0 + (J_c v+)_q dq + ...,    the law of the route for dlam
 
-with df and ds what the balance of momentum and the constraints leave by q, v and tau at fixed v+ and
-impulses (`Linearisation`), and dv_0 the velocities that solve the first line with dlam = 0. What a
-scheme adds to g comes from the scheme (`asked_by`).
+with df and ds what the balance of momentum and the constraints leave by q, v and tau at fixed v+
+and impulses (`Linearisation`), and dv_0 the velocities that solve the first line with dlam = 0. What
+a scheme adds to g comes from the scheme (`asked_by`).
 
-Off loops with redundant rows nothing satisfies all of them: derivatives by q hold along motions that
-keep the constraints.
+Off loops with redundant rows nothing satisfies all of them: derivatives by q hold along motions
+that keep the constraints.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from scipy.linalg.lapack import dgecon, dgetrf, dgetrs, dtrtrs
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.partials.contacts import ContactTurning
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.derivatives.carried import slope
@@ -31,7 +31,7 @@ from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.floating import Floating
-from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
 from condyn_pin.simulation.integrators.posed import Posed
@@ -59,7 +59,9 @@ class LinearSteps:
     Not to be shared between threads.
     """
 
-    def __init__(self, scene: Scene, scheme: ContactScheme, dt: float, system: System | None = None) -> None:
+    def __init__(
+        self, scene: Scene, scheme: ContactScheme, dt: float, system: System | None = None
+    ) -> None:
         self.scene, self.scheme, self.dt = scene, scheme, dt
         self.system = system or System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
         self.steps = ContactSteps(scheme, self.system, dt)
@@ -76,7 +78,9 @@ class LinearSteps:
         """The equations of the constraints, linearised."""
         return self.system.workspace.linearisation
 
-    def end(self, t: float, q: Array, v: Array, law: Callable[[ContactProblem, Array], Law]) -> Ended:
+    def end(
+        self, t: float, q: Array, v: Array, law: Callable[[ContactProblem, Array], Law]
+    ) -> Ended:
         """Return the end of a step from a state, with its derivatives by a law of contacts."""
         self.steps.attempt(t, q, v)
         taken = self.steps.last
@@ -103,7 +107,7 @@ class LinearSteps:
         for posed, guess in self._tracks(taken.posed, taken.attempt.lam):
             v1 = posed.condensed.velocity(law(posed.problem, guess).lam)
         moved = self._floating.integrate(posed.at, self._share * v1)
-        return self.steps._closed(posed.condensed, moved), self._floating.turned(v1, self._share)
+        return self.steps.closed(posed.condensed, moved), self._floating.turned(v1, self._share)
 
     # ---- the start -------------------------------------------------------------------------------
 
@@ -139,7 +143,7 @@ class LinearSteps:
                 break
             near = posed.near._replace(bends=bends)
             before = posed._replace(near=near, problem=posed.chosen.problem(self.scheme, near))
-            solved = self.steps._solved(before)
+            solved = self.steps.solved(before)
             tracks.append((before, solved[1].lam))
             path = posed.condensed.velocity(solved[1].lam)
         return [*tracks, (posed, lam)]
@@ -152,7 +156,7 @@ class LinearSteps:
         """Return v+ by all columns (nv, columns), in the axes of the step."""
         if not len(law.lam):
             return self._untouched(posed, v1, start)
-        dt, J_c = self.dt, posed.J[posed.chosen.rows]
+        J_c = posed.J[posed.chosen.rows]
         l_b = posed.condensed.constraint_impulses(law.lam)
         of = self._linearised(posed.at, posed.v, posed.v, v1, l_b)
         all_lam = np.zeros(len(posed.J))
@@ -169,14 +173,18 @@ class LinearSteps:
         b = law.by_sigma @ dsigma
         b[:, self._friction(posed)] += law.by_friction
         moved = _least(A, -b)
-        return dv0 + np.asarray(dtrtrs(posed.condensed.factors.L.T, posed.condensed.X.dot(moved))[0])
+        return dv0 + np.asarray(
+            dtrtrs(posed.condensed.factors.L.T, posed.condensed.X.dot(moved))[0]
+        )
 
     def _linearised(self, at: Array, v: Array, mean: Array, v1: Array, l_b: Array) -> Linearised:
         """Return the linearised equations of a step whose h is that of `mean`."""
         a = (v1 - v) / self.dt - self._floating.turning(mean)
         return self.linearisation.at(at, mean, a, l_b / self.dt)
 
-    def _balance(self, of: Linearised, posed: Posed, v1: Array, start: _Start, mean: Array) -> Array:
+    def _balance(
+        self, of: Linearised, posed: Posed, v1: Array, start: _Start, mean: Array
+    ) -> Array:
         """Return what the balance of momentum leaves of a step (nv, columns).
 
         `mean` (nv, columns) is how the velocity of h changes.
@@ -282,7 +290,9 @@ class LinearSteps:
         J_c, blocks, lines = posed.J[chosen.rows], near.blocks, len(near.gaps)
         # the row that each contact, and each row of dry friction, has its stiffness of
         normals = np.arange(len(J_c))[near.normals]
-        of_row = np.where(blocks < lines, normals[np.minimum(blocks, lines - 1)], np.arange(len(J_c)))
+        of_row = np.where(
+            blocks < lines, normals[np.minimum(blocks, lines - 1)], np.arange(len(J_c))
+        )
         rows = np.unique(of_row)
         stiffer = np.zeros((len(J_c), start.at.shape[1]))
         y, l_b = posed.condensed.factors.solve(
@@ -310,10 +320,10 @@ class LinearSteps:
     def _weightless(self) -> Linearisation:
         return Linearisation(weightless(self.system.model), self.scene.bilateral.bounds)
 
-    def _friction(self, posed: Posed) -> Array:
+    def _friction(self, posed: Posed) -> Indices:
         return self.columns.friction[posed.chosen.active[: self.columns.cones]]
 
-    def _restitution(self, posed: Posed) -> Array:
+    def _restitution(self, posed: Posed) -> Indices:
         return self.columns.restitution[posed.chosen.active[: self.columns.cones]]
 
     # ---- the end ---------------------------------------------------------------------------------
@@ -324,7 +334,7 @@ class LinearSteps:
         by_at, by_move = partials.integrate(posed.at, rest * v1)
         dq = by_at @ start.at + rest * by_move @ dv1
         moved = self._floating.integrate(posed.at, rest * v1)
-        q1 = self.steps._closed(posed.condensed, moved)
+        q1 = self.steps.closed(posed.condensed, moved)
         if posed.condensed.factors.rank:
             dq = self._closed(posed, moved, q1, dq, start)
         dv = partials.turned(v1, rest) @ dv1

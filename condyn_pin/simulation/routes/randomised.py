@@ -23,29 +23,30 @@ class Randomised(Route):
 
     D = E[y(x + sigma e) e^T] / sigma,    e normal,    y the end of the step
 
-    The expectation is that of pairs x + sigma e and x - sigma e. Their differences are fitted by the
-    plane that leaves the least, as the covariance of the e that were drawn asks: where the step is
-    linear the noise of the samples is none. q, v and tau are varied one after the other.
+    The expectation is that of pairs x + sigma e and x - sigma e. Their differences are fitted by
+    the plane that leaves the least, as the covariance of the e that were drawn asks: where the step
+    is linear the noise of the samples is none. q, v and tau are varied one after the other.
 
     Parameters
     ----------
     samples : int
         Pairs for each of q, v and tau; at least one for each of their directions.
     sigma : float
-        Standard deviation of q [m, rad] and v [m/s, rad/s]; that of tau gives v as much in the step.
+        Standard deviation of q [m, rad] and v [m/s, rad/s]; that of tau gives v as much in the
+        step.
     seed : int
         Of the noise: the same one has the same bits.
 
     Notes
     -----
-    Kinks and jumps count with the share of the samples that meets them: an impact that comes earlier
-    or later within the step is seen, if sigma reaches so far. Variance falls with the number of
-    samples, bias with sigma. Where loops constrain q, noise is along them.
+    Kinks and jumps count with the share of the samples that meets them: an impact that comes
+    earlier or later within the step is seen, if sigma reaches so far. Variance falls with the
+    number of samples, bias with sigma. Where loops constrain q, noise is along them.
 
     References
     ----------
-    Suh, Pang, Tedrake. Bundled gradients through contact via randomized smoothing. IEEE Robotics and
-    Automation Letters 7, 2022.
+    Suh, Pang, Tedrake. Bundled gradients through contact via randomized smoothing. IEEE Robotics
+    and Automation Letters 7, 2022.
     """
 
     title: ClassVar[str] = "randomised"

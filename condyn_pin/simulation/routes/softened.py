@@ -26,13 +26,14 @@ from condyn_pin.simulation.routes.law import Law
 
 @dataclass(frozen=True)
 class Softened(LawRoute):
-    """The derivatives of the same step with springs and dampers in its contacts, as MuJoCo has them.
+    """The derivatives of the same step with springs and dampers in its contacts, as MuJoCo's.
 
-    lam = P_K(lam - rho sigma),    sigma = (G + R) lam + g,    dlam = P' (dlam - rho dsigma) + P_mu dmu
+    lam = P_K(lam - rho sigma),    sigma = (G + R) lam + g
+    dlam = P' (dlam - rho dsigma) + P_mu dmu
 
     The implicit function of the natural map of a convex problem, that of `SoftStep`: what sticks
-    creeps a little, and so it has a slope. Of a step by `SoftStep` they are its own derivatives, with
-    its own springs.
+    creeps a little, and so it has a slope. Of a step by `SoftStep` they are its own derivatives,
+    with its own springs.
 
     Parameters
     ----------

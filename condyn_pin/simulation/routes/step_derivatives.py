@@ -23,8 +23,9 @@ if TYPE_CHECKING:
 class StepDerivatives:
     """The derivatives of q+ and v+, the end of a step; columns and rows of q are tangent.
 
-    Column i by q is the derivative along ``pin.integrate(model, q, t e_i)``, and row i of that of q+
-    is what ``pin.difference(model, q+, ...)`` has there. v+ is in the axes in which the step ends.
+    Column i by q is the derivative along ``pin.integrate(model, q, t e_i)``, and row i of that of
+    q+ is what ``pin.difference(model, q+, ...)`` has there. v+ is in the axes in which the step
+    ends.
 
     Attributes
     ----------
@@ -118,7 +119,7 @@ class StepDerivatives:
 
     @property
     def dv_drestitution(self) -> Array:
-        """v+ by the restitution of each contact (nv, k); schemes that let nothing rebound have none."""
+        """v+ by the restitution of each contact (nv, k), of schemes that let them rebound."""
         self._check("restitution")
         return self.matrices[1][:, self._columns.restitution]
 

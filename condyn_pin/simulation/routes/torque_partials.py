@@ -1,6 +1,6 @@
 """How the torques of a step change with its start: applied ones, springs and damping.
 
-    tau = tau_a - (D + dt K) v - K (q - q_0) + J_f^T f
+tau = tau_a - (D + dt K) v - K (q - q_0) + J_f^T f
 """
 
 from __future__ import annotations

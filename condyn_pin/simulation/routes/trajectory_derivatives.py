@@ -6,8 +6,8 @@ Forward, columns go along with the steps. Backward, the gradient y of what is as
 
     y_i = A_i^T y_i+1,    by u_i: B_i^T y_i+1,    by p: sum_i P_i^T y_i+1
 
-and each step is linearised when its turn comes, at a state that is kept or taken again from one that
-is: no matrix of another step is in memory.
+and each step is linearised when its turn comes, at a state that is kept, or taken again from one
+that is: no matrix of another step is in memory.
 """
 
 from __future__ import annotations
@@ -20,7 +20,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin._core.arrays import Array, Indices, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.dynamics.workspace import Workspace
@@ -134,7 +134,7 @@ class TrajectoryDerivatives:
     @one_blas_thread
     def _matrices(self) -> dict[str, Array]:
         n, columns = len(self.v), self._linear.columns
-        places = {
+        places: dict[str, slice | Indices] = {
             "tau": columns.tau, "friction": columns.friction, "restitution": columns.restitution,
             "solref": columns.solref,
         }  # fmt: skip
@@ -225,8 +225,8 @@ def trajectory_derivatives(
     run, names = motion.run, tuple(wrt)
     if not isinstance(run.integrator, ContactScheme):
         raise InvalidArgument(
-            f"motion: it is by {run.integrator!r}; one by a scheme with contacts is needed, such as "
-            "StewartTrinkle()"
+            f"motion: it is by {run.integrator!r}; one by a scheme with contacts is needed, such "
+            "as StewartTrinkle()"
         )
     if len(motion.phases) > 1 or run.happened or run.status is not RunStatus.FINISHED:
         raise InvalidArgument("motion: one that went to its end without events is needed")
