@@ -24,6 +24,7 @@ _FALLS: Final = 0.1  # k from one problem to the next
 _INSIDE: Final = 0.99  # the share of the way to the wall that a step goes at most
 _STEPS: Final = 60  # of Newton's method, for one k
 _ROUNDING: Final = 1e-13  # what is left of the equations at the end, relative to their terms
+_SMALLEST: Final = 1e-14  # what rounding of sigma leaves of them
 
 
 class Barrier:
@@ -165,7 +166,7 @@ class Barrier:
                 break
             x, left, sigma = there, new, new_sigma
             least = float(np.abs(left).max())
-        if least <= 1e-6 * k:  # rounding
+        if least <= max(1e-6 * k, _SMALLEST):  # rounding
             return x
         raise SolveFailed(
             f"Kappa: the smooth contact problem is left with {least:.1e} at k = {k:.1e}; take a "

@@ -4,8 +4,8 @@
     dsigma = G dlam + J_c dv_0 + (J_c v+)_q dq + ...,    the law of the route for dlam
 
 with df and ds what the balance of momentum and the constraints leave by q, v and tau at fixed v+
-and impulses (`Linearisation`), and dv_0 the velocities that solve the first line with dlam = 0. What
-a scheme adds to g comes from the scheme (`asked_by`).
+and impulses (`Linearisation`), and dv_0 the velocities that solve the first line with dlam = 0.
+What a scheme adds to g comes from the scheme (`asked_by`).
 
 Off loops with redundant rows nothing satisfies all of them: derivatives by q hold along motions
 that keep the constraints.
