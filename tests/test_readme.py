@@ -42,6 +42,7 @@ SCRIPTS = {
     "auto_mu": lambda script: script.load(RESULTS / "auto_mu.json"),
     "contact_peers": lambda script: script.load(),
     "contact_convergence": lambda script: script.load(),
+    "contact_gradients": lambda script: script.load(),
     "contact_four_bar": lambda script: script.load(),
     "falls": lambda script: script.load(),
 }

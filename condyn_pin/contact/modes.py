@@ -26,14 +26,15 @@ OPEN, STICK, SLIDE = range(3)
 _MOVES: Final = 10 * tolerances.CONTACT_SOLVED
 
 
-def contact_modes(problem: ContactProblem, lam: Array) -> Modes:
+def contact_modes(problem: ContactProblem, lam: Array, moves: float = _MOVES) -> Modes:
     """Return the mode of each contact of a problem that lam (m,) solves.
 
-    A stop is open or sticks, dry friction sticks or slides.
+    A stop is open or sticks, dry friction sticks or slides. What is slower than the share `moves`
+    of |g| sticks.
     """
     stiff, speed = problem.scale
     sigma = problem.velocities(lam)
-    x, still = lam - problem.dual(sigma) / stiff, _MOVES * speed
+    x, still = lam - problem.dual(sigma) / stiff, moves * speed
     t1, t2, n = problem.sets.axes
     presses = problem.friction * np.hypot(x[t1], x[t2]) > -x[n]
     codes = np.where(presses, STICK + (np.hypot(sigma[t1], sigma[t2]) > still), OPEN)

@@ -127,7 +127,7 @@ class ContactSteps:
         work = 0.5 * float(lam.dot(posed.near.before + posed.J[posed.chosen.rows].dot(v1)))
         self._system.contact_work += work
         rest = self._share * dt
-        q1 = self._closed(posed.condensed, floating.integrate(posed.at, rest * v1))
+        q1 = self.closed(posed.condensed, floating.integrate(posed.at, rest * v1))
         if not isfinite(float(q1.dot(q1) + v1.dot(v1) + work)):
             natural = nan  # also where no contact takes part
         self.last = Taken(posed, v1, found, natural, work)
@@ -201,7 +201,7 @@ class ContactSteps:
         """Return a step, impulses, their residual and v+; posed anew where these show more."""
         scheme, posed, bent = self._scheme, self.pose(t, q, v), 0
         while True:
-            posed, found, natural = self._solved(posed)
+            posed, found, natural = self.solved(posed)
             v1 = posed.condensed.velocity(found.lam)
             if not scheme.closes_gaps:
                 return posed, found, natural, v1
@@ -214,7 +214,7 @@ class ContactSteps:
             else:
                 return posed, found, natural, v1
 
-    def _solved(self, posed: Posed) -> tuple[Posed, Attempt, float]:
+    def solved(self, posed: Posed) -> tuple[Posed, Attempt, float]:
         """Return impulses and their natural residual, and what they solve."""
         solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
         found, natural = attempt_contact(posed.problem, solver, None, accuracy)
@@ -256,7 +256,7 @@ class ContactSteps:
         why = singular_mass(self._system.model, q)
         return factorise(M, J_b, tolerances.RANK, why=why).at_most(self._rank)
 
-    def _closed(self, now: Condensed, q: Array) -> Array:
+    def closed(self, now: Condensed, q: Array) -> Array:
         """Return q with loops closed: by the factors of the step where that will do."""
         factors = now.factors
         if not factors.rank:
