@@ -236,6 +236,92 @@ def test_what_no_layer_takes_is_named():
         cp.layers.tangent_gradient(limb("spherical"), np.zeros(6), np.zeros(6))
 
 
+@functools.cache
+def stepping() -> tuple[cp.Scene, tuple[np.ndarray, ...]]:
+    """Solo12 slides on its feet, a tenth of a millimetre in the floor: off all kinks."""
+    solo = robot("solo12")
+    scene = cp.Scene(solo, contacts=solo.frictional_contacts(friction=0.7))
+    q, v = scene.state()
+    q = cp.mechanism.put_down(scene, q)
+    q[2] -= 1e-4
+    v[:3] = 0.4, 0.15, 0.0
+    v[6:] = 0.1 * np.random.default_rng(0).normal(size=12)
+    return scene, (q, v, np.r_[np.zeros(6), np.random.default_rng(1).normal(size=12)])
+
+
+def test_steps_in_torch_and_jax():
+    """Of both libraries, and two steps in a row: what `step` finds, and its derivatives."""
+    (scene, (q, v, tau)), rng = stepping(), np.random.default_rng(2)
+    dt, route = 1e-3, cp.simulation.ActiveSet()
+    g_q, g_v = rng.normal(size=19), rng.normal(size=18)
+    one = cp.step(scene, q, v, tau, dt=dt).derivatives(route=route)
+    two = cp.step(scene, one.q, one.v, tau, dt=dt).derivatives(route=route)
+    space = Configurations(scene.robot)
+    back = two.vjp(g_q @ space.rates(two.q), g_v)
+    first = one.vjp(*back[:2])
+    wanted = [*first[:2], first[2] + back[2]]
+
+    step, in_jax = (make(scene, dt=dt) for make in (cp.layers.torch_step, cp.layers.jax_step))
+    inputs = tensors((q, v, tau))
+    end = step(*step(*inputs), inputs[2])
+    (end[0] @ torch.tensor(g_q) + end[1] @ torch.tensor(g_v)).backward()
+
+    def cost(q, v, tau):
+        q2, v2 = in_jax(*in_jax(q, v, tau), tau)
+        return q2 @ g_q + v2 @ g_v
+
+    by_jax = [np.asarray(each) for each in jax.grad(cost, (0, 1, 2))(q, v, tau)]
+    assert np.abs(end[0].detach().numpy() - two.q).max() < 1e-12
+    for by_q, *rest in ([each.grad.numpy() for each in inputs], by_jax):
+        found = [cp.layers.tangent_gradient(scene.robot, q, by_q), *rest]
+        for had, want in zip(found, wanted, strict=True):
+            assert np.abs(had - want).max() < 1e-7 * np.abs(want).max()
+
+
+def test_a_step_is_differentiated_by_every_number():
+    """Against differences of the layer itself, sliding feet and a floating base."""
+    scene, (q, v, tau) = stepping()
+    step = cp.layers.torch_step(scene, dt=1e-3)
+    at = tensors((q, v, tau), False)
+    rng = np.random.default_rng(4)
+    along = tensors((0.1 * rng.normal(size=19), rng.normal(size=18), rng.normal(size=18)), False)
+    _, (dq, dv) = torch.func.jvp(step, tuple(at), tuple(along))
+
+    def end(t):
+        return torch.cat(step(*(x + t * d for x, d in zip(at, along, strict=True)))).numpy()
+
+    wanted, found = central(end, 1e-6), torch.cat((dq, dv)).numpy()
+    assert np.abs(found - wanted).max() < 1e-5 * np.abs(wanted).max()
+
+
+def test_an_action_is_a_step_in_the_tangent():
+    scene, (q, v, tau) = stepping()
+    model, nv = scene.robot.model, scene.robot.nv
+    action = cp.layers.Action(scene, dt=1e-3)
+    x, u = np.concatenate([q, v]), tau[6:]
+    end, (Fx, Fu) = action.step(x, u), action.derivatives(x, u)
+    now = cp.step(scene, q, v, tau, dt=1e-3)
+    assert np.abs(end - np.concatenate([now.q, now.v])).max() < 1e-7
+    assert Fx.shape == (2 * nv, 2 * nv)
+    rng = np.random.default_rng(5)
+    dq, dv, du = 0.1 * rng.normal(size=nv), rng.normal(size=nv), rng.normal(size=12)
+
+    def moved(t):
+        there = np.concatenate([pin.integrate(model, q, t * dq), v + t * dv])
+        after = action.step(there, u + t * du)
+        return np.concatenate([pin.difference(model, end[:19], after[:19]), after[19:] - end[19:]])
+
+    wanted = central(moved, 1e-6)
+    found = Fx @ np.concatenate([dq, dv]) + Fu @ du
+    assert np.abs(found - wanted).max() < 1e-5 * np.abs(wanted).max()
+    with pytest.raises(cp.InvalidArgument, match="dt = 0"):
+        cp.layers.Action(scene, dt=0)
+    with pytest.raises(cp.InvalidArgument, match="route = 'kappa'"):
+        cp.layers.Action(scene, dt=1e-3, route="kappa")
+    with pytest.raises(cp.InvalidArgument, match="StewartTrinkle"):
+        cp.layers.torch_step(scene, dt=1e-3, integrator=cp.RungeKutta4())
+
+
 @pytest.mark.parametrize("library", ["torch", "jax"])
 def test_without_the_library_the_extra_is_named(library):
     program = f"""

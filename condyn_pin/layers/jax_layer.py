@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -13,6 +13,14 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import InvalidArgument, MissingExtra
 from condyn_pin.layers.solve_map import SolveMap
 from condyn_pin.layers.state_map import StateMap
+from condyn_pin.layers.step_map import StepMap
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
+from condyn_pin.simulation.routes.active_set import ActiveSet
+from condyn_pin.simulation.routes.base import Route
+
+_STEWART_TRINKLE: Final = StewartTrinkle()
+_ACTIVE_SET: Final = ActiveSet()
 
 # Of q, v and tau, arrays of 64 bits; here without its type, for jax is imported when it is used.
 JaxLayer = Callable[[Any, Any, Any], tuple[Any, Any]]
@@ -61,6 +69,49 @@ def jax_solve(
     Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. RSS, 2018.
     """
     return jax_layer(SolveMap(scene, solver, drift))
+
+
+def jax_step(
+    scene: Scene,
+    *,
+    dt: float,
+    integrator: ContactScheme = _STEWART_TRINKLE,
+    route: Route = _ACTIVE_SET,
+) -> JaxLayer:
+    """Return a step with contacts as a function of jax arrays, through which jax differentiates.
+
+    (q+, v+) = f(q, v, tau)
+
+    Parameters
+    ----------
+    scene : Scene
+        Its `contacts` may open and slide.
+    dt : float
+        [s]
+    integrator : ContactScheme, optional
+        `StewartTrinkle()` by default.
+    route : Route, optional
+        What is made of kinks and jumps, `ActiveSet()` by default; the step is that of the route.
+
+    Returns
+    -------
+    callable
+        As that of `jax_solve`; returns q+ (..., nq) and v+ (..., nv), so that steps follow one
+        another, as in `jax.lax.scan`.
+
+    Raises
+    ------
+    InvalidArgument
+        If dt is not positive, or the integrator or the route cannot be used; by the function, as
+        that of `jax_solve`.
+    MissingExtra
+        If jax is not installed.
+
+    Notes
+    -----
+    Cost: a step for each state, and what `Route.cost` says where derivatives are asked for.
+    """
+    return jax_layer(StepMap(scene, dt, integrator, route))
 
 
 def jax_layer(of: StateMap) -> JaxLayer:

@@ -20,6 +20,7 @@ from typing import Any, ClassVar, Protocol
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.layers.configurations import Configurations
 from condyn_pin.model.robot import Robot
 
@@ -125,7 +126,7 @@ class StateMap(ABC):
         count = prod(leading)
         rows = [np.ascontiguousarray(each).reshape(count, each.shape[-1]) for each in arrays]
         out = [np.empty((count, size)) for size in sizes]
-        with self._lock:
+        with self._lock, one_blas_thread:
             for i, state in enumerate(zip(*rows, strict=True)):
                 for array, found in zip(out, one(*state), strict=True):
                     array[i] = found
