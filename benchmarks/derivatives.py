@@ -66,8 +66,8 @@ def on_chains(robot, held) -> None:
     da_dq = workspace.derivatives(*state).da_dq @ numeric.along.T
     error = np.abs(da_dq - numeric.da_dq @ numeric.along.T).max() / np.abs(da_dq).max()
     print(
-        f"{robot.name}, {scene.rows:2} rows: Pinocchio {of_pinocchio:6.1f} us, ours {of_ours:6.1f} us,"
-        f" {of_ours / of_pinocchio:5.2f} x, error {error:.0e}"
+        f"{robot.name}, {scene.rows:2} rows: Pinocchio {of_pinocchio:6.1f} us, "
+        f"ours {of_ours:6.1f} us, {of_ours / of_pinocchio:5.2f} x, error {error:.0e}"
     )
 
 
