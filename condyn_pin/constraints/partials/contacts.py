@@ -169,7 +169,9 @@ class _OverPlanes:
         by_q = -rows.reshape(3 * k, -1).T @ (_skew(f) @ P_moved).reshape(3 * k, -1)
         if self._grounds_move:
             by_q += on_ground
-        wrench = np.concatenate((f, (self._skew_P @ f[:, :, None])[:, :, 0]), axis=1).T @ self._moves
+        wrench = (
+            np.concatenate((f, (self._skew_P @ f[:, :, None])[:, :, 0]), axis=1).T @ self._moves
+        )
         felt = np.concatenate(
             (_cross(ang, wrench[:3]), _cross(ang, wrench[3:]) + _cross(lin, wrench[:3]))
         )
@@ -192,9 +194,7 @@ def _cross(a: Array, b: Array) -> Array:
 
 def _crossed(S: Array, V: Array) -> Array:
     """Return S x V of columns of motions (6, n)."""
-    return np.concatenate(
-        (_cross(S[3:], V[:3]) + _cross(S[:3], V[3:]), _cross(S[3:], V[3:]))
-    )
+    return np.concatenate((_cross(S[3:], V[:3]) + _cross(S[:3], V[3:]), _cross(S[3:], V[3:])))
 
 
 def _turned_by(V: Array, F: Array) -> Array:
