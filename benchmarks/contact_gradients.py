@@ -190,9 +190,8 @@ def markdown(found: Sequence[Found], times: dict[str, Any], about: dict[str, str
         "dt 10 ms; ±: standard deviation over seeds; cost: of Solo12 on four feet, relative to "
         f"`ActiveSet()`, which takes {1 / times['Solo12']['bilateral']:.1f} times what the "
         "derivatives of the held robot take. `python benchmarks/contact_gradients.py` on "
-        "{processor} ({cores} cores), {system}, Python {python}, Pinocchio {pinocchio}, {date}.".format(
-            **about
-        ),
+        + "{processor} ({cores} cores), {system}, Python {python}, ".format(**about)
+        + "Pinocchio {pinocchio}, {date}.".format(**about),
     ]
     return "\n".join(lines)
 

@@ -379,13 +379,13 @@ def test_contacts_between_bodies(ground):
     )
     scene = cp.Scene(both, contacts=[contact])
     q, n = pin.neutral(both.model), both.model.nv
-    low_z, high_z = (both.model.joints[both.model.frames[both.model.getFrameId(f)].parentJoint].idx_q
-                     for f in (box, ball))  # fmt: skip
+    bodies = [both.model.frames[both.model.getFrameId(f)].parentJoint for f in (box, ball)]
+    low_z, high_z = (both.model.joints[joint].idx_q for joint in bodies)
     q[low_z + 2], q[high_z + 2] = 0.5, 0.5 + 0.05 + 0.05 - 1e-4
     q[high_z] = 0.03
     q = pin.integrate(both.model, q, 1e-3 * np.random.default_rng(0).normal(size=n))
     v = np.zeros(n)
-    high_v = both.model.joints[both.model.frames[both.model.getFrameId(ball)].parentJoint].idx_v
+    high_v = both.model.joints[bodies[1]].idx_v
     v[high_v : high_v + 3] = 0.5, 0.1, -0.2
     now = cp.step(scene, q, v, dt=DT, integrator=HARD[0])
     assert "open" not in now.modes.values()

@@ -50,6 +50,7 @@ class ContactTurning:
         self._q = q
         if self._over_planes is not None:
             pin.computeJointJacobians(self._model, self._data, q)
+            self._over_planes.go(self._data)
 
     def slips(self, w: Array) -> Array:
         """Return J w by q (rows, nv), w (nv,) fixed."""
@@ -58,7 +59,7 @@ class ContactTurning:
             return np.zeros((m, n))
         if self._over_planes is None:
             return self._differenced(w, np.zeros(m))[0]
-        by_q = self._over_planes.slips(self._data, w)
+        by_q = self._over_planes.slips(w)
         still = m - len(by_q)  # stops and dry friction
         return np.concatenate((by_q, np.zeros((still, n)))) if still else by_q
 
@@ -69,7 +70,7 @@ class ContactTurning:
             return np.zeros((n, n))
         if self._over_planes is None:
             return self._differenced(np.zeros(n), lam)[1]
-        return self._over_planes.pulls(self._data, lam)
+        return self._over_planes.pulls(lam)
 
     def _differenced(self, w: Array, lam: Array) -> tuple[Array, Array]:
         m = self._candidates.rows
@@ -96,7 +97,7 @@ class _OverPlanes:
         self._placements = Placements(joint for t in touches for joint in (t.joint, t.ground))
         self._body = np.reshape([columns(model, t.joint) for t in touches], (k, n))
         self._ground = np.reshape([columns(model, t.ground) for t in touches], (k, n))
-        self._moves = self._body - self._ground
+        self._moves, self._grounds_move = self._body - self._ground, bool(self._ground.any())
         self._radius = np.array([t.radius for t in touches])
         self._local = np.zeros((self._placements.size, 4 * k))  # middles (k), axes (3 k)
         for i, t in enumerate(touches):
@@ -111,8 +112,18 @@ class _OverPlanes:
             owner[its, its] = 1.0
         self._above, self._below = above, above - owner
 
-    def slips(self, data: Any, w: Array) -> Array:
-        """Return J w by q (3 k, nv); reads data.oMi and data.J.
+    def go(self, data: Any) -> None:
+        """Go to where data.oMi and data.J are."""
+        k = len(self._radius)
+        world = self._placements.read(data).dot(self._local)
+        p, self._d = world[:, :k].T, world[:, k:].T.reshape(k, 3, 3)
+        self._P = p - self._radius[:, None] * self._d[:, 2]
+        self._S = np.array(data.J).reshape(6, -1)
+        self._skew_p, self._skew_P = _skew(p), _skew(self._P)
+        self._F = np.concatenate((self._d, -self._d @ self._skew_P), axis=2)  # (k, 3, 6)
+
+    def slips(self, w: Array) -> Array:
+        """Return J w by q (3 k, nv).
 
         With F = (d, P x d), e = d x V_a and u = V_l + V_a x P, rows of
 
@@ -121,57 +132,50 @@ class _OverPlanes:
         V_b and V_g the velocities of body and ground, V that of one against the other, and V_0 that
         of what carries the joint of a coordinate.
         """
-        S, (p, d, n, P) = data.J.reshape(6, -1), self._world(data)
+        S, d, F = self._S, self._d, self._F
         moved = S * w
         V_b, V_g, V_0 = moved @ self._body.T, moved @ self._ground.T, moved @ self._below.T
-        F = np.concatenate((d, -d @ _skew(P)), axis=2)  # (k, 3, 6)
         V = (V_b - V_g).T
         e = d @ _skew(V[:, 3:])  # d x V_a
         on_body = _turned_by(V_b.T, F)
-        on_body += np.concatenate((e, -e @ _skew(p)), axis=2)
+        on_body += np.concatenate((e, -e @ self._skew_p), axis=2)
         by_q = self._body[:, None] * (on_body @ S) - self._moves[:, None] * (F @ _crossed(S, V_0))
-        if self._ground.any():
-            u = V[:, :3] + np.cross(V[:, 3:], P)
+        if self._grounds_move:
+            u = V[:, :3] + np.cross(V[:, 3:], self._P)
             on_ground = _turned_by(V_g.T, F)
-            on_ground[:, :, 3:] -= self._radius[:, None, None] * (e @ _skew(n)) + d @ _skew(u)
+            on_ground[:, :, 3:] -= self._radius[:, None, None] * (e @ _skew(d[:, 2])) + d @ _skew(u)
             by_q -= self._ground[:, None] * (on_ground @ S)
-        return np.asarray(by_q.reshape(len(p) * 3, -1))
+        return np.asarray(by_q.reshape(-1, S.shape[1]))
 
-    def pulls(self, data: Any, lam: Array) -> Array:
-        """Return J^T lam by q (nv, nv); reads data.oMi and data.J.
+    def pulls(self, lam: Array) -> Array:
+        """Return J^T lam by q (nv, nv).
 
         Column i feels F_i, the wrench of all that it moves: with S_i' = S_j x S_i that is
         (S_i x* F_i) . S_j, and F' = (f', P' x f + P x f') comes on top.
         """
-        S, (p, d, n, P) = data.J.reshape(6, -1), self._world(data)
-        k, lin, ang = len(p), S[:3], S[3:]
+        S, d = self._S, self._d
+        k, lin, ang = len(d), S[:3], S[3:]
         f = (lam[: 3 * k].reshape(k, 1, 3) @ d)[:, 0]  # (k, 3)
-        P_moved = self._body[:, None] * (lin - _skew(p) @ ang)  # (k, 3, nv)
+        P_moved = self._body[:, None] * (lin - self._skew_p @ ang)  # (k, 3, nv)
         rows = self._moves[:, None] * ang
-        if self._ground.any():
-            P_moved += (self._ground * self._radius[:, None])[:, None] * (_skew(n) @ ang)
+        if self._grounds_move:
+            P_moved += (self._ground * self._radius[:, None])[:, None] * (_skew(d[:, 2]) @ ang)
             f_turned = -self._ground[:, None] * (_skew(f) @ ang)
-            about = _skew(P) @ f_turned
+            about = self._skew_P @ f_turned
             on_ground = (self._moves[:, None] * lin).reshape(3 * k, -1).T @ f_turned.reshape(
                 3 * k, -1
             )
             on_ground += rows.reshape(3 * k, -1).T @ about.reshape(3 * k, -1)
         by_q = -rows.reshape(3 * k, -1).T @ (_skew(f) @ P_moved).reshape(3 * k, -1)
-        if self._ground.any():
+        if self._grounds_move:
             by_q += on_ground
-        wrench = np.concatenate((f, (_skew(P) @ f[:, :, None])[:, :, 0]), axis=1).T @ self._moves
+        wrench = (
+            np.concatenate((f, (self._skew_P @ f[:, :, None])[:, :, 0]), axis=1).T @ self._moves
+        )
         felt = np.concatenate(
             (_cross(ang, wrench[:3]), _cross(ang, wrench[3:]) + _cross(lin, wrench[:3]))
         )
         return np.asarray(by_q + self._above * (felt.T @ S))
-
-    def _world(self, data: Any) -> tuple[Array, Array, Array, Array]:
-        """Return middles (k, 3), axes as rows (k, 3, 3), normals and contact points (k, 3)."""
-        k = len(self._radius)
-        world = self._placements.read(data).dot(self._local)
-        p, d = world[:, :k].T, world[:, k:].T.reshape(k, 3, 3)
-        n = d[:, 2]
-        return p, d, n, p - self._radius[:, None] * n
 
 
 def _skew(a: Array) -> Array:
@@ -181,15 +185,16 @@ def _skew(a: Array) -> Array:
 
 def _cross(a: Array, b: Array) -> Array:
     """Return a x b of columns (3, n)."""
-    return np.stack(
-        (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
-    )
+    c = np.empty_like(b)
+    c[0] = a[1] * b[2] - a[2] * b[1]
+    c[1] = a[2] * b[0] - a[0] * b[2]
+    c[2] = a[0] * b[1] - a[1] * b[0]
+    return c
 
 
 def _crossed(S: Array, V: Array) -> Array:
     """Return S x V of columns of motions (6, n)."""
-    lin = _cross(S[3:], V[:3]) + _cross(S[:3], V[3:])
-    return np.concatenate((lin, _cross(S[3:], V[3:])))
+    return np.concatenate((_cross(S[3:], V[:3]) + _cross(S[:3], V[3:]), _cross(S[3:], V[3:])))
 
 
 def _turned_by(V: Array, F: Array) -> Array:

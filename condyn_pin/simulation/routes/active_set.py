@@ -82,23 +82,28 @@ def polished(problem: ContactProblem, lam: Array) -> Array:
 def _of_modes(problem: ContactProblem, lam: Array, modes: Modes) -> Law:
     """Return the law of contacts in their modes."""
     m, mu, sets = problem.rows, problem.friction, problem.sets
-    sigma = problem.velocities(lam)
-    by_sigma, by_lam = np.zeros((m, m)), np.zeros((m, m))
-    by_friction = np.zeros((m, len(mu)))
-    rows_mode = modes[sets.blocks]
-    slides = (modes[: len(mu)] == SLIDE) | ((modes[: len(mu)] == STICK) & (mu == 0))
-    held = (rows_mode == STICK) & ~np.isin(sets.blocks, np.flatnonzero(slides))
-    by_sigma[held, held] = 1.0
-    by_lam[~held, ~held] = 1.0  # of what slides, lam_t; dry friction at its limit stays there
-    for i in np.flatnonzero(slides):
-        t, n = slice(3 * i, 3 * i + 2), 3 * i + 2
-        slip = float(np.hypot(*sigma[t])) or 1.0  # without friction none may be
-        s = sigma[t] / slip
-        by_sigma[t, t] = mu[i] * lam[n] / slip * (np.eye(2) - np.outer(s, s))
-        by_lam[t, n], by_friction[t, i] = mu[i] * s, lam[n] * s
+    k, sigma = len(mu), problem.velocities(lam)
+    of_cones = modes[:k]
+    slides = (of_cones == SLIDE) | ((of_cones == STICK) & (mu == 0))  # ice holds nothing
+    held = (modes == STICK) & ~np.pad(slides, (0, len(modes) - k))
+    rows = held[sets.blocks].astype(np.float64)
+    by_sigma, by_lam, by_friction = np.diag(rows), np.diag(1.0 - rows), np.zeros((m, k))
+    if slides.any():
+        i = np.flatnonzero(slides)
+        n, t = 3 * i + 2, 3 * i[:, None] + np.arange(2)
+        S = sigma[t]
+        slip = np.hypot(S[:, 0], S[:, 1])
+        s = S / np.where(slip > 0, slip, 1.0)[:, None]  # without friction there may be none
+        across = np.stack((-s[:, 1], s[:, 0]), axis=1)
+        turns = mu[i] * lam[n] / np.where(slip > 0, slip, 1.0)
+        by_sigma[t[:, :, None], t[:, None]] = (
+            turns[:, None, None] * across[:, :, None] * across[:, None]
+        )
+        by_lam[t, n[:, None]] = mu[i][:, None] * s
+        by_friction[t, i[:, None]] = lam[n][:, None] * s
         by_lam[n, n], by_sigma[n, n] = 0.0, 1.0
         if problem.law == "ccp":
-            by_sigma[n, t], by_friction[n, i] = -mu[i] * s, -slip
+            by_sigma[n[:, None], t], by_friction[n, i] = -mu[i][:, None] * s, -slip
     return Law(lam, by_sigma, by_lam, by_friction, margin(problem, lam, sigma, modes))
 
 

@@ -32,7 +32,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.routes.law import Law
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
-from condyn_pin.simulation.routes.step_derivatives import StepDerivatives
+from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, differentiated
 from condyn_pin.simulation.step_start import StepStart
 
 ROUTES: dict[str, type[Route]] = {}
@@ -57,16 +57,16 @@ class Route(ABC):
 
     @abstractmethod
     def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
-        """Return the end of a step from a state, and how it changes."""
+        """Return the end of a step of `steps` from a state, and how it changes."""
 
     def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the end of the same step, without derivatives."""
+        """Return the end of the same step of `steps`, without derivatives."""
         return steps.step(t, q, v)
 
     def differentiate(
         self, scene: Scene, scheme: ContactScheme, dt: float, start: StepStart
     ) -> StepDerivatives:
-        """Return how the end of a step of a `scheme` changes with its start."""
+        """Return how the end of a step of a `scheme` changes with its `start`."""
         steps = linear_steps(scene, self.scheme(scheme), dt)
         steps.system.applied.hold(start.tau, start.forces)
         return self.at(steps, 0.0, start.q, start.v)
@@ -89,13 +89,13 @@ class LawRoute(Route, ABC):
         """
 
     def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
-        """Return the end of a step from a state, and how it changes."""
+        """Return the end of a step of `steps` from a state, and how it changes."""
         with np.errstate(all="ignore"):  # what is not finite is refused
             ended = steps.end(t, q, v, partial(self.law, size=steps.size))
-            return StepDerivatives.of(self, steps, ended)
+            return differentiated(self, steps, ended)
 
     def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the end of the same step, without derivatives."""
+        """Return the end of the same step of `steps`, without derivatives."""
         return steps.ended(t, q, v, partial(self.law, size=steps.size))
 
 

@@ -20,7 +20,7 @@ from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.active_set import ActiveSet
 from condyn_pin.simulation.routes.base import Route
 from condyn_pin.simulation.routes.linear_steps import Ended, LinearSteps
-from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, modes_of
+from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, made, modes_of
 
 # An impact is a step so short that no force has time to do anything [s].
 _INSTANT: Final = 1e-12
@@ -76,13 +76,13 @@ class EventLocated(Route):
         return Moreau(contact=scheme.contact)
 
     def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
-        """Return the end of a step from a state, and how it changes."""
+        """Return the end of a step of `steps` from a state, and how it changes."""
         parts = _Parts(steps)
         with np.errstate(all="ignore"):  # what is not finite is refused
             return parts.differentiated(self, t, q, v)
 
     def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the end of the same step, without derivatives."""
+        """Return the end of the same step of `steps`, without derivatives."""
         with np.errstate(all="ignore"):
             return _Parts(steps).taken(t, q, v)
 
@@ -153,7 +153,7 @@ class _Parts:
                 dq, dv = dq + np.outer(rate_q, later), dv + np.outer(rate_v, later)
                 ds, done = later, cut.start + cut.length
         parameters = ("friction", "restitution")
-        return StepDerivatives.made(route, self._steps, (q, v), (dq, dv), modes, margin, parameters)
+        return made(route, self._steps, (q, v), (dq, dv), modes, margin, parameters)
 
     def _made(self, dt: float, held: NDArray[np.bool_]) -> LinearSteps:
         """Return the linear steps of a part."""

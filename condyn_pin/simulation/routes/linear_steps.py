@@ -173,9 +173,8 @@ class LinearSteps:
         b = law.by_sigma @ dsigma
         b[:, self._friction(posed)] += law.by_friction
         moved = _least(A, -b)
-        return dv0 + np.asarray(
-            dtrtrs(posed.condensed.factors.L.T, posed.condensed.X.dot(moved))[0]
-        )
+        factors, X = posed.condensed.factors, posed.condensed.X
+        return np.asarray(dv0 + dtrtrs(factors.L.T, X.dot(moved))[0])
 
     def _linearised(self, at: Array, v: Array, mean: Array, v1: Array, l_b: Array) -> Linearised:
         """Return the linearised equations of a step whose h is that of `mean`."""

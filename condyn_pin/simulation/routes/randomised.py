@@ -14,7 +14,7 @@ from condyn_pin.contact.modes import MODES
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.routes.base import Route
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
-from condyn_pin.simulation.routes.step_derivatives import StepDerivatives
+from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, made
 
 
 @dataclass(frozen=True)
@@ -68,7 +68,7 @@ class Randomised(Route):
         object.__setattr__(self, "sigma", sigma)
 
     def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
-        """Return the end of a step from a state, and how it changes."""
+        """Return the end of a step of `steps` from a state, and how it changes."""
         n, columns, rng = len(v), steps.columns, np.random.default_rng(self.seed)
         tau = steps.system.applied
         if tau.constant is None:
@@ -115,7 +115,7 @@ class Randomised(Route):
             tau.hold(held, ())
         names = steps.system.contacts.names
         named = dict(zip(names, (MODES[code] for code in modes), strict=True))
-        return StepDerivatives.made(self, steps, centre, (dq, dv), named, inf, ())
+        return made(self, steps, centre, (dq, dv), named, inf, ())
 
 
 def _free(steps: LinearSteps, q: Array) -> Array:

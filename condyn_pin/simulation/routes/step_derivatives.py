@@ -38,6 +38,10 @@ class StepDerivatives:
     route : Route
     names : tuple of str
         The contacts with friction: the columns by friction and by restitution.
+    parameters : tuple of str
+        What there are derivatives by, beside q, v and tau.
+    matrices : tuple of (nv, columns) array
+        q+ and v+ by q, v, tau, friction, restitution and solref, side by side [mixed].
     """
 
     q: Array
@@ -47,34 +51,7 @@ class StepDerivatives:
     route: Route
     names: tuple[str, ...]
     matrices: tuple[Array, Array]  # of q+ and of v+, (nv, columns) each
-    parameters: tuple[str, ...]  # what there are derivatives by, beside q, v and tau
-
-    @staticmethod
-    def of(route: Route, steps: LinearSteps, ended: Ended) -> StepDerivatives:
-        """Return those of a step that has ended."""
-        if not (np.isfinite(ended.dq).all() and np.isfinite(ended.dv).all()):
-            raise SolveFailed(f"{route!r}: the derivatives of this step are not finite", None)
-        parameters = ["friction"]
-        if steps.scheme.takes_restitution:
-            parameters.append("restitution")
-        if hasattr(steps.scheme, "solref"):
-            parameters.append("solref")
-        return StepDerivatives.made(
-            route, steps, (ended.q, ended.v), (ended.dq, ended.dv), modes_of(steps, ended),
-            ended.law.margin, tuple(parameters),
-        )  # fmt: skip
-
-    @staticmethod
-    def made(
-        route: Route, steps: LinearSteps, state: tuple[Array, Array],
-        matrices: tuple[Array, Array], modes: dict[str, str], margin: float,
-        parameters: tuple[str, ...],
-    ) -> StepDerivatives:  # fmt: skip
-        """Return those with these `matrices`, at the end of a step in this `state`."""
-        candidates = steps.system.contacts
-        q, v, dq, dv = read_only((*state, *matrices))
-        names = candidates.names[: candidates.cones]
-        return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters)
+    parameters: tuple[str, ...]
 
     @property
     def one_sided(self) -> bool:
@@ -158,6 +135,33 @@ class StepDerivatives:
         counts = ", ".join(f"{modes.count(m)} {m}" for m in MODES if m in modes) or "no contacts"
         sided = "; one-sided" if self.one_sided else ""
         return f"StepDerivatives({self.route!r}: {counts}{sided})"
+
+
+def differentiated(route: Route, steps: LinearSteps, ended: Ended) -> StepDerivatives:
+    """Return the derivatives of a step that has ended."""
+    if not (np.isfinite(ended.dq).all() and np.isfinite(ended.dv).all()):
+        raise SolveFailed(f"{route!r}: the derivatives of this step are not finite", None)
+    parameters = ["friction"]
+    if steps.scheme.takes_restitution:
+        parameters.append("restitution")
+    if hasattr(steps.scheme, "solref"):
+        parameters.append("solref")
+    return made(
+        route, steps, (ended.q, ended.v), (ended.dq, ended.dv), modes_of(steps, ended),
+        ended.law.margin, tuple(parameters),
+    )  # fmt: skip
+
+
+def made(
+    route: Route, steps: LinearSteps, state: tuple[Array, Array],
+    matrices: tuple[Array, Array], modes: dict[str, str], margin: float,
+    parameters: tuple[str, ...],
+) -> StepDerivatives:  # fmt: skip
+    """Return the derivatives with these `matrices`, of a step that ends in this `state`."""
+    candidates = steps.system.contacts
+    q, v, dq, dv = read_only((*state, *matrices))
+    names = candidates.names[: candidates.cones]
+    return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters)
 
 
 def modes_of(steps: LinearSteps, ended: Ended) -> dict[str, str]:
