@@ -112,8 +112,8 @@ def tangent_gradient(robot: Robot, q: ArrayLike, gradient: ArrayLike) -> Array:
     Returns
     -------
     (nv,) array
-        Its entries are slopes along ``pin.integrate(model, q, t e_i)``, so that a step downhill is
-        ``pin.integrate(model, q, -rate * g_v)``.
+        The gradient in the tangent [1/m, 1/rad]: slopes along ``pin.integrate(model, q, t e_i)``.
+        A step downhill is ``pin.integrate(model, q, -rate * g_v)``.
 
     Raises
     ------
