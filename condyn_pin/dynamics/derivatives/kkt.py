@@ -164,7 +164,7 @@ class KktDerivatives(Derivatives):
         x = self._of.rhs.dot(np.concatenate([dq, dv]))
         x[:n] += dtau
         answer = self._solve(x)
-        if self._null is not None:
+        if dq.any() and self._null is not None:
             answer[n:] += self._null @ dq
         return answer[:n], answer[n:]
 
@@ -175,7 +175,7 @@ class KktDerivatives(Derivatives):
         if self._matrix is not None:
             x += (y - x @ self._matrix) @ self._inverse
         by_state = x.dot(self._of.rhs)
-        if self._null is not None:
+        if dlam.any() and self._null is not None:
             by_state[:n] += dlam @ self._null
         return by_state[:n], by_state[n:], x[:n]
 
