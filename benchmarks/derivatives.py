@@ -1,4 +1,7 @@
-"""Time derivatives on Talos, two feet: ours against Pinocchio's own and central differences.
+"""Time derivatives: on Talos, two feet, ours against Pinocchio's own and central differences.
+
+And on closed chains and feet of points: a solve with its proof and derivatives, against
+Pinocchio's dynamics and derivatives, with how far da_dq is from central differences.
 
 python benchmarks/derivatives.py
 """
@@ -8,6 +11,8 @@ from __future__ import annotations
 import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+
+from timeit import repeat
 
 import numpy as np
 
@@ -34,6 +39,36 @@ def main() -> None:
     print("{processor}, Python {python}, Pinocchio {pinocchio}, {date}".format(**machine()))
     beside_solves(workspace, fastest, state, of)
     beside_differences(workspace.model, fastest, state, of)
+    for name, held in (("four_bar", False), ("cassie", False), ("cassie", True), ("solo12", True)):
+        on_chains(cp.load_robot(name), held)
+
+
+def on_chains(robot, held) -> None:
+    """Print what derivatives of a robot cost, with its contacts or with its loops alone."""
+    scene = cp.Scene(robot, [*robot.loops, *(robot.contacts if held else [])])
+    rng = np.random.default_rng(0)
+    state = (*scene.sample(rng), motor_torque(robot, rng))
+    workspace, bare = cp.Workspace(scene, cp.Proximal()), cp.Workspace(scene, cp.Proximal())
+    model, data = bare.model, bare.data
+    args = (bare.constraint_models, bare.constraint_datas, bare.proximal_settings)
+
+    def pinocchio():
+        pin.constraintDynamics(model, data, *state, *args)
+        pin.computeConstraintDynamicsDerivatives(model, data, *args)
+
+    def ours():
+        d = workspace.derivatives(*state)
+        return d.da_dq, d.da_dv, d.da_dtau
+
+    # the least of many: a busy machine only adds
+    of_pinocchio, of_ours = (min(repeat(f, number=5, repeat=400)) / 5e-6 for f in (pinocchio, ours))
+    numeric = cp.derivatives(scene, *state, method="differences")
+    da_dq = workspace.derivatives(*state).da_dq @ numeric.along.T
+    error = np.abs(da_dq - numeric.da_dq @ numeric.along.T).max() / np.abs(da_dq).max()
+    print(
+        f"{robot.name}, {scene.rows:2} rows: Pinocchio {of_pinocchio:6.1f} us, "
+        f"ours {of_ours:6.1f} us, {of_ours / of_pinocchio:5.2f} x, error {error:.0e}"
+    )
 
 
 def beside_solves(workspace, fastest, state, of) -> None:

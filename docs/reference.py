@@ -51,6 +51,7 @@ _AREAS = {
     "Simulation": ("simulation", "constraints.baumgarte", "constraints.drift"),
     "Benchmark problems": ("lab.problems",),
     "Many states at once": ("simulation.batch", "_core.parallel"),
+    "Layers for torch and jax": ("layers",),
     "Time against error": ("study",),
     "Beside MuJoCo": ("study.mujoco",),
     "Hard questions": ("lab.extremes",),

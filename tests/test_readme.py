@@ -43,6 +43,7 @@ SCRIPTS = {
     "contact_peers": lambda script: script.load(),
     "control_peers": lambda script: script.load(),
     "contact_convergence": lambda script: script.load(),
+    "contact_gradients": lambda script: script.load(),
     "contact_four_bar": lambda script: script.load(),
     "falls": lambda script: script.load(),
 }

@@ -59,10 +59,14 @@ def of_workspace(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatena
 
     @wraps(method)
     def guarded(self: Any, /, *args: P.args, **options: P.kwargs) -> R:
-        @alone
-        def work(_: OneThread) -> R:
+        workspace: OneThread = self._workspace
+        me, user = get_ident(), workspace._user
+        if user and user != me:
+            raise in_use()
+        workspace._user = me
+        try:
             return method(self, *args, **options)
-
-        return work(self._workspace)
+        finally:
+            workspace._user = user
 
     return guarded

@@ -169,6 +169,13 @@ SYMMETRIC: Final = 1e-9
 # landed contact solvers reach on robots without a second method.
 CONTACT_SOLVED: Final = 1e-8
 
+# Natural map that modes are read at for derivatives: Newton's method ends below it, and a contact
+# that slides by more than a hundred times as much does slide.
+CONTACT_POLISHED: Final = 1e-12
+
+# What is so near to another mode, in units of the contact problem, has one-sided derivatives.
+SWITCHES: Final = 1e-6
+
 # The largest coefficient of friction in a contact problem. Rounding of mu |sigma_t|, which is added
 # to sigma_n, is 2e-10 of |g| then. With more of it bodies fall in, and no residual is larger.
 MOST_FRICTION: Final = 1e6

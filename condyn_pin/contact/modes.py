@@ -28,14 +28,15 @@ OPEN, STICK, SLIDE = range(3)
 _MOVES: Final = 10 * tolerances.CONTACT_SOLVED
 
 
-def contact_modes(problem: ContactProblem, lam: Array) -> Modes:
+def contact_modes(problem: ContactProblem, lam: Array, moves: float = _MOVES) -> Modes:
     """Return the mode of each contact of a problem that lam (m,) solves.
 
-    A stop is open or sticks, dry friction sticks or slides.
+    A stop is open or sticks, dry friction sticks or slides. What is slower than the share `moves`
+    of |g| sticks.
     """
     stiff, speed = problem.scale
     l, s = lam.tolist(), problem.velocities(lam).tolist()  # noqa: E741  of the equations above
-    still, sets = _MOVES * speed, problem.sets
+    still, sets = moves * speed, problem.sets
     (t1, t2, n), (_, lines, dry), mu = sets.axes, sets.parts, sets.coefficients
     lift = mu if problem.law == "ncp" else len(mu) * [0.0]
     of_cone = partial(_mode_of_a_cone, stiff, still)

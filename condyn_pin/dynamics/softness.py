@@ -28,6 +28,16 @@ def impedance(gap: Array, solimp: SolImp) -> Array:
     return np.asarray(start + (end - start) * np.where(x <= midpoint, below, above))
 
 
+def impedance_slope(gap: Array, solimp: SolImp) -> Array:
+    """Return how the impedance changes with each `gap` >= 0 [1/m, 1/rad]."""
+    start, end, width, midpoint, power = solimp
+    x = np.minimum(gap / width, 1.0)
+    below = power * (x / midpoint) ** (power - 1)
+    above = power * ((1 - x) / (1 - midpoint)) ** (power - 1)
+    rises = np.where(x <= midpoint, below, above) * (x < 1)
+    return np.asarray((end - start) / width * rises)
+
+
 def reference(c: Array, velocity: Array, d: Array, solref: SolRef, solimp: SolImp) -> Array:
     """Return a_ref = -b J v - k c [m/s^2, rad/s^2], with J v the `velocity`, k of the impedance d.
 
@@ -40,6 +50,22 @@ def reference(c: Array, velocity: Array, d: Array, solref: SolRef, solimp: SolIm
     else:
         b, k = -two / end, -one * d / end**2
     return np.asarray(-b * velocity - k * c)
+
+
+def reference_by(
+    c: Array, velocity: Array, d: Array, solref: SolRef, solimp: SolImp
+) -> tuple[float, Array, Array, Array]:
+    """Return b, k, k by d, and a_ref by the two numbers of `solref`, (m, 2)."""
+    (one, two), end = solref, solimp[1]
+    by_solref = np.empty((len(c), 2))
+    if one > 0:
+        b, k = 2 / (end * one), d / (end * one * two) ** 2
+        by_solref[:, 0] = (b * velocity + 2 * k * c) / one
+        by_solref[:, 1] = 2 * k * c / two
+    else:
+        b, k = -two / end, -one * d / end**2
+        by_solref[:, 0], by_solref[:, 1] = d * c / end**2, velocity / end
+    return b, k, np.asarray(k / d), by_solref
 
 
 def check_softness(solref: SolRef, solimp: SolImp) -> tuple[SolRef, SolImp]:

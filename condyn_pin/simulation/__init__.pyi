@@ -45,6 +45,16 @@ from .motion_balance import MotionBalance as MotionBalance
 from .motion_balance import motion_balance as motion_balance
 from .outcome import Effects as Effects
 from .outcome import RunStatus as RunStatus
+from .routes import ROUTES as ROUTES
+from .routes import Route as Route
+from .routes.active_set import ActiveSet as ActiveSet
+from .routes.event_located import EventLocated as EventLocated
+from .routes.kappa import Kappa as Kappa
+from .routes.randomised import Randomised as Randomised
+from .routes.softened import Softened as Softened
+from .routes.step_derivatives import StepDerivatives as StepDerivatives
+from .routes.trajectory_derivatives import TrajectoryDerivatives as TrajectoryDerivatives
+from .routes.trajectory_derivatives import trajectory_derivatives as trajectory_derivatives
 from .run import simulate as simulate
 from .step import contact_problem as contact_problem
 from .step import step as step

@@ -28,6 +28,7 @@ from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.plan import check_scheme
 from condyn_pin.simulation.step_solution import StepSolution
+from condyn_pin.simulation.step_start import StepStart
 from condyn_pin.simulation.system import System
 
 _DEFAULT: Final = StewartTrinkle()
@@ -176,11 +177,12 @@ class _Memory:
         self, q: Array, v: Array, tau: float | ArrayLike, forces: Sequence[AppliedForce]
     ) -> StepSolution:
         """Return the step from a state, and what it leaves of each law."""
-        self._hold(tau, forces)
+        start = StepStart(*read_only((q, v, self._hold(tau, forces))), tuple(forces))
         with np.errstate(all="ignore"):  # the status says it
-            return self._proved(q, v)
+            return self._proved(start)
 
-    def _proved(self, q: Array, v: Array) -> StepSolution:
+    def _proved(self, start: StepStart) -> StepSolution:
+        q, v = start.q, start.v
         begun = perf_counter()
         q1, v1, a = self._steps.attempt(0.0, q, v)
         took = perf_counter() - begun
@@ -198,14 +200,15 @@ class _Memory:
             modes=dict(zip(candidates.names, modes, strict=True)), contact=contact,
             dynamics_error=dynamics, constraint_error=slip, violation=violation,
             penetration=float(np.maximum(-gaps, 0.0).max(initial=0.0)), energy_lost=0.0 - work,
-            dt=self._dt, scene=self._scene,
+            dt=self._dt, scene=self._scene, integrator=self.asked[2], start=start,
         )  # fmt: skip
 
-    def _hold(self, tau: float | ArrayLike, forces: Sequence[AppliedForce]) -> None:
+    def _hold(self, tau: float | ArrayLike, forces: Sequence[AppliedForce]) -> Array:
         none = isinstance(tau, int | float) and not isinstance(tau, bool) and tau == 0
         nv = self._scene.robot.nv
         torques = finite("tau", np.zeros(nv) if none else tau, nv)
         self._system.applied.hold(torques, applied_forces(forces))
+        return np.array(torques)
 
     def _errors(self, posed: Posed, ended: Array, a: Array, lam: Array) -> tuple[float, float]:
         """Return what is left of the balance of momentum [N s], and of J_b v+ [m/s]."""

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.contact.solution import ContactSolution, ContactStatus
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.contact_columns import forces_of
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.step_start import StepStart
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.routes.base import Route
+    from condyn_pin.simulation.routes.step_derivatives import StepDerivatives
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -46,6 +55,9 @@ class StepSolution:
     dt : float
         [s]
     scene : Scene
+    integrator : ContactScheme
+    start : StepStart
+        Where the step began, and what acts on it.
     """
 
     q: Array
@@ -61,6 +73,40 @@ class StepSolution:
     energy_lost: float  # [J]
     dt: float  # [s]
     scene: Scene
+    integrator: ContactScheme
+    start: StepStart
+
+    @one_blas_thread
+    def derivatives(self, *, route: Route | None = None) -> StepDerivatives:
+        """Return how q+ and v+ change with q, v, tau and what the contacts are made of.
+
+        Parameters
+        ----------
+        route : Route, optional
+            What is made of kinks and jumps: `ActiveSet()` by default, the derivatives within the
+            modes of the step.
+
+        Returns
+        -------
+        StepDerivatives
+
+        Raises
+        ------
+        InvalidArgument
+            If the route cannot differentiate a step of this scheme.
+        SolveFailed
+            If the contact problem has no answer that modes can be read off.
+
+        Notes
+        -----
+        The step is taken again. Cost: `Route.cost`.
+        """
+        from condyn_pin.simulation.routes import ActiveSet, Route  # they are made of steps
+
+        chosen = ActiveSet() if route is None else route
+        if not isinstance(chosen, Route):
+            raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
+        return chosen.differentiate(self.scene, self.integrator, self.dt, self.start)
 
     @property
     def status(self) -> ContactStatus:

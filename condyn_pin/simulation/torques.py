@@ -144,6 +144,10 @@ class Applied:
 
     def slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return tau by q and by v (nv, nv) each, tangent columns."""
+        if self._function is None and not any(callable(each.force) for each in self._forces):
+            n = self._shape[0]
+            by_q = load_partial(self._loads, q, self._forces) if self._forces else np.zeros((n, n))
+            return by_q, np.zeros((n, n))
         if self.jacobian is None:
             return self._differences(t, q, v)
         q, v = locked(q), locked(v)

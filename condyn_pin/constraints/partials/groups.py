@@ -16,9 +16,9 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.partials.balls import BallPartials
 from condyn_pin.constraints.partials.formulas import Frames
 from condyn_pin.constraints.partials.pairs import PairPartials
+from condyn_pin.constraints.partials.points import PointPartials
 from condyn_pin.constraints.partials.rolling import RollingPartials
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import Bound
@@ -47,12 +47,13 @@ class ConstraintPartials:
         self._bounds, self._drift = {b.name: b for b in bounds}, drift
         self._pairs = PairPartials(frames, bounds, drift)
         self._rolling = RollingPartials(frames, bounds, drift)
-        balls = BallPartials(model, data, bounds, drift)
-        self._others: list[RollingPartials | BallPartials]
-        self._others = [self._rolling, *([balls] if balls.k else [])]
+        points = PointPartials(model, data, bounds, drift)
+        self._others: list[RollingPartials | PointPartials]
+        self._others = [*([self._rolling] if self._rolling.joints else [])]
+        self._others += [points] if points.k else []
         self._couplings = [b for b in bounds if isinstance(b, Coupled)]
-        self.joints = self._pairs.joints | self._rolling.joints | balls.joints
-        self.placed = bool(self._pairs.placed or self._rolling.joints or balls.joints)
+        self.joints = self._pairs.joints | self._rolling.joints | points.joints
+        self.placed = bool(self._pairs.placed or self._rolling.joints or points.between)
 
     def apply(self, lam: Array, on_joint: Mapping[int, Array]) -> None:
         """Add the forces to the wrenches on the joints."""

@@ -1,8 +1,8 @@
 """How the rows of constraints between two frames change with q and v, one constraint at a time.
 
-Surfaces, edges and points on the world, welds, cut joints, rods and relations. The formulas are in
-`condyn_pin.constraints.partials.formulas`; balls between two bodies are taken all at once, in
-`condyn_pin.constraints.partials.balls`.
+Surfaces and edges on the world, welds, cut joints, rods and relations. The formulas are in
+`condyn_pin.constraints.partials.formulas`; points are taken all at once, in
+`condyn_pin.constraints.partials.points`.
 """
 
 from __future__ import annotations
@@ -52,11 +52,13 @@ class _Pair(NamedTuple):
 
 
 class PairPartials:
-    """The partials of all constraints between two frames in one scene, but those that are balls."""
+    """The partials of all constraints between two frames in one scene, but those of points."""
 
     def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
         self._frames, self._drift = frames, drift
-        chosen = [b for b in bounds if isinstance(b, Bound | Related) and not b.is_ball]
+        chosen = [
+            b for b in bounds if isinstance(b, Related) or (isinstance(b, Bound) and not b.is_point)
+        ]
         self._pairs = [_pair(b) for b in chosen]
         self._between: list[Any] = []  # c1Mc2 where a force depends on it, as `apply` found it
         self.joints = {j for b in chosen for j in (b.joint1, b.joint2) if j}
@@ -100,9 +102,7 @@ class PairPartials:
         b = pair.b
         if pair.held is not None:
             assert isinstance(b, Bound)
-            if b.selection != POINT:
-                return of_frame(b, *self._frames.partials(b.joint1, b.placement1))
-            return of_point(self._frames.end(b.joint1, b.placement1))
+            return of_frame(b, *self._frames.partials(b.joint1, b.placement1))
         one, two = self._frames.ends(b)
         of = _of_pair(b, one, two, c1Mc2, force)
         if of.w1_q is not None:

@@ -80,6 +80,11 @@ class Bound(OnFrames):
         return self.selection in (POINT, FRAME)
 
     @property
+    def is_point(self) -> bool:
+        """Whether it is a point on another one, or on one of the world, and nothing else."""
+        return self.selection == POINT
+
+    @property
     def is_ball(self) -> bool:
         """Whether it is a point of one moving body on one of another, and nothing else."""
         return self.selection == POINT and self.joint1 > 0 and self.joint2 > 0

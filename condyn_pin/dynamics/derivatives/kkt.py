@@ -75,13 +75,15 @@ class KktDerivatives(Derivatives):
         self._factors: MinimumNorm | None = None  # of redundant rows
         self._J = J = workspace.equations.drop_roundoff_rows(of.J)
         Y = of.M_inv.dot(J.T)
-        K = _independent(J.dot(Y), _rounding(of.M_inv, J))
+        nominal = workspace.scene.nominal
+        # where rows are known to be redundant there is nothing to try
+        K = None if nominal.dependent else _independent(J.dot(Y), _rounding(of.M_inv, J))
         if K is None:
             self._factors = factorise(of.M, J, tolerances.RANK)
             K = self._factors.U[:, : self._factors.rank] / self._factors.S[: self._factors.rank]
         self._inverse, self._workspace, self._v = _inverse(of.M_inv, Y, K), workspace, v
         self._matrix: Array | None = None
-        if workspace.scene.nominal.condition * _EPS > _ILL:
+        if nominal.condition * _EPS > _ILL:
             self._matrix = _saddle(of.M, J)
 
     @cached_property
@@ -150,17 +152,19 @@ class KktDerivatives(Derivatives):
 
     def _form(self) -> tuple[Array, Array, Array]:
         n = self._n
-        by_state = self._solve(self._of.rhs)
-        if self._matrix is None:
-            return by_state[:, :n], by_state[:, n:], self._inverse[:, :n].copy()
-        return by_state[:, :n], by_state[:, n:], self._solve(np.eye(n + self._m, n))
+        by_state, by_tau = self._solve(self._of.rhs), self._inverse[:, :n].copy()
+        if self._matrix is not None:
+            left = self._matrix.dot(by_tau)
+            left.flat[: n * n : n + 1] -= 1.0  # what is left of the torques, with the other sign
+            by_tau -= self._inverse.dot(left)
+        return by_state[:, :n], by_state[:, n:], by_tau
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
         n = self._n
         x = self._of.rhs.dot(np.concatenate([dq, dv]))
         x[:n] += dtau
         answer = self._solve(x)
-        if self._null is not None:
+        if dq.any() and self._null is not None:
             answer[n:] += self._null @ dq
         return answer[:n], answer[n:]
 
@@ -171,7 +175,7 @@ class KktDerivatives(Derivatives):
         if self._matrix is not None:
             x += (y - x @ self._matrix) @ self._inverse
         by_state = x.dot(self._of.rhs)
-        if self._null is not None:
+        if dlam.any() and self._null is not None:
             by_state[:n] += dlam @ self._null
         return by_state[:n], by_state[n:], x[:n]
 

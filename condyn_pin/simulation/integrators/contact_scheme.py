@@ -9,8 +9,8 @@ moves the configuration. All else is that of `ContactSteps`.
 1. Add one file to `integrators/` with a frozen dataclass that inherits from `ContactScheme`.
 2. Set `law`, and `at_midpoint` if M, h, J and the gaps are those of q (+) dt v / 2; then q moves by
    dt (v + v+) / 2, else by dt v+. Set `closes_gaps` if g asks for gaps at the end of the step.
-3. Write `near`, and `asked`, which returns g and R. Write `start`, which returns
-   `contact_stepper(self, system, dt)`.
+3. Write `near`, `asked`, which returns g and R, and `asked_by`, how they change. Write `start`,
+   which returns `contact_stepper(self, system, dt)`.
 """
 
 from __future__ import annotations
@@ -90,6 +90,41 @@ class Near(NamedTuple):
         return values
 
 
+class AskedBy(NamedTuple):
+    """How g and R change with what a scheme sees.
+
+    Attributes
+    ----------
+    gaps, bends : (k,) array
+        g of the normal rows by gaps and bends [1/s].
+    before : (m,) array
+        g by the velocity before, each row by its own.
+    restitution : (k,) array
+        g of the normal rows by the coefficient [m/s].
+    solref : (m, 2) array
+        g by the two numbers of a soft scheme.
+    R_gaps : (m,) array
+        R by the gap of its contact [1/(kg m)].
+    R_stiffness : (m,) array
+        R by G_nn of its contact [1].
+    """
+
+    gaps: Array
+    bends: Array
+    before: Array
+    restitution: Array
+    solref: Array
+    R_gaps: Array
+    R_stiffness: Array
+
+    @staticmethod
+    def nothing(near: Near) -> AskedBy:
+        """Return that of a g which is the velocity of a step without impulses."""
+        k, m = len(near.gaps), len(near.free)
+        none, of_rows = np.zeros(k), np.zeros(m)
+        return AskedBy(none, none, of_rows, none, np.zeros((m, 2)), of_rows, of_rows)
+
+
 @dataclass(frozen=True)
 class ContactScheme(Integrator, ABC):
     """A time-stepping scheme whose contacts open, stick and slide within the step.
@@ -144,6 +179,10 @@ class ContactScheme(Integrator, ABC):
     def asked(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] and R (m,) [1/kg] of contacts that are `near`; no R if hard."""
 
+    def asked_by(self, near: Near) -> AskedBy:
+        """Return how `asked` changes with what is `near`; beside `free`, by which g goes as one."""
+        return AskedBy.nothing(near)
+
 
 def closing_velocities(near: Near) -> Array:
     """Return g of gaps that are zero at the end of a step, and penetrations a fifth less.
@@ -164,3 +203,10 @@ def fastest(v: Array) -> float:
 def allowed_gaps(gaps: Array) -> Array:
     """Return by how much gaps may shrink in a step: to zero, and penetrations by -0.2 of them."""
     return np.maximum(gaps, _PUSHED_OUT * gaps)  # the larger by its sign
+
+
+def closing_by(near: Near) -> AskedBy:
+    """Return how `closing_velocities` change; where a gap is zero, as where it is open."""
+    shrinks = np.where(near.gaps < 0, _PUSHED_OUT, 1.0)
+    bends = np.full(len(near.gaps), 1 / near.dt)
+    return AskedBy.nothing(near)._replace(gaps=shrinks / near.dt, bends=bends)

@@ -137,7 +137,7 @@ class ContactSteps:
         work = 0.5 * float(lam.dot(posed.near.before + posed.J_c.dot(v1)))
         self._system.contact_work += work
         rest = self._share * dt
-        q1 = self._closed(posed.condensed, floating.integrate(posed.at, rest * v1))
+        q1 = self.closed(posed.condensed, floating.integrate(posed.at, rest * v1))
         if not isfinite(float(q1.dot(q1) + v1.dot(v1) + work)):
             natural = nan  # also where no contact takes part
         self.last = Taken(posed, v1, found, natural, work)
@@ -212,7 +212,7 @@ class ContactSteps:
         """Return a step, impulses, their residual and v+; posed anew where these show more."""
         scheme, posed, bent = self._scheme, self.pose(t, q, v), 0
         while True:
-            posed, found, natural = self._solved(posed)
+            posed, found, natural = self.solved(posed)
             v1 = posed.condensed.velocity(found.lam)
             if not scheme.closes_gaps:
                 return posed, found, natural, v1
@@ -225,7 +225,7 @@ class ContactSteps:
             else:
                 return posed, found, natural, v1
 
-    def _solved(self, posed: Posed) -> tuple[Posed, Attempt, float]:
+    def solved(self, posed: Posed) -> tuple[Posed, Attempt, float]:
         """Return impulses and their natural residual, and what they solve.
 
         Redundant contacts are looked at before the solver begins again and again, which may take a
@@ -278,7 +278,7 @@ class ContactSteps:
         why = singular_mass(self._system.model, q)
         return factorise(M, J_b, tolerances.RANK, why=why).at_most(self._rank)
 
-    def _closed(self, now: Condensed, q: Array) -> Array:
+    def closed(self, now: Condensed, q: Array) -> Array:
         """Return q with loops closed: by the factors of the step where that will do."""
         factors = now.factors
         if not factors.rank:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.base import Order, Stepper
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
 from condyn_pin.simulation.system import System
 
@@ -56,6 +56,13 @@ class Moreau(ContactScheme):
         g = near.free.copy()
         g[near.normals] += near.restitution * near.before[near.normals]
         return g, None
+
+    def asked_by(self, near: Near) -> AskedBy:
+        """Return how `asked` changes with what is `near`."""
+        before = np.zeros_like(near.free)
+        before[near.normals] = near.restitution
+        approach = near.before[near.normals]
+        return AskedBy.nothing(near)._replace(before=before, restitution=approach)
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""

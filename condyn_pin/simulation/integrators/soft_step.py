@@ -17,10 +17,12 @@ from condyn_pin.dynamics.softness import (
     SolRef,
     check_softness,
     impedance,
+    impedance_slope,
     reference,
+    reference_by,
 )
 from condyn_pin.simulation.integrators.base import Stepper
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
 from condyn_pin.simulation.system import System
 
@@ -75,14 +77,32 @@ class SoftStep(ContactScheme):
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] and R (m,) [1/kg] of contacts that are `near`."""
-        c = np.zeros_like(near.free)
-        c[near.normals] = near.gaps
-        d = impedance(np.abs(near.depth), self.solimp)
-        one, two = self.solref
-        solref = (max(one, 2 * near.dt) if one > 0 else one, two)
+        c, d, solref = self._given(near)
         a_ref = reference(c, near.before, d, solref, self.solimp)
         R = (1 - d) / d * near.stiffness
         return near.free - near.before - near.dt * a_ref, R
+
+    def asked_by(self, near: Near) -> AskedBy:
+        """Return how `asked` changes with what is `near`."""
+        c, d, solref = self._given(near)
+        d_gap = np.sign(near.depth) * impedance_slope(np.abs(near.depth), self.solimp)
+        b, k, k_d, by_solref = reference_by(c, near.before, d, solref, self.solimp)
+        if solref[0] != self.solref[0]:  # 2 dt in its place
+            by_solref[:, 0] = 0.0
+        return AskedBy.nothing(near)._replace(
+            gaps=(near.dt * (k + k_d * d_gap * c))[near.normals],
+            before=np.full_like(c, near.dt * b - 1.0),
+            solref=-near.dt * by_solref, R_gaps=-d_gap / d**2 * near.stiffness,
+            R_stiffness=(1 - d) / d,
+        )  # fmt: skip
+
+    def _given(self, near: Near) -> tuple[Array, Array, SolRef]:
+        """Return gaps (m,), zero across the normal, impedances (m,), and solref as it counts."""
+        c = np.zeros_like(near.free)
+        c[near.normals] = near.gaps
+        one, two = self.solref
+        solref = (max(one, 2 * near.dt) if one > 0 else one, two)
+        return c, impedance(np.abs(near.depth), self.solimp), solref
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""

@@ -7,7 +7,13 @@ from typing import ClassVar
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.base import Stepper
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near, closing_velocities
+from condyn_pin.simulation.integrators.contact_scheme import (
+    AskedBy,
+    ContactScheme,
+    Near,
+    closing_by,
+    closing_velocities,
+)
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
 from condyn_pin.simulation.system import System
 
@@ -42,6 +48,10 @@ class StewartTrinkle(ContactScheme):
     def asked(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
         return closing_velocities(near), None
+
+    def asked_by(self, near: Near) -> AskedBy:
+        """Return how `asked` changes with what is `near`."""
+        return closing_by(near)
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""

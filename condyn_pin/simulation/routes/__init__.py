@@ -1,0 +1,16 @@
+"""Routes to the derivatives of a step with contacts: one file a route.
+
+Nouns: `Route`, a way over kinks and jumps; `StepDerivatives`, what it finds. Verb:
+`trajectory_derivatives`, through all steps of a motion.
+"""
+
+from condyn_pin.simulation.routes.active_set import ActiveSet
+from condyn_pin.simulation.routes.base import ROUTES, Route
+from condyn_pin.simulation.routes.event_located import EventLocated
+from condyn_pin.simulation.routes.kappa import Kappa
+from condyn_pin.simulation.routes.randomised import Randomised
+from condyn_pin.simulation.routes.softened import Softened
+
+__all__ = [
+    "ROUTES", "ActiveSet", "EventLocated", "Kappa", "Randomised", "Route", "Softened",
+]  # fmt: skip

@@ -1,0 +1,113 @@
+"""The contract of a route to the derivatives of a step with contacts, and how to write one.
+
+A step is piecewise smooth: within a mode of its contacts - open, stick, slide - its end is a smooth
+function of its start, and between two modes it has a kink, or a jump. Routes differ in what they
+make of kinks and jumps.
+
+1. Add one file to this folder with one frozen dataclass that inherits from `Route`. Its fields are
+   its parameters, each with a default and a unit. It registers itself in `ROUTES`.
+2. Set `title`, `cost` and `use`: when to take it.
+3. Write `at(steps, t, q, v)`, which returns `StepDerivatives`. If the end of its step is not that
+   of the scheme, write `step` too, and `scheme` if it takes steps of another one.
+4. A route that only has another law of the contacts inherits from `LawRoute`, and writes only
+   `law(problem, lam, size)`: impulses, and the law linearised at them (`Law`). All else, how the
+   problem changes with q, v and tau and how the end of the step follows, is that of `LinearSteps`.
+5. It reads nothing that an earlier call left behind.
+"""
+
+from __future__ import annotations
+
+import threading
+from abc import ABC, abstractmethod
+from dataclasses import dataclass
+from functools import partial
+from typing import ClassVar
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.registry import enter
+from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.routes.law import Law
+from condyn_pin.simulation.routes.linear_steps import LinearSteps
+from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, differentiated
+from condyn_pin.simulation.step_start import StepStart
+
+ROUTES: dict[str, type[Route]] = {}
+
+
+@dataclass(frozen=True)
+class Route(ABC):
+    """A way to the derivatives of a step whose contacts open, stick and slide; a frozen value."""
+
+    title: ClassVar[str]  # what tables show
+    cost: ClassVar[str]
+    use: ClassVar[str]  # when to take it
+
+    def __init_subclass__(cls) -> None:
+        super().__init_subclass__()
+        if ABC not in cls.__bases__:
+            enter(ROUTES, cls.__name__.lower(), cls, f"a route named {cls.__name__}")
+
+    def scheme(self, scheme: ContactScheme) -> ContactScheme:
+        """Return the scheme whose steps are taken; InvalidArgument if there is none."""
+        return scheme
+
+    @abstractmethod
+    def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
+        """Return the end of a step of `steps` from a state, and how it changes."""
+
+    def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the end of the same step of `steps`, without derivatives."""
+        return steps.step(t, q, v)
+
+    def differentiate(
+        self, scene: Scene, scheme: ContactScheme, dt: float, start: StepStart
+    ) -> StepDerivatives:
+        """Return how the end of a step of a `scheme` changes with its `start`."""
+        steps = linear_steps(scene, self.scheme(scheme), dt)
+        steps.system.applied.hold(start.tau, start.forces)
+        return self.at(steps, 0.0, start.q, start.v)
+
+
+class LawRoute(Route, ABC):
+    """A route that puts another law of the contacts into the same step."""
+
+    @abstractmethod
+    def law(self, problem: ContactProblem, lam: Array, size: float) -> Law:
+        """Return impulses of a problem, and their law linearised.
+
+        Parameters
+        ----------
+        problem : ContactProblem
+        lam : (m,) array
+            The impulses of the step, where they can be a guess [N s].
+        size : float
+            (m g dt) (g dt) of the robot and the step [J].
+        """
+
+    def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
+        """Return the end of a step of `steps` from a state, and how it changes."""
+        with np.errstate(all="ignore"):  # what is not finite is refused
+            ended = steps.end(t, q, v, partial(self.law, size=steps.size))
+            return differentiated(self, steps, ended)
+
+    def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the end of the same step of `steps`, without derivatives."""
+        return steps.ended(t, q, v, partial(self.law, size=steps.size))
+
+
+# The memory of this thread's last call: a loop over derivatives of one scene makes only one.
+_last = threading.local()
+
+
+def linear_steps(scene: Scene, scheme: ContactScheme, dt: float) -> LinearSteps:
+    """Return this thread's linear steps of a scene and a scheme: the last ones, or new ones."""
+    kept: LinearSteps | None = getattr(_last, "kept", None)
+    if kept is None or kept.scene is not scene or (kept.scheme, kept.dt) != (scheme, dt):
+        _last.kept = kept = LinearSteps(scene, scheme, dt)
+    else:
+        scene.robot.check_unedited()
+    return kept

@@ -1,0 +1,76 @@
+"""How what `Floating` does to floating bodies changes with what it is given; tangent columns.
+
+    p+ = p + R x, R+ = R exp(y):    dp+ = E^T (dp - x x dtheta + dx),   dtheta+ = E^T dtheta + Jr dy
+    u+ = exp(-dt w) u:              du+ = E (du + dt u x Jr(-dt w) dw)
+
+with x and y the two halves of a move, E the rotation that belongs to it, and positions in the axes
+of the body.
+"""
+
+from __future__ import annotations
+
+from math import cos, sin
+from typing import Any
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+
+_SKEW = np.array([[0.0, -1.0], [1.0, 0.0]])  # S x is x turned by a quarter
+
+
+class FloatingPartials:
+    """The partials of `Floating` of one model."""
+
+    def __init__(self, model: Any) -> None:
+        self._model = model
+        joints = [(j.shortname(), j.idx_v) for j in list(model.joints)[1:]]
+        self._bodies = [i for name, i in joints if name == "JointModelFreeFlyer"]
+        self._planar = [i for name, i in joints if name == "JointModelPlanar"]
+
+    def integrate(self, q: Array, dq: Array) -> tuple[Array, Array]:
+        """Return the end of a move by its start, and by the move (nv, nv) each."""
+        by_q, by_move = pin.dIntegrate(self._model, q, dq)
+        for i in self._bodies:
+            turn = pin.exp3(dq[i + 3 : i + 6]).T
+            lin = slice(i, i + 3)
+            by_q[lin, i : i + 6] = np.hstack([turn, -turn @ pin.skew(dq[lin])])
+            by_move[lin, i : i + 6] = np.hstack([turn, np.zeros((3, 3))])
+        for i in self._planar:
+            x, angle = dq[i : i + 2], float(dq[i + 2])
+            turn = _turn(angle).T
+            by_q[i : i + 2, i : i + 3] = np.column_stack([turn, turn @ _SKEW @ x])
+            by_move[i : i + 2, i : i + 3] = np.column_stack([turn, np.zeros(2)])
+        return by_q, by_move
+
+    def turned(self, v: Array, dt: float) -> Array:
+        """Return v in the axes after dt by v (nv, nv)."""
+        by_v = np.eye(len(v))
+        for i in self._bodies:
+            u, w = v[i : i + 3], v[i + 3 : i + 6]
+            turn = pin.exp3(-dt * w)
+            by_v[i : i + 3, i : i + 3] = turn
+            by_v[i : i + 3, i + 3 : i + 6] = dt * turn @ pin.skew(u) @ pin.Jexp3(-dt * w)
+        for i in self._planar:
+            u, angle = v[i : i + 2], -dt * float(v[i + 2])
+            turn = _turn(angle)
+            by_v[i : i + 2, i : i + 2] = turn
+            by_v[i : i + 2, i + 2] = -dt * turn @ _SKEW @ u
+        return by_v
+
+    def turning(self, v: Array) -> Array:
+        """Return w x u by v (nv, nv)."""
+        by_v = np.zeros((len(v), len(v)))
+        for i in self._bodies:
+            by_v[i : i + 3, i : i + 3] = pin.skew(v[i + 3 : i + 6])
+            by_v[i : i + 3, i + 3 : i + 6] = -pin.skew(v[i : i + 3])
+        for i in self._planar:
+            by_v[i : i + 2, i : i + 2] = v[i + 2] * _SKEW
+            by_v[i : i + 2, i + 2] = _SKEW @ v[i : i + 2]
+        return by_v
+
+
+def _turn(angle: float) -> Array:
+    c, s = cos(angle), sin(angle)
+    return np.array([[c, -s], [s, c]])

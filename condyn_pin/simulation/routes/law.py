@@ -1,0 +1,34 @@
+"""Law: what a route takes the law of the contacts for, at one answer.
+
+    by_sigma dsigma + by_lam dlam + by_friction dmu = 0
+
+One such row for each of the problem: with sigma = G lam + g it is what a change of g, G and mu asks
+of lam.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+from condyn_pin._core.arrays import Array
+
+
+class Law(NamedTuple):
+    """A linearised law of contacts.
+
+    Attributes
+    ----------
+    lam : (m,) array
+        Impulses that the law holds for [N s].
+    by_sigma, by_lam : (m, m) array
+    by_friction : (m, k) array
+        By the coefficient of each cone of the problem.
+    margin : float
+        How far the nearest contact is from another mode, in units of the problem [1].
+    """
+
+    lam: Array
+    by_sigma: Array
+    by_lam: Array
+    by_friction: Array
+    margin: float

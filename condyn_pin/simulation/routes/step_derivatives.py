@@ -1,0 +1,175 @@
+"""StepDerivatives: how the end of a step with contacts changes with its start."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin.contact.modes import MODES, OPEN, contact_modes
+from condyn_pin.errors import InvalidArgument, SolveFailed
+from condyn_pin.simulation.routes.columns import Columns
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.routes.base import Route
+    from condyn_pin.simulation.routes.linear_steps import Ended, LinearSteps
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class StepDerivatives:
+    """The derivatives of q+ and v+, the end of a step; columns and rows of q are tangent.
+
+    Column i by q is the derivative along ``pin.integrate(model, q, t e_i)``, and row i of that of
+    q+ is what ``pin.difference(model, q+, ...)`` has there. v+ is in the axes in which the step
+    ends.
+
+    Attributes
+    ----------
+    q, v : (nq,), (nv,) array
+        The end of the step that is differentiated: that of the route's own law of contacts.
+    modes : dict of str to str
+        Of each contact: open, stick or slide.
+    margin : float
+        How far the nearest contact is from another mode, in units of the contact problem [1].
+    route : Route
+    names : tuple of str
+        The contacts with friction: the columns by friction and by restitution.
+    parameters : tuple of str
+        What there are derivatives by, beside q, v and tau.
+    matrices : tuple of (nv, columns) array
+        q+ and v+ by q, v, tau, friction, restitution and solref, side by side [mixed].
+    """
+
+    q: Array
+    v: Array
+    modes: dict[str, str]
+    margin: float
+    route: Route
+    names: tuple[str, ...]
+    matrices: tuple[Array, Array]  # of q+ and of v+, (nv, columns) each
+    parameters: tuple[str, ...]
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether a contact is so near to another mode that the derivative holds on one side."""
+        return self.margin < tolerances.SWITCHES
+
+    @property
+    def dq_dq(self) -> Array:
+        """q+ by q (nv, nv)."""
+        return self.matrices[0][:, self._columns.q]
+
+    @property
+    def dq_dv(self) -> Array:
+        """q+ by v (nv, nv)."""
+        return self.matrices[0][:, self._columns.v]
+
+    @property
+    def dq_dtau(self) -> Array:
+        """q+ by the torques (nv, nv)."""
+        return self.matrices[0][:, self._columns.tau]
+
+    @property
+    def dv_dq(self) -> Array:
+        """v+ by q (nv, nv)."""
+        return self.matrices[1][:, self._columns.q]
+
+    @property
+    def dv_dv(self) -> Array:
+        """v+ by v (nv, nv)."""
+        return self.matrices[1][:, self._columns.v]
+
+    @property
+    def dv_dtau(self) -> Array:
+        """v+ by the torques (nv, nv)."""
+        return self.matrices[1][:, self._columns.tau]
+
+    @property
+    def dv_dfriction(self) -> Array:
+        """v+ by the friction of each contact (nv, k)."""
+        self._check("friction")
+        return self.matrices[1][:, self._columns.friction]
+
+    @property
+    def dv_drestitution(self) -> Array:
+        """v+ by the restitution of each contact (nv, k), of schemes that let them rebound."""
+        self._check("restitution")
+        return self.matrices[1][:, self._columns.restitution]
+
+    @property
+    def dv_dsolref(self) -> Array:
+        """v+ by the two numbers of `solref` (nv, 2), of schemes and routes that have them."""
+        self._check("solref")
+        return self.matrices[1][:, self._columns.solref]
+
+    def jvp(self, dq: ArrayLike, dv: ArrayLike, dtau: ArrayLike) -> tuple[Array, Array]:
+        """Return (dq+, dv+) along dq, dv and dtau, each (nv,)."""
+        n = len(self.v)
+        x = np.concatenate([finite(*each, n) for each in (("dq", dq), ("dv", dv), ("dtau", dtau))])
+        of_q, of_v = self.matrices
+        return of_q[:, : 3 * n] @ x, of_v[:, : 3 * n] @ x
+
+    def vjp(self, dq1: ArrayLike, dv1: ArrayLike) -> tuple[Array, Array, Array]:
+        """Return the gradients by q, v and tau of dq1 . q+ + dv1 . v+, for dq1 and dv1 (nv,)."""
+        n, (of_q, of_v) = len(self.v), self.matrices
+        x = finite("dq1", dq1, n) @ of_q + finite("dv1", dv1, n) @ of_v
+        return x[:n], x[n : 2 * n], x[2 * n : 3 * n]
+
+    @property
+    def _columns(self) -> Columns:
+        return Columns(len(self.v), len(self.names))
+
+    def _check(self, parameter: str) -> None:
+        if parameter not in self.parameters:
+            raise InvalidArgument(
+                f"{parameter}: the step by {self.route!r} does not depend on it; it has "
+                f"derivatives by q, v, tau{', '.join(('', *self.parameters))}"
+            )
+
+    def __repr__(self) -> str:
+        modes = list(self.modes.values())
+        counts = ", ".join(f"{modes.count(m)} {m}" for m in MODES if m in modes) or "no contacts"
+        sided = "; one-sided" if self.one_sided else ""
+        return f"StepDerivatives({self.route!r}: {counts}{sided})"
+
+
+def differentiated(route: Route, steps: LinearSteps, ended: Ended) -> StepDerivatives:
+    """Return the derivatives of a step that has ended."""
+    if not (np.isfinite(ended.dq).all() and np.isfinite(ended.dv).all()):
+        raise SolveFailed(f"{route!r}: the derivatives of this step are not finite", None)
+    parameters = ["friction"]
+    if steps.scheme.takes_restitution:
+        parameters.append("restitution")
+    if hasattr(steps.scheme, "solref"):
+        parameters.append("solref")
+    return made(
+        route, steps, (ended.q, ended.v), (ended.dq, ended.dv), modes_of(steps, ended),
+        ended.law.margin, tuple(parameters),
+    )  # fmt: skip
+
+
+def made(
+    route: Route, steps: LinearSteps, state: tuple[Array, Array],
+    matrices: tuple[Array, Array], modes: dict[str, str], margin: float,
+    parameters: tuple[str, ...],
+) -> StepDerivatives:  # fmt: skip
+    """Return the derivatives with these `matrices`, of a step that ends in this `state`."""
+    candidates = steps.system.contacts
+    q, v, dq, dv = read_only((*state, *matrices))
+    names = candidates.names[: candidates.cones]
+    return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters)
+
+
+def modes_of(steps: LinearSteps, ended: Ended) -> dict[str, str]:
+    """Return the modes of all contacts in a step that has ended."""
+    chosen, problem = ended.posed.chosen, ended.posed.problem
+    modes = np.full(len(chosen.active), OPEN)
+    if problem.rows:
+        still = 100 * tolerances.CONTACT_POLISHED
+        modes[chosen.active] = contact_modes(problem, ended.law.lam, still)
+    names = steps.system.contacts.names
+    return dict(zip(names, (MODES[code] for code in modes), strict=True))

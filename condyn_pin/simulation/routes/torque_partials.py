@@ -1,0 +1,35 @@
+"""How the torques of a step change with its start: applied ones, springs and damping.
+
+tau = tau_a - (D + dt K) v - K (q - q_0) + J_f^T f
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.dynamics.derivatives.carried import slope
+from condyn_pin.simulation.system import System
+
+
+def torque_partials(system: System, t: float, q: Array, v: Array, dt: float) -> tuple[Array, Array]:
+    """Return the torques by q and by v (nv, nv), springs and damping as at the end of a step."""
+    passive, n = system.passive, len(v)
+    by_q = np.diag(-passive.stiffness)
+    by_v = np.diag(-passive.d - dt * passive.stiffness)
+    if system.applied.constant is None:
+        of_q, of_v = system.applied.slopes(t, q, v)
+        by_q, by_v = by_q + of_q, by_v + of_v
+    between = passive.between
+    if between is not None:
+        along_q, steps = between, np.eye(n)
+        model = system.model
+
+        def pull(step: Array) -> Array:
+            return along_q.torque(pin.integrate(model, q, step), v, dt)
+
+        by_q = by_q + np.column_stack([slope(pull, step) for step in steps])
+        U, weights = between.inertia_rows(q, dt)
+        by_v = by_v - U.T @ (weights[:, None] * U) / dt
+    return by_q, by_v

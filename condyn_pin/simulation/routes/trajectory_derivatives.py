@@ -1,0 +1,246 @@
+"""The verb trajectory_derivatives: how the end of a motion with contacts changes with its start.
+
+    x_i+1 = step(x_i, tau + u_i, p),    dx_i+1 = A_i dx_i + B_i du_i + P_i dp
+
+Forward, columns go along with the steps. Backward, the gradient y of what is asked of the end,
+
+    y_i = A_i^T y_i+1,    by u_i: B_i^T y_i+1,    by p: sum_i P_i^T y_i+1
+
+and each step is linearised when its turn comes, at a state that is kept, or taken again from one
+that is: no matrix of another step is in memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from functools import cached_property
+from math import ceil, sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core.arrays import Array, Indices, finite, read_only
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.outcome import RunStatus
+from condyn_pin.simulation.routes.active_set import ActiveSet
+from condyn_pin.simulation.routes.base import Route
+from condyn_pin.simulation.routes.linear_steps import LinearSteps
+from condyn_pin.simulation.routes.step_derivatives import StepDerivatives
+from condyn_pin.simulation.system import System
+from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian
+from condyn_pin.simulation.trajectory import Trajectory
+
+# What `wrt` may name, beside the start.
+PARAMETERS = ("tau", "friction", "restitution", "solref")
+
+
+class Gradient(NamedTuple):
+    """The gradient of a function of the end of a motion."""
+
+    q: Array  # (nv,), by the start; tangent
+    v: Array  # (nv,), by the start
+    tau: Array  # (steps, nv), by the torques of each step
+    friction: Array  # (k,), by the coefficient of each contact; zeros where a route has none
+    restitution: Array  # (k,)
+    solref: Array  # (2,)
+
+
+class TrajectoryDerivatives:
+    """The derivatives of the end of a motion; columns and rows of q are tangent.
+
+    Attributes
+    ----------
+    q, v : (nq,), (nv,) array
+        The end: that of the route's own steps.
+    route : Route
+    steps : int
+        How many there are.
+    one_sided : tuple of int
+        The steps in which a contact is so near to another mode that derivatives hold on one side;
+        known after a sweep.
+    """
+
+    def __init__(
+        self, route: Route, steps: LinearSteps, count: int, start: tuple[Array, Array],
+        wrt: tuple[str, ...],
+    ) -> None:  # fmt: skip
+        self.route, self.steps, self._linear, self._wrt = route, count, steps, wrt
+        self._every = max(ceil(sqrt(count)), 1)
+        self._kept = [start]  # states of every so many steps
+        state = start
+        for i in range(count):
+            state = route.step(steps, i * steps.dt, *state)
+            if (i + 1) % self._every == 0 and i + 1 < count:
+                self._kept.append(state)
+        self.q, self.v = read_only(state)
+        self._one_sided: set[int] = set()
+
+    @property
+    def one_sided(self) -> tuple[int, ...]:
+        """Steps, as in the list of attributes."""
+        return tuple(sorted(self._one_sided))
+
+    @property
+    def dx_dx(self) -> Array:
+        """(q+, v+) by (q, v) of the start (2 nv, 2 nv)."""
+        return self._matrices["state"]
+
+    def by(self, parameter: str) -> Array:
+        """Return (q+, v+) by a parameter: tau held over the motion (2 nv, nv), friction and so on.
+
+        It has to be named in `wrt`.
+        """
+        if parameter not in self._wrt:
+            raise InvalidArgument(f"parameter = {parameter!r}: wrt has {', '.join(self._wrt)}")
+        return self._matrices[parameter]
+
+    @one_blas_thread
+    def jvp(
+        self, dq: ArrayLike, dv: ArrayLike, dtau: ArrayLike | None = None
+    ) -> tuple[Array, Array]:
+        """Return (dq+, dv+) along dq and dv of the start, and dtau (nv,) or (steps, nv)."""
+        n = len(self.v)
+        x = np.concatenate((finite("dq", dq, n), finite("dv", dv, n)))
+        u = np.zeros((self.steps, n))
+        if dtau is not None:
+            given = np.asarray(dtau, dtype=np.float64)
+            u += finite("dtau", given, (self.steps, n) if given.ndim > 1 else (n,))
+        for i, of in self._forward():
+            x = np.vstack(of.matrices)[:, : 3 * n] @ np.concatenate((x, u[i]))
+        return x[:n], x[n:]
+
+    @one_blas_thread
+    def vjp(self, dq1: ArrayLike, dv1: ArrayLike) -> Gradient:
+        """Return the gradient of dq1 . q+ + dv1 . v+, for dq1 and dv1 (nv,), in one sweep back."""
+        n, columns = len(self.v), self._linear.columns
+        y = np.concatenate((finite("dq1", dq1, n), finite("dv1", dv1, n)))
+        by_tau, by_others = np.zeros((self.steps, n)), np.zeros(columns.size)
+        for i, of in self._backward():
+            x = y @ np.vstack(of.matrices)
+            by_tau[i] = x[columns.tau]
+            by_others += x
+            y = x[: 2 * n]
+        return Gradient(
+            y[:n], y[n:], by_tau, by_others[columns.friction], by_others[columns.restitution],
+            by_others[columns.solref],
+        )  # fmt: skip
+
+    @cached_property
+    @one_blas_thread
+    def _matrices(self) -> dict[str, Array]:
+        n, columns = len(self.v), self._linear.columns
+        places: dict[str, slice | Indices] = {
+            "tau": columns.tau, "friction": columns.friction, "restitution": columns.restitution,
+            "solref": columns.solref,
+        }  # fmt: skip
+        found = {"state": np.eye(2 * n)}
+        found |= {name: columns.empty(2 * n)[:, places[name]] for name in self._wrt}
+        for _, of in self._forward():
+            A = np.vstack(of.matrices)
+            found = {name: A[:, : 2 * n] @ block for name, block in found.items()}
+            for name in self._wrt:
+                found[name] += A[:, places[name]]
+        return found
+
+    def _forward(self) -> Iterator[tuple[int, StepDerivatives]]:
+        state = self._kept[0]
+        for i in range(self.steps):
+            of = self._at(i, state)
+            yield i, of
+            state = of.q, of.v
+
+    def _backward(self) -> Iterator[tuple[int, StepDerivatives]]:
+        for k in reversed(range(len(self._kept))):
+            first = k * self._every
+            last = min(first + self._every, self.steps)
+            states = [self._kept[k]]
+            for i in range(first, last - 1):
+                states.append(self.route.step(self._linear, i * self._linear.dt, *states[-1]))
+            for i in reversed(range(first, last)):
+                yield i, self._at(i, states[i - first])
+
+    def _at(self, i: int, state: tuple[Array, Array]) -> StepDerivatives:
+        of = self.route.at(self._linear, i * self._linear.dt, *state)
+        if of.one_sided:
+            self._one_sided.add(i)
+        return of
+
+    def __repr__(self) -> str:
+        return f"TrajectoryDerivatives({self.route!r}: {self.steps} steps)"
+
+
+@one_blas_thread
+def trajectory_derivatives(
+    motion: Trajectory,
+    tau: float | ArrayLike | Torque = 0.0,
+    *,
+    wrt: Sequence[str] = (),
+    route: Route | None = None,
+    forces: Sequence[AppliedForce] = (),
+    jacobian: TorqueJacobian | None = None,
+) -> TrajectoryDerivatives:
+    """Return how the end of a motion with contacts changes with its start and its parameters.
+
+    x_i+1 = step(x_i, tau + u_i, p),    dx_i+1 = A_i dx_i + B_i du_i + P_i dp
+
+    Parameters
+    ----------
+    motion : Trajectory
+        By a scheme with contacts, and without events.
+    tau : 0, (nv,) array_like or callable, optional
+        What was applied: as `simulate` was given it [N, N m].
+    wrt : sequence of {"tau", "friction", "restitution", "solref"}
+        What matrices are formed by, beside the start; the gradient of `vjp` has all of them.
+    route : Route, optional
+        `ActiveSet()` by default.
+    forces, jacobian : optional
+        As `simulate` was given them. Without a jacobian, differences are taken of a function tau.
+
+    Returns
+    -------
+    TrajectoryDerivatives
+
+    Raises
+    ------
+    InvalidArgument
+        If the motion is of another kind, or a parameter is unknown.
+
+    Notes
+    -----
+    The motion is taken again, by the steps of the route. Cost: `Route.cost` a step in each sweep,
+    and twice the steps for a sweep back. Memory: some sqrt(steps) states.
+
+    References
+    ----------
+    Griewank, Walther. Evaluating Derivatives. SIAM, 2008, chapter 12: checkpoints.
+    """
+    chosen = ActiveSet() if route is None else route
+    if not isinstance(chosen, Route):
+        raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
+    run, names = motion.run, tuple(wrt)
+    if not isinstance(run.integrator, ContactScheme):
+        raise InvalidArgument(
+            f"motion: it is by {run.integrator!r}; one by a scheme with contacts is needed, such "
+            "as StewartTrinkle()"
+        )
+    if len(motion.phases) > 1 or run.happened or run.status is not RunStatus.FINISHED:
+        raise InvalidArgument("motion: one that went to its end without events is needed")
+    if unknown := [name for name in names if name not in PARAMETERS]:
+        raise InvalidArgument(f"wrt: {unknown[0]!r} is none of {', '.join(PARAMETERS)}")
+    effects = run.effects
+    scene = effects.applied_to(motion.scene)
+    applied = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
+    system = System(
+        Workspace(scene.bilateral), applied, springs=effects.springs, damping=effects.damping,
+        contacts=scene.contact_bounds,
+    )  # fmt: skip
+    steps = LinearSteps(scene, chosen.scheme(run.integrator), run.dt, system)
+    count = round(float(motion.t[-1] - motion.t[0]) / run.dt)
+    with np.errstate(all="ignore"):
+        start = np.array(motion.q[0]), np.array(motion.v[0])
+        return TrajectoryDerivatives(chosen, steps, count, start, names)

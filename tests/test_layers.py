@@ -1,0 +1,338 @@
+"""Layers of torch and jax: gradients of `solve` against differences, and against `derivatives`."""
+
+from __future__ import annotations
+
+import functools
+import subprocess
+import sys
+
+import jax
+import numpy as np
+import pytest
+import torch
+from jax.test_util import check_grads
+from shared import central, robot
+
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
+from condyn_pin.layers.configurations import Configurations
+
+CURVED = {
+    "free flyer": pin.JointModelFreeFlyer,
+    "spherical": pin.JointModelSpherical,
+    "planar": pin.JointModelPlanar,
+    "unbounded": pin.JointModelRUBY,
+    "euler angles": pin.JointModelSphericalZYX,
+}
+
+
+@pytest.fixture(autouse=True)
+def _sixty_four_bits():
+    jax.config.update("jax_enable_x64", True)
+    yield
+    jax.config.update("jax_enable_x64", False)
+
+
+@functools.cache
+def limb(root: str) -> cp.Robot:
+    """Two hinges on a joint of some kind, with a frame at the tip."""
+    model, rng = pin.Model(), np.random.default_rng(0)
+
+    def placed():
+        return pin.SE3(pin.rpy.rpyToMatrix(*rng.uniform(-1, 1, 3)), rng.uniform(-0.4, 0.4, 3))
+
+    first = model.addJoint(0, pin.JointModelRX(), pin.SE3.Identity(), "first")
+    body = model.addJoint(first, CURVED[root](), placed(), "curved")
+    last = model.addJoint(body, pin.JointModelRZ(), placed(), "last")
+    for joint in (first, body, last):
+        off = pin.SE3(np.eye(3), rng.uniform(-0.1, 0.1, 3))
+        model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.1, 0.2, 0.3), off)
+    tip = pin.SE3(np.eye(3), np.array([0.1, 0.2, 0.3]))
+    model.addFrame(pin.Frame("tip", last, 0, tip, pin.FrameType.OP_FRAME))
+    return cp.Robot(f"limb_{root}", model)
+
+
+@functools.cache
+def scenes() -> dict[str, cp.Scene]:
+    four_bar, cassie, solo = robot("four_bar"), robot("cassie"), robot("solo12")
+    return {
+        "four-bar": cp.Scene(four_bar, four_bar.loops),
+        "cassie, loops": cp.Scene(cassie, cassie.loops),
+        "solo12, feet": cp.Scene(solo, solo.contacts),
+        "free body": cp.Scene(limb("free flyer")),
+        "planar, held": cp.Scene(limb("planar"), [cp.PointContact("tip")]),
+    }
+
+
+def state(scene: cp.Scene, seed: int = 0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(seed)
+    return (*scene.sample(rng), rng.normal(size=scene.robot.nv))
+
+
+def tensors(arrays, grad: bool = True):
+    return [torch.tensor(each, requires_grad=grad) for each in arrays]
+
+
+@pytest.mark.parametrize("root", list(CURVED))
+def test_numbers_of_q_move_as_the_rates_say(root):
+    """D against differences of pin.integrate, and back: T D = 1."""
+    body = limb(root)
+    space, model = Configurations(body), body.model
+    start, step = np.random.default_rng(1).normal(size=(2, model.nv))
+    q = np.array(pin.integrate(model, pin.neutral(model), start))
+    moved = central(lambda t: np.array(pin.integrate(model, q, t * step)), 1e-3)
+    D = space.rates(q)
+    assert np.abs(D @ step - moved).max() < 1e-9
+    assert np.abs(space.steps(q, np.ones(model.nq)) @ D - np.eye(model.nv)).max() < 1e-14
+
+
+@pytest.mark.parametrize("label", ["four-bar", "solo12, feet", "free body", "planar, held"])
+def test_torch_gradients_are_those_of_differences(label):
+    """Both modes, by every number of q too; rows that are redundant off the loops are below."""
+    scene = scenes()[label]
+    layer = cp.layers.torch_solve(scene)
+    inputs = tensors(state(scene))
+    size = max(float(each.detach().abs().max()) for each in layer(*inputs) if each.numel())
+    assert torch.autograd.gradcheck(
+        layer,
+        inputs,
+        atol=1e-6 * size,
+        rtol=1e-5,
+        check_forward_ad=True,
+        check_undefined_grad=False,
+    )
+
+
+@pytest.mark.parametrize("label", ["four-bar", "solo12, feet", "planar, held"])
+def test_jax_gradients_are_those_of_differences(label):
+    scene = scenes()[label]
+    layer = cp.layers.jax_solve(scene)
+    of = state(scene)
+    size = max(float(np.abs(each).max()) for each in layer(*of))
+    check_grads(lambda *at: [x / size for x in layer(*at)], of, 1, ["fwd", "rev"], 1e-5, 1e-5)
+
+
+@pytest.mark.parametrize("label", list(scenes()))
+def test_gradients_are_those_of_the_library(label):
+    """To rounding, in the tangent, of both libraries."""
+    scene, rng = scenes()[label], np.random.default_rng(3)
+    of, space = state(scene), Configurations(scene.robot)
+    d = cp.derivatives(scene, *of)
+    da, dlam = rng.normal(size=scene.robot.nv), rng.normal(size=scene.rows)
+    wanted = d.vjp(da, dlam)
+
+    inputs = tensors(of)
+    a, lam = cp.layers.torch_solve(scene)(*inputs)
+    (a @ torch.tensor(da) + lam @ torch.tensor(dlam)).backward()
+    in_torch = [each.grad.numpy() for each in inputs]
+
+    def cost(*at):
+        a, lam = cp.layers.jax_solve(scene)(*at)
+        return a @ da + lam @ dlam
+
+    in_jax = [np.asarray(each) for each in jax.grad(cost, (0, 1, 2))(*of)]
+    assert np.array_equal(a.detach().numpy(), d.solution.a)
+    for by_q, *rest in (in_torch, in_jax):
+        found = [cp.layers.tangent_gradient(scene.robot, of[0], by_q), *rest]
+        for had, want in zip(found, wanted, strict=True):
+            assert np.abs(had - want).max() < 1e-11 * max(1.0, np.abs(want).max())
+        for part in scene.robot.arguments.units:  # none along what is normalised away
+            assert abs(by_q[part] @ of[0][part]) < 1e-11 * max(1.0, np.abs(by_q).max())
+    assert np.abs(space.rates(of[0]).T @ in_torch[0] - wanted[0]).max() < 1e-11 * max(
+        1.0, np.abs(wanted[0]).max()
+    )
+
+
+def test_along_a_closed_motion_of_cassie():
+    """The slope of a along a path that keeps the loops closed, whose rows are redundant."""
+    scene = scenes()["cassie, loops"]
+    q, v, tau = state(scene)
+    workspace, model = cp.Workspace(scene), scene.robot.model
+
+    def path(t):
+        moved = np.array(pin.integrate(model, q, t * v))
+        for _ in range(3):
+            c, J = workspace.violation(moved), workspace.jacobian(moved)
+            moved = np.array(pin.integrate(model, moved, -np.linalg.lstsq(J, c, rcond=1e-9)[0]))
+        return moved
+
+    wanted = central(lambda t: workspace.solve(path(t), v, tau).a, 1e-4)
+    dq = central(path, 1e-4)
+    still = np.zeros_like(v)
+    layer = cp.layers.torch_solve(scene)
+    _, (da, _) = torch.func.jvp(layer, tuple(tensors((q, v, tau), False)),
+                                tuple(tensors((dq, still, still), False)))  # fmt: skip
+    assert np.abs(da.numpy() - wanted).max() < 1e-6 * np.abs(wanted).max()
+
+
+def test_batches_and_maps_are_the_states_one_by_one():
+    scene = scenes()["solo12, feet"]
+    many = [np.stack(each) for each in zip(*(state(scene, i) for i in range(4)), strict=True)]
+    one_by_one = [cp.solve(scene, *at) for at in zip(*many, strict=True)]
+    Q, V, _ = many
+    tau = many[2][0]  # one for all: it broadcasts
+    a, lam = cp.layers.torch_solve(scene)(*tensors(many, False))
+    assert np.array_equal(a.numpy(), np.stack([each.a for each in one_by_one]))
+    assert np.array_equal(lam.numpy(), np.stack([each.lam for each in one_by_one]))
+    layer, jax_layer = cp.layers.torch_solve(scene), cp.layers.jax_solve(scene)
+    grid = layer(*tensors((Q.reshape(2, 2, -1), V.reshape(2, 2, -1), tau), False))[0]
+    mapped = torch.func.vmap(layer, in_dims=(0, 0, None))(*tensors((Q, V, tau), False))[0]
+    in_jax = jax.jit(jax.vmap(jax_layer, (0, 0, None)))(Q, V, tau)[0]
+    assert grid.shape == (2, 2, scene.robot.nv)
+    assert torch.equal(grid.reshape(4, -1), mapped)
+    assert np.array_equal(np.asarray(in_jax), mapped.numpy())
+
+    def cost(q, v, u):
+        return (layer(q, v, u)[0] ** 2).sum()
+
+    by_torch = torch.func.vmap(torch.func.grad(cost, (0, 1, 2)), in_dims=(0, 0, None))
+    by_jax = jax.vmap(jax.grad(lambda *at: (jax_layer(*at)[0] ** 2).sum(), (0, 1, 2)), (0, 0, None))
+    inputs = tensors((Q, V, tau))
+    cost(*inputs).backward()
+    parts = by_torch(*tensors((Q, V, tau), False))
+    for leaf, part, other in zip(inputs, parts, by_jax(Q, V, tau), strict=True):
+        summed = part.sum(0) if leaf.ndim == 1 else part
+        size = float(leaf.grad.abs().max())
+        assert float((leaf.grad - summed).abs().max()) < 1e-12 * size
+        assert np.abs(np.asarray(other) - part.numpy()).max() < 1e-10 * size
+
+
+def test_a_quaternion_of_any_length_is_the_rotation_it_stands_for():
+    scene = scenes()["free body"]
+    q, v, tau = state(scene)
+    unit, long = tensors((q, v, tau)), tensors((q, v, tau))
+    (part,) = scene.robot.arguments.units
+    with torch.no_grad():
+        long[0][part] *= 3.0
+    layer = cp.layers.torch_solve(scene)
+    for inputs in (unit, long):
+        layer(*inputs)[0].sum().backward()
+    assert torch.allclose(layer(*unit)[0], layer(*long)[0], rtol=1e-13, atol=1e-13)
+    assert torch.allclose(unit[0].grad[part], 3.0 * long[0].grad[part], rtol=1e-10, atol=1e-10)
+
+
+def test_what_no_layer_takes_is_named():
+    scene = scenes()["four-bar"]
+    layer, (q, v, tau) = cp.layers.torch_solve(scene), tensors(state(scene))
+    with pytest.raises(cp.InvalidArgument, match=r"v is float32.*v\.double\(\)"):
+        layer(q, v.float(), tau)
+    with pytest.raises(cp.InvalidArgument, match="tau is on meta"):
+        layer(q, v, tau.to("meta"))
+    with pytest.raises(cp.InvalidArgument, match="q is a ndarray"):
+        layer(q.detach().numpy(), v, tau)
+    with pytest.raises(cp.InvalidArgument, match=r"q has shape \(2,\): the last axis.* 3 long"):
+        layer(q[:2], v, tau)
+    with pytest.raises(cp.InvalidArgument, match="leading axes that broadcast"):
+        layer(q.expand(2, 3), v.expand(3, 3), tau)
+    a, _ = layer(q, v, tau)
+    (by_q,) = torch.autograd.grad(a.sum(), q, create_graph=True)
+    with pytest.raises(cp.InvalidArgument, match="first derivatives only"):
+        by_q.sum().backward()
+    with pytest.raises(cp.InvalidArgument, match="jax_enable_x64"):
+        cp.layers.jax_solve(scene)(*(np.float32(each) for each in state(scene)))
+    with pytest.raises(cp.InvalidArgument, match="the last axis has to be 3 long"):
+        cp.layers.jax_solve(scene)(np.zeros(2), np.zeros(3), np.zeros(3))
+    with pytest.raises(cp.InvalidArgument, match="zero has no direction"):
+        cp.layers.tangent_gradient(limb("spherical"), np.zeros(6), np.zeros(6))
+
+
+@functools.cache
+def stepping() -> tuple[cp.Scene, tuple[np.ndarray, ...]]:
+    """Solo12 slides on its feet, a tenth of a millimetre in the floor: off all kinks."""
+    solo = robot("solo12")
+    scene = cp.Scene(solo, contacts=solo.frictional_contacts(friction=0.7))
+    q, v = scene.state()
+    q = cp.mechanism.put_down(scene, q)
+    q[2] -= 1e-4
+    v[:3] = 0.4, 0.15, 0.0
+    v[6:] = 0.1 * np.random.default_rng(0).normal(size=12)
+    return scene, (q, v, np.r_[np.zeros(6), np.random.default_rng(1).normal(size=12)])
+
+
+def test_steps_in_torch_and_jax():
+    """Of both libraries, and two steps in a row: what `step` finds, and its derivatives."""
+    (scene, (q, v, tau)), rng = stepping(), np.random.default_rng(2)
+    dt, route = 1e-3, cp.simulation.ActiveSet()
+    g_q, g_v = rng.normal(size=19), rng.normal(size=18)
+    one = cp.step(scene, q, v, tau, dt=dt).derivatives(route=route)
+    two = cp.step(scene, one.q, one.v, tau, dt=dt).derivatives(route=route)
+    space = Configurations(scene.robot)
+    back = two.vjp(g_q @ space.rates(two.q), g_v)
+    first = one.vjp(*back[:2])
+    wanted = [*first[:2], first[2] + back[2]]
+
+    step, in_jax = (make(scene, dt=dt) for make in (cp.layers.torch_step, cp.layers.jax_step))
+    inputs = tensors((q, v, tau))
+    end = step(*step(*inputs), inputs[2])
+    (end[0] @ torch.tensor(g_q) + end[1] @ torch.tensor(g_v)).backward()
+
+    def cost(q, v, tau):
+        q2, v2 = in_jax(*in_jax(q, v, tau), tau)
+        return q2 @ g_q + v2 @ g_v
+
+    by_jax = [np.asarray(each) for each in jax.grad(cost, (0, 1, 2))(q, v, tau)]
+    assert np.abs(end[0].detach().numpy() - two.q).max() < 1e-12
+    for by_q, *rest in ([each.grad.numpy() for each in inputs], by_jax):
+        found = [cp.layers.tangent_gradient(scene.robot, q, by_q), *rest]
+        for had, want in zip(found, wanted, strict=True):
+            assert np.abs(had - want).max() < 1e-7 * np.abs(want).max()
+
+
+def test_a_step_is_differentiated_by_every_number():
+    """Against differences of the layer itself, sliding feet and a floating base."""
+    scene, (q, v, tau) = stepping()
+    step = cp.layers.torch_step(scene, dt=1e-3)
+    at = tensors((q, v, tau), False)
+    rng = np.random.default_rng(4)
+    along = tensors((0.1 * rng.normal(size=19), rng.normal(size=18), rng.normal(size=18)), False)
+    _, (dq, dv) = torch.func.jvp(step, tuple(at), tuple(along))
+
+    def end(t):
+        return torch.cat(step(*(x + t * d for x, d in zip(at, along, strict=True)))).numpy()
+
+    wanted, found = central(end, 1e-6), torch.cat((dq, dv)).numpy()
+    assert np.abs(found - wanted).max() < 1e-5 * np.abs(wanted).max()
+
+
+def test_an_action_is_a_step_in_the_tangent():
+    scene, (q, v, tau) = stepping()
+    model, nv = scene.robot.model, scene.robot.nv
+    action = cp.layers.Action(scene, dt=1e-3)
+    x, u = np.concatenate([q, v]), tau[6:]
+    end, (Fx, Fu) = action.step(x, u), action.derivatives(x, u)
+    now = cp.step(scene, q, v, tau, dt=1e-3)
+    assert np.abs(end - np.concatenate([now.q, now.v])).max() < 1e-7
+    assert Fx.shape == (2 * nv, 2 * nv)
+    rng = np.random.default_rng(5)
+    dq, dv, du = 0.1 * rng.normal(size=nv), rng.normal(size=nv), rng.normal(size=12)
+
+    def moved(t):
+        there = np.concatenate([pin.integrate(model, q, t * dq), v + t * dv])
+        after = action.step(there, u + t * du)
+        return np.concatenate([pin.difference(model, end[:19], after[:19]), after[19:] - end[19:]])
+
+    wanted = central(moved, 1e-6)
+    found = Fx @ np.concatenate([dq, dv]) + Fu @ du
+    assert np.abs(found - wanted).max() < 1e-5 * np.abs(wanted).max()
+    with pytest.raises(cp.InvalidArgument, match="dt = 0"):
+        cp.layers.Action(scene, dt=0)
+    with pytest.raises(cp.InvalidArgument, match="route = 'kappa'"):
+        cp.layers.Action(scene, dt=1e-3, route="kappa")
+    with pytest.raises(cp.InvalidArgument, match="StewartTrinkle"):
+        cp.layers.torch_step(scene, dt=1e-3, integrator=cp.RungeKutta4())
+
+
+@pytest.mark.parametrize("library", ["torch", "jax"])
+def test_without_the_library_the_extra_is_named(library):
+    program = f"""
+import sys
+sys.modules["{library}"] = None
+import condyn_pin as cp
+bar = cp.model.four_bar()
+try:
+    cp.layers.{library}_solve(cp.Scene(bar, bar.loops))
+except cp.errors.MissingExtra as error:
+    print(error)
+"""
+    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert f"condyn_pin[{library}]" in done.stdout, done.stderr

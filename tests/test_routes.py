@@ -1,0 +1,446 @@
+"""Derivatives of steps with contacts: against differences, and against closed forms."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import replace
+from math import sqrt
+
+import numpy as np
+import pytest
+from shared import robot
+
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
+from condyn_pin.simulation import (
+    ROUTES,
+    ActiveSet,
+    EventLocated,
+    Kappa,
+    Randomised,
+    Softened,
+    trajectory_derivatives,
+)
+
+DT = 1e-3
+NEWTON = cp.contact.SemismoothNewton()
+HARD = (cp.StewartTrinkle(contact=NEWTON), cp.Moreau(contact=NEWTON))
+CONVEX = (cp.simulation.Anitescu(contact=NEWTON), cp.simulation.SoftStep(contact=NEWTON))
+STATES = {
+    "stick": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+    "slide": (0.4, 0.15, 0.0, 0.1, 0.2, 0.3),
+    "turn": (0.3, 0.0, 0.0, 0.0, 0.0, 2.0),
+    "air": (0.0, 0.0, 3.0, 1.0, 2.0, -1.0),
+}
+
+
+def touching(name: str, *, shape=None, friction=0.7, **variant) -> cp.Scene:
+    """A robot whose feet may let go."""
+    machine = cp.load_robot(name, **variant) if variant else robot(name)
+    shape = shape or cp.constraints.Point()
+    feet = [
+        cp.FrictionalContact(c.frame, shape, offset=c.offset, friction=friction, name=c.name)
+        for c in machine.contacts
+    ]
+    return cp.Scene(machine, machine.loops, contacts=feet)
+
+
+def lowered(scene: cp.Scene, q: np.ndarray) -> np.ndarray:
+    """The same posture, the highest foot 0.1 mm in the floor: away from the kink at zero."""
+    q = q.copy()
+    gaps = cp.step(scene, q, np.zeros(scene.robot.nv), dt=DT, throw=False).gaps
+    q[2] -= max(gaps.values()) + 1e-4
+    return q
+
+
+@functools.cache
+def solo() -> tuple[cp.Scene, np.ndarray]:
+    scene = touching("solo12", shape=cp.constraints.Ball(0.01))
+    return scene, lowered(scene, scene.state()[0])
+
+
+@functools.cache
+def cassie() -> tuple[cp.Scene, np.ndarray]:
+    scene = touching("cassie", variant={"feet": "points"})
+    q = scene.state()[0]
+    rng = np.random.default_rng(5)
+    q = closed(scene, pin.integrate(scene.robot.model, q, 3e-3 * rng.normal(size=scene.robot.nv)))
+    return scene, lowered(scene, q)
+
+
+@functools.cache
+def equations(scene: cp.Scene):
+    return cp.Workspace(scene.bilateral).equations
+
+
+def closed(scene: cp.Scene, q: np.ndarray) -> np.ndarray:
+    """The nearest configuration whose loops are closed to rounding."""
+    if not scene.rows:
+        return q
+    for _ in range(8):
+        c, J = equations(scene).violation(q), equations(scene).jacobian(q)
+        q = pin.integrate(scene.robot.model, q, -np.linalg.lstsq(J, c, rcond=1e-9)[0])
+    return q
+
+
+def tangent(scene: cp.Scene, q: np.ndarray, x: np.ndarray) -> np.ndarray:
+    """The part of a motion that keeps the loops closed."""
+    if not scene.rows:
+        return x
+    J = equations(scene).jacobian(q)
+    return x - np.linalg.lstsq(J, J @ x, rcond=1e-9)[0]
+
+
+def between(model, end, start) -> np.ndarray:
+    return np.concatenate([pin.difference(model, start[0], end[0]), end[1] - start[1]])
+
+
+def slope(model, f, h: float) -> np.ndarray:
+    """(8 (f(h) - f(-h)) - (f(2h) - f(-2h))) / 12 h, of a state (q, v)."""
+    near, far = between(model, f(h), f(-h)), between(model, f(2 * h), f(-2 * h))
+    return (8 * near - far) / (12 * h)
+
+
+def misses(scene, q, v, tau, scheme, route, steps, seed=0) -> list[float]:
+    """Relative errors of `jvp` along q, v and tau: against differences of the route's own step."""
+    model, n = scene.robot.model, scene.robot.nv
+    rng, found = np.random.default_rng(seed), []
+
+    def end(q_, v_, tau_):
+        now = cp.step(scene, q_, v_, tau_, dt=DT, integrator=scheme)
+        if isinstance(route, ActiveSet):  # the step itself, not what the route makes of it
+            return now.q, now.v
+        d = now.derivatives(route=route)
+        return d.q, d.v
+
+    of = cp.step(scene, q, v, tau, dt=DT, integrator=scheme).derivatives(route=route)
+    assert not of.one_sided
+    x, zero = tangent(scene, q, rng.normal(size=n)), np.zeros(n)
+    w, u = rng.normal(size=n), rng.normal(size=n)
+    for moved, along, h in (
+        (lambda s: end(closed(scene, pin.integrate(model, q, s * x)), v, tau), (x, zero, zero), 0),
+        (lambda s: end(q, v + s * w, tau), (zero, w, zero), 1),
+        (lambda s: end(q, v, tau + s * u), (zero, zero, u), 2),
+    ):
+        expected = slope(model, moved, steps[h])
+        found.append(
+            np.abs(np.concatenate(of.jvp(*along)) - expected).max() / np.abs(expected).max()
+        )
+    return found
+
+
+@pytest.mark.parametrize("scheme", [*HARD, *CONVEX], ids=lambda s: type(s).__name__)
+@pytest.mark.parametrize("state", STATES)
+def test_a_free_robot_in_each_mode(state, scheme):
+    scene, q = solo()
+    rng = np.random.default_rng(1)
+    v = np.concatenate([STATES[state], np.zeros(12)]) + 0.01 * rng.normal(size=18)
+    tau = np.concatenate([np.zeros(6), 0.5 * rng.normal(size=12)])
+    by_q, by_v, by_tau = misses(scene, q, v, tau, scheme, ActiveSet(), (1e-6, 1e-4, 1e-3))
+    assert by_q < 1e-9
+    assert by_v < 3e-9  # differences of gaps / dt have that much rounding
+    assert by_tau < 1e-10
+
+
+@pytest.mark.parametrize("scheme", HARD, ids=lambda s: type(s).__name__)
+@pytest.mark.parametrize("speed", [0.05, 1.0])
+def test_loops_and_springs(scheme, speed):
+    scene, q = cassie()
+    n = scene.robot.nv
+    v = tangent(scene, q, speed * np.random.default_rng(2).normal(size=n))
+    by_q, by_v, by_tau = misses(scene, q, v, np.zeros(n), scheme, ActiveSet(), (3e-6, 1e-4, 1e-2))
+    assert by_q < 1e-8
+    assert by_v < 1e-8  # what closes the loops leaves 1e-13 / h, and gaps / dt
+    assert by_tau < 1e-10
+    of = cp.step(scene, q, v, dt=DT, integrator=scheme).derivatives()
+    J = equations(scene).jacobian(of.q)
+    assert np.abs(J @ of.dq_dtau).max() < 1e-12  # loops stay closed, whatever acts
+
+
+@pytest.mark.parametrize("route", [Softened(), Kappa(1e-2), Kappa(1e-4), Kappa(1e-6)], ids=repr)
+@pytest.mark.parametrize("state", ["stick", "slide"])
+def test_smooth_routes_are_the_slopes_of_their_own_steps(route, state):
+    scene, q = solo()
+    v = np.concatenate([STATES[state], np.zeros(12)])
+    v += 0.01 * np.random.default_rng(1).normal(size=18)
+    by_q, by_v, by_tau = misses(scene, q, v, np.zeros(18), HARD[0], route, (1e-7, 1e-5, 1e-5))
+    assert max(by_q, by_v, by_tau) < (1e-9 if isinstance(route, Softened) else 1e-8)
+
+
+def test_kappa_goes_to_the_active_set():
+    scene, q = solo()
+    v = np.concatenate([STATES["slide"], np.zeros(12)])
+    v += 0.01 * np.random.default_rng(1).normal(size=18)
+    now = cp.step(scene, q, v, dt=DT)
+    exact = now.derivatives().dv_dv
+    off = [
+        np.abs(now.derivatives(route=Kappa(10.0**-k)).dv_dv - exact).max() for k in (4, 6, 8, 10)
+    ]
+    assert off[1] < 0.1 * off[0]
+    assert off[2] < 0.1 * off[1]
+    assert off[3] < 0.2 * off[2]
+    assert off[3] < 1e-5 * np.abs(exact).max()
+
+
+def pushed(force: float, route, **contact) -> cp.simulation.StepDerivatives:
+    """A point mass of 1 kg on a floor with mu 0.5, pushed: it slips at 4.905 N."""
+    ball = cp.model.free_ball(mass=1.0, radius=0.05)
+    floor = cp.FrictionalContact("ball", cp.constraints.Point(), friction=0.5, **contact)
+    scene = cp.Scene(ball, contacts=[floor])
+    q, v = scene.state()
+    q = q.copy()
+    q[2] = -1e-6
+    tau = np.array([force, 0.0, 0.0, 0.0, 0.0, 0.0])
+    return cp.step(scene, q, v, tau, dt=1e-2).derivatives(route=route)
+
+
+def test_stick_and_slip_in_closed_form():
+    assert abs(pushed(3.0, ActiveSet()).dv_dtau[0, 0]) < 1e-15
+    slides = pushed(8.0, ActiveSet())
+    assert slides.modes == {"ball": "slide"}
+    assert slides.dv_dtau[0, 0] == pytest.approx(1e-2, rel=1e-12)
+    # the push out of 1e-6 m lasts one step: its impulse is m (g dt + 0.2 gap / dt)
+    impulse = 9.81e-2 + 0.2 * 1e-6 / 1e-2
+    assert slides.dv_dfriction[0, 0] == pytest.approx(-impulse, rel=1e-12)
+    # between the two, and rising: 1e-2 rounds the kink at 4.905 N over half a newton or so
+    near = [pushed(f, Kappa(1e-4)).dv_dtau[0, 0] for f in (3.0, 4.8, 5.0, 8.0)]
+    assert near == sorted(near)
+    assert 1e-3 < near[1] < near[2] < 9e-3
+    assert near[3] == pytest.approx(1e-2, rel=0.1)
+
+
+def test_what_is_about_to_slip_is_one_sided():
+    assert pushed(0.5 * (9.81 + 0.2 * 1e-6 / 1e-4), ActiveSet()).one_sided
+    assert not pushed(3.0, ActiveSet()).one_sided
+
+
+def test_redundant_contacts_change_by_the_least():
+    box = cp.model.free_box(mass=1.0, size=(0.2, 0.2, 0.1))
+    floor = cp.FrictionalContact("box", cp.constraints.Box(0.1, 0.1, 0.05), friction=0.5)
+    scene = cp.Scene(box, contacts=[floor])
+    q, _ = scene.state()
+    q = q.copy()
+    q[2] = 0.05 - 1e-5
+    at_rest = cp.step(scene, q, np.zeros(6), dt=DT).derivatives()
+    assert np.abs(at_rest.dv_dtau[:3, :3]).max() < 1e-12  # it stays, whatever pushes a little
+    v = np.array([1.0, 0.3, 0.0, 0.0, 0.0, 0.0])
+    slides = cp.step(scene, q, v, dt=DT).derivatives()
+    s = v[:2] / np.hypot(*v[:2])
+    push = np.zeros(6)
+    push[:2] = s
+    _, faster = slides.jvp(np.zeros(6), np.zeros(6), push)
+    assert faster[:2] == pytest.approx(DT * s, rel=1e-9)
+    # across the slip friction turns with it: d v_t = (1 - mu g dt / |v|) across
+    across = np.array([-s[1], s[0], 0.0, 0.0, 0.0, 0.0])
+    _, turned = slides.jvp(np.zeros(6), across, np.zeros(6))
+    impulse = 9.81 * DT + 0.2 * 1e-5 / DT
+    assert turned[:2] == pytest.approx(
+        across[:2] * (1 - 0.5 * impulse / np.hypot(*v[:2])), rel=1e-9
+    )
+
+
+def bounce() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """A ball half a metre above the floor."""
+    ball = cp.model.free_ball(mass=1.0, radius=0.05)
+    floor = cp.FrictionalContact("ball", cp.constraints.Ball(0.05), friction=0.2, restitution=0.8)
+    scene = cp.Scene(ball, contacts=[floor])
+    q, v = scene.state()
+    q = q.copy()
+    q[2] = 0.55
+    return scene, q, v
+
+
+def height(t: float, h: float, e: float = 0.8, g: float = 9.81) -> float:
+    """Of the ball that is let go at h, after at most two bounces."""
+    first = sqrt(2 * h / g)
+    up, second = e * g * first, first + 2 * e * first
+    if t < first:
+        return h - g * t**2 / 2
+    if t < second:
+        return up * (t - first) - g * (t - first) ** 2 / 2
+    return e * up * (t - second) - g * (t - second) ** 2 / 2
+
+
+@pytest.mark.parametrize(("dt", "duration"), [(1e-1, 0.6), (1e-2, 0.6), (1.0, 1.0)])
+def test_the_time_of_an_impact(dt, duration):
+    scene, q, v = bounce()
+    motion = cp.simulate(scene, q, v, duration=duration, dt=dt, integrator=cp.Moreau())
+    of = trajectory_derivatives(motion, route=EventLocated(), wrt=["restitution"])
+    by = 1e-5
+    exact = (height(duration, 0.5 + by) - height(duration, 0.5 - by)) / (2 * by)
+    by_e = (height(duration, 0.5, 0.8 + by) - height(duration, 0.5, 0.8 - by)) / (2 * by)
+    assert of.q[2] - 0.05 == pytest.approx(height(duration, 0.5), abs=1e-9)
+    assert of.dx_dx[2, 2] == pytest.approx(exact, abs=1e-7)
+    assert of.by("restitution")[2, 0] == pytest.approx(by_e, abs=1e-7)
+    if duration == 0.6:
+        assert of.dx_dx[2, 2] == pytest.approx(0.7827, abs=1e-4)
+        # the artefact of every step of fixed length
+        assert trajectory_derivatives(motion).dx_dx[2, 2] == pytest.approx(1.0, abs=1e-9)
+
+
+def test_a_located_impact_with_spin_and_friction():
+    scene, q, _ = bounce()
+    q[2] = 0.06
+    v = np.array([0.3, 0.2, -1.0, 2.0, 1.0, 0.5])
+    rng = np.random.default_rng(4)
+
+    def end(q_, v_, tau_):
+        of = cp.step(scene, q_, v_, tau_, dt=0.1, integrator=cp.Moreau())
+        of = of.derivatives(route=EventLocated())
+        return of.q, of.v
+
+    of = cp.step(scene, q, v, dt=0.1, integrator=cp.Moreau()).derivatives(route=EventLocated())
+    x, zero, model = rng.normal(size=6), np.zeros(6), scene.robot.model
+    for moved, along in (
+        (lambda s: end(pin.integrate(model, q, s * x), v, zero), (x, zero, zero)),
+        (lambda s: end(q, v + s * x, zero), (zero, x, zero)),
+        (lambda s: end(q, v, s * x), (zero, zero, x)),
+    ):
+        expected = slope(model, moved, 1e-5)
+        off = np.concatenate(of.jvp(*along)) - expected
+        assert np.abs(off).max() < 1e-7 * max(1.0, np.abs(expected).max())
+
+
+def test_noise_finds_the_slope_where_the_step_is_smooth():
+    scene, q = solo()
+    v = np.concatenate([STATES["slide"], np.zeros(12)])
+    v += 0.01 * np.random.default_rng(1).normal(size=18)
+    now = cp.step(scene, q, v, dt=DT, integrator=HARD[0])
+    exact = now.derivatives()
+    few, more = (
+        now.derivatives(route=Randomised(30, sigma, seed=3)).dv_dv for sigma in (1e-4, 1e-5)
+    )
+    assert np.abs(few - exact.dv_dv).max() < 1e-2 * np.abs(exact.dv_dv).max()
+    assert np.abs(more - exact.dv_dv).max() < 0.1 * np.abs(few - exact.dv_dv).max()
+    again = now.derivatives(route=Randomised(30, 1e-4, seed=3)).dv_dv
+    assert (again == few).all()
+
+
+def test_noise_smooths_the_kink_between_stick_and_slip():
+    # E[slope] over a normal force: half of 1e-2 at the kink itself
+    ball = cp.model.free_ball(mass=1.0, radius=0.05)
+    floor = cp.FrictionalContact("ball", cp.constraints.Point(), friction=0.5)
+    scene = cp.Scene(ball, contacts=[floor])
+    q, v = scene.state()
+    q = q.copy()
+    q[2] = -1e-6
+    kink = 0.5 * (9.81 + 0.2 * 1e-6 / 1e-4)
+    now = cp.step(scene, q, v, np.array([kink, 0, 0, 0, 0, 0.0]), dt=1e-2)
+    of = now.derivatives(route=Randomised(300, 1e-3, seed=1))
+    assert of.dv_dtau[0, 0] == pytest.approx(5e-3, rel=0.15)
+
+
+@pytest.mark.parametrize("scheme", HARD, ids=lambda s: type(s).__name__)
+def test_through_a_motion(scheme):
+    scene, q = solo()
+    n, model, home = 18, scene.robot.model, q[7:].copy()
+    v = np.concatenate([STATES["slide"], np.zeros(12)])
+    K, D = np.zeros((n, n)), np.zeros((n, n))
+    K[6:, 6:], D[6:, 6:] = -2.0 * np.eye(12), -0.05 * np.eye(12)
+
+    def hold(t, q, v):
+        return K[:, 6:] @ (q[7:] - home) + D @ v
+
+    def motion(q_, v_, of=scene):
+        return cp.simulate(of, q_, v_, hold, duration=0.01, dt=DT, integrator=scheme)
+
+    of = trajectory_derivatives(
+        motion(q, v), hold, jacobian=lambda t, q, v: (K, D), wrt=["tau", "friction"]
+    )
+    rng = np.random.default_rng(8)
+    x, y = rng.normal(size=2 * n), rng.normal(size=2 * n)
+
+    def end(s):
+        run = motion(pin.integrate(model, q, s * x[:n]), v + s * x[n:])
+        return run.q[-1], run.v[-1]
+
+    expected = slope(model, end, 3e-8)
+    assert np.abs(of.dx_dx @ x - expected).max() < 1e-6 * np.abs(expected).max()
+    assert np.concatenate(of.jvp(x[:n], x[n:])) == pytest.approx(of.dx_dx @ x, rel=1e-9, abs=1e-9)
+    back = of.vjp(y[:n], y[n:])
+    assert np.concatenate([back.q, back.v]) == pytest.approx(y @ of.dx_dx, rel=1e-9, abs=1e-9)
+    assert back.tau.shape == (10, n)
+    assert back.tau.sum(axis=0) == pytest.approx(y @ of.by("tau"), rel=1e-9, abs=1e-12)
+    assert back.friction == pytest.approx(y @ of.by("friction"), rel=1e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize("ground", ["pair", "moving plane"])
+def test_contacts_between_bodies(ground):
+    low = cp.model.free_box(mass=2.0, size=(0.4, 0.4, 0.1))
+    high = cp.model.free_ball(mass=1.0, radius=0.05)
+    both = cp.model.together({"low": low, "high": high})
+    names = [f.name for f in both.model.frames if f.name.endswith(("ball", "box"))]
+    ball, box = next(n for n in names if "ball" in n), next(n for n in names if "box" in n)
+    on = cp.constraints.Plane(height=0.05)
+    if ground == "pair":
+        on = cp.constraints.Box(0.2, 0.2, 0.05)
+    contact = cp.FrictionalContact(
+        ball, cp.constraints.Ball(0.05), on=box, on_shape=on, friction=0.4, name="between"
+    )
+    scene = cp.Scene(both, contacts=[contact])
+    q, n = pin.neutral(both.model), both.model.nv
+    bodies = [both.model.frames[both.model.getFrameId(f)].parentJoint for f in (box, ball)]
+    low_z, high_z = (both.model.joints[joint].idx_q for joint in bodies)
+    q[low_z + 2], q[high_z + 2] = 0.5, 0.5 + 0.05 + 0.05 - 1e-4
+    q[high_z] = 0.03
+    q = pin.integrate(both.model, q, 1e-3 * np.random.default_rng(0).normal(size=n))
+    v = np.zeros(n)
+    high_v = both.model.joints[bodies[1]].idx_v
+    v[high_v : high_v + 3] = 0.5, 0.1, -0.2
+    now = cp.step(scene, q, v, dt=DT, integrator=HARD[0])
+    assert "open" not in now.modes.values()
+    by_q, by_v, by_tau = misses(scene, q, v, np.zeros(n), HARD[0], ActiveSet(), (1e-6, 1e-4, 1e-3))
+    assert max(by_q, by_v, by_tau) < 1e-7
+
+
+def test_what_a_step_does_not_depend_on_is_refused():
+    of = pushed(8.0, ActiveSet())
+    with pytest.raises(cp.InvalidArgument, match="restitution"):
+        _ = of.dv_drestitution
+    with pytest.raises(cp.InvalidArgument, match="solref"):
+        _ = of.dv_dsolref
+    with pytest.raises(cp.InvalidArgument, match="ActiveSet"):
+        pushed(8.0, "active set")
+    with pytest.raises(cp.InvalidArgument, match="kappa"):
+        Kappa(0.0)
+    with pytest.raises(cp.InvalidArgument, match="sigma"):
+        Randomised(sigma=-1.0)
+    with pytest.raises(cp.InvalidArgument, match="samples"):
+        pushed(8.0, Randomised(samples=2))
+    scene, q, v = bounce()
+    falls = cp.simulate(scene, q, v, duration=0.01, dt=1e-3, integrator=cp.Moreau())
+    soft = cp.simulation.SoftStep()
+    scene = cp.Scene(scene.robot, contacts=[replace(scene.contacts[0], restitution=0.0)])
+    with pytest.raises(cp.InvalidArgument, match="mass"):
+        trajectory_derivatives(falls, wrt=["mass"])
+    with pytest.raises(cp.InvalidArgument, match="convex"):
+        cp.step(scene, q, v, dt=1e-3, integrator=soft).derivatives(route=EventLocated())
+
+
+def test_soft_contacts_by_their_springs():
+    scene, q = solo()
+    v = np.concatenate([STATES["slide"], np.zeros(12)])
+
+    def end(one: float, two: float) -> np.ndarray:
+        now = cp.step(scene, q, v, dt=DT, integrator=HARD[0])
+        return now.derivatives(route=Softened((0.02 + one, 1.0 + two))).v
+
+    of = cp.step(scene, q, v, dt=DT, integrator=HARD[0]).derivatives(route=Softened((0.02, 1.0)))
+    by_time = (end(1e-6, 0) - end(-1e-6, 0)) / 2e-6
+    by_ratio = (end(0, 1e-5) - end(0, -1e-5)) / 2e-5
+    assert of.dv_dsolref[:, 0] == pytest.approx(by_time, abs=1e-6)
+    assert of.dv_dsolref[:, 1] == pytest.approx(by_ratio, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", ROUTES)
+def test_forward_and_backward_are_one(name):
+    scene, q, v = bounce()
+    route = ROUTES[name]()
+    of = cp.step(scene, q, v, dt=DT, integrator=cp.Moreau()).derivatives(route=route)
+    rng = np.random.default_rng(6)
+    dq, dv, dtau, q1, v1 = rng.normal(size=(5, 6))
+    forward, (by_q, by_v, by_tau) = of.jvp(dq, dv, dtau), of.vjp(q1, v1)
+    assert q1 @ forward[0] + v1 @ forward[1] == pytest.approx(by_q @ dq + by_v @ dv + by_tau @ dtau)
+    # a ball in the air: it falls, whatever the route makes of contacts
+    assert of.dv_dv == pytest.approx(np.eye(6), abs=2 * 9.81 * DT**2)
+    assert of.dq_dtau[:3, :3] == pytest.approx(DT**2 / 2 * np.eye(3), abs=1e-6)
