@@ -31,9 +31,9 @@ def asked_partials(
     added = columns.empty(len(J_c))
     gaps = J_c[near.normals] @ start.at  # (k, columns)
     added[near.normals] += by.gaps[:, None] * gaps
-    if steps.scheme.closes_gaps and chosen.feelers:
+    if steps.scheme.closes_gaps and chosen.contact_points:
         by_at, by_path = _bends(steps, posed, path)
-        k = chosen.feelers
+        k = chosen.contact_points
         bends = by_at @ start.at + by_path @ along
         added[2 : 3 * k : 3] += by.bends[:k, None] * bends
     if by.before.any():
@@ -51,7 +51,7 @@ def asked_partials(
 def _bends(steps: LinearSteps, posed: Posed, path: Array) -> tuple[Array, Array]:
     """Return how the bends (k,) of feelers along a path change with `at` and the path."""
     dt, system, chosen = steps.dt, steps.system, posed.chosen
-    normals, data = slice(2, 3 * chosen.feelers, 3), system.equations.data
+    normals, data = slice(2, 3 * chosen.contact_points, 3), system.equations.data
     there = steps.floating.integrate(posed.at, dt * path)
     pin.computeJointJacobians(system.model, data, there)
     J_end = system.contacts.evaluate(data, there)[1][chosen.rows][normals]

@@ -140,7 +140,7 @@ class LinearSteps:
 
         The last one has gaps along paths that end as the one before did.
         """
-        if not self.scheme.closes_gaps or not posed.chosen.feelers:
+        if not self.scheme.closes_gaps or not posed.chosen.contact_points:
             return [(posed, lam)]
         path, tracks = posed.v, []
         for _ in range(_TRACKS):
