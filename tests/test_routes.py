@@ -212,6 +212,12 @@ def test_stick_and_slip_in_closed_form():
 def test_what_is_about_to_slip_is_one_sided():
     assert pushed(0.5 * (9.81 + 0.2 * 1e-6 / 1e-4), ActiveSet()).one_sided
     assert not pushed(3.0, ActiveSet()).one_sided
+    scene, q = solo()
+    q = q.copy()
+    q[2] += 1e-4  # within the step its feet come down to the floor, and no further
+    assert cp.step(scene, q, np.zeros(18), dt=DT).derivatives().one_sided
+    q[2] -= 9.81 * DT**2  # a gap of zero: closed within a step, and pushed out over five
+    assert cp.step(scene, q, np.zeros(18), dt=DT).derivatives().one_sided
 
 
 def test_redundant_contacts_change_by_the_least():
@@ -444,3 +450,29 @@ def test_forward_and_backward_are_one(name):
     # a ball in the air: it falls, whatever the route makes of contacts
     assert of.dv_dv == pytest.approx(np.eye(6), abs=2 * 9.81 * DT**2)
     assert of.dq_dtau[:3, :3] == pytest.approx(DT**2 / 2 * np.eye(3), abs=1e-6)
+
+
+def test_springs_between_frames_and_a_planar_body():
+    """Tension rods: their torques, and what they add to M, change with q."""
+    model, still = pin.Model(), pin.SE3.Identity()
+    base, arm = pin.Inertia(1.0, np.zeros(3), 0.02 * np.eye(3)), np.array([0.1, 0.0, 0.0])
+    joint = model.addJoint(0, pin.JointModelPlanar(), still, "base")
+    model.appendBodyToJoint(joint, base, still)
+    shoulder = pin.SE3(np.eye(3), np.array([0.1, 0.0, 0.1]))
+    turns = model.addJoint(joint, pin.JointModelRY(), shoulder, "arm")
+    model.appendBodyToJoint(turns, pin.Inertia(0.5, arm, 0.01 * np.eye(3)), still)
+    for name, j, at in (("hip", joint, (0.0, 0.0, 0.3)), ("tip", turns, (0.2, 0.0, 0.0))):
+        place = pin.SE3(np.eye(3), np.array(at))
+        model.addFrame(pin.Frame(name, j, 0, place, pin.FrameType.OP_FRAME))
+    spring = cp.model.SpringDamper("hip", "tip", stiffness=300.0, damping=2.0, rest_length=0.2)
+    machine = cp.Robot("crane", model, spring_dampers=(spring,))
+    touch = cp.FrictionalContact("tip", on=cp.constraints.Plane(height=0.02), friction=0.4)
+    scene = cp.Scene(machine, contacts=[touch])
+    q = pin.integrate(model, pin.neutral(model), np.array([0.1, -0.2, 0.4, np.arcsin(0.4005)]))
+    v = np.array([0.5, 0.3, 0.7, 1.0])
+    for scheme in HARD:
+        for turn in (0.0, -0.6):  # on the floor, and in the air
+            at = pin.integrate(model, q, np.array([0.0, 0.0, 0.0, turn]))
+            off = misses(scene, at, v, np.zeros(4), scheme, ActiveSet(), (1e-6, 1e-4, 1e-3))
+            assert max(off) < 3e-9
+    assert cp.step(scene, q, v, dt=DT).modes["tip"] == "slide"

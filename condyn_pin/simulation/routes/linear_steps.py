@@ -15,7 +15,8 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
-from typing import Any, NamedTuple
+from math import inf
+from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dgecon, dgetrf, dgetrs, dtrtrs
@@ -31,10 +32,11 @@ from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.floating import Floating
-from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.routes.asked_partials import asked_partials
 from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.floating_partials import FloatingPartials
 from condyn_pin.simulation.routes.law import Law
@@ -59,6 +61,8 @@ class LinearSteps:
     Not to be shared between threads.
     """
 
+    size: float  # (m g dt) (g dt), with 9.81 m/s^2 where there is no gravity [J]
+
     def __init__(
         self, scene: Scene, scheme: ContactScheme, dt: float, system: System | None = None
     ) -> None:
@@ -66,10 +70,11 @@ class LinearSteps:
         self.system = system or System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
         self.steps = ContactSteps(scheme, self.system, dt)
         model = self.system.model
-        self._floating, self._partials = Floating(model), FloatingPartials(model)
-        self._paths = CurvedPaths(self.system, self._floating, dt)
-        self.size = _size(model, dt)
-        self._turning = ContactTurning(model, scene.contact_bounds)
+        self.floating, self.partials = Floating(model), FloatingPartials(model)
+        self._paths = CurvedPaths(self.system, self.floating, dt)
+        self._falls = (float(np.linalg.norm(model.gravity.linear)) or 9.81) * dt
+        self.size = sum(inertia.mass for inertia in list(model.inertias)) * self._falls**2
+        self.turning = ContactTurning(model, scene.contact_bounds)
         self.columns = Columns(scene.robot.nv, self.system.contacts.cones)
         self._share = 0.5 * dt if scheme.at_midpoint else dt
 
@@ -78,10 +83,15 @@ class LinearSteps:
         """The equations of the constraints, linearised."""
         return self.system.workspace.linearisation
 
+    @cached_property
+    def weightless(self) -> Linearisation:
+        """The same without gravity."""
+        return Linearisation(weightless(self.system.model), self.scene.bilateral.bounds)
+
     def end(
         self, t: float, q: Array, v: Array, law: Callable[[ContactProblem, Array], Law]
     ) -> Ended:
-        """Return the end of a step from a state, with its derivatives by a law of contacts."""
+        """Return the end of a step from a state, with its derivatives by a `law` of contacts."""
         self.steps.attempt(t, q, v)
         taken = self.steps.last
         start = self._start(t, q, v)
@@ -106,26 +116,24 @@ class LinearSteps:
         taken = self.steps.last
         for posed, guess in self._tracks(taken.posed, taken.attempt.lam):
             v1 = posed.condensed.velocity(law(posed.problem, guess).lam)
-        moved = self._floating.integrate(posed.at, self._share * v1)
-        return self.steps.closed(posed.condensed, moved), self._floating.turned(v1, self._share)
+        moved = self.floating.integrate(posed.at, self._share * v1)
+        return self.steps.closed(posed.condensed, moved), self.floating.turned(v1, self._share)
 
-    # ---- the start -------------------------------------------------------------------------------
-
-    def _start(self, t: float, q: Array, v: Array) -> _Start:
+    def _start(self, t: float, q: Array, v: Array) -> Start:
         """Return how q and v of the equations, and the torques, change with those of the step."""
         n, columns = len(v), self.columns
         at, moving, pulled = (columns.empty() for _ in range(3))
         if self.scheme.at_midpoint:
             half = 0.5 * self.dt
-            at[:, columns.q], by_move = self._partials.integrate(q, half * v)
+            at[:, columns.q], by_move = self.partials.integrate(q, half * v)
             at[:, columns.v] = half * by_move
-            moving[:, columns.v] = self._partials.turned(v, half)
+            moving[:, columns.v] = self.partials.turned(v, half)
         else:
             at[:, columns.q] = moving[:, columns.v] = np.eye(n)
         by_q, by_v = torque_partials(self.system, t, q, v, self.dt)
         pulled[:, columns.q], pulled[:, columns.v] = by_q, by_v
         pulled[:, columns.tau] = np.eye(n)
-        return _Start(at, moving, pulled)
+        return Start(at, moving, pulled)
 
     def _tracks(self, posed: Posed, lam: Array) -> list[tuple[Posed, Array]]:
         """Return the problems that a step has solved one after the other.
@@ -148,10 +156,8 @@ class LinearSteps:
             path = posed.condensed.velocity(solved[1].lam)
         return [*tracks, (posed, lam)]
 
-    # ---- the velocity after the step -------------------------------------------------------------
-
     def _velocity(
-        self, posed: Posed, law: Law, v1: Array, start: _Start, path: Array, along: Array
+        self, posed: Posed, law: Law, v1: Array, start: Start, path: Array, along: Array
     ) -> Array:
         """Return v+ by all columns (nv, columns), in the axes of the step."""
         if not len(law.lam):
@@ -161,12 +167,12 @@ class LinearSteps:
         of = self._linearised(posed.at, posed.v, posed.v, v1, l_b)
         all_lam = np.zeros(len(posed.J))
         all_lam[posed.chosen.rows] = law.lam
-        self._turning.go(posed.at)
-        slips, pulls = self._turning.slips(v1), self._turning.pulls(all_lam)
+        self.turning.go(posed.at)
+        slips, pulls = self.turning.slips(v1), self.turning.pulls(all_lam)
         f = self._balance(of, posed, v1, start, start.v) + pulls @ start.at
         dv0, _ = posed.condensed.factors.solve(f, self._slip(of, posed, posed.v, v1, start))
         dsigma = J_c @ dv0 + slips[posed.chosen.rows] @ start.at
-        dsigma += self._asked(posed, law, start, path, along)
+        dsigma += asked_partials(self, posed, law, start, path, along)
         R = posed.problem.R
         G = posed.problem.G if R is None else posed.problem.G + np.diag(R)
         A = law.by_sigma @ G + law.by_lam
@@ -178,28 +184,26 @@ class LinearSteps:
 
     def _linearised(self, at: Array, v: Array, mean: Array, v1: Array, l_b: Array) -> Linearised:
         """Return the linearised equations of a step whose h is that of `mean`."""
-        a = (v1 - v) / self.dt - self._floating.turning(mean)
+        a = (v1 - v) / self.dt - self.floating.turning(mean)
         return self.linearisation.at(at, mean, a, l_b / self.dt)
 
-    def _balance(
-        self, of: Linearised, posed: Posed, v1: Array, start: _Start, mean: Array
-    ) -> Array:
+    def _balance(self, of: Linearised, posed: Posed, v1: Array, start: Start, mean: Array) -> Array:
         """Return what the balance of momentum leaves of a step (nv, columns).
 
         `mean` (nv, columns) is how the velocity of h changes.
         """
         n, dt = len(v1), self.dt
         M = of.M
-        W = self._partials.turning(posed.mean)
+        W = self.partials.turning(posed.mean)
         L = posed.condensed.factors.L
         f = dt * (of.rhs[:n, :n] @ start.at + of.rhs[:n, n:] @ mean + start.pulled + M @ (W @ mean))
         f += L @ (L.T @ start.v)
         between = self.system.passive.between
         if between is not None:
-            f -= self._stiffer(posed.at, v1 - posed.v) @ start.at
+            f -= self.stiffer(posed.at, v1 - posed.v) @ start.at
         return np.asarray(f)
 
-    def _slip(self, of: Linearised, posed: Posed, v: Array, v1: Array, start: _Start) -> Array:
+    def _slip(self, of: Linearised, posed: Posed, v: Array, v1: Array, start: Start) -> Array:
         """Return what the constraints leave of a step (rows, columns), `of` at v and any a.
 
         J_b (2 v+ / dt - w x u) + gamma = 0
@@ -207,18 +211,18 @@ class LinearSteps:
         n, dt = len(v1), self.dt
         if len(of.rhs) == n:
             return np.zeros((0, start.at.shape[1]))
-        a = (v1 - posed.v) / dt - self._floating.turning(v)  # that of `of`
-        missing = 2 / dt * v1 - self._floating.turning(v) - a
+        a = (v1 - posed.v) / dt - self.floating.turning(v)  # that of `of`
+        missing = 2 / dt * v1 - self.floating.turning(v) - a
         s_q = -of.rhs[n:, :n] + self.linearisation.turning(posed.at, missing)
-        by_v = -of.rhs[n:, n:] - of.J @ self._partials.turning(v)
+        by_v = -of.rhs[n:, n:] - of.J @ self.partials.turning(v)
         return -0.5 * dt * (s_q @ start.at + by_v @ start.v)
 
-    def _untouched(self, posed: Posed, v1: Array, start: _Start) -> Array:
+    def _untouched(self, posed: Posed, v1: Array, start: Start) -> Array:
         """Return the same where nothing touches: h at the mean of v and of v+ with h at v."""
         factors, dt = posed.condensed.factors, self.dt
         first = 2 * posed.mean - posed.v
         M, h, J_b, gamma = self.system.equations.parts(posed.at, posed.v)
-        w = self._floating.turning(posed.v)
+        w = self.floating.turning(posed.v)
         L = factors.L
         p = L @ (L.T @ posed.v) + dt * (posed.tau - h + M @ w)
         l_b = factors.solve(p, -0.5 * dt * (gamma - J_b @ w))[1]
@@ -236,7 +240,7 @@ class LinearSteps:
             s -= 0.5 * dt * turned @ start.at
         return factors.solve(f, s)[0]
 
-    def _stiffer(self, q: Array, x: Array) -> Array:
+    def stiffer(self, q: Array, x: Array) -> Array:
         """Return U^T w U x by q (nv, nv), of springs and dampers between frames."""
         between = self.system.passive.between
         assert between is not None
@@ -247,105 +251,46 @@ class LinearSteps:
 
         return np.column_stack([slope(pull, along) for along in np.eye(len(x))])
 
-    # ---- what the scheme asks --------------------------------------------------------------------
+    def margin(self, ended: Ended) -> float:
+        """Return how far a step is from other modes, relative to its velocities and to g dt.
 
-    def _asked(self, posed: Posed, law: Law, start: _Start, path: Array, along: Array) -> Array:
-        """Return what a scheme adds to sigma by all columns (m, columns), at fixed impulses."""
-        chosen, near, columns = posed.chosen, posed.near, self.columns
-        J_c, by = posed.J[chosen.rows], self.scheme.asked_by(near)
-        added = columns.empty(len(J_c))
-        gaps = J_c[near.normals] @ start.at  # (k, columns)
-        added[near.normals] += by.gaps[:, None] * gaps
-        if self.scheme.closes_gaps and chosen.feelers:
-            by_at, by_path = self._bends(posed, path)
-            k = chosen.feelers
-            bends = by_at @ start.at + by_path @ along
-            added[2 : 3 * k : 3] += by.bends[:k, None] * bends
-        if by.before.any():
-            slips = self._turning.slips(posed.v)
-            before = J_c @ start.v + slips[chosen.rows] @ start.at
-            added += by.before[:, None] * before
-        cones = len(chosen.friction)
-        added[2 : 3 * cones : 3, self._restitution(posed)] += np.diag(by.restitution[:cones])
-        added[:, columns.solref] += by.solref
-        if posed.problem.R is not None:
-            added += law.lam[:, None] * self._softer(posed, by, gaps, start)
-        return added
-
-    def _bends(self, posed: Posed, path: Array) -> tuple[Array, Array]:
-        """Return how the bends (k,) of feelers along a path change with `at` and the path."""
-        dt, system, chosen = self.dt, self.system, posed.chosen
-        normals, data = slice(2, 3 * chosen.feelers, 3), system.equations.data
-        there = self._floating.integrate(posed.at, dt * path)
-        pin.computeJointJacobians(system.model, data, there)
-        J_end = system.contacts.evaluate(data, there)[1][chosen.rows][normals]
-        J_n, turned = (rows[chosen.rows][normals] for rows in (posed.J, self._turning.slips(path)))
-        by_at, by_move = self._partials.integrate(posed.at, dt * path)
-        return J_end @ by_at - J_n - dt * turned, dt * (J_end @ by_move - J_n)
-
-    def _softer(self, posed: Posed, by: AskedBy, gaps: Array, start: _Start) -> Array:
-        """Return R by all columns (m, columns): by gaps, and by G_nn of each contact."""
-        near, chosen = posed.near, posed.chosen
-        J_c, blocks, lines = posed.J[chosen.rows], near.blocks, len(near.gaps)
-        # the row that each contact, and each row of dry friction, has its stiffness of
-        normals = np.arange(len(J_c))[near.normals]
-        of_row = np.where(
-            blocks < lines, normals[np.minimum(blocks, lines - 1)], np.arange(len(J_c))
-        )
-        rows = np.unique(of_row)
-        stiffer = np.zeros((len(J_c), start.at.shape[1]))
-        y, l_b = posed.condensed.factors.solve(
-            J_c[rows].T, np.zeros((self.system.equations.m, len(rows)))
-        )
-        for i, row in enumerate(rows):
-            stiffer[row] = self._compliance_by(posed, y[:, i], l_b[:, i], row) @ start.at
-        changed = by.R_stiffness[:, None] * stiffer[of_row]
-        of_gaps = np.where(blocks < lines, by.R_gaps, 0.0)
-        if lines:
-            changed += of_gaps[:, None] * gaps[np.minimum(blocks, lines - 1)]
-        return changed
-
-    def _compliance_by(self, posed: Posed, y: Array, l_b: Array, row: int) -> Array:
-        """Return G_nn by q (nv,): 2 y . (J_n^T)' - y . (M y - J_b^T l_b)' + l_b . (J_b y)'."""
-        n = len(y)
-        of = self._weightless.at(posed.at, np.zeros(n), y, l_b)
-        slips = self._turning.slips(y)
-        by_q = 2 * slips[posed.chosen.rows][row] + y @ of.rhs[:n, :n] - l_b @ of.rhs[n:, :n]
-        if self.system.passive.between is not None:
-            by_q = by_q - y @ self._stiffer(posed.at, y)
-        return np.asarray(by_q)
-
-    @cached_property
-    def _weightless(self) -> Linearisation:
-        return Linearisation(weightless(self.system.model), self.scene.bilateral.bounds)
+        Contacts that change their mode count, and gaps: penetrations are pushed out slowly, and
+        what does not touch takes no part in some schemes, which both change at a gap of zero.
+        """
+        posed, speed = ended.posed, ended.posed.problem.scale[1]
+        if not posed.problem.rows:
+            return inf
+        large = max(speed, self._falls)
+        pressed = ended.law.lam[posed.near.normals] > 0
+        closest = float(np.abs(posed.near.gaps[pressed]).min(initial=inf))
+        return min(ended.law.margin * speed, closest / self.dt) / large
 
     def _friction(self, posed: Posed) -> Indices:
         return self.columns.friction[posed.chosen.active[: self.columns.cones]]
 
-    def _restitution(self, posed: Posed) -> Indices:
+    def restitution(self, posed: Posed) -> Indices:
+        """Return the columns of the restitution of the cones that take part."""
         return self.columns.restitution[posed.chosen.active[: self.columns.cones]]
 
-    # ---- the end ---------------------------------------------------------------------------------
-
-    def _moved(self, posed: Posed, law: Law, v1: Array, dv1: Array, start: _Start) -> Ended:
+    def _moved(self, posed: Posed, law: Law, v1: Array, dv1: Array, start: Start) -> Ended:
         """Return the configuration and the velocity after the step, in its own axes."""
-        rest, partials = self._share, self._partials
+        rest, partials = self._share, self.partials
         by_at, by_move = partials.integrate(posed.at, rest * v1)
         dq = by_at @ start.at + rest * by_move @ dv1
-        moved = self._floating.integrate(posed.at, rest * v1)
+        moved = self.floating.integrate(posed.at, rest * v1)
         q1 = self.steps.closed(posed.condensed, moved)
         if posed.condensed.factors.rank:
             dq = self._closed(posed, moved, q1, dq, start)
         dv = partials.turned(v1, rest) @ dv1
-        return Ended(q1, self._floating.turned(v1, rest), dq, dv, posed, law)
+        return Ended(q1, self.floating.turned(v1, rest), dq, dv, posed, law)
 
-    def _closed(self, posed: Posed, moved: Array, q1: Array, dq: Array, start: _Start) -> Array:
+    def _closed(self, posed: Posed, moved: Array, q1: Array, dq: Array, start: Start) -> Array:
         """Return dq behind the moves that close the loops, x = M^-1 J_b^T y with c(q1) = 0."""
         factors, model = posed.condensed.factors, self.system.model
         x = np.asarray(pin.difference(model, moved, q1))
         U, S, r = factors.U, factors.S, factors.rank
         y = U[:, :r] @ ((factors.V.T @ (factors.L.T @ x)) / S[:r])
-        of = self._weightless.at(posed.at, np.zeros(len(x)), x, y)
+        of = self.weightless.at(posed.at, np.zeros(len(x)), x, y)
         turned = factors.solve_mass(of.rhs[: len(x), : len(x)] @ start.at)
         by_q, by_x = pin.dIntegrate(model, moved, x)
         dq = by_q @ dq + by_x @ turned
@@ -363,14 +308,7 @@ def _least(A: Array, b: Array) -> Array:
     return np.asarray(np.linalg.lstsq(A, b, rcond=_REDUNDANT)[0])
 
 
-def _size(model: Any, dt: float) -> float:
-    """Return (m g dt) (g dt) [J], with 9.81 m/s^2 where there is no gravity."""
-    mass = sum(inertia.mass for inertia in list(model.inertias))
-    g = float(np.linalg.norm(model.gravity.linear)) or 9.81
-    return float(mass * (g * dt) ** 2)
-
-
-class _Start(NamedTuple):
+class Start(NamedTuple):
     """How the start of the equations changes with all columns (nv, columns) each."""
 
     at: Array  # where M, h and J are taken

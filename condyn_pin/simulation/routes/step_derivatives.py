@@ -148,7 +148,7 @@ def differentiated(route: Route, steps: LinearSteps, ended: Ended) -> StepDeriva
         parameters.append("solref")
     return made(
         route, steps, (ended.q, ended.v), (ended.dq, ended.dv), modes_of(steps, ended),
-        ended.law.margin, tuple(parameters),
+        steps.margin(ended), tuple(parameters),
     )  # fmt: skip
 
 

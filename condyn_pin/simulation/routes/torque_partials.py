@@ -23,13 +23,11 @@ def torque_partials(system: System, t: float, q: Array, v: Array, dt: float) -> 
         by_q, by_v = by_q + of_q, by_v + of_v
     between = passive.between
     if between is not None:
-        along_q, steps = between, np.eye(n)
-        model = system.model
 
         def pull(step: Array) -> Array:
-            return along_q.torque(pin.integrate(model, q, step), v, dt)
+            return between.torque(pin.integrate(system.model, q, step), v, dt)
 
-        by_q = by_q + np.column_stack([slope(pull, step) for step in steps])
+        by_q = by_q + np.column_stack([slope(pull, along) for along in np.eye(n)])
         U, weights = between.inertia_rows(q, dt)
         by_v = by_v - U.T @ (weights[:, None] * U) / dt
     return by_q, by_v

@@ -1,0 +1,92 @@
+"""How what a scheme adds to the velocities of contacts changes with the start of a step.
+
+    sigma = G lam + J_c v_free + (s + gap) / dt,  + e J_n v,  + R lam, ...
+
+at fixed impulses and v_free: gaps by where the step begins, bends s by that and by the path that
+they are taken along, R by gaps and by G_nn.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.simulation.integrators.contact_scheme import AskedBy
+from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.routes.law import Law
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.routes.linear_steps import LinearSteps, Start
+
+
+def asked_partials(
+    steps: LinearSteps, posed: Posed, law: Law, start: Start, path: Array, along: Array
+) -> Array:
+    """Return what a scheme adds to sigma by all columns (m, columns), at fixed impulses."""
+    chosen, near, columns = posed.chosen, posed.near, steps.columns
+    J_c, by = posed.J[chosen.rows], steps.scheme.asked_by(near)
+    added = columns.empty(len(J_c))
+    gaps = J_c[near.normals] @ start.at  # (k, columns)
+    added[near.normals] += by.gaps[:, None] * gaps
+    if steps.scheme.closes_gaps and chosen.feelers:
+        by_at, by_path = _bends(steps, posed, path)
+        k = chosen.feelers
+        bends = by_at @ start.at + by_path @ along
+        added[2 : 3 * k : 3] += by.bends[:k, None] * bends
+    if by.before.any():
+        slips = steps.turning.slips(posed.v)
+        before = J_c @ start.v + slips[chosen.rows] @ start.at
+        added += by.before[:, None] * before
+    cones = len(chosen.friction)
+    added[2 : 3 * cones : 3, steps.restitution(posed)] += np.diag(by.restitution[:cones])
+    added[:, columns.solref] += by.solref
+    if posed.problem.R is not None:
+        added += law.lam[:, None] * _softer(steps, posed, by, gaps, start)
+    return added
+
+
+def _bends(steps: LinearSteps, posed: Posed, path: Array) -> tuple[Array, Array]:
+    """Return how the bends (k,) of feelers along a path change with `at` and the path."""
+    dt, system, chosen = steps.dt, steps.system, posed.chosen
+    normals, data = slice(2, 3 * chosen.feelers, 3), system.equations.data
+    there = steps.floating.integrate(posed.at, dt * path)
+    pin.computeJointJacobians(system.model, data, there)
+    J_end = system.contacts.evaluate(data, there)[1][chosen.rows][normals]
+    J_n, turned = (rows[chosen.rows][normals] for rows in (posed.J, steps.turning.slips(path)))
+    by_at, by_move = steps.partials.integrate(posed.at, dt * path)
+    return J_end @ by_at - J_n - dt * turned, dt * (J_end @ by_move - J_n)
+
+
+def _softer(steps: LinearSteps, posed: Posed, by: AskedBy, gaps: Array, start: Start) -> Array:
+    """Return R by all columns (m, columns): by gaps, and by G_nn of each contact."""
+    near, chosen = posed.near, posed.chosen
+    J_c, blocks, lines = posed.J[chosen.rows], near.blocks, len(near.gaps)
+    # the row that each contact, and each row of dry friction, has its stiffness of
+    normals = np.arange(len(J_c))[near.normals]
+    of_row = np.where(blocks < lines, normals[np.minimum(blocks, lines - 1)], np.arange(len(J_c)))
+    rows = np.unique(of_row)
+    stiffer = np.zeros((len(J_c), start.at.shape[1]))
+    y, l_b = posed.condensed.factors.solve(
+        J_c[rows].T, np.zeros((steps.system.equations.m, len(rows)))
+    )
+    for i, row in enumerate(rows):
+        stiffer[row] = _compliance_by(steps, posed, y[:, i], l_b[:, i], row) @ start.at
+    changed = by.R_stiffness[:, None] * stiffer[of_row]
+    of_gaps = np.where(blocks < lines, by.R_gaps, 0.0)
+    if lines:
+        changed += of_gaps[:, None] * gaps[np.minimum(blocks, lines - 1)]
+    return changed
+
+
+def _compliance_by(steps: LinearSteps, posed: Posed, y: Array, l_b: Array, row: int) -> Array:
+    """Return G_nn by q (nv,): 2 y . (J_n^T)' - y . (M y - J_b^T l_b)' + l_b . (J_b y)'."""
+    n = len(y)
+    of = steps.weightless.at(posed.at, np.zeros(n), y, l_b)
+    slips = steps.turning.slips(y)
+    by_q = 2 * slips[posed.chosen.rows][row] + y @ of.rhs[:n, :n] - l_b @ of.rhs[n:, :n]
+    if steps.system.passive.between is not None:
+        by_q = by_q - y @ steps.stiffer(posed.at, y)
+    return np.asarray(by_q)
