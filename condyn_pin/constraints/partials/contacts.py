@@ -1,6 +1,6 @@
 """How the rows of contacts that may let go change with q.
 
-A feeler with its middle p over a plane with the axes d and the normal n touches at P = p - radius n
+A contact point with its middle p over a plane with the axes d and the normal n touches at P = p - radius n
 and has the rows d . (S_l + S_a x P) of each column S = (S_l, S_a) that moves body or ground, in the
 axes of the world and at its origin. A step of coordinate j carries along what is above it,
 
@@ -90,7 +90,7 @@ class ContactTurning:
 
 
 class _OverPlanes:
-    """Feelers over planes, in closed form."""
+    """Contact points over planes, in closed form."""
 
     def __init__(self, model: Any, touches: Sequence[Touch]) -> None:
         k, n = len(touches), model.nv

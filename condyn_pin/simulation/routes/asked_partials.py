@@ -49,7 +49,7 @@ def asked_partials(
 
 
 def _bends(steps: LinearSteps, posed: Posed, path: Array) -> tuple[Array, Array]:
-    """Return how the bends (k,) of feelers along a path change with `at` and the path."""
+    """Return how the bends (k,) of contact points along a path change with `at` and the path."""
     dt, system, chosen = steps.dt, steps.system, posed.chosen
     normals, data = slice(2, 3 * chosen.contact_points, 3), system.equations.data
     there = steps.floating.integrate(posed.at, dt * path)
