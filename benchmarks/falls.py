@@ -1,6 +1,6 @@
 """Falls: limp robots from random states, every step looked at; write results/falls.{json,md}.
 
-    python benchmarks/falls.py [--falls 1000] [--only solo12] [--dt 5e-4]
+    python benchmarks/falls.py [--falls 1000] [--only solo12] [--dt 1e-3]
 
 With --from-json the table in docs/results.md is made from the committed results.
 
@@ -33,7 +33,7 @@ RESULTS = Path(__file__).resolve().parent / "results"
 ROBOTS = {"solo12": {}, "go2": {}, "talos": {}, "cassie": {"variant": {"feet": "points"}}}
 FRICTION = 0.7  # [1]
 HEIGHT = 0.02  # [m]
-DURATION = 0.5  # [s]
+DURATION = 1.0  # [s]
 CALLS = 200
 
 # What is allowed: natural residual [1], loops [m, rad], penetration [m].
@@ -143,7 +143,7 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--falls", type=int, default=1000)
     parser.add_argument("--only", choices=ROBOTS)
-    parser.add_argument("--dt", type=float, default=5e-4, help="[s]")
+    parser.add_argument("--dt", type=float, default=1e-3, help="[s]")
     parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
     asked = parser.parse_args()
     if not asked.from_json:
