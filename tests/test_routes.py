@@ -476,3 +476,42 @@ def test_springs_between_frames_and_a_planar_body():
             off = misses(scene, at, v, np.zeros(4), scheme, ActiveSet(), (1e-6, 1e-4, 1e-3))
             assert max(off) < 3e-9
     assert cp.step(scene, q, v, dt=DT).modes["tip"] == "slide"
+
+
+@pytest.mark.parametrize("route", [ActiveSet(), Kappa(1e-2), Softened()], ids=repr)
+def test_stops_and_dry_friction_of_joints(route):
+    scene, q = solo()
+    machine = scene.robot
+    joints = list(machine.model.names)[2:8]
+    rubs = [cp.constraints.JointFriction(joint, torque=0.3) for joint in joints]
+    stop = cp.constraints.JointLimit(joints[1])
+    scene = cp.Scene(machine, contacts=[*scene.contacts, *rubs, stop])
+    at, q = machine.model.joints[machine.model.getJointId(joints[1])].idx_q, q.copy()
+    q[at] = machine.model.upperPositionLimit[at] - 1e-5
+    v = np.concatenate([STATES["slide"], np.zeros(12)])
+    v += 0.01 * np.random.default_rng(1).normal(size=18)
+    tau = np.concatenate([np.zeros(6), np.random.default_rng(2).normal(size=12)])
+    tau[at - 1] = 5.0
+    modes = cp.step(scene, q, v, tau, dt=DT).modes
+    assert modes[f"{joints[1]}/upper"] == "stick"
+    assert {"stick", "slide"} <= {modes[f"{joint}/friction"] for joint in joints}
+    off = misses(scene, q, v, tau, HARD[0], route, (1e-7, 1e-5, 1e-5))
+    assert max(off) < 3e-8
+
+
+def test_forces_from_outside_turn_with_the_body():
+    scene, q = solo()
+    model, push = scene.robot.model, cp.AppliedForce("base_link", (3.0, 2.0, 1.0))
+    v = np.concatenate([STATES["slide"], np.zeros(12)])
+    x, zero = np.random.default_rng(3).normal(size=18), np.zeros(18)
+
+    def end(s: float):
+        now = cp.step(
+            scene, pin.integrate(model, q, s * x), v, dt=DT, integrator=HARD[0], forces=[push]
+        )
+        return now.q, now.v
+
+    of = cp.step(scene, q, v, dt=DT, integrator=HARD[0], forces=[push]).derivatives()
+    expected = slope(model, end, 1e-6)
+    off = np.abs(np.concatenate(of.jvp(x, zero, zero)) - expected).max()
+    assert off < 1e-9 * np.abs(expected).max()

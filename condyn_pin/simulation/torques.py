@@ -10,6 +10,7 @@ forward differences of it.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import cached_property
 from typing import Final
 
 import numpy as np
@@ -67,16 +68,19 @@ class Applied:
         self.constant: Array | None = None
         self._first: Array | None = None
         self._state: tuple[Array, Array] | None = None  # q and v that the first were asked for
-        if forces:
-            self._loads = Loads(robot, self._model, self._model.createData())
-            for force in forces:
-                self._loads.place(force.frame)  # what is no frame is refused before the run
+        self._robot = robot
+        for force in forces:
+            self._loads.place(force.frame)  # what is no frame is refused before the run
         if callable(tau):
             check_called("tau", tau, "t, q, v")
             self.hold(None, forces)
         else:
             none = isinstance(tau, int | float) and tau == 0
             self.hold(finite("tau", np.zeros(robot.nv) if none else tau, robot.nv), forces)
+
+    @cached_property
+    def _loads(self) -> Loads:
+        return Loads(self._robot, self._model, self._model.createData())
 
     def hold(self, tau: Array | None, forces: Sequence[AppliedForce]) -> None:
         """Apply these from now on: torques (nv,), None for the function's, and forces."""

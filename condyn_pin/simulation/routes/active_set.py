@@ -62,7 +62,7 @@ class ActiveSet(LawRoute):
 
 def polished(problem: ContactProblem, lam: Array) -> Array:
     """Return impulses to rounding; SolveFailed if Newton's method does not find them."""
-    if not len(lam):
+    if not len(lam) or natural_residual(problem, lam) <= tolerances.CONTACT_POLISHED:
         return lam
     found = refine(problem, lam, _STEPS).lam
     if natural_residual(problem, found) <= tolerances.CONTACT_POLISHED:
