@@ -1,8 +1,9 @@
 """How the rows of contacts that may let go change with q.
 
-A contact point with its middle p over a plane with the axes d and the normal n touches at P = p - radius n
-and has the rows d . (S_l + S_a x P) of each column S = (S_l, S_a) that moves body or ground, in the
-axes of the world and at its origin. A step of coordinate j carries along what is above it,
+A contact point with its middle p over a plane with the axes d and the normal n touches at
+P = p - radius n and has the rows d . (S_l + S_a x P) of each column S = (S_l, S_a) that moves body
+or ground, in the axes of the world and at its origin. A step of coordinate j carries along what is
+above it,
 
     P'   = b_j (S_l + S_a x p)_j - g_j radius S_aj x n,    d' = g_j S_aj x d,
     S_i' = S_j x S_i    if j belongs to the joint of i or to one below it,

@@ -10,9 +10,9 @@ from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.simulation.between_events.event_steps import EventSteps
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
-from condyn_pin.simulation.integrators.event_steps import EventSteps
 from condyn_pin.simulation.integrators.explicit import ExplicitEuler, RungeKutta4, StormerVerlet
 from condyn_pin.simulation.system import System
 
@@ -50,7 +50,7 @@ class EventDriven(Integrator):
     It sees contacts at the ends of its steps: what touches and leaves again within one is missed.
     Planes are taken, of the world and of bodies, with stops and dry friction of joints; shapes that
     meet shapes are refused. Springs and damping act as forces: where they are stiff, dt has to be
-    small. What sticks is held by its velocity, closed to rounding behind each leg.
+    small. What sticks is held by its velocity, closed to rounding behind each segment.
 
     Where redundant contacts slide Coulomb's law leaves their loads open: they change as little as
     they can. Every step takes about eight solves, an event some ten more; robots whose feet rattle

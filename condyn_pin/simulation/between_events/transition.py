@@ -1,4 +1,4 @@
-"""ContactBegin: what has to happen in an instant before motion goes on smoothly.
+"""Transition: what has to happen in an instant before motion goes on smoothly.
 
     what approaches                       an impact
     what no force lets slide on           a shock
@@ -17,11 +17,11 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.solvers.base import ContactSolver
+from condyn_pin.simulation.between_events.contact_terms import ContactTerms
+from condyn_pin.simulation.between_events.load_sharing import AT_ITS_END, let_go, shared
+from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics
+from condyn_pin.simulation.between_events.next_modes import NextModes
 from condyn_pin.simulation.events import ZenoDetected
-from condyn_pin.simulation.integrators.contact_choice import ContactChoice
-from condyn_pin.simulation.integrators.contact_hold import ContactHold, Held
-from condyn_pin.simulation.integrators.contact_look import ContactLook
-from condyn_pin.simulation.integrators.contact_shares import AT_ITS_END, let_go, shared
 from condyn_pin.simulation.system import System
 
 # Velocities of what stands still that are rounding, relative to the speed of the robot.
@@ -37,9 +37,9 @@ class Begun:
 
     Attributes
     ----------
-    look : ContactLook
+    terms : ContactTerms
         The state behind all that has happened in this instant.
-    hold, held : ContactHold, Held
+    dynamics, held : ModeDynamics, Held
         Modes, and accelerations and forces.
     natural : float
         Residual of the problem that gave the modes [1].
@@ -51,8 +51,8 @@ class Begun:
         ``impact``, ``shock``, or nothing.
     """
 
-    look: ContactLook
-    hold: ContactHold
+    terms: ContactTerms
+    dynamics: ModeDynamics
     held: Held
     natural: float
     impulse: Array
@@ -64,7 +64,7 @@ class Begun:
         return replace(self, impulse=np.zeros_like(self.impulse), work=0.0, what="")
 
 
-class ContactBegin:
+class Transition:
     """Lets happen what has to, for one system.
 
     Parameters
@@ -77,7 +77,7 @@ class ContactBegin:
 
     def __init__(self, system: System, solver: ContactSolver, shortest: float) -> None:
         self._system, self._shortest = system, shortest
-        self._choice = ContactChoice(system.contacts, solver)
+        self._choice = NextModes(system.contacts, solver)
 
     def at(self, t: float, q: Array, v: Array, *, at_end: bool = False) -> Begun:
         """Return how motion goes on from a state.
@@ -86,39 +86,39 @@ class ContactBegin:
         """
         impulse, work, what = np.zeros(self._system.contacts.rows), 0.0, ""
         for _ in range(_MOST):
-            look = ContactLook(self._system, t, q, v)
-            if look.approaches.any():
-                struck, what = self._choice.impact(look), "impact"
+            terms = ContactTerms(self._system, t, q, v)
+            if terms.approaches.any():
+                struck, what = self._choice.impact(terms), "impact"
             else:
-                choice = self._choice.next(look)
-                if choice.hold is not None:
-                    hold, held = self._shared(look, choice.hold, at_end)
-                    settled = self._settled(look, hold, held)
+                choice = self._choice.next(terms)
+                if choice.dynamics is not None:
+                    dynamics, held = self._shared(terms, choice.dynamics, at_end)
+                    settled = self._settled(terms, dynamics, held)
                     if settled is v:
-                        return Begun(look, hold, held, choice.natural, impulse, work, what)
+                        return Begun(terms, dynamics, held, choice.natural, impulse, work, what)
                     v = settled
                     continue
-                struck, what = self._choice.shock(look, choice), "shock"
+                struck, what = self._choice.shock(terms, choice), "shock"
             v, impulse, work = struck.v, impulse + struck.impulse, work + struck.work
             at_end = False
         raise ZenoDetected(f"contacts go on striking at t = {t:g} s; take a stepper, as Moreau()")
 
     def _shared(
-        self, look: ContactLook, hold: ContactHold, at_end: bool
-    ) -> tuple[ContactHold, Held]:
-        """Return the hold with which motion goes on, its load shared; what has to lets go."""
-        shares = shared(self._system.contacts, hold, look)
+        self, terms: ContactTerms, dynamics: ModeDynamics, at_end: bool
+    ) -> tuple[ModeDynamics, Held]:
+        """Return the modes with which motion goes on, the load shared; what has to lets go."""
+        shares = shared(self._system.contacts, dynamics, terms)
         if not at_end or shares.least > AT_ITS_END:
-            return shares.hold, shares.held
-        hold = let_go(self._system.contacts, shares)
-        return hold, hold.solve(look)
+            return shares.dynamics, shares.held
+        dynamics = let_go(self._system.contacts, shares)
+        return dynamics, dynamics.solve(terms)
 
-    def _settled(self, look: ContactLook, hold: ContactHold, held: Held) -> Array:
+    def _settled(self, terms: ContactTerms, dynamics: ModeDynamics, held: Held) -> Array:
         """Return v without what returns at once, and without what is left of what stands still."""
         normals = self._system.contacts.normals
-        rate, leaving = held.rate[normals], look.touches & ~look.rests
-        back = leaving & (2 * look.closing < -self._shortest * rate)
-        off = float(np.abs(look.slip[hold.still]).max(initial=0.0))
-        if not back.any() and off <= _ROUNDED * look.fastest:
-            return look.v
-        return look.held(look.v, np.concatenate((hold.still, normals[back])))
+        rate, leaving = held.rate[normals], terms.touches & ~terms.rests
+        back = leaving & (2 * terms.closing < -self._shortest * rate)
+        off = float(np.abs(terms.slip[dynamics.still]).max(initial=0.0))
+        if not back.any() and off <= _ROUNDED * terms.fastest:
+            return terms.v
+        return terms.held(terms.v, np.concatenate((dynamics.still, normals[back])))

@@ -18,8 +18,8 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK
-from condyn_pin.simulation.integrators.contact_hold import ContactHold, Held
-from condyn_pin.simulation.integrators.contact_look import ContactLook
+from condyn_pin.simulation.between_events.contact_terms import ContactTerms
+from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics
 
 # Gaps, forces relative to the largest, and speeds relative to that of the robot, that are zero but
 # for rounding: redundant contacts have them all the time.
@@ -50,35 +50,39 @@ class Margins(NamedTuple):
 
 
 def margins(
-    candidates: Candidates, hold: ContactHold, begun: ContactLook, look: ContactLook, held: Held,
+    candidates: Candidates,
+    dynamics: ModeDynamics,
+    begun: ContactTerms,
+    terms: ContactTerms,
+    held: Held,
     share: float,
-) -> Margins:  # fmt: skip
+) -> Margins:
     """Return the margins at a state that a share of a step leads to from where it began."""
     k, lines, mu = candidates.cones, candidates.cones + candidates.half_lines, candidates.friction
-    is_open, inf = hold.modes[:lines] == OPEN, np.inf
-    gone = (look.gaps - np.minimum(begun.gaps, 0.0)) / (share or 1.0)
-    gaps = np.where(begun.touches, gone, look.gaps)
+    is_open, inf = dynamics.modes[:lines] == OPEN, np.inf
+    gone = (terms.gaps - np.minimum(begun.gaps, 0.0)) / (share or 1.0)
+    gaps = np.where(begun.touches, gone, terms.gaps)
     F = held.lam[: 3 * k].reshape(-1, 3)
     stick = mu * F[:, 2] - np.hypot(F[:, 0], F[:, 1])
-    slip = np.einsum("kx,kx->k", look.tangent, hold.ahead(look.t))
+    slip = np.einsum("kx,kx->k", terms.tangent, dynamics.ahead(terms.t))
     dry = slice(candidates.rows - candidates.intervals, None)
     rough = mu > 0
     return Margins(
         np.where(is_open, gaps, inf),
         np.where(is_open, inf, held.lam[candidates.normals]),
-        np.where((hold.of_cones == STICK) & rough, stick, inf),
-        np.where(hold.of_dry == STICK, candidates.limits - np.abs(held.lam[dry]), inf),
-        np.where((hold.of_cones == SLIDE) & rough, slip, inf),
-        np.where(hold.of_dry == SLIDE, hold.sense * look.slip[dry], inf),
+        np.where((dynamics.of_cones == STICK) & rough, stick, inf),
+        np.where(dynamics.of_dry == STICK, candidates.limits - np.abs(held.lam[dry]), inf),
+        np.where((dynamics.of_cones == SLIDE) & rough, slip, inf),
+        np.where(dynamics.of_dry == SLIDE, dynamics.sense * terms.slip[dry], inf),
     )
 
 
 def fallen(
-    now: Margins, held: Held, look: ContactLook, begun: ContactLook
+    now: Margins, held: Held, terms: ContactTerms, begun: ContactTerms
 ) -> list[tuple[int, int]]:
     """Return which margins have fallen below zero, by more than rounding: part and place in it."""
     force = _FORCE * float(np.abs(held.lam).max(initial=0.0))
-    speed = _SPEED * look.fastest
+    speed = _SPEED * terms.fastest
     gap = np.where(begun.touches, _GAP, 0.0)
     least: tuple[Any, ...] = (gap, force, force, force, speed, speed)
     return [

@@ -20,9 +20,9 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK
-from condyn_pin.simulation.integrators.contact_hold import ContactHold, Held
-from condyn_pin.simulation.integrators.contact_look import ContactLook
-from condyn_pin.simulation.integrators.contact_margins import margins
+from condyn_pin.simulation.between_events.contact_terms import ContactTerms
+from condyn_pin.simulation.between_events.margins import margins
+from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics
 
 # A margin, relative to the largest force, that is none: an event is found to rounding of its time.
 AT_ITS_END = 1e-6
@@ -32,42 +32,44 @@ _SIDES, _MORE = 8, 12
 
 
 class Shares(NamedTuple):
-    """A hold with the forces that redundant contacts stay near to."""
+    """The modes of a scene with the forces that redundant contacts stay near to."""
 
-    hold: ContactHold
+    dynamics: ModeDynamics
     held: Held
     least: float  # the least margin, relative to the largest force
 
 
-def shared(candidates: Candidates, hold: ContactHold, look: ContactLook) -> Shares:
-    """Return a hold with the forces of its contacts within their limits, if there are any."""
-    even = _with(candidates, hold, look, np.zeros(len(look.J)))
+def shared(candidates: Candidates, dynamics: ModeDynamics, terms: ContactTerms) -> Shares:
+    """Return the same modes with forces of contacts within their limits, if there are any."""
+    even = _with(candidates, dynamics, terms, np.zeros(len(terms.J)))
     if even.least > AT_ITS_END:
         return even
-    found = _with(candidates, hold, look, hold.lam)
+    found = _with(candidates, dynamics, terms, dynamics.lam)
     if found.least > AT_ITS_END:
         return found
-    lam = _centred(candidates, found, look)
-    return found if lam is None else max(found, _with(candidates, hold, look, lam), key=_least)
+    lam = _centred(candidates, found, terms)
+    return found if lam is None else max(found, _with(candidates, dynamics, terms, lam), key=_least)
 
 
 def _least(shares: Shares) -> float:
     return shares.least
 
 
-def _with(candidates: Candidates, hold: ContactHold, look: ContactLook, lam: Array) -> Shares:
-    hold = hold.with_forces(lam)
-    held = hold.solve(look)
-    parts = margins(candidates, hold, look, look, held, 0.0)[1:4]
+def _with(
+    candidates: Candidates, dynamics: ModeDynamics, terms: ContactTerms, lam: Array
+) -> Shares:
+    dynamics = dynamics.with_forces(lam)
+    held = dynamics.solve(terms)
+    parts = margins(candidates, dynamics, terms, terms, held, 0.0)[1:4]
     largest = float(np.abs(held.lam).max(initial=0.0)) or 1.0
-    return Shares(hold, held, min(float(part.min(initial=np.inf)) for part in parts) / largest)
+    return Shares(dynamics, held, min(float(part.min(initial=np.inf)) for part in parts) / largest)
 
 
-def _centred(candidates: Candidates, found: Shares, look: ContactLook) -> Array | None:
+def _centred(candidates: Candidates, found: Shares, terms: ContactTerms) -> Array | None:
     """Return forces (rows,) as far within their limits as any; None if there is no choice."""
     from scipy.optimize import linprog
 
-    free = found.hold.free_forces(look)
+    free = found.dynamics.free_forces(terms)
     if not free.shape[1]:
         return None
     lam0 = best = found.held.lam
@@ -75,7 +77,7 @@ def _centred(candidates: Candidates, found: Shares, look: ContactLook) -> Array 
     angles = 2 * np.pi * np.arange(_SIDES) / _SIDES
     facets = [np.column_stack((np.cos(angles), np.sin(angles)))] * candidates.cones
     for _ in range(_MORE):
-        C, b = _limits(candidates, found.hold, facets)
+        C, b = _limits(candidates, found.dynamics, facets)
         # C (lam0 + free y) + b >= s size
         A = np.column_stack((-C @ free, np.full(len(C), size)))
         cost = np.r_[np.zeros(free.shape[1]), -1.0]
@@ -86,7 +88,7 @@ def _centred(candidates: Candidates, found: Shares, look: ContactLook) -> Array 
         best = np.asarray(lam0 + free @ answer.x[:-1])
         F = best[: 3 * candidates.cones].reshape(-1, 3)[:, :2]
         pull = np.hypot(F[:, 0], F[:, 1])
-        within = _with(candidates, found.hold, look, best).least
+        within = _with(candidates, found.dynamics, terms, best).least
         if within > answer.x[-1] / 2 or not answer.x[-1] > AT_ITS_END:
             return best
         facets = [
@@ -95,35 +97,37 @@ def _centred(candidates: Candidates, found: Shares, look: ContactLook) -> Array 
     return best
 
 
-def _limits(candidates: Candidates, hold: ContactHold, facets: list[Array]) -> tuple[Array, Array]:
+def _limits(
+    candidates: Candidates, dynamics: ModeDynamics, facets: list[Array]
+) -> tuple[Array, Array]:
     """Return C and b of the limits C lam + b >= 0 of what presses and sticks."""
     rows, first = list[Array](), candidates.rows - candidates.intervals
     one, mu = np.eye(candidates.rows), candidates.friction
-    for i, mode in enumerate(hold.of_cones):
+    for i, mode in enumerate(dynamics.of_cones):
         if mode != OPEN:
             rows.append(one[3 * i + 2])
         if mode == STICK and mu[i] > 0:
             rows += [mu[i] * one[3 * i + 2] - d @ one[3 * i : 3 * i + 2] for d in facets[i]]
-    lines = hold.modes[candidates.cones : candidates.cones + candidates.half_lines]
+    lines = dynamics.modes[candidates.cones : candidates.cones + candidates.half_lines]
     rows += [one[3 * candidates.cones + k] for k in np.flatnonzero(lines == STICK)]
     b = [0.0] * len(rows)
-    for k in np.flatnonzero(hold.of_dry == STICK):
+    for k in np.flatnonzero(dynamics.of_dry == STICK):
         rows += [one[first + k], -one[first + k]]
         b += [float(candidates.limits[k])] * 2
     return np.array(rows).reshape(-1, candidates.rows), np.array(b)
 
 
-def let_go(candidates: Candidates, shares: Shares) -> ContactHold:
-    """Return the hold in which what has come to its end lets go, or slips."""
-    hold, lam = shares.hold, shares.held.lam
+def let_go(candidates: Candidates, shares: Shares) -> ModeDynamics:
+    """Return the modes in which what has come to its end lets go, or slips."""
+    dynamics, lam = shares.dynamics, shares.held.lam
     k, lines, first = (
         candidates.cones,
         candidates.half_lines,
         candidates.rows - candidates.intervals,
     )
     end = AT_ITS_END * float(np.abs(lam).max(initial=0.0))
-    F, mu, modes = lam[: 3 * k].reshape(-1, 3), candidates.friction, hold.modes.copy()
-    along, sense = hold.along.copy(), hold.sense.copy()
+    F, mu, modes = lam[: 3 * k].reshape(-1, 3), candidates.friction, dynamics.modes.copy()
+    along, sense = dynamics.along.copy(), dynamics.sense.copy()
     pull = np.hypot(F[:, 0], F[:, 1])
     slips = (modes[:k] == STICK) & (mu > 0) & (mu * F[:, 2] - pull < end) & (pull > 0)
     along[slips] = -F[slips, :2] / pull[slips, None]
@@ -132,4 +136,4 @@ def let_go(candidates: Candidates, shares: Shares) -> ContactHold:
     dry = (modes[k + lines :] == STICK) & (candidates.limits - np.abs(lam[first:]) < end)
     sense[dry] = -np.sign(lam[first:][dry])
     modes[k + lines :][dry] = SLIDE
-    return ContactHold(candidates, modes, along, sense, lam)
+    return ModeDynamics(candidates, modes, along, sense, lam)

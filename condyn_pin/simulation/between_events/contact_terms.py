@@ -1,4 +1,4 @@
-"""ContactLook: all that equations of motion with contacts are made of, at one state.
+"""ContactTerms: all that equations of motion with contacts are made of, at one state.
 
 M a + h = tau + J_b^T l_b + J_c^T lam,    J_b a + gamma = 0,    sigma' = J_c a + Jdot_c v
 """
@@ -30,7 +30,7 @@ _RESTING = 1e-10
 _STILL = 1e-9
 
 
-class ContactLook:
+class ContactTerms:
     """A system with contacts at one state; no array is written to later.
 
     StepFailed if the state, or what acts there, is not finite.

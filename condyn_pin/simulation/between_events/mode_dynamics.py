@@ -1,4 +1,4 @@
-"""ContactHold: smooth motion while no contact opens, closes, sticks or slips.
+"""ModeDynamics: smooth motion while no contact opens, closes, sticks or slips.
 
     stick    sigma' = 0 in all three rows
     slide    sigma_n' = 0,    lam_t = -mu lam_n s,    s = sigma_t / |sigma_t|
@@ -12,8 +12,8 @@ sigma' is zero,
 R G E is not symmetric where something slides. The direction of a `guided` slip is not that of its
 velocity but s(t) = Q(w (t - t_0)) s, a rotation at a rate that is given (`SlipGuide`).
 
-Redundant contacts share a load in many ways: what x
-changes by since modes were last found is the smallest such change.
+Redundant contacts share a load in many ways: what x changes by since modes were last found is the
+smallest such change.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
-from condyn_pin.simulation.integrators.contact_look import ContactLook
+from condyn_pin.simulation.between_events.contact_terms import ContactTerms
 
 # Singular values of R G E, rows and columns scaled to one, that redundant contacts leave.
 _REDUNDANT = 1e-10
 
 
 class Held(NamedTuple):
-    """The answer of a hold at a state."""
+    """Accelerations and forces at a state."""
 
     a: Array  # (nv,)
     lam: Array  # (rows,), of all candidates [N, N m]
@@ -42,7 +42,7 @@ class Held(NamedTuple):
     ease: Array  # (rows,), diagonal of G of what is not open [1/kg]
 
 
-class ContactHold:
+class ModeDynamics:
     """What contacts do until the next event.
 
     Parameters
@@ -100,15 +100,15 @@ class ContactHold:
         known[first + dry] = -candidates.limits[dry] * self.sense[dry]
         self._known = known[rows]
 
-    def guiding(self, which: NDArray[np.bool_], turning: Array, since: float) -> ContactHold:
-        """Return the same hold, with these cones guided."""
-        return ContactHold(
+    def guiding(self, which: NDArray[np.bool_], turning: Array, since: float) -> ModeDynamics:
+        """Return the same modes, with these cones guided."""
+        return ModeDynamics(
             self.candidates, self.modes, self.along, self.sense, self.lam, which, turning, since
         )
 
-    def with_forces(self, lam: Array) -> ContactHold:
-        """Return the same hold, with other forces that redundant contacts stay near to."""
-        return ContactHold(self.candidates, self.modes, self.along, self.sense, lam)
+    def with_forces(self, lam: Array) -> ModeDynamics:
+        """Return the same modes, with other forces that redundant contacts stay near to."""
+        return ModeDynamics(self.candidates, self.modes, self.along, self.sense, lam)
 
     def ahead(self, t: float) -> Array:
         """Return where cones go that are guided, and where the others went first (cones, 2)."""
@@ -116,51 +116,51 @@ class ContactHold:
         c, s, (x, y) = np.cos(angle), np.sin(angle), self.along.T
         return np.column_stack((c * x - s * y, s * x + c * y))
 
-    def directions(self, look: ContactLook) -> Array:
+    def directions(self, terms: ContactTerms) -> Array:
         """Return s of all cones (cones, 2)."""
-        ahead = self.ahead(look.t)
-        turns = look.slides & (np.einsum("kx,kx->k", look.tangent, ahead) > 0) & ~self.guided
-        size = np.where(turns, look.speed, 1.0)[:, None]
-        return np.where(turns[:, None], look.tangent / size, ahead)
+        ahead = self.ahead(terms.t)
+        turns = terms.slides & (np.einsum("kx,kx->k", terms.tangent, ahead) > 0) & ~self.guided
+        size = np.where(turns, terms.speed, 1.0)[:, None]
+        return np.where(turns[:, None], terms.tangent / size, ahead)
 
-    def solve(self, look: ContactLook) -> Held:
+    def solve(self, terms: ContactTerms) -> Held:
         """Return accelerations and forces at a state."""
-        now, lam, ease = look.forced(self.rows), np.zeros(len(look.J)), np.zeros(len(look.J))
+        now, lam, ease = terms.forced(self.rows), np.zeros(len(terms.J)), np.zeros(len(terms.J))
         G = now.G
-        found = self._forces(look, G, now.contact_velocities + look.drift[self.rows])
+        found = self._forces(terms, G, now.contact_velocities + terms.drift[self.rows])
         lam[self.rows], ease[self.rows] = found, G.diagonal()
         a = now.velocity(found)
-        rate = look.J.dot(a) + look.drift
+        rate = terms.J.dot(a) + terms.drift
         return Held(a, lam, now.constraint_impulses(found), rate, ease)
 
-    def free_forces(self, look: ContactLook) -> Array:
+    def free_forces(self, terms: ContactTerms) -> Array:
         """Return forces (rows, k) that redundant contacts have among themselves."""
-        free = np.zeros((len(look.J), 0))
+        free = np.zeros((len(terms.J), 0))
         if not len(self.still):
             return free
-        E, A, size = self._equation(look, look.forced(self.rows).G)
+        E, A, size = self._equation(terms, terms.forced(self.rows).G)
         _, S, Vt = np.linalg.svd(size[:, None] * A * size)
         null = Vt[np.count_nonzero(_REDUNDANT * S[0] < S) :].T
-        free = np.zeros((len(look.J), null.shape[1]))
+        free = np.zeros((len(terms.J), null.shape[1]))
         free[self.rows] = E.dot(size[:, None] * null)
         return free
 
-    def _forces(self, look: ContactLook, G: Array, g: Array) -> Array:
+    def _forces(self, terms: ContactTerms, G: Array, g: Array) -> Array:
         R, f = self._R, self._known
         if not len(R):
             return f
-        E, A, size = self._equation(look, G)
+        E, A, size = self._equation(terms, G)
         before = self.lam[self.still]
         left = -((G.dot(f) + g)[R] + A.dot(before)) * size
         x, *_ = np.linalg.lstsq(size[:, None] * A * size, left, rcond=_REDUNDANT)
         return np.asarray(E.dot(before + size * x) + f)
 
-    def _equation(self, look: ContactLook, G: Array) -> tuple[Array, Array, Array]:
+    def _equation(self, terms: ContactTerms, G: Array) -> tuple[Array, Array, Array]:
         """Return E, R G E, and units of the unknowns: forces of stops are moments."""
         E, i = self._E, self.sliding
         if len(i):
             E = E.copy()
-            pull = -self.candidates.friction[i, None] * self.directions(look)[i]
+            pull = -self.candidates.friction[i, None] * self.directions(terms)[i]
             E[self._t1, self._n], E[self._t1 + 1, self._n] = pull.T
         size = 1 / np.sqrt(np.maximum(G.diagonal()[self._R], np.finfo(float).tiny))
         return E, G.dot(E)[self._R], size

@@ -36,8 +36,8 @@ from condyn_pin.contact.problem import ContactProblem, Level
 from condyn_pin.contact.sets import ContactSets
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.errors import StepFailed
-from condyn_pin.simulation.integrators.contact_hold import ContactHold
-from condyn_pin.simulation.integrators.contact_look import ContactLook
+from condyn_pin.simulation.between_events.contact_terms import ContactTerms
+from condyn_pin.simulation.between_events.mode_dynamics import ModeDynamics
 
 # What slides has a larger sigma' than accelerations give, by this factor.
 _FAR = 1e4
@@ -52,7 +52,7 @@ _NONE = 1e-8
 class Choice(NamedTuple):
     """What contacts do next."""
 
-    hold: ContactHold | None  # None if no force lets what slides go on
+    dynamics: ModeDynamics | None  # None if no force lets what slides go on
     natural: float  # residual of the problem [1]
     guess: Array  # (rows,), impulses that stop what slides [N s]
 
@@ -65,7 +65,7 @@ class Struck(NamedTuple):
     work: float  # [J]
 
 
-class ContactChoice:
+class NextModes:
     """Finds modes and impulses for the contacts of one system."""
 
     def __init__(self, candidates: Candidates, solver: ContactSolver) -> None:
@@ -74,18 +74,18 @@ class ContactChoice:
         self._all_dry = np.ones(candidates.intervals, dtype=bool)
         self._parts = slice(0, 3 * k), slice(3 * k, 3 * k + n), slice(3 * k + n, candidates.rows)
 
-    def next(self, look: ContactLook) -> Choice:
+    def next(self, terms: ContactTerms) -> Choice:
         """Return what contacts do from a state on where nothing approaches."""
         candidates, (cones, lines, dry) = self._candidates, self._parts
-        active = np.concatenate((look.rests, self._all_dry))
-        rows, lam, rate = candidates.rows_of(active), np.zeros(len(look.J)), np.zeros(len(look.J))
-        slides = look.slides & look.rests[: candidates.cones] & (candidates.friction > 0)
-        along, sense = np.zeros((candidates.cones, 2)), np.sign(look.dry)
-        along[slides] = look.tangent[slides] / look.speed[slides, None]
-        pushed = np.zeros(len(look.J))
+        active = np.concatenate((terms.rests, self._all_dry))
+        rows, lam, rate = candidates.rows_of(active), np.zeros(len(terms.J)), np.zeros(len(terms.J))
+        slides = terms.slides & terms.rests[: candidates.cones] & (candidates.friction > 0)
+        along, sense = np.zeros((candidates.cones, 2)), np.sign(terms.dry)
+        along[slides] = terms.tangent[slides] / terms.speed[slides, None]
+        pushed = np.zeros(len(terms.J))
         pushed[cones].reshape(-1, 3)[:, :2], pushed[dry] = along, sense
-        now = look.forced(np.flatnonzero(rows))
-        g = now.contact_velocities + look.drift[rows]
+        now = terms.forced(np.flatnonzero(rows))
+        g = now.contact_velocities + terms.drift[rows]
         scale = float(np.abs(g).max(initial=0.0)) or tolerances.GRAVITY
         far = g + _FAR * scale * pushed[rows]
         problem = self._problem(active, now.G, far, candidates.limits, "acceleration")
@@ -94,7 +94,7 @@ class ContactChoice:
         unit = problem.scale[0] / scale  # forces as accelerations, relative to the largest
         stopped = np.einsum("kx,kx->k", rate[cones].reshape(-1, 3)[:, :2], along) < _FAR / 2
         if (slides & stopped).any() or not natural <= tolerances.CONTACT_SOLVED:
-            fastest = float(look.speed[slides].max(initial=0.0))
+            fastest = float(terms.speed[slides].max(initial=0.0))
             return Choice(None, natural, lam * (fastest / (_FAR * scale)))
         of_cones = self._of_cones(lam[cones] * unit, rate[cones], slides, along)
         of_lines = np.where(lam[lines] * unit > _NONE, STICK, OPEN)
@@ -102,30 +102,30 @@ class ContactChoice:
         sense[moves] = np.sign(rate[dry][moves])
         of_dry = np.where(sense == 0, STICK, SLIDE)
         modes = np.concatenate((of_cones, of_lines, of_dry))
-        return Choice(ContactHold(candidates, modes, along, sense, lam), natural, lam)
+        return Choice(ModeDynamics(candidates, modes, along, sense, lam), natural, lam)
 
-    def impact(self, look: ContactLook) -> Struck:
+    def impact(self, terms: ContactTerms) -> Struck:
         """Return what follows where contacts approach, by Newton's law of restitution."""
-        e = np.zeros(len(look.gaps))
+        e = np.zeros(len(terms.gaps))
         e[: self._candidates.cones] = self._candidates.restitution
-        rebound = np.zeros(len(look.J))
-        rebound[self._candidates.normals] = e * np.minimum(look.closing, 0.0)
-        struck, natural = self._struck(look, rebound, None)
+        rebound = np.zeros(len(terms.J))
+        rebound[self._candidates.normals] = e * np.minimum(terms.closing, 0.0)
+        struck, natural = self._struck(terms, rebound, None)
         if not natural <= tolerances.CONTACT_SOLVED:
             raise StepFailed(
-                f"the impact of {self._named(look.approaches)} at t = {look.t:g} s: "
+                f"the impact of {self._named(terms.approaches)} at t = {terms.t:g} s: "
                 f"{self._solver!r} leaves a natural residual of {natural:.1e}; take a stepper, "
                 "such as Moreau()"
             )
         return struck
 
-    def shock(self, look: ContactLook, choice: Choice) -> Struck:
+    def shock(self, terms: ContactTerms, choice: Choice) -> Struck:
         """Return the impulse that stops what no force lets slide on."""
-        struck, natural = self._struck(look, np.zeros(len(look.J)), choice.guess)
-        changed = np.abs(struck.v - look.v).max(initial=0.0) > _NONE * look.fastest
+        struck, natural = self._struck(terms, np.zeros(len(terms.J)), choice.guess)
+        changed = np.abs(struck.v - terms.v).max(initial=0.0) > _NONE * terms.fastest
         if not (natural <= tolerances.CONTACT_SOLVED and changed):
             raise StepFailed(
-                f"contacts {self._named(look.rests)} at t = {look.t:g} s: {self._solver!r} finds "
+                f"contacts {self._named(terms.rests)} at t = {terms.t:g} s: {self._solver!r} finds "
                 f"no forces (natural residual {choice.natural:.1e}), and no impulse that would "
                 "stop them; take a stepper, such as StewartTrinkle()"
             )
@@ -143,18 +143,18 @@ class ContactChoice:
         return np.where(force[2::3] > _NONE, np.where(sticks, STICK, SLIDE), OPEN)
 
     def _struck(
-        self, look: ContactLook, rebound: Array, guess: Array | None
+        self, terms: ContactTerms, rebound: Array, guess: Array | None
     ) -> tuple[Struck, float]:
         """Return what impulses of all that touches do, and their natural residual."""
-        active = np.concatenate((look.touches, ~self._all_dry))
-        rows, impulse = self._candidates.rows_of(active), np.zeros(len(look.J))
-        now = look.struck(np.flatnonzero(rows))
+        active = np.concatenate((terms.touches, ~self._all_dry))
+        rows, impulse = self._candidates.rows_of(active), np.zeros(len(terms.J))
+        now = terms.struck(np.flatnonzero(rows))
         g = now.contact_velocities + rebound[rows]
         problem = self._problem(active, now.G, g, np.zeros(0), "impulse")
         begin = None if guess is None else guess[rows]
         impulse[rows], natural = self._answer(problem, begin)
         v = now.velocity(impulse[rows])
-        return Struck(v, impulse, 0.5 * float(impulse.dot(look.slip + look.J.dot(v)))), natural
+        return Struck(v, impulse, 0.5 * float(impulse.dot(terms.slip + terms.J.dot(v)))), natural
 
     def _answer(self, problem: ContactProblem, guess: Array | None) -> tuple[Array, float]:
         found, natural = attempt_contact(problem, self._solver, guess, _ACCURATE)
