@@ -515,3 +515,24 @@ def test_forces_from_outside_turn_with_the_body():
     expected = slope(model, end, 1e-6)
     off = np.abs(np.concatenate(of.jvp(x, zero, zero)) - expected).max()
     assert off < 1e-9 * np.abs(expected).max()
+
+
+def test_the_curved_paths_of_two_balls():
+    """On links that turn by 0.05 rad in the step in which they meet."""
+    model = pin.Model()
+    for k, x in enumerate((0.0, 0.3)):
+        hinge = pin.SE3(np.eye(3), np.array([x, 0, 0]))
+        joint = model.addJoint(0, pin.JointModelRY(), hinge, f"hinge {k}")
+        tip = pin.SE3(np.eye(3), np.array([0, 0, -0.2]))
+        model.appendBodyToJoint(joint, pin.Inertia.FromSphere(0.5, 0.02), tip)
+        model.addFrame(pin.Frame(f"tip {k}", joint, 0, tip, pin.FrameType.OP_FRAME))
+    ball = cp.constraints.Ball(0.02)
+    balls = cp.FrictionalContact("tip 0", ball, on="tip 1", on_shape=ball, friction=0.0)
+    scene, v = cp.Scene(cp.Robot("arms", model), contacts=[balls]), np.array([-50.0, 50.0])
+    run = cp.simulate(scene, [-0.2, 0.2], v, duration=0.02, dt=DT)
+    first = int(np.flatnonzero(run.forces["tip 0"][:, 2] > 0)[0])
+    q, v = run.q[first - 1], run.v[first - 1]
+    assert DT * np.abs(v).max() > 1e-2
+    assert cp.step(scene, q, v, dt=DT).forces["tip 0"][2] > 0
+    errors = misses(scene, q, v, np.zeros(2), HARD[0], ActiveSet(), (1e-6, 1e-4, 1e-2))
+    assert max(errors) < 1e-6

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
 from condyn_pin.simulation.integrators.contact_scheme import allowed_gaps, fastest
@@ -55,7 +55,7 @@ class CurvedPaths:
         """
         contacts, data, dt = self._system.contacts, self._system.equations.data, self._dt
         k, bends = chosen.contact_points, np.zeros(len(gaps))
-        follows_pairs = len(chosen.pairs) and dt * fastest(v) >= _STRAIGHT
+        follows_pairs = self._follows_pairs(v, chosen)
         if not k and not follows_pairs:
             return bends
         pin.forwardKinematics(self._system.model, data, self._floating.integrate(q, dt * v))
@@ -66,6 +66,16 @@ class CurvedPaths:
             at = chosen.pairs_here
             bends[at] = contacts.gaps(data, q)[chosen.pairs] - gaps[at] - dt * speeds[3 * at + 2]
         return bends
+
+    def followed(self, v: Array, chosen: Chosen) -> Indices:
+        """Return which of the cones that take part have curved paths along v."""
+        over_planes = np.arange(chosen.contact_points)
+        if not self._follows_pairs(v, chosen):
+            return over_planes
+        return np.concatenate((over_planes, chosen.pairs_here))
+
+    def _follows_pairs(self, v: Array, chosen: Chosen) -> bool:
+        return len(chosen.pairs) > 0 and self._dt * fastest(v) >= _STRAIGHT
 
     def missed(self, posed: Posed, v1: Array) -> Array | None:
         """Return s along v+ if a contact goes through because those `posed` were along v, or None.

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.law import Law
@@ -27,15 +27,15 @@ def asked_partials(
 ) -> Array:
     """Return what a scheme adds to sigma by all columns (m, columns), at fixed impulses."""
     chosen, near, columns = posed.chosen, posed.near, steps.columns
-    J_c, by = posed.J[chosen.rows], steps.scheme.asked_by(near)
+    J_c, by = posed.J_c, steps.scheme.asked_by(near)
     added = columns.empty(len(J_c))
     gaps = J_c[near.normals] @ start.at  # (k, columns)
     added[near.normals] += by.gaps[:, None] * gaps
-    if steps.scheme.closes_gaps and chosen.contact_points:
-        by_at, by_path = _bends(steps, posed, path)
-        k = chosen.contact_points
+    curved = steps.paths.followed(path, chosen)
+    if steps.scheme.closes_gaps and len(curved):
+        by_at, by_path = _bends(steps, posed, path, 3 * curved + 2)
         bends = by_at @ start.at + by_path @ along
-        added[2 : 3 * k : 3] += by.bends[:k, None] * bends
+        added[3 * curved + 2] += by.bends[curved, None] * bends
     if by.before.any():
         slips = steps.turning.slips(posed.v)
         before = J_c @ start.v + slips[chosen.rows] @ start.at
@@ -48,10 +48,10 @@ def asked_partials(
     return added
 
 
-def _bends(steps: LinearSteps, posed: Posed, path: Array) -> tuple[Array, Array]:
-    """Return how the bends (k,) of contact points along a path change with `at` and the path."""
+def _bends(steps: LinearSteps, posed: Posed, path: Array, normals: Indices) -> tuple[Array, Array]:
+    """Return how the bends of some contacts along a path change with `at` and the path."""
     dt, system, chosen = steps.dt, steps.system, posed.chosen
-    normals, data = slice(2, 3 * chosen.contact_points, 3), system.equations.data
+    data = system.equations.data
     there = steps.floating.integrate(posed.at, dt * path)
     pin.computeJointJacobians(system.model, data, there)
     J_end = system.contacts.evaluate(data, there)[1][chosen.rows][normals]
@@ -62,8 +62,8 @@ def _bends(steps: LinearSteps, posed: Posed, path: Array) -> tuple[Array, Array]
 
 def _softer(steps: LinearSteps, posed: Posed, by: AskedBy, gaps: Array, start: Start) -> Array:
     """Return R by all columns (m, columns): by gaps, and by G_nn of each contact."""
-    near, chosen = posed.near, posed.chosen
-    J_c, blocks, lines = posed.J[chosen.rows], near.blocks, len(near.gaps)
+    near = posed.near
+    J_c, blocks, lines = posed.J_c, near.blocks, len(near.gaps)
     # the row that each contact, and each row of dry friction, has its stiffness of
     normals = np.arange(len(J_c))[near.normals]
     of_row = np.where(blocks < lines, normals[np.minimum(blocks, lines - 1)], np.arange(len(J_c)))

@@ -71,7 +71,7 @@ class LinearSteps:
         self.steps = ContactSteps(scheme, self.system, dt)
         model = self.system.model
         self.floating, self.partials = Floating(model), FloatingPartials(model)
-        self._paths = CurvedPaths(self.system, self.floating, dt)
+        self.paths = CurvedPaths(self.system, self.floating, dt)
         self._falls = (float(np.linalg.norm(model.gravity.linear)) or 9.81) * dt
         self.size = sum(inertia.mass for inertia in list(model.inertias)) * self._falls**2
         self.turning = ContactTurning(model, scene.contact_bounds)
@@ -140,17 +140,17 @@ class LinearSteps:
 
         The last one has gaps along paths that end as the one before did.
         """
-        if not self.scheme.closes_gaps or not posed.chosen.contact_points:
+        chosen, path = posed.chosen, posed.v
+        if not self.scheme.closes_gaps or not len(chosen.pairs) + chosen.contact_points:
             return [(posed, lam)]
-        path, tracks = posed.v, []
+        tracks: list[tuple[Posed, Array]] = []
         for _ in range(_TRACKS):
-            bends = self._paths.bends(
-                posed.at, path, posed.near.gaps, posed.J[posed.chosen.rows], posed.chosen
-            )
+            speeds = posed.J_c.dot(path)
+            bends = self.paths.bends(posed.at, path, posed.near.gaps, speeds, chosen)
             if np.array_equal(bends, posed.near.bends):
                 break
             near = posed.near._replace(bends=bends)
-            before = posed._replace(near=near, problem=posed.chosen.problem(self.scheme, near))
+            before = posed._replace(near=near, problem=chosen.problem(self.scheme, near))
             solved = self.steps.solved(before)
             tracks.append((before, solved[1].lam))
             path = posed.condensed.velocity(solved[1].lam)
@@ -162,7 +162,7 @@ class LinearSteps:
         """Return v+ by all columns (nv, columns), in the axes of the step."""
         if not len(law.lam):
             return self._untouched(posed, v1, start)
-        J_c = posed.J[posed.chosen.rows]
+        J_c = posed.J_c
         l_b = posed.condensed.constraint_impulses(law.lam)
         of = self._linearised(posed.at, posed.v, posed.v, v1, l_b)
         all_lam = np.zeros(len(posed.J))
