@@ -166,4 +166,5 @@ def test_the_command_says_how_far_solvers_go(tmp_path):
 def test_pgs_says_that_it_cannot_where_nothing_moves_along_the_floor():
     problem = CONTACT_EXTREMES["bad_G"].problem(0.0)
     solution = cp.contact.solve_contact(problem, PGS(), throw=False)
-    assert solution.status.name == "NOT_FINITE"
+    assert solution.status.name == "INACCURATE"
+    assert np.isfinite(solution.lam).all()

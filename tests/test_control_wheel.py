@@ -39,7 +39,7 @@ def scene() -> cp.Scene:
     model.effortLimit = np.full(5, 1e3)
     q = np.array([0.0, 2 * LINK * np.cos(FOLD) + RADIUS, FOLD, -2 * FOLD, 0.0])
     made = cp.Robot("wheeled_leg", model, postures={"bent": q}, actuated=("hip", "knee", "axle"))
-    rolls = cp.RollingWheel("wheel", RADIUS, holds=("rolling", "normal"), height=0.0)
+    rolls = cp.constraints.RollingWheel("wheel", RADIUS, holds=("rolling", "normal"), height=0.0)
     return cp.Scene(made, [rolls])
 
 
