@@ -368,6 +368,37 @@ def test_through_a_motion(scheme):
     assert back.tau.shape == (10, n)
     assert back.tau.sum(axis=0) == pytest.approx(y @ of.by("tau"), rel=1e-9, abs=1e-12)
     assert back.friction == pytest.approx(y @ of.by("friction"), rel=1e-9, abs=1e-12)
+    shares = rng.normal(size=4)
+
+    def end_of(s):
+        contacts = [
+            replace(c, friction=c.friction + s * x)
+            for c, x in zip(scene.contacts, shares, strict=True)
+        ]
+        run = motion(q, v, cp.Scene(scene.robot, contacts=contacts))
+        return run.q[-1], run.v[-1]
+
+    expected = slope(model, end_of, 1e-3)
+    assert np.abs(of.by("friction") @ shares - expected).max() < 1e-8 * np.abs(expected).max()
+
+
+def test_what_sticks_has_no_slope_by_friction():
+    box = cp.model.free_box(mass=1.0, size=(0.2, 0.12, 0.08))
+    floor = cp.FrictionalContact("box", cp.constraints.Box(0.1, 0.06, 0.04), friction=0.5)
+    scene = cp.Scene(box, contacts=[floor])
+    q, v = scene.state()
+    v[0] = 1.0  # it stops after 0.2039 s, v^2 / (2 mu g) further on
+    by = {}
+    for duration in (0.2, 0.25, 0.3):
+        run = cp.simulate(scene, q, v, duration=duration, dt=1e-3, integrator=HARD[1])
+        by[duration] = trajectory_derivatives(run, wrt=["friction"]).by("friction").sum(axis=1)
+    assert by[0.2][0] == pytest.approx(-9.81 * 0.2**2 / 2, rel=1e-9)  # x = v t - mu g t^2 / 2
+    assert by[0.25][0] == pytest.approx(-1 / (2 * 0.5**2 * 9.81), rel=1e-2)  # where it stops
+    assert by[0.3] == pytest.approx(by[0.25], abs=1e-12)  # and rest adds nothing to it
+    assert abs(by[0.3][6:]).max() < 1e-12
+    tau = np.array([3.0, 0.0, 0.0, 0.0, 0.0, 0.0])  # less than mu m g
+    run = cp.simulate(scene, q, 0 * v, tau, duration=0.02, dt=1e-3, integrator=HARD[1])
+    assert abs(trajectory_derivatives(run, tau, wrt=["friction"]).by("friction")).max() < 1e-12
 
 
 @pytest.mark.parametrize("ground", ["pair", "moving plane"])
