@@ -11,7 +11,7 @@ crocoddyl has no dynamics. It fails where one of these does not hold.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import crocoddyl
 import numpy as np
@@ -42,13 +42,8 @@ class Talos:
         robot = cp.load_robot("talos")
         model = pin.Model(robot.model)
         model.damping = np.zeros(model.nv)
-        scene = cp.Scene(cp.Robot("talos", model), robot.contacts)
+        scene = cp.Scene(replace(robot, model=model), robot.contacts)
         return cls(scene, crocoddyl.StateMultibody(scene.robot.model))
-
-    def posture(self) -> np.ndarray:
-        """Return a configuration on both feet."""
-        talos = cp.load_robot("talos")
-        return cp.Scene(talos, talos.contacts).state("half_sitting")[0]
 
     def ours(self, costs: crocoddyl.CostModelSum, dt: float) -> crocoddyl.ActionModelAbstract:
         """Return our step."""
@@ -80,7 +75,7 @@ class Talos:
         for joint, name in zip(model.joints[2:], model.names[2:], strict=True):
             if not name.startswith("leg"):
                 v[joint.idx_v] = rng.normal()
-        q = pin.integrate(model, self.posture(), 0.1 * rng.normal(size=model.nv))
+        q = pin.integrate(model, self.scene.state("half_sitting")[0], 0.1 * rng.normal(size=model.nv))
         inertia = pin.crba(model, model.createData(), q).diagonal()[6:]
         return np.r_[q, v], 10.0 * inertia * rng.normal(size=model.nv - 6)
 
@@ -164,9 +159,9 @@ def solved(
 
 def leaning(talos: Talos) -> tuple[crocoddyl.SolverFDDP, crocoddyl.SolverFDDP]:
     """Return FDDP with ours and with crocoddyl's: the centre of mass goes 2 cm to the left."""
-    model, q = talos.scene.robot.model, talos.posture()
-    held = cp.control.gravity_compensation(cp.Scene(talos.scene.robot, talos.scene.constraints), q)
-    x, u = np.r_[q, np.zeros(model.nv)], held.u
+    model, q = talos.scene.robot.model, talos.scene.state("half_sitting")[0]
+    held = cp.control.gravity_compensation(talos.scene, q).u
+    x, u = np.r_[q, np.zeros(model.nv)], held
     goal = pin.centerOfMass(model, model.createData(), q) + [0.0, 0.02, 0.0]
     costs = costs_of(talos.state, x, u, goal)
     return solved(talos.ours(costs, DT), x, u), solved(talos.theirs(costs, DT), x, u)
