@@ -166,7 +166,9 @@ def test_what_belongs_wherever_it_is_is_not_pulled_back(scheme):
     v, tau, x, w = 0.3 * v, np.zeros(n), rng.normal(size=n), rng.normal(size=n)
 
     def end(s):
-        now = cp.step(scene, pin.integrate(model, q, s * x), v + s * w, tau, dt=DT, integrator=scheme)
+        now = cp.step(
+            scene, pin.integrate(model, q, s * x), v + s * w, tau, dt=DT, integrator=scheme
+        )
         return now.q, now.v
 
     found = cp.step(scene, q, v, tau, dt=DT, integrator=scheme).derivatives().jvp(x, w, tau)

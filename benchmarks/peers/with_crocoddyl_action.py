@@ -1,6 +1,6 @@
 """Our steps in crocoddyl's hands, beside its own contact dynamics and by its own optimiser.
 
-    python -m peers.with_crocoddyl_action
+    python benchmarks/crocoddyl_action.py
 
 Talos on two soles, above legs that stand: costs are those of crocoddyl, and the step is that of
 its contact dynamics by Euler, with gains [0, 1 / dt], to the order of both. Accelerations and
@@ -75,7 +75,9 @@ class Talos:
         for joint, name in zip(model.joints[2:], model.names[2:], strict=True):
             if not name.startswith("leg"):
                 v[joint.idx_v] = rng.normal()
-        q = pin.integrate(model, self.scene.state("half_sitting")[0], 0.1 * rng.normal(size=model.nv))
+        q = pin.integrate(
+            model, self.scene.state("half_sitting")[0], 0.1 * rng.normal(size=model.nv)
+        )
         inertia = pin.crba(model, model.createData(), q).diagonal()[6:]
         return np.r_[q, v], 10.0 * inertia * rng.normal(size=model.nv - 6)
 
@@ -119,9 +121,10 @@ def differences_of_costs(talos: Talos) -> dict[str, float]:
 
 
 def differences_of_motion(talos: Talos) -> dict[str, tuple[float, float]]:
-    """Return how far steps over dt are from crocoddyl's, with the least dt, and with none.
+    """Return how far steps over dt are from crocoddyl's: by the shortest, and by none.
 
-    Relative to the largest change over dt that crocoddyl's has, feet held.
+    Relative to the largest entry of a or of its derivatives. By v along what feet allow: h is that
+    of the mean velocity of the step here, and of the first one there.
     """
     rng, worst = np.random.default_rng(1), dict.fromkeys(MOTION, (0.0, 0.0))
     # the polynomial through steps of these sizes, where dt = 0
@@ -129,18 +132,21 @@ def differences_of_motion(talos: Talos) -> dict[str, tuple[float, float]]:
     for _ in range(STATES):
         x, u = talos.sample(rng)
         costs = costs_of(talos.state, x, u, np.zeros(3))
-        still = talos.theirs(costs, DT).differential
-        continuous = asked(still, ("xout", "Fx", "Fu"), x, u)
-        for name, size in zip(MOTION, continuous.values(), strict=True):
-            apart = []
-            for dt in SIZES:
-                ours, theirs = (
-                    asked(made(costs, dt), MOTION, x, u)[name]
-                    for made in (talos.ours, talos.theirs)
-                )
-                apart.append((ours - theirs) / dt)
-            limit = sum(w * each for w, each in zip(weights, apart, strict=True))
-            both = [float(np.abs(e).max() / np.abs(size).max()) for e in (apart[-1], limit)]
+        apart = []
+        for dt in SIZES:
+            ours, theirs = (
+                asked(made(costs, dt), MOTION, x, u) for made in (talos.ours, talos.theirs)
+            )
+            apart.append({name: (ours[name] - theirs[name]) / dt for name in MOTION})
+        J = cp.Workspace(talos.scene).jacobian(x[: talos.state.nq])
+        allowed = np.eye(2 * talos.state.nv)
+        allowed[talos.state.nv :, talos.state.nv :] -= np.linalg.pinv(J) @ J
+        dynamics = talos.theirs(costs, DT).differential
+        sizes = asked(dynamics, ("xout", "Fx", "Fu"), x, u).values()
+        for name, size in zip(MOTION, sizes, strict=True):
+            each = [found[name] @ allowed if name == "Fx" else found[name] for found in apart]
+            limit = sum(w * e for w, e in zip(weights, each, strict=True))
+            both = [float(np.abs(e).max() / np.abs(size).max()) for e in (each[-1], limit)]
             worst[name] = max(worst[name][0], both[0]), max(worst[name][1], both[1])
     return worst
 
@@ -162,7 +168,7 @@ def leaning(talos: Talos) -> tuple[crocoddyl.SolverFDDP, crocoddyl.SolverFDDP]:
     model, q = talos.scene.robot.model, talos.scene.state("half_sitting")[0]
     held = cp.control.gravity_compensation(talos.scene, q).u
     x, u = np.r_[q, np.zeros(model.nv)], held
-    goal = pin.centerOfMass(model, model.createData(), q) + [0.0, 0.02, 0.0]
+    goal = pin.centerOfMass(model, model.createData(), q) + np.array([0.0, 0.02, 0.0])
     costs = costs_of(talos.state, x, u, goal)
     return solved(talos.ours(costs, DT), x, u), solved(talos.theirs(costs, DT), x, u)
 
@@ -175,10 +181,9 @@ def crouching() -> tuple[float, float]:
     model, data = robot.model, robot.model.createData()
     held = cp.control.gravity_compensation(cp.Scene(robot, robot.contacts), q).u
     x, start = np.r_[q, np.zeros(model.nv)], pin.centerOfMass(model, data, q).copy()
-    goal = start - [0.0, 0.0, 0.02]
+    goal = start - np.array([0.0, 0.0, 0.02])
     costs = costs_of(crocoddyl.StateMultibody(model), x, held, goal)
     solver = solved(cp.layers.crocoddyl_action(cp.layers.Action(scene, dt=DT), costs), x, held)
-    print(solver.iter)
     end = pin.centerOfMass(model, data, np.array(solver.xs[-1])[: model.nq])
     return float(np.linalg.norm(start - goal)), float(np.linalg.norm(end - goal))
 

@@ -1,8 +1,8 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .action import Action as Action
-from .crocoddyl import crocoddyl_action as crocoddyl_action
 from .configurations import tangent_gradient as tangent_gradient
+from .crocoddyl import crocoddyl_action as crocoddyl_action
 from .jax_layer import jax_solve as jax_solve
 from .jax_layer import jax_step as jax_step
 from .torch_layer import torch_solve as torch_solve

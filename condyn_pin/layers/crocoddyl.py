@@ -35,11 +35,10 @@ def crocoddyl_action(action: Action, costs: Any) -> Any:
 
     Notes
     -----
-    A scene without contacts that open is Crocoddyl's contact dynamics with
-    ``gains = [0, 1 / dt]``, but for the centripetal acceleration of what is held. calc costs a
-    step, and calcDiff what `Route.cost` says. They are Python: a problem runs on one thread.
-
-    Crocoddyl 3.2.1 needs Pinocchio 4.0: beside 4.1 its own contacts crash.
+    On feet that hold, a step is to its order that of crocoddyl's contact dynamics by Euler, with
+    ``gains = [0, 1 / dt]`` and without joint damping; ``benchmarks/crocoddyl_action.py`` compares
+    them. calc costs a step, calcDiff what `Route.cost` says. Both are Python: leave a problem on
+    one thread. Crocoddyl 3.2.1 needs Pinocchio 4.0: beside 4.1 its own contacts crash.
 
     References
     ----------
@@ -56,5 +55,5 @@ def crocoddyl_action(action: Action, costs: Any) -> Any:
             "libcrocoddyl==3.2.1 pin==4.0.0 libpinocchio==4.0.0"
         ) from error
     if not isinstance(action, Action):
-        raise InvalidArgument(f"action = {action!r}: an Action is needed")
+        raise InvalidArgument(f"action = {type(action).__name__}: an Action is needed")
     return model_of(action, costs)

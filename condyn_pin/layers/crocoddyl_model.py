@@ -13,7 +13,7 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.layers.action import Action
 
 
-class ActionModel(crocoddyl.ActionModelAbstract):
+class ActionModel(crocoddyl.ActionModelAbstract):  # type: ignore[misc]
     """A step and its costs; crocoddyl keeps all but these."""
 
     def __init__(self, action: Action, costs: Any) -> None:
@@ -54,7 +54,7 @@ class ActionModel(crocoddyl.ActionModelAbstract):
         pin.computeForwardKinematicsDerivatives(model, data.pinocchio, q, v, np.zeros(len(v)))
 
 
-class ActionData(crocoddyl.ActionDataAbstract):
+class ActionData(crocoddyl.ActionDataAbstract):  # type: ignore[misc]
     """Memory for one time of a motion."""
 
     def __init__(self, model: ActionModel) -> None:
