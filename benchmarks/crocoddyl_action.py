@@ -14,18 +14,13 @@ import subprocess
 import sys
 from pathlib import Path
 
-from peers.environments import Environment
+from peers.environments import CONDYN_ALONE, Environment
 
 ROOT = Path(__file__).resolve().parent.parent
 # crocoddyl's loaders ask for descriptions before 6: condyn_pin is not installed, but on the path
 ENVIRONMENT = Environment(
     "crocoddyl_action",
-    (
-        "crocoddyl==3.2.1",
-        "pin==4.0.0",
-        "libpinocchio==4.0.0",
-        *("numpy", "scipy", "lazy_loader", "threadpoolctl", "typer", "rich"),
-    ),
+    ("crocoddyl==3.2.1", "pin==4.0.0", "libpinocchio==4.0.0", *CONDYN_ALONE),
     ("with_crocoddyl_action",),
 )
 
