@@ -294,6 +294,14 @@ def test_a_step_is_differentiated_by_every_number():
     assert np.abs(found - wanted).max() < 1e-5 * np.abs(wanted).max()
 
 
+def test_without_crocoddyl_it_is_said_how_to_have_it(monkeypatch):
+    scene, _ = stepping()
+    monkeypatch.setitem(sys.modules, "crocoddyl", None)
+    monkeypatch.delitem(sys.modules, "condyn_pin.layers.crocoddyl_model", raising=False)
+    with pytest.raises(cp.errors.MissingExtra, match="--no-deps crocoddyl"):
+        cp.layers.crocoddyl_action(cp.layers.Action(scene, dt=1e-3), None)
+
+
 def test_an_action_is_a_step_in_the_tangent():
     scene, (q, v, tau) = stepping()
     model, nv = scene.robot.model, scene.robot.nv

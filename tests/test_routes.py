@@ -157,6 +157,26 @@ def test_loops_and_springs(scheme, speed):
     assert np.abs(J @ of.dq_dtau).max() < 1e-12  # loops stay closed, whatever acts
 
 
+@pytest.mark.parametrize("scheme", HARD, ids=lambda s: type(s).__name__)
+def test_what_belongs_wherever_it_is_is_not_pulled_back(scheme):
+    """Feet without an anchor, by states that move them: the step leaves them where they are."""
+    made, rng = robot("solo12"), np.random.default_rng(3)
+    scene, model, n = cp.Scene(made, made.contacts), made.model, made.model.nv
+    q, v = scene.sample(rng)
+    v, tau, x, w = 0.3 * v, np.zeros(n), rng.normal(size=n), rng.normal(size=n)
+
+    def end(s):
+        now = cp.step(
+            scene, pin.integrate(model, q, s * x), v + s * w, tau, dt=DT, integrator=scheme
+        )
+        return now.q, now.v
+
+    found = cp.step(scene, q, v, tau, dt=DT, integrator=scheme).derivatives().jvp(x, w, tau)
+    expected = slope(model, end, 1e-5)
+    for mine, wanted in zip(found, np.split(expected, 2), strict=True):
+        assert np.abs(mine - wanted).max() < 1e-8 * np.abs(wanted).max()
+
+
 @pytest.mark.parametrize("route", [Softened(), Kappa(1e-2), Kappa(1e-4), Kappa(1e-6)], ids=repr)
 @pytest.mark.parametrize("state", ["stick", "slide"])
 def test_smooth_routes_are_the_slopes_of_their_own_steps(route, state):

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 PINOCCHIO_4 = ("pin==4.1.0", "libpinocchio==4.1.0")
-CONDYN = ("numpy", "scipy", "example-robot-data>=6.0,<7", "typer", "rich")
+CONDYN_ALONE = ("numpy", "scipy", "lazy_loader", "threadpoolctl", "typer", "rich")
+CONDYN = (*CONDYN_ALONE, "example-robot-data>=6.0,<7")
 
 
 class Missing(Exception):

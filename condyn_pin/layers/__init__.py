@@ -1,7 +1,7 @@
 """Answers as layers of programs that learn and optimise.
 
 Noun: `Action`, a step as optimal control has it. Verbs: `torch_solve`, `torch_step`, `jax_solve`,
-`jax_step`. A layer is a function of (q, v, tau) with leading axes for
+`jax_step`, `crocoddyl_action`. A layer is a function of (q, v, tau) with leading axes for
 batches, and its derivatives are those of the library. Gradients by q have an entry for each number
 of q, quaternions included; `tangent_gradient` makes of them what ``pin.integrate`` steps along.
 

@@ -2,6 +2,7 @@
 
 from .action import Action as Action
 from .configurations import tangent_gradient as tangent_gradient
+from .crocoddyl import crocoddyl_action as crocoddyl_action
 from .jax_layer import jax_solve as jax_solve
 from .jax_layer import jax_step as jax_step
 from .torch_layer import torch_solve as torch_solve

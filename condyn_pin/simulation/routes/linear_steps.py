@@ -77,6 +77,8 @@ class LinearSteps:
         self.turning = ContactTurning(model, scene.contact_bounds)
         self.columns = Columns(scene.robot.nv, self.system.contacts.cones)
         self._share = 0.5 * dt if scheme.at_midpoint else dt
+        bounds = self.system.equations.bounds
+        self._placed = np.array([row for b in bounds for row in b.positioned], dtype=np.int_)
 
     @property
     def linearisation(self) -> Linearisation:
@@ -279,13 +281,16 @@ class LinearSteps:
         dq = by_at @ start.at + rest * by_move @ dv1
         moved = self.floating.integrate(posed.at, rest * v1)
         q1 = self.steps.closed(posed.condensed, moved)
-        if posed.condensed.factors.rank:
+        if posed.condensed.factors.rank and len(self._placed):
             dq = self._closed(posed, moved, q1, dq, start)
         dv = partials.turned(v1, rest) @ dv1
         return Ended(q1, self.floating.turned(v1, rest), dq, dv, posed, law)
 
     def _closed(self, posed: Posed, moved: Array, q1: Array, dq: Array, start: Start) -> Array:
-        """Return dq behind the moves that close the loops, x = M^-1 J_b^T y with c(q1) = 0."""
+        """Return dq behind the moves that close the loops, x = M^-1 J_b^T y with c(q1) = 0.
+
+        c of a row without a place is 0 anywhere: the moves leave it where the step has led.
+        """
         factors, model = posed.condensed.factors, self.system.model
         x = np.asarray(pin.difference(model, moved, q1))
         U, S, r = factors.U, factors.S, factors.rank
@@ -296,7 +301,9 @@ class LinearSteps:
         dq = by_q @ dq + by_x @ turned
         J1 = self.system.equations.jacobian(q1)
         Z = by_x @ np.asarray(dtrtrs(factors.L.T, factors.V)[0])  # (nv, rank)
-        back = np.linalg.lstsq(J1 @ Z, J1 @ dq, rcond=tolerances.RANK)[0]
+        opened = np.zeros((len(J1), dq.shape[1]))
+        opened[self._placed] = J1[self._placed] @ dq
+        back = np.linalg.lstsq(J1 @ Z, opened, rcond=tolerances.RANK)[0]
         return np.asarray(dq - Z @ back)
 
 
