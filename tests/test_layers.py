@@ -330,6 +330,23 @@ def test_an_action_is_a_step_in_the_tangent():
         cp.layers.torch_step(scene, dt=1e-3, integrator=cp.RungeKutta4())
 
 
+def test_an_action_is_differentiated_where_a_step_opens_its_loop():
+    """Along motions that keep it: by the torque of the step before."""
+    bar = robot("four_bar")
+    action = cp.layers.Action(cp.Scene(bar, bar.loops), dt=1e-2)
+    x, u = np.append(action.scene.state("open")[0], np.zeros(3)), np.array([4.0])
+    for _ in range(45):
+        x = action.step(x, u)
+    assert 5.0 < x[3] < 20.0  # [rad/s]
+
+    def end(t):
+        return action.step(action.step(x, u + t), u)
+
+    wanted = central(end, 1e-4)
+    found = action.derivatives(action.step(x, u), u)[0] @ action.derivatives(x, u)[1]
+    assert np.abs(found[:, 0] - wanted).max() < 1e-7 * np.abs(wanted).max()
+
+
 @pytest.mark.parametrize("library", ["torch", "jax"])
 def test_without_the_library_the_extra_is_named(library):
     program = f"""

@@ -70,6 +70,14 @@ class Taken(NamedTuple):
     work: float  # of the contacts [J]
 
 
+class Closing(NamedTuple):
+    """A part of the way on which loops are closed, by the same factors."""
+
+    factors: MinimumNorm  # of the step, or of `begin`
+    begin: Array
+    end: Array
+
+
 class ContactSteps:
     """The steps of one system with one scheme and one dt.
 
@@ -280,22 +288,24 @@ class ContactSteps:
 
     def closed(self, now: Condensed, q: Array) -> Array:
         """Return q with loops closed: by the factors of the step where that will do."""
-        factors = now.factors
-        if not factors.rank:
-            return q
-        best, least = q, inf
-        for _ in range(_CLOSINGS):
+        return self.closings(now, q)[-1].end
+
+    def closings(self, now: Condensed, q: Array) -> list[Closing]:
+        """Return how q goes to where its loops are closed: a part of the way for all factors."""
+        way, least = [Closing(now.factors, q, q)], inf
+        for _ in range(_CLOSINGS if now.factors.rank else 0):
             c = self._equations.violation(q)
             gap = float(np.abs(c).max())
             if not gap < least:  # rounding, or out of reach
-                return best
-            best, least = q, gap
+                break
+            way[-1], least = way[-1]._replace(end=q), gap
             if gap <= _CLOSED:
                 break
             if gap > _SMALL:
                 factors = self._factors(self._system.mass(q), self._equations.jacobian(q), q)
-            q = self._system.integrate(q, factors.closing(c))
-        return best
+                way.append(Closing(factors, q, q))
+            q = self._system.integrate(q, way[-1].factors.closing(c))
+        return way
 
 
 def contact_stepper(scheme: ContactScheme, system: System, dt: float) -> Stepper:

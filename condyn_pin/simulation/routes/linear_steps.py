@@ -33,7 +33,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.contact_steps import ContactSteps
+from condyn_pin.simulation.integrators.contact_steps import Closing, ContactSteps
 from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.asked_partials import asked_partials
@@ -280,26 +280,30 @@ class LinearSteps:
         by_at, by_move = partials.integrate(posed.at, rest * v1)
         dq = by_at @ start.at + rest * by_move @ dv1
         moved = self.floating.integrate(posed.at, rest * v1)
-        q1 = self.steps.closed(posed.condensed, moved)
+        way = self.steps.closings(posed.condensed, moved)
         if posed.condensed.factors.rank and len(self._placed):
-            dq = self._closed(posed, moved, q1, dq, start)
+            for part in [part for part in way if part.end is not part.begin] or way:
+                of_step = part.factors is posed.condensed.factors
+                at, d_at = (posed.at, start.at) if of_step else (part.begin, dq)
+                dq = self._closed(part, dq, at, d_at)
         dv = partials.turned(v1, rest) @ dv1
-        return Ended(q1, self.floating.turned(v1, rest), dq, dv, posed, law)
+        return Ended(way[-1].end, self.floating.turned(v1, rest), dq, dv, posed, law)
 
-    def _closed(self, posed: Posed, moved: Array, q1: Array, dq: Array, start: Start) -> Array:
-        """Return dq behind the moves that close the loops, x = M^-1 J_b^T y with c(q1) = 0.
+    def _closed(self, part: Closing, dq: Array, at: Array, d_at: Array) -> Array:
+        """Return dq behind a move x = M^-1 J_b^T y, M and J_b of `at`, with c(end) = 0.
 
-        c of a row without a place is 0 anywhere: the moves leave it where the step has led.
+        Of moves that others follow that leaves out squares of gaps. c of a row without a place is 0
+        anywhere: the moves leave it where the step has led.
         """
-        factors, model = posed.condensed.factors, self.system.model
-        x = np.asarray(pin.difference(model, moved, q1))
+        factors, model = part.factors, self.system.model
+        x = np.asarray(pin.difference(model, part.begin, part.end))
         U, S, r = factors.U, factors.S, factors.rank
         y = U[:, :r] @ ((factors.V.T @ (factors.L.T @ x)) / S[:r])
-        of = self.weightless.at(posed.at, np.zeros(len(x)), x, y)
-        turned = factors.solve_mass(of.rhs[: len(x), : len(x)] @ start.at)
-        by_q, by_x = pin.dIntegrate(model, moved, x)
+        of = self.weightless.at(at, np.zeros(len(x)), x, y)
+        turned = factors.solve_mass(of.rhs[: len(x), : len(x)] @ d_at)
+        by_q, by_x = pin.dIntegrate(model, part.begin, x)
         dq = by_q @ dq + by_x @ turned
-        J1 = self.system.equations.jacobian(q1)
+        J1 = self.system.equations.jacobian(part.end)
         Z = by_x @ np.asarray(dtrtrs(factors.L.T, factors.V)[0])  # (nv, rank)
         opened = np.zeros((len(J1), dq.shape[1]))
         opened[self._placed] = J1[self._placed] @ dq
