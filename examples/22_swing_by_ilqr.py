@@ -68,7 +68,7 @@ for crank in np.linspace(1.65, -1.75, 50):  # from standing to hanging [rad]
     way.append(cp.mechanism.complete_state(scene, [crank], near=way[-1]).q)
 slowly = max(np.abs(cp.control.gravity_compensation(scene, q).u).max() for q in way[1:])
 action, v, n = cp.layers.Action(scene, dt), np.zeros(bar.nv), round(T / dt)
-start, goal, most = np.append(way[-1], v), np.append(way[1], v), 12 if quick else 60
+start, goal, most = np.append(way[-1], v), np.append(way[1], v), 20 if quick else 60
 xs, us = ilqr(action, start, goal, np.zeros((n, 1)), iterations=most)
 print(f"crank at {xs[-1, 0]:.3f} rad, at rest, to {np.abs(xs[-1] - goal).max():.0e} rad, rad/s")
 print(f"with {np.abs(us).max():.1f} N m at most; to lift it slowly takes {slowly:.1f} N m")
