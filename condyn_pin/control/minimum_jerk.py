@@ -1,4 +1,4 @@
-"""minimum_jerk: a smooth way from one value to another, as the reference of a task."""
+"""minimum_jerk: a smooth path from one value to another, as the reference of a task."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from condyn_pin.constraints.constraint_fields import check_positive
 
 
 @dataclass(frozen=True)
-class _Way:
+class _Quintic:
     start: tuple[float, ...]
     end: tuple[float, ...]
     duration: float  # [s]
@@ -22,17 +22,17 @@ class _Way:
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         T, start = self.duration, np.array(self.start)
         s = min(max((t - self.begin) / T, 0.0), 1.0)
-        way = np.array(self.end) - start
+        distance = np.array(self.end) - start
         x = s**3 * (10 - 15 * s + 6 * s**2)
         v = 30 * s**2 * (1 - s) ** 2 / T
         a = 60 * s * (1 - s) * (1 - 2 * s) / T**2
-        return start + x * way, v * way, a * way
+        return start + x * distance, v * distance, a * distance
 
 
 def minimum_jerk(
     start: ArrayLike, end: ArrayLike, duration: float, *, begin: float = 0.0
 ) -> Callable[[float], tuple[Array, Array, Array]]:
-    """Return a smooth way from a value to another, a function of t that returns (x, v, a).
+    """Return a smooth path from a value to another, a function of t that returns (x, v, a).
 
     x(s) = start + (10 s^3 - 15 s^4 + 6 s^5) (end - start),    s = (t - begin) / duration
 
@@ -66,4 +66,4 @@ def minimum_jerk(
     here, there = finite("start", start, size), finite("end", end, size)
     check_positive("time [s]", duration=duration)
     since = float(finite("begin", begin, ()))
-    return _Way(tuple(here.tolist()), tuple(there.tolist()), float(duration), since)
+    return _Quintic(tuple(here.tolist()), tuple(there.tolist()), float(duration), since)
