@@ -83,6 +83,9 @@ class ContactSteps:
 
     Attributes
     ----------
+    floating : Floating
+        The axes of floating bodies.
+    paths : CurvedPaths
     last : Taken
         The step that was taken last.
     """
@@ -92,8 +95,8 @@ class ContactSteps:
     def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
         self._scheme, self._system, self._dt = scheme, system, dt
         self._equations, self._candidates = system.equations, system.contacts
-        self._floating = Floating(system.model)
-        self._paths = CurvedPaths(system, self._floating, dt)
+        self.floating = Floating(system.model)
+        self.paths = CurvedPaths(system, self.floating, dt)
         passive = system.passive
         self._torque = total_torque(system.applied, passive, dt)
         self._inertia = passive.inertia(dt) if passive.inertia(dt).any() else None
@@ -140,7 +143,7 @@ class ContactSteps:
     def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return the same of whatever the contact solver has answered."""
         posed, found, natural, v1 = self._answered(t, q, v)
-        lam, dt, floating = found.lam, self._dt, self._floating
+        lam, dt, floating = found.lam, self._dt, self.floating
         a = (v1 - posed.v) / dt - posed.turning
         work = 0.5 * float(lam.dot(posed.near.before + posed.J_c.dot(v1)))
         self._system.contact_work += work
@@ -156,7 +159,7 @@ class ContactSteps:
 
         The gaps that take part are those that are near, or those that are `active`.
         """
-        scheme, system, floating, dt = self._scheme, self._system, self._floating, self._dt
+        scheme, system, floating, dt = self._scheme, self._system, self.floating, self._dt
         at, tau = q, self._torque(t, q, v)
         if scheme.at_midpoint:
             at, v = floating.integrate(q, 0.5 * dt * v), floating.turned(v, 0.5 * dt)
@@ -177,7 +180,7 @@ class ContactSteps:
             turning = floating.turning(mean)
             now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip)
         here = gaps[chosen.gaps]
-        bends = self._paths.bends(at, v, here, before, chosen) if scheme.closes_gaps else 0.0 * here
+        bends = self.paths.bends(at, v, here, before, chosen) if scheme.closes_gaps else 0.0 * here
         near = Near(
             dt, here, bends, chosen.restitution, chosen.normals, now.G, before,
             now.contact_velocities, chosen.sets.blocks,
@@ -227,7 +230,7 @@ class ContactSteps:
             missed = self._missed(posed, v1)
             if missed is not None:
                 posed = self.pose(t, q, v, posed.chosen.near | missed)
-            elif bent < _AGAIN and (bends := self._paths.missed(posed, v1)) is not None:
+            elif bent < _AGAIN and (bends := self.paths.missed(posed, v1)) is not None:
                 near, bent = posed.near._replace(bends=bends), bent + 1
                 posed = posed._replace(near=near, problem=posed.chosen.problem(scheme, near))
             else:

@@ -31,10 +31,8 @@ from condyn_pin.dynamics.derivatives.linearised import Linearisation, Linearised
 from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import Closing, ContactSteps
-from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.asked_partials import asked_partials
 from condyn_pin.simulation.routes.columns import Columns
@@ -70,8 +68,8 @@ class LinearSteps:
         self.system = system or System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
         self.steps = ContactSteps(scheme, self.system, dt)
         model = self.system.model
-        self.floating, self.partials = Floating(model), FloatingPartials(model)
-        self.paths = CurvedPaths(self.system, self.floating, dt)
+        self.floating, self.paths = self.steps.floating, self.steps.paths
+        self.partials = FloatingPartials(model)
         self._falls = (float(np.linalg.norm(model.gravity.linear)) or 9.81) * dt
         self.size = sum(inertia.mass for inertia in list(model.inertias)) * self._falls**2
         self.turning = ContactTurning(model, scene.contact_bounds)
