@@ -16,8 +16,7 @@ print("redundant:", ", ".join(summary.redundant), "\n")
 # A random closed state, moving along the loops; a torque in the left knee motor.
 q, v = legs.sample(np.random.default_rng(0))
 tau = cassie.passive_torque(q, v)
-knee = cassie.model.joints[cassie.model.getJointId("left-knee-op")].idx_v
-tau[knee] += 20.0  # [N m]
+tau[cassie.index_v("left-knee-op")] += 20.0  # [N m]
 
 # The plain dense matrix is singular here, and says so; a tiny mu makes it solvable.
 for solver in (cp.DenseKKT(), cp.DenseKKT(mu=1e-9), cp.Proximal()):

@@ -16,7 +16,7 @@ print(scene.summary(), "\n")
 
 # Encoders measure the six motors; the loops say the rest. Commands are followed in small strides,
 # so that the platform stays on its branch.
-columns = [stewart.model.joints[stewart.model.getJointId(j)].idx_q for j in stewart.actuated]
+columns = [stewart.index_q(leg) for leg in stewart.actuated]
 q, _ = scene.state("home")
 home = q[columns]
 steps = 10 if quick else 100

@@ -27,7 +27,7 @@ a_small = cp.solve(
     small, q_small, v_small, small.reduce_torque(tau), solver=cp.dynamics.Reference()
 ).a
 terms = cp.Workspace(stance).terms(q, v)
-held = [talos.model.joints[talos.model.getJointId(joint)].idx_v for joint in still]
+held = [talos.index_v(joint) for joint in still]
 J = np.vstack([terms.J, np.eye(talos.nv)[held]])  # feet, and every locked joint
 right = np.concatenate([-terms.gamma, np.zeros(len(held))])
 zero = np.zeros((len(J), len(J)))

@@ -19,9 +19,8 @@ scene = cp.Scene(cassie, cassie.loops, cassie.frictional_contacts(friction=0.7))
 q, v = scene.state()
 q = cp.mechanism.put_down(scene, q)
 q[2] += 0.05
-motors = [cassie.model.joints[cassie.model.getJointId(name)] for name in cassie.actuated]
-places = np.array([joint.idx_q for joint in motors])
-columns = np.array([joint.idx_v for joint in motors])
+places = [cassie.index_q(motor) for motor in cassie.actuated]
+columns = [cassie.index_v(motor) for motor in cassie.actuated]
 stand = q[places].copy()
 
 

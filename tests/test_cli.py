@@ -12,6 +12,7 @@ from contextlib import contextmanager
 from dataclasses import replace
 from io import StringIO
 
+import numpy as np
 import pytest
 from shared import SOLVERS
 from typer.testing import CliRunner
@@ -117,6 +118,44 @@ def test_solve_prints_json_that_equals_the_library(solver):
     assert answer["a"] == solution.a.tolist()
     assert answer["status"] == ("ok" if SOLVERS[solver].exact else "inaccurate")
     assert answer["forces"]["left_sole_link"] == solution.forces["left_sole_link"].tolist()
+
+
+def test_solve_takes_joints_torques_and_forces_by_name():
+    words = "solve four_bar --q crank=1.1 --tau crank=2 --force coupler_tip=0,0,-10 --json"
+    result = run(words)
+    assert result.exit_code == 0, result.output
+    answer = json.loads(result.stdout)
+    bar = cp.load_robot("four_bar")
+    scene = cp.Scene(bar, bar.loops)
+    q = np.array(answer["q"])
+    assert q[bar.index_q("crank")] == 1.1
+    assert scene.check(q).closed
+    pushed = cp.AppliedForce("coupler_tip", [0.0, 0.0, -10.0])
+    tau = bar.joint_vector({"crank": 2.0})
+    assert answer["a"] == cp.solve(scene, q, np.zeros(3), tau, forces=[pushed]).a.tolist()
+
+
+def test_the_base_of_a_urdf_may_float():
+    path = cp.load_robot("go2").description
+    fixed, floating = (run(f"show {path} {more}") for more in ("", "--floating"))
+    assert "nv 12" in fixed.output
+    assert "nv 18" in floating.output
+    answer = json.loads(run(f"solve {path} --floating --json").stdout)
+    assert answer["a"][:3] == pytest.approx([0.0, 0.0, -9.81], abs=1e-9)
+
+
+def test_assemble_without_loops_says_so():
+    result = run("assemble solo12")
+    assert result.exit_code == 0
+    assert "the file has no loops, so there is nothing to close" in result.output
+    assert "--no-loops leaves nothing to close" in run("assemble four_bar --no-loops").output
+    assert "note" not in run("assemble four_bar").output
+
+
+def test_assemble_keeps_the_joints_that_it_is_given():
+    answer = json.loads(run("assemble four_bar --q crank=0.9 --json").stdout)
+    assert answer["status"] == "closed"
+    assert answer["joints"]["crank"] == [0.9]
 
 
 def test_control_prints_json_that_equals_the_library():
@@ -229,6 +268,16 @@ MISTAKES = {
     "view cassie --port 70000": "`condyn view --help`",
     "view cassie --png x.jpg": "x.jpg: the ending says the format: .png",
     "view m.npz --no-loops": "a motion has its own",
+    "show cassie --floating": "--floating: it is for the path of a URDF or an SDF; cassie says",
+    "solve cassie --q left-knee=1": "did you mean 'left-knee-op'",
+    "solve cassie --q left-knee-op": "--q left-knee-op: NAME=NUMBER is needed, such as knee=0.3",
+    "solve cassie --q left-knee-op=a": "--q left-knee-op=a: numbers",
+    "solve cassie --q left-knee-op=9": "'left-knee-op' is 508 deg beyond its limits",
+    "solve cassie --q left-knee-op=-1 --q left-knee-op=-2": "left-knee-op is given twice",
+    "solve cassie --tau left-knee=60": "did you mean 'left-knee-op'",
+    "solve cassie --tau root_joint=1,2": "root_joint has shape (2,)",
+    "solve cassie --force pelvi=0,0,1": "did you mean 'pelvis'",
+    "solve cassie --force pelvis=0,1": "force on 'pelvis' has shape (2,)",
     "view m.npz": "m.npz: no file of a trajectory (No such file or directory)",
     "nothing": "No such command 'nothing'; `condyn --help`",
     "lab nothing": "No such command 'nothing'; `condyn lab --help`",

@@ -48,6 +48,18 @@ Contacts = Annotated[
     ),
 ]
 Loops = Annotated[bool, typer.Option(help="Include the loops of the robot.")]
+Floating = Annotated[
+    bool,
+    typer.Option(
+        "--floating", help="For a URDF or an SDF: the base floats freely, as of a legged robot."
+    ),
+]
+JointValues = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--q", help="JOINT=VALUE [rad or m]: set a joint and keep it there; repeat it for others."
+    ),
+]
 Posture = Annotated[str | None, typer.Option(help="Posture; the first one by default.")]
 
 # How it is solved and moved

@@ -16,7 +16,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.dynamics.solvers.base import parameter_fields
 from condyn_pin.errors import CondynError, InvalidArgument, unknown_name
-from condyn_pin.io.load import load_robot
+from condyn_pin.io.load import available_robots, load_robot
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
@@ -36,17 +36,29 @@ def names_in(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def scene_of(name: str, contacts: str, loops: bool, variant: Sequence[str] | None = None) -> Scene:
+def scene_of(
+    name: str,
+    contacts: str,
+    loops: bool,
+    variant: Sequence[str] | None = None,
+    floating: bool = False,
+) -> Scene:
     """Return the scene of a robot, its loops if wanted, and the contacts that are listed."""
-    robot = robot_of(name, variant)
+    robot = robot_of(name, variant, floating)
     chosen = [_contact(robot, text) for text in names_in(contacts)]
     return Scene(robot, (*(robot.loops if loops else ()), *chosen))
 
 
-def robot_of(name: str, variant: Sequence[str] | None) -> Robot:
-    """Return a robot in a variant: texts OPTION=VALUE."""
+def robot_of(name: str, variant: Sequence[str] | None, floating: bool = False) -> Robot:
+    """Return a robot in a variant: texts OPTION=VALUE; a URDF or an SDF may be `floating`."""
     chosen = pairs_in("--variant", variant, "OPTION=VALUE is needed, such as springs=locked")
-    return load_robot(name, variant=chosen or None)
+    if floating and name in available_robots():
+        raise InvalidArgument(
+            f"--floating: it is for the path of a URDF or an SDF; {name} says itself whether its "
+            "base floats"
+        )
+    root_joint = "free_flyer" if floating else None
+    return load_robot(name, root_joint=root_joint, variant=chosen or None)
 
 
 def pairs_in(option: str, texts: Sequence[str] | None, needed: str) -> dict[str, str]:
@@ -56,6 +68,8 @@ def pairs_in(option: str, texts: Sequence[str] | None, needed: str) -> dict[str,
         name, equals, value = text.partition("=")
         if not (name and equals and value):
             raise InvalidArgument(f"{option} {text}: {needed}")
+        if name in found:
+            raise InvalidArgument(f"{option} {text}: {name} is given twice; give it once")
         found[name] = value
     return found
 

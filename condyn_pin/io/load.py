@@ -102,8 +102,8 @@ def load_robot(
         return read_alone(path, root_joint or "fixed")
     if root_joint is not None:
         raise InvalidArgument(
-            f"root_joint = {root_joint!r}: only a URDF and an SDF take it; {str(name)!r} says it "
-            "itself"
+            f"root_joint = {root_joint!r}: it is for a URDF or an SDF; {str(name)!r} says itself "
+            "how its base is attached"
         )
     if str(name) in MECHANISMS:
         check_variant(chosen, {})

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from numbers import Real
 from pathlib import Path
 from typing import Any
 
@@ -12,14 +11,14 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array
 from condyn_pin._core.files.text import parse_toml, read_text
 from condyn_pin._core.names import few
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import gap_of
-from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
+from condyn_pin.errors import InvalidModel, UnknownName
 from condyn_pin.io.config import FOR_SDF, check_config, chosen_config, contacts_of, loops_of
 from condyn_pin.io.description import Description
 from condyn_pin.io.files import check_root_joint, description_file
@@ -27,6 +26,7 @@ from condyn_pin.io.xml import place
 from condyn_pin.model.limits import Limits
 from condyn_pin.model.lock import lock_joints
 from condyn_pin.model.robot import Robot
+from condyn_pin.model.robot_joints import with_values
 
 _UNKNOWN = "unknown"
 
@@ -120,24 +120,11 @@ def _postures(config: Mapping[str, Any], folder: Path, read: Description) -> dic
 
 
 def _posture(model: Any, values: Mapping[str, Any], where: str) -> Array:
-    """Return the configuration with these values by joint, and neutral otherwise.
-
-    The value of a joint that is (cos, sin) may be its angle [rad].
-    """
-    q, joints = np.array(pin.neutral(model)), tuple(model.names)[1:]
-    for name, value in values.items():
-        if name not in joints:
-            raise UnknownName(f"{where}: {unknown_name('joint', name, joints)}")
-        joint = model.joints[model.getJointId(name)]
-        one = isinstance(value, Real)
-        if one and joint.nq == 2 and joint.nv == 1:
-            angle = finite(f"{where}: {name}", value, ())
-            value = [np.cos(angle), np.sin(angle)]
-        elif one and joint.nq == 1:
-            value = [value]
-        numbers = finite(f"{where}: {name}", value, joint.nq)
-        q[joint.idx_q : joint.idx_q + joint.nq] = numbers
-    return q
+    """Return the configuration with these values by joint, and neutral otherwise."""
+    try:
+        return with_values(model, np.array(pin.neutral(model)), values, f"{where}: ")
+    except UnknownName as error:
+        raise UnknownName(f"{where}: {error}") from error
 
 
 def _check_constraints(robot: Robot, own: Sequence[Constraint]) -> None:

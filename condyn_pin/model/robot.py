@@ -15,7 +15,8 @@ from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.rows.mass_pivots import least_pivots
-from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
+from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel
+from condyn_pin.model import robot_joints
 from condyn_pin.model.robot_fields import check_ends, lists, members, postures
 from condyn_pin.model.robot_frames import find_frame, model_with_frame
 from condyn_pin.model.soundness import check_model
@@ -90,11 +91,11 @@ class Robot:
         for key, kind in lists().items():
             object.__setattr__(self, key, members(key, getattr(self, key), kind))
         for joint in self.actuated:
-            self._joint(joint)
+            robot_joints.joint_of(self.model, joint)
             if self.actuated.count(joint) > 1:
                 raise InvalidArgument(f"actuated: {joint!r} is there twice; name it once")
         for spring in self.springs:
-            if self._joint(spring.joint).nq != 1:
+            if robot_joints.joint_of(self.model, spring.joint).nq != 1:
                 raise InvalidModel(
                     f"spring on {spring.joint!r}: a joint with one degree of freedom is needed"
                 )
@@ -152,6 +153,77 @@ class Robot:
     def joints(self) -> tuple[str, ...]:
         """Names of the joints, the world's not among them."""
         return tuple(self.model.names)[1:]
+
+    def index_q(self, joint: str) -> int:
+        """Return where q has the number of a hinge or a slider: ``q[robot.index_q("knee")]``.
+
+        A joint with several numbers has no one index: `configuration` sets it by name.
+        """
+        return robot_joints.index(self, joint, "q")
+
+    def index_v(self, joint: str) -> int:
+        """Return where v, a and tau have the number of a joint: ``tau[robot.index_v("knee")]``."""
+        return robot_joints.index(self, joint, "v")
+
+    def configuration(
+        self, values: Mapping[str, ArrayLike], *, start: ArrayLike | None = None
+    ) -> Array:
+        """Return a configuration by joint names: ``robot.configuration({"knee": 0.3})``.
+
+        Loops may be open in it; `Scene.assemble` closes them.
+
+        Parameters
+        ----------
+        values : mapping of str to float or array_like
+            Value of each joint [rad or m]. A joint without limits takes its angle, a free-flyer
+            x y z and the quaternion x y z w.
+        start : (nq,) array_like, optional
+            What the other joints keep: by default the first posture, else neutral.
+
+        Returns
+        -------
+        q : (nq,) array
+
+        Raises
+        ------
+        UnknownName
+            If there is no such joint; the text lists the nearest names.
+        InvalidArgument
+            If a joint has another number of values, or a quaternion is not of norm 1.
+        """
+        return robot_joints.configuration(self, values, start)
+
+    def joint_values(self, q: ArrayLike) -> dict[str, float | Array]:
+        """Return the value of each joint in q, by name: what `configuration` takes.
+
+        Angles [rad], also of joints without limits; slides [m]; other joints all their numbers.
+        """
+        return robot_joints.joint_values(self, q)
+
+    def joint_vector(self, values: Mapping[str, ArrayLike]) -> Array:
+        """Return a v, an a or a tau (nv,) by joint names, zero for the others.
+
+        ``tau = robot.joint_vector({"knee": 60.0})`` is a torque of 60 N m in the knee.
+
+        Parameters
+        ----------
+        values : mapping of str to float or array_like
+            Of each joint; of a free-flyer six, linear first.
+        """
+        return robot_joints.joint_vector(self, values)
+
+    def frame_pose(self, q: ArrayLike, frame: str) -> Any:
+        """Return the pose of a frame in the world at q, a `pinocchio.SE3`.
+
+        ``robot.frame_pose(q, "foot").translation`` is where the foot is [m].
+
+        Parameters
+        ----------
+        q : (nq,) array_like
+        frame : str
+            One of `frames`.
+        """
+        return robot_joints.frame_pose(self, q, frame)
 
     def frame(self, name: str) -> tuple[int, Any]:
         """Return the joint that carries a frame and the frame's placement on it.
@@ -218,7 +290,7 @@ class Robot:
         q_, v_ = finite("q", q, self.nq), finite("v", v, self.nv)
         tau: Array = -np.asarray(self.model.damping, dtype=float) * v_
         for spring in self.springs:
-            joint = self._joint(spring.joint)
+            joint = robot_joints.joint_of(self.model, spring.joint)
             tau[joint.idx_v] -= spring.stiffness * (q_[joint.idx_q] - spring.reference)
         if self.spring_dampers:
             tau += spring_dampers_of(self).torque(q_, v_)
@@ -247,12 +319,6 @@ class Robot:
         from condyn_pin.io.mjcf_write import to_mjcf
 
         return to_mjcf(self, without=without)
-
-    def _joint(self, name: str) -> Any:
-        index = self.model.getJointId(name)
-        if not 0 < index < self.model.njoints:  # the world, or no joint
-            raise unknown_name("joint", name, self.joints)
-        return self.model.joints[index]
 
     def check_unedited(self) -> None:
         """Raise `StaleModel` if the model was edited since the robot was made."""

@@ -11,24 +11,31 @@ from condyn_pin.cli.output import leave, plain, print_json, say
 
 PANEL = "Solve"
 
+_NOTHING = (
+    "the file has no loops, so there is nothing to close; a robot.toml beside it adds loops "
+    "(docs/how-to-close-a-loop.md)"
+)
+
 
 def assemble(
     robot: arg.RobotName,
     loops: arg.Loops = True,
     posture: arg.Posture = None,
+    q: arg.JointValues = None,
     fixed: Annotated[str, typer.Option(help="Comma-separated: joints that keep their value.")] = "",
     limits: Annotated[bool, typer.Option(help="Keep the joints within their limits.")] = True,
     variant: arg.Variant = None,
+    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
     """Close the loops, starting from a posture; exits with 1 if they cannot be closed."""
+    from condyn_pin.cli.by_name import posture_of
     from condyn_pin.cli.words import names_in, scene_of
-    from condyn_pin.dynamics.postures import described_posture
 
-    scene = scene_of(robot, "", loops, variant)
-    assembly = scene.assemble(
-        described_posture(scene, posture), fixed=names_in(fixed), within_limits=limits, throw=False
-    )
+    scene = scene_of(robot, "", loops, variant, floating)
+    start, kept = posture_of(scene, posture, q)
+    kept += [name for name in names_in(fixed) if name not in kept]
+    assembly = scene.assemble(start, fixed=kept, within_limits=limits, throw=False)
     joints = {}
     for name in scene.robot.joints:
         joint = scene.robot.model.joints[scene.robot.model.getJointId(name)]
@@ -38,6 +45,8 @@ def assemble(
         print_json(plain(assembly) | status | {"joints": joints})
     else:
         say(str(assembly))
+        if not scene.constraints:
+            say(f"note: {_NOTHING if loops else '--no-loops leaves nothing to close'}")
         for name, values in joints.items():
             say(f"{name:<28} {' '.join(f'{value:.9g}' for value in values)}")
     leave(ok=assembly.status.ok)

@@ -35,6 +35,7 @@ def compare(
         int, typer.Option(help="Seed of the random state that is compared.", min=0)
     ] = 0,
     variant: arg.Variant = None,
+    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
     """Compare a robot with a file in MuJoCo, and name what differs; exits with 1 if they differ.
@@ -47,7 +48,7 @@ def compare(
     from condyn_pin.io.xml import place
     from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge
 
-    chosen = robot_of(robot, variant)
+    chosen = robot_of(robot, variant, floating)
     names = pairs_in("--name", name, "OURS=THEIRS is needed, such as root_joint=floating_base")
     with place(mjcf):
         model, _ = compiled(mjcf)

@@ -59,6 +59,7 @@ def control(
     html: Annotated[Path | None, typer.Option(help="Write a page with forces and balance.")] = None,
     png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
     variant: arg.Variant = None,
+    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
     """Stand, or lift a foot, by whole-body control; exits with 1 if the status is not ok.
@@ -72,8 +73,8 @@ def control(
     check_ending(html, ".html", ".htm")
     check_ending(png, ".png")
     check_written(html, png)
-    listed = contacts or ready_contacts(robot_of(robot, variant))
-    scene = scene_of(robot, listed, loops, variant)
+    listed = contacts or ready_contacts(robot_of(robot, variant, floating))
+    scene = scene_of(robot, listed, loops, variant, floating)
     before, after = stand_and_lift(scene, posture, lift or [], up, _demanded(com), friction, qp)
     shown = after or before
     if as_json:

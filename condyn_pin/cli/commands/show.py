@@ -26,12 +26,13 @@ def show(
         bool, typer.Option("--frames", help="List the frames that constraints can use.")
     ] = False,
     variant: arg.Variant = None,
+    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
     """Show what a scene contains, what is redundant, and what is not used."""
     from condyn_pin.cli.words import scene_of
 
-    scene = scene_of(robot, contacts, loops, variant)
+    scene = scene_of(robot, contacts, loops, variant, floating)
     summary = scene.summary(scene.state(posture)[0] if posture else None)
     ready = [contact.name for contact in scene.robot.contacts]
     if as_json:

@@ -38,6 +38,7 @@ def simulate(
     save: Annotated[Path | None, typer.Option(help="Write the trajectory here (npz).")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write the samples here.")] = None,
     variant: arg.Variant = None,
+    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
     """Simulate from a posture at rest, without torques; exits with 1 if it broke down.
@@ -50,7 +51,7 @@ def simulate(
 
     check_ending(save, ".npz")
     check_written(save, csv)
-    scene = scene_of(robot, contacts, loops, variant)
+    scene = scene_of(robot, contacts, loops, variant, floating)
     q, v = scene.state(posture)
     if friction is not None:
         scene = replace(scene, contacts=scene.robot.frictional_contacts(friction))

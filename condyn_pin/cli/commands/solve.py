@@ -21,21 +21,38 @@ def solve(
     contacts: arg.Contacts = "",
     loops: arg.Loops = True,
     posture: arg.Posture = None,
+    q: arg.JointValues = None,
+    tau: Annotated[
+        list[str] | None,
+        typer.Option(help="JOINT=TORQUE [N m or N], zero for the others; repeat it for others."),
+    ] = None,
+    force: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="FRAME=FX,FY,FZ or FRAME=FX,FY,FZ,MX,MY,MZ [N, N m]: a force from outside at the "
+            "frame, along the axes of the world; repeat it for others."
+        ),
+    ] = None,
     solver: arg.SolverName = "proximal",
     mu: Annotated[float | None, typer.Option(help="Weight or damping [1/kg].")] = None,
     max_iterations: Annotated[int | None, typer.Option(help="Limit of iterations.")] = None,
     accuracy: Annotated[float, typer.Option(help="Error of a that is good enough.")] = SOLVED,
     variant: arg.Variant = None,
+    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
-    """Solve a posture at rest, with zero torque; exits with 1 if the status is not ok."""
+    """Accelerations and forces at rest; exits with 1 if the status is not ok."""
+    from condyn_pin.cli.by_name import forces_of, state_of, torque_of
     from condyn_pin.cli.words import scene_of, solver_of
     from condyn_pin.dynamics.verbs import solve as solve_scene
 
-    scene = scene_of(robot, contacts, loops, variant)
-    q, v = scene.state(posture)
+    scene = scene_of(robot, contacts, loops, variant, floating)
+    torques, forces = torque_of(scene, tau), forces_of(scene, force)
+    at, v = state_of(scene, posture, q)
     chosen = solver_of(solver, {"mu": mu, "max_iterations": max_iterations})
-    solution = solve_scene(scene, q, v, 0 * v, solver=chosen, accuracy=accuracy, throw=False)
+    solution = solve_scene(
+        scene, at, v, torques, forces=forces, solver=chosen, accuracy=accuracy, throw=False
+    )
     if as_json:
         print_json({"robot": scene.robot.name, "solver": repr(chosen)} | _facts(solution))
     else:
@@ -45,7 +62,7 @@ def solve(
         if not scene.constraints:
             ready = ", ".join(contact.name for contact in scene.robot.contacts) or "FRAME:KIND"
             say(f"note: no constraints; --contacts takes {ready}")
-        for note in scene.rank(q).notes:
+        for note in scene.rank(at).notes:
             say(f"note: {note}")
     if not solution.status.ok:
         warn(str(solution.status))

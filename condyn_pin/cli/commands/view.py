@@ -53,6 +53,7 @@ def view(
     ] = 0,
     browser: Annotated[bool, typer.Option(help="Open the browser, if there is a display.")] = True,
     variant: arg.Variant = None,
+    floating: arg.Floating = False,
     motion: Annotated[
         int | None, typer.Option(help="Which motion of a batch, from 0.", min=0)
     ] = None,
@@ -66,8 +67,8 @@ def view(
     if not subject.endswith(".npz"):
         if motion is not None:
             raise InvalidArgument(f"--motion {motion}: it is of a batch (.npz), not of {subject}")
-        chosen = _standing(subject, contacts, loops, posture, forces, variant)
-    elif posture or forces or contacts or variant or not loops:
+        chosen = _standing(subject, contacts, loops, posture, forces, variant, floating)
+    elif posture or forces or contacts or variant or floating or not loops:
         raise InvalidArgument(f"{subject}: a motion has its own states, constraints and forces")
     else:
         chosen = _motion(subject, motion)
@@ -113,6 +114,7 @@ def _standing(
     posture: str | None,
     forces: bool,
     variant: list[str] | None,
+    floating: bool,
 ) -> Subject:
     """Return the scene of a robot, or what holds it still: its motors, and its springs if bent."""
     from condyn_pin.cli.words import robot_of, scene_of
@@ -121,8 +123,10 @@ def _standing(
     from condyn_pin.dynamics.verbs import solve
 
     if contacts is None:
-        contacts = ",".join(c.name for c in robot_of(name, variant).contacts) if forces else ""
-    scene = scene_of(name, contacts, loops, variant)
+        contacts = (
+            ",".join(c.name for c in robot_of(name, variant, floating).contacts) if forces else ""
+        )
+    scene = scene_of(name, contacts, loops, variant, floating)
     if not forces:
         return scene
     q, v = scene.state(posture)

@@ -1,0 +1,116 @@
+"""The numbers of q, v and tau by the names of joints.
+
+q[joint]            nq numbers: one for a hinge or a slider, (cos, sin) for a joint without
+                    limits, x y z and a quaternion x y z w for a free-flyer
+v[joint], tau[joint]   nv numbers
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from numbers import Real
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin.errors import InvalidArgument, unknown_name
+
+if TYPE_CHECKING:
+    from condyn_pin.model.robot import Robot
+
+Values = Mapping[str, ArrayLike]
+
+
+def joint_of(model: Any, name: str) -> Any:
+    """Return the joint of a name, or raise UnknownName with the nearest names."""
+    if not isinstance(name, str):
+        raise InvalidArgument(f"joint = {name!r}: the name of a joint is needed")
+    index = model.getJointId(name)
+    if not 0 < index < model.njoints:  # the world, or no joint
+        raise unknown_name("joint", name, tuple(model.names)[1:])
+    return model.joints[index]
+
+
+def index(robot: Robot, name: str, of: Literal["q", "v"]) -> int:
+    """Return where q or v has the one number of a joint; see `Robot.index_q`."""
+    joint = joint_of(robot.model, name)
+    start, size = (joint.idx_q, joint.nq) if of == "q" else (joint.idx_v, joint.nv)
+    if size != 1:
+        by_name = "configuration" if of == "q" else "joint_vector"
+        raise InvalidArgument(
+            f"joint {name!r} has {size} numbers in {of}, {of}[{start}:{start + size}]; "
+            f"robot.{by_name}({{{name!r}: ...}}) sets them by name"
+        )
+    return int(start)
+
+
+def with_values(model: Any, q: Array, values: Values, where: str = "") -> Array:
+    """Return q with the values of some joints.
+
+    A joint that is (cos, sin) also takes its angle [rad].
+    """
+    q = np.array(q)
+    for name, value in _pairs(values):
+        joint = joint_of(model, name)
+        one = isinstance(value, Real) or np.ndim(value) == 0
+        if one and joint.nq == 2 and joint.nv == 1:
+            angle = finite(f"{where}{name}", value, ())
+            value = [np.cos(angle), np.sin(angle)]
+        q[joint.idx_q : joint.idx_q + joint.nq] = _numbers(where + name, value, joint.nq)
+    return q
+
+
+def configuration(robot: Robot, values: Values, start: ArrayLike | None) -> Array:
+    """Return a configuration by joint names; see `Robot.configuration`."""
+    if start is None:
+        first = next(iter(robot.postures.values()), None)
+        start = pin.neutral(robot.model) if first is None else first
+    q = with_values(robot.model, finite("start", start, robot.nq), values)
+    still = np.zeros(robot.nv)
+    return robot.arguments.check(q, still, still)[0]
+
+
+def joint_values(robot: Robot, q: ArrayLike) -> dict[str, float | Array]:
+    """Return the values of all joints; see `Robot.joint_values`."""
+    q_ = finite("q", q, robot.nq)
+    found: dict[str, float | Array] = {}
+    for name, joint in zip(robot.joints, robot.model.joints[1:], strict=True):
+        numbers = q_[joint.idx_q : joint.idx_q + joint.nq]
+        if joint.nv > 1:
+            found[name] = numbers.copy()
+        else:
+            found[name] = float(numbers[0] if joint.nq == 1 else np.arctan2(numbers[1], numbers[0]))
+    return found
+
+
+def joint_vector(robot: Robot, values: Values) -> Array:
+    """Return a vector in the coordinates of v by joint names; see `Robot.joint_vector`."""
+    vector = np.zeros(robot.nv)
+    for name, value in _pairs(values):
+        joint = joint_of(robot.model, name)
+        vector[joint.idx_v : joint.idx_v + joint.nv] = _numbers(name, value, joint.nv)
+    return vector
+
+
+def frame_pose(robot: Robot, q: ArrayLike, frame: str) -> Any:
+    """Return the pose of a frame in the world; see `Robot.frame_pose`."""
+    joint, placement = robot.frame(frame)
+    still = np.zeros(robot.nv)
+    data = robot.model.createData()
+    pin.forwardKinematics(robot.model, data, robot.arguments.check(q, still, still)[0])
+    return data.oMi[joint] * placement
+
+
+def _pairs(values: Values) -> list[tuple[str, Any]]:
+    if not isinstance(values, Mapping):
+        raise InvalidArgument(
+            f"values = {values!r}: values by joint are needed, such as {{'knee': 0.3}}"
+        )
+    return list(values.items())
+
+
+def _numbers(name: str, value: Any, size: int) -> Array:
+    return finite(name, [value] if size == 1 and np.ndim(value) == 0 else value, size)
