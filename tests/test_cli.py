@@ -212,6 +212,14 @@ def test_export_writes_a_file_that_reads_back(tmp_path):
     assert cp.load_robot(path).loops == ()
 
 
+def test_export_writes_feet_and_shapes(tmp_path):
+    path = tmp_path / "solo.xml"
+    assert run("export solo12 --friction 0.7 --shapes --mjcf", path).exit_code == 0
+    text = path.read_text()
+    assert text.count("<pair") == 4
+    assert text.count("<mesh") > 3
+
+
 def test_bench_writes_table_and_picture_of_all_that_take_the_scene(tmp_path):
     table, rows, picture = (tmp_path / name for name in ("b.json", "b.csv", "b.png"))
     files = ("--json", table, "--csv", rows, "--plot", picture)
@@ -249,6 +257,7 @@ MISTAKES = {
     "solve cassie --mu x": "'--mu'",
     "solve cassie --mux": "`condyn solve --help`",
     "export pendulum --mjcf p.xml": "'pivot' carries 1 kg",
+    "export four_bar --friction 0.7 --mjcf b.xml": "four_bar has no ready-made contacts",
     "export four_bar --mjcf no/such/b.xml": "there is no folder no/such",
     "bench four_bar --quick --native no.json": "make native",
     "bench four_bar --quick --plot b.foo": ".png, .svg, .pdf",

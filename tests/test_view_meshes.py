@@ -7,8 +7,8 @@ import plain_meshes as plain
 import pytest
 
 import condyn_pin as cp
-from condyn_pin.viewing import meshes
-from condyn_pin.viewing.descriptions import shapes_of
+from condyn_pin.io import meshes
+from condyn_pin.io.shapes import shapes_of
 
 
 def files(name):

@@ -27,6 +27,22 @@ class Machine(Protocol):
         """Return the joint that carries a frame and its placement on it, or raise UnknownName."""
 
 
+class MjcfGeomWriter(Protocol):
+    """What a contact writes itself to as MJCF."""
+
+    def collide(
+        self,
+        name: str,
+        first: tuple[str, Vector3, Any],
+        second: Any,
+        friction: float,
+    ) -> None:
+        """Write a frame, an offset in it and a shape; and the plane, or frame and shape, below."""
+
+    def dry(self, joint: str, torque: float | None) -> None:
+        """Write the dry friction of a joint [N m, N]."""
+
+
 class MjcfWriter(Protocol):
     """What a constraint writes itself to as MJCF."""
 

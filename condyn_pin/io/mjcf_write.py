@@ -30,6 +30,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import WORLD, Constraint
 from condyn_pin.constraints.constraint_fields import Vector3
+from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.contacts.kinds import bind_contacts
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.mjcf import DRAWN
 from condyn_pin.io.mjcf_write_joint import (
@@ -44,7 +46,13 @@ from condyn_pin.io.mjcf_write_joint import (
 from condyn_pin.model.robot import Robot
 
 
-def to_mjcf(robot: Robot, *, without: Iterable[str] = ()) -> str:
+def to_mjcf(
+    robot: Robot,
+    *,
+    without: Iterable[str] = (),
+    contacts: Iterable[Contact] = (),
+    shapes: bool = False,
+) -> str:
     """Return a robot as MJCF; `Robot.to_mjcf` says what is written.
 
     Parameters
@@ -52,9 +60,17 @@ def to_mjcf(robot: Robot, *, without: Iterable[str] = ()) -> str:
     robot : Robot
     without : iterable of str
         Names of loops to leave out.
+    contacts : iterable of Contact
+        What may open and slide.
+    shapes : bool
+        Write what the description draws.
     """
     robot.check_unedited()
-    return _Writer(robot).write(_kept(robot, without))
+    if isinstance(contacts, str) or not isinstance(contacts, Iterable):
+        raise InvalidArgument(f"contacts = {contacts!r}: a list of contacts is needed")
+    touching = tuple(contacts)
+    bind_contacts(robot, touching)
+    return _Writer(robot).write(_kept(robot, without), touching, shapes)
 
 
 def drawn(robot: Robot) -> Array:
@@ -101,16 +117,21 @@ class _Writer:
         self.on: dict[int, tuple[Element, Any]] = {}  # by joint: its body, and B⁻¹
         self.bodies: set[str] = set()
         self.sites: set[str] = set()
+        self.joints: dict[str, Element] = {}
 
-    def write(self, loops: tuple[Constraint, ...]) -> str:
+    def write(
+        self, loops: tuple[Constraint, ...], contacts: tuple[Contact, ...], shapes: bool
+    ) -> str:
         SubElement(self.root, "compiler", angle="radian", autolimits="true")
         if np.any(self.model.gravity.angular):
             raise InvalidModel("the model's gravity turns; MuJoCo has only a linear one")
-        SubElement(self.root, "option", gravity=numbers(self.model.gravity.linear))
+        option = {"gravity": numbers(self.model.gravity.linear)}
+        SubElement(self.root, "option", option | ({"cone": "elliptic"} if contacts else {}))
         self._add_bodies(SubElement(self.root, "worldbody"))
         self._add_frames()
         self._add_loops(loops)
         self._add_spring_dampers()
+        self._add_geoms(contacts, shapes)
         self._add_motors()
         self._add_postures()
         ElementTree.indent(self.root)
@@ -131,7 +152,8 @@ class _Writer:
             body = SubElement(parent, "body", {"name": name} | write_pose(pose))
             SubElement(body, "inertial", write_inertia(self.model, chain[-1]))
             for i, B in zip(chain, to_body, strict=True):
-                SubElement(body, "joint", write_joint(self.robot, i, B, self.drawn))
+                written = SubElement(body, "joint", write_joint(self.robot, i, B, self.drawn))
+                self.joints[self.model.names[i]] = written
                 self.on[i] = body, B.inverse()
 
     def _body_name(self, i: int) -> str:
@@ -209,6 +231,18 @@ class _Writer:
         while name in self.sites or name in self.bodies:
             name += "_"
         return name
+
+    def _add_geoms(self, contacts: tuple[Contact, ...], shapes: bool) -> None:
+        """Write what is drawn, and what may open and slide."""
+        if not contacts and not shapes:
+            return
+        from condyn_pin.io.mjcf_write_geoms import GeomWriter  # reads meshes, too
+
+        geoms = GeomWriter(self)
+        if shapes:
+            geoms.draw()
+        for contact in contacts:
+            contact.write_mjcf(geoms)
 
     def _add_motors(self) -> None:
         if not self.robot.actuated:

@@ -24,6 +24,7 @@ from condyn_pin.model.spring import Spring, SpringDamper
 from condyn_pin.model.spring_dampers import spring_dampers_of
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.contacts.base import Contact
     from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
     from condyn_pin.constraints.contacts.plane import Plane
 
@@ -296,29 +297,41 @@ class Robot:
             tau += spring_dampers_of(self).torque(q_, v_)
         return tau
 
-    def to_mjcf(self, *, without: Sequence[str] = ()) -> str:
+    def to_mjcf(
+        self,
+        *,
+        without: Sequence[str] = (),
+        contacts: Sequence[Contact] = (),
+        shapes: bool = False,
+    ) -> str:
         """Return the robot with its loops as MJCF, for MuJoCo.
 
         Joints with armature, damping, springs and limits, frames as sites, loops and couplings as
         equalities, spring-dampers as tendons, motors, and postures as keyframes. A hinge loop is
-        two points of its axis, and `load_robot` reads these as two balls. Contacts have no place
-        in such a file.
+        two points of its axis, and `load_robot` reads these as two balls.
 
         Parameters
         ----------
         without : sequence of str
             Names of loops to leave out, such as sliders, for which MuJoCo has no equality.
+        contacts : sequence of Contact, optional
+            What may open and slide, such as ``robot.frictional_contacts(friction=0.7)``: two geoms
+            and a pair each, so that nothing else collides. MuJoCo's contacts are soft.
+        shapes : bool
+            Write what the description draws, as geoms that collide with nothing; meshes are in the
+            file itself.
 
         Raises
         ------
         InvalidModel
-            If MuJoCo has nothing like a joint or a loop of the robot; the text names it.
+            If MuJoCo has nothing like a joint, a loop or a contact, or a mesh cannot be read; the
+            text names it.
         UnknownName
             If `without` names no loop.
         """
         from condyn_pin.io.mjcf_write import to_mjcf
 
-        return to_mjcf(self, without=without)
+        return to_mjcf(self, without=without, contacts=contacts, shapes=shapes)
 
     def check_unedited(self) -> None:
         """Raise `StaleModel` if the model was edited since the robot was made."""

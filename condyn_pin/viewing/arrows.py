@@ -14,8 +14,8 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.io import meshes
 from condyn_pin.model.robot import Robot
-from condyn_pin.viewing import meshes
 from condyn_pin.viewing.labels import label
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import FORCE, MOMENT, REACTION, Colour

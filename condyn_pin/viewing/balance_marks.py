@@ -14,7 +14,8 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.control.balancing import Balance
-from condyn_pin.viewing import meshes, palette
+from condyn_pin.io import meshes
+from condyn_pin.viewing import palette
 from condyn_pin.viewing.labels import label
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.part import Part, at_point, span

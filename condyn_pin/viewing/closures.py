@@ -12,7 +12,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.viewing import meshes
+from condyn_pin.io import meshes
 from condyn_pin.viewing.labels import label
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import AXES, CONTACT, Colour, gap_colour

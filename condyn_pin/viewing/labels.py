@@ -16,7 +16,7 @@ from typing import Final
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.viewing import meshes
+from condyn_pin.io import meshes
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import GHOST, Colour
 from condyn_pin.viewing.part import Part, Pose, span, then

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.io import meshes
 from condyn_pin.model.robot import Robot
-from condyn_pin.viewing import meshes
 from condyn_pin.viewing.labels import label
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import ACTUATED, GRID, MASS, PASSIVE, SPRING

@@ -6,10 +6,9 @@ import math
 from typing import Final
 
 from condyn_pin._core import tolerances
+from condyn_pin.io.meshes import BODY as BODY
+from condyn_pin.io.meshes import Colour as Colour
 
-Colour = tuple[float, float, float]  # red, green, blue from 0 to 1
-
-BODY: Final[Colour] = (0.72, 0.74, 0.77)
 GHOST: Final[Colour] = (0.55, 0.55, 0.60)
 ACTUATED: Final[Colour] = (0.902, 0.624, 0.0)  # orange
 PASSIVE: Final[Colour] = (0.25, 0.25, 0.25)

@@ -9,8 +9,8 @@ from typing import TypeVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.io.meshes import Mesh
 from condyn_pin.viewing import three
-from condyn_pin.viewing.meshes import Mesh
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import Colour
 

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.viewing.meshes import Mesh
+from condyn_pin.io.meshes import Mesh
 from condyn_pin.viewing.palette import Colour
 
 Command = dict[str, Any]

@@ -15,7 +15,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.bound import BoundContact, Touch
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.viewing import meshes
+from condyn_pin.io import meshes
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import CONE, GROUND, Colour, mode_colour
 from condyn_pin.viewing.part import Part, at_point, joint_pose, then

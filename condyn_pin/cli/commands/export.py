@@ -9,6 +9,7 @@ import typer
 
 from condyn_pin.cli import arguments as arg
 from condyn_pin.cli.output import check_written, say
+from condyn_pin.errors import InvalidArgument
 
 PANEL = "Look"
 
@@ -17,6 +18,13 @@ def export(
     robot: arg.RobotName,
     mjcf: Annotated[Path, typer.Option(help="Write the robot with its loops here, for MuJoCo.")],
     without: Annotated[str, typer.Option(help="Comma-separated: loops to leave out.")] = "",
+    friction: Annotated[
+        float | None,
+        typer.Option(help="Its feet may touch a floor z = 0 with this coefficient of friction."),
+    ] = None,
+    shapes: Annotated[
+        bool, typer.Option("--shapes", help="Write what the description draws, meshes included.")
+    ] = False,
     variant: arg.Variant = None,
     floating: arg.Floating = False,
 ) -> None:
@@ -25,6 +33,13 @@ def export(
     from condyn_pin.cli.words import names_in, robot_of
 
     check_written(mjcf)
-    text = robot_of(robot, variant, floating).to_mjcf(without=names_in(without))
+    loaded = robot_of(robot, variant, floating)
+    contacts = () if friction is None else loaded.frictional_contacts(friction)
+    if friction is not None and not contacts:
+        raise InvalidArgument(
+            f"--friction {friction:g}: {loaded.name} has no ready-made contacts; name some in a "
+            "robot.toml"
+        )
+    text = loaded.to_mjcf(without=names_in(without), contacts=contacts, shapes=shapes)
     write_text(mjcf, text)
     say(f"written: {mjcf}")

@@ -20,8 +20,8 @@ from typing import Literal
 from condyn_pin._core.registry import enter
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.contacts.bound import BoundContact
-from condyn_pin.constraints.protocols import Machine
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.constraints.protocols import Machine, MjcfGeomWriter
+from condyn_pin.errors import InvalidArgument, InvalidModel
 
 Mode = Literal["open", "slide", "stick"]
 
@@ -73,3 +73,10 @@ class Contact(ABC):
         UnsupportedConstraint
             If there is no such constraint.
         """
+
+    def write_mjcf(self, to: MjcfGeomWriter) -> None:
+        """Write it to a file for MuJoCo; by default MuJoCo has nothing like it."""
+        raise InvalidModel(
+            f"contact {self.name!r} is a {type(self).__name__}, for which MuJoCo has nothing; "
+            "leave it out of contacts=[...]"
+        )

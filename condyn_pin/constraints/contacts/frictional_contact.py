@@ -22,10 +22,10 @@ from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.contacts.shapes import ContactPoint, Point, Shape
 from condyn_pin.constraints.planar_contact import PlanarContact
 from condyn_pin.constraints.point_contact import PointContact
-from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.protocols import Machine, MjcfGeomWriter
 from condyn_pin.constraints.rolling_ball import RollingBall
 from condyn_pin.constraints.with_world import shifted
-from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.errors import InvalidArgument, InvalidModel, UnsupportedConstraint
 
 
 @dataclass(frozen=True)
@@ -157,6 +157,16 @@ class FrictionalContact(Contact):
             for name, (mode, point) in chosen.items()
             if mode != "open"
         )
+
+    def write_mjcf(self, to: MjcfGeomWriter) -> None:
+        """Write two geoms that touch each other, and nothing else."""
+        if self.restitution:
+            raise InvalidModel(
+                f"contact {self.name!r} has restitution = {self.restitution:g}; MuJoCo has no such "
+                "coefficient; dataclasses.replace(contact, restitution=0.0) leaves it out"
+            )
+        below = self.on if isinstance(self.on, Plane) else (self.on, self.on_shape)
+        to.collide(self.name, (self.frame, self.offset, self.shape), below, self.friction)
 
     def _holding(self, name: str, point: ContactPoint, *, sticks: bool) -> Constraint:
         assert isinstance(self.on, Plane)

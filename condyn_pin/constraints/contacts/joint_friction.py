@@ -14,7 +14,7 @@ from condyn_pin.constraints.constraint_fields import not_negative, text
 from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact, Dry
 from condyn_pin.constraints.contacts.coordinates import joint_named, not_held
-from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.protocols import Machine, MjcfGeomWriter
 from condyn_pin.errors import InvalidArgument
 
 
@@ -57,3 +57,7 @@ class JointFriction(Contact):
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""
         return not_held(self, self.joint, modes)
+
+    def write_mjcf(self, to: MjcfGeomWriter) -> None:
+        """Write it as the joint's frictionloss."""
+        to.dry(self.joint, self.torque)

@@ -16,7 +16,7 @@ from condyn_pin.constraints.constraint_fields import text
 from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.bound import BoundContact, Stop
 from condyn_pin.constraints.contacts.coordinates import joint_named, not_held
-from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.protocols import Machine, MjcfGeomWriter
 from condyn_pin.errors import InvalidArgument
 
 
@@ -79,3 +79,6 @@ class JointLimit(Contact):
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""
         return not_held(self, self.joint, modes)
+
+    def write_mjcf(self, to: MjcfGeomWriter) -> None:
+        """Write nothing: each joint has its range."""

@@ -7,14 +7,16 @@ from dataclasses import dataclass
 from functools import lru_cache
 from io import BytesIO
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.errors import InvalidModel
-from condyn_pin.viewing.palette import BODY, Colour
+from condyn_pin.errors import InvalidModel, MissingExtra
+
+Colour = tuple[float, float, float]  # red, green, blue from 0 to 1
+BODY: Final[Colour] = (0.72, 0.74, 0.77)  # of a shape whose file says none
 
 _HEADER = 84  # bytes of a binary STL before its triangles: a text of 80, and their number
 _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
@@ -112,7 +114,13 @@ def _binary_stl(content: bytes, count: int) -> Array:
 
 def _by_trimesh(content: bytes, path: Path) -> Array:
     """Return the corners (3 n, 3) of the triangles of a file; textures are not looked for."""
-    import trimesh
+    try:
+        import trimesh
+    except ImportError as error:
+        raise MissingExtra(
+            f"{path.name}: meshes other than binary STL need trimesh: "
+            "python -m pip install 'condyn_pin[view]'"
+        ) from error
 
     kind = path.suffix[1:].lower()
     try:

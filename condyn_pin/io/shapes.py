@@ -1,7 +1,7 @@
 """What a description draws: the <visual> elements of a URDF or an SDF, the geoms of an MJCF.
 
-The physics of a file is read, and checked, by `condyn_pin.io`. Here nothing is refused: a shape
-that cannot be read is left out, and said to be.
+The physics of a file is read, and checked, by its own reader. Here nothing is refused: a shape that
+cannot be read is left out, and a sentence says so.
 """
 
 from __future__ import annotations
@@ -15,10 +15,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin.io.meshes import BODY, Colour, Shape
+from condyn_pin.io.mjcf_geoms import geoms_of
 from condyn_pin.io.xml import open_xml
-from condyn_pin.viewing.geoms import geoms_of
-from condyn_pin.viewing.meshes import Shape
-from condyn_pin.viewing.palette import BODY, Colour
 
 # How many sizes each shape has.
 _SIZES = {"mesh": 3, "box": 3, "ellipsoid": 3, "cylinder": 2, "capsule": 2, "sphere": 1}
