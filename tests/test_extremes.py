@@ -201,6 +201,7 @@ EVERY_KIND = {
     "knife": cp.constraints.KnifeEdge("foot", "y", (0.1, 0.2, 0.3)),
     "wheel": cp.constraints.RollingWheel("foot", 0.3, height=0.2),
     "rolling ball": cp.constraints.RollingBall("foot", 0.3, height=0.2),
+    "held": cp.constraints.HeldJoint("slide", 0.3),
 }
 
 
@@ -225,6 +226,7 @@ def two_limbs() -> cp.Robot:
 def test_every_kind_is_put_into_other_units_below():
     kinds = {k for k in kinds_below(cp.constraints.Constraint) if not k.__abstractmethods__}
     ours = {k for k in kinds if k.__module__.startswith("condyn_pin")}
+    ours.remove(cp.constraints.Driven)  # the path is in seconds: it is refused by name
     assert {type(each) for each in EVERY_KIND.values()} == ours
 
 

@@ -14,9 +14,16 @@ from .contacts.shapes import Box as Box
 from .contacts.shapes import Capsule as Capsule
 from .contacts.shapes import Point as Point
 from .coupling import Coupling as Coupling
+from .driven import Driven as Driven
+from .held_joint import HeldJoint as HeldJoint
 from .knife_edge import KnifeEdge as KnifeEdge
 from .line_contact import LineContact as LineContact
 from .loop import Loop as Loop
+from .path import MinimumJerk as MinimumJerk
+from .path import Path as Path
+from .path import Polynomial as Polynomial
+from .path import Sine as Sine
+from .path import analytic as analytic
 from .planar_contact import PlanarContact as PlanarContact
 from .point_contact import PointContact as PointContact
 from .rolling_ball import RollingBall as RollingBall

@@ -15,6 +15,8 @@ and rows of one model, which has its equations.
     does it press on a floor, and with what        presses, has_normal, support    it does not
     which points of it touch that floor            feet                            none
     where it belongs, if it is where it is         anchored_at                     itself
+    does it follow a path, and where is it at t    is_rheonomic, at                it does not
+    the same with c' = J v wherever c is           bind_to_drive                   refused
     the same by points, or as a planar pin         by_points, as_planar_pin        none
     the same with other names                      renamed                         by its fields
     the same in other units                        in_units, lengths, unitless     by its fields
@@ -43,7 +45,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 from condyn_pin._core.registry import enter
 from condyn_pin.constraints.constraint_fields import Vector3
@@ -77,7 +79,6 @@ class Constraint(ABC):
     lengths: ClassVar[tuple[str, ...]] = ()  # fields in metres
     unitless: ClassVar[tuple[str, ...]] = ()  # fields with numbers that have no unit
     has_normal: ClassVar[bool] = False  # whether z of its force is a normal; else the vertical is
-    on_velocity: ClassVar[bool] = False  # whether some of its rows are on the velocity alone
 
     name: str = ""
 
@@ -99,6 +100,29 @@ class Constraint(ABC):
     @abstractmethod
     def bind(self, machine: Machine, rows: slice) -> AnyBound:
         """Return it on the joints and columns of a machine, at some rows."""
+
+    def bind_to_drive(self, machine: Machine, rows: slice) -> AnyBound:
+        """Return it bound so that J v is the rate of c wherever c is, as `Driven` needs, or raise.
+
+        InvalidConstraint where that is so at c = 0 alone. `machine` and `rows` are those of `bind`.
+        """
+        from condyn_pin.constraints.driven import not_to_drive  # a constraint of constraints
+
+        raise not_to_drive(self)
+
+    def at(self, t: float) -> Self:
+        """Return it at a time [s]: itself, unless it follows a path."""
+        return self
+
+    @property
+    def is_rheonomic(self) -> bool:
+        """Whether time enters its rows."""
+        return False
+
+    @property
+    def on_velocity(self) -> bool:
+        """Whether some of its rows are on the velocity alone."""
+        return False
 
     @abstractmethod
     def sides(self, machine: Machine) -> tuple[int, int]:

@@ -58,7 +58,9 @@ class Coupling(Constraint):
             check_size(argument, number)
             object.__setattr__(self, argument, number)
         if self.ratio == 0.0:
-            raise InvalidArgument("ratio = 0: that holds joint a still; lock the joint instead")
+            raise InvalidArgument(
+                "ratio = 0: that holds joint a still; HeldJoint does, or lock the joint"
+            )
         self._set_name(f"{self.joint_a}~{self.joint_b}")
 
     @property
@@ -70,24 +72,15 @@ class Coupling(Constraint):
         """Return it on the coordinates of its joints."""
         if self.joint_a == self.joint_b:
             raise InvalidConstraint(f"{self.name}: both joints are {self.joint_a!r}")
-        a, b = (self._joint(machine, name) for name in self.joints)
+        a, b = (one_coordinate(machine, joint, self.name) for joint in self.joints)
         return Coupled(
             self.name, rows, (int(a.idx_q), int(b.idx_q)), (int(a.idx_v), int(b.idx_v)),
             self.ratio, self.offset,
         )  # fmt: skip
 
-    def _joint(self, machine: Machine, name: str) -> Any:
-        """Return a joint of the model with one coordinate, or raise."""
-        if name not in machine.joints:
-            raise unknown_name("joint", name, machine.joints)
-        joint = machine.model.joints[machine.model.getJointId(name)]
-        if joint.nq != 1 or joint.nv != 1:
-            raise InvalidConstraint(
-                f"{self.name}: joint {name!r} has nq {joint.nq}, nv {joint.nv}; joints with "
-                "one number are needed (a continuous joint counts as cos and sin: read it as "
-                "revolute)"
-            )
-        return joint
+    def bind_to_drive(self, machine: Machine, rows: slice) -> Coupled:
+        """Return it as it is."""
+        return self.bind(machine, rows)
 
     def sides(self, machine: Machine) -> tuple[int, int]:
         """Return the two joints."""
@@ -114,3 +107,17 @@ class Coupling(Constraint):
         to.equate(
             "joint", name=self.name, joint1=self.joint_a, joint2=self.joint_b, polycoef=polynomial
         )
+
+
+def one_coordinate(machine: Machine, name: str, of: str) -> Any:
+    """Return a joint of the model with one coordinate, for a constraint of some name, or raise."""
+    if name not in machine.joints:
+        raise unknown_name("joint", name, machine.joints)
+    joint = machine.model.joints[machine.model.getJointId(name)]
+    if joint.nq != 1 or joint.nv != 1:
+        raise InvalidConstraint(
+            f"{of}: joint {name!r} has nq {joint.nq}, nv {joint.nv}; joints with "
+            "one number are needed (a continuous joint counts as cos and sin: read it as "
+            "revolute)"
+        )
+    return joint

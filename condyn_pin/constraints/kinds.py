@@ -23,6 +23,8 @@ from condyn_pin.constraints.coupling import Coupling as Coupling
 from condyn_pin.constraints.knife_edge import KnifeEdge as KnifeEdge
 from condyn_pin.constraints.rolling_wheel import RollingWheel as RollingWheel
 from condyn_pin.constraints.rolling_ball import RollingBall as RollingBall
+from condyn_pin.constraints.held_joint import HeldJoint as HeldJoint
+from condyn_pin.constraints.driven import Driven as Driven
 # ruff: isort: on
 
 
@@ -63,7 +65,7 @@ def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[AnyBound, .
             raise InvalidConstraint(
                 f"{constraint!r}: a contact (PointContact, SurfaceContact, LineContact, "
                 "PlanarContact), what rolls or glides (RollingWheel, RollingBall, KnifeEdge), a "
-                "Loop or a Coupling is needed"
+                "Loop, a Coupling, a HeldJoint, or one of them Driven is needed"
             )
         if any(constraint.name == other.name for other in bound):
             raise InvalidConstraint(

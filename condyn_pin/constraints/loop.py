@@ -27,8 +27,11 @@ import numpy as np
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.between_frames import BetweenFrames, lever
 from condyn_pin.constraints.constraint_fields import Axis, check_axis, check_lengths, text
+from condyn_pin.constraints.driven import Apart, not_to_drive
 from condyn_pin.constraints.protocols import Machine, MjcfWriter
+from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
+from condyn_pin.constraints.rows.related import Related
 from condyn_pin.errors import InvalidArgument
 
 LoopKind = Literal["ball", "weld", "hinge", "slider", "planar", "rod"]
@@ -123,6 +126,15 @@ class Loop(BetweenFrames):
             self.name, rows, *one, *two, self._selected, sign=sign, axis="xyz".index(self.axis),
             length=length, lever=lever(machine, one[1], two[1]),
         )  # fmt: skip
+
+    def bind_to_drive(self, machine: Machine, rows: slice) -> AnyBound:
+        """Return a rod as it is, and of pins where frame a is in the axes of frame b."""
+        if self.kind == "rod":
+            return self.bind(machine, rows)
+        if not self.is_pin:
+            raise not_to_drive(self)
+        one, two = machine.frame(self.frame_b), machine.frame(self.frame_a)
+        return Related(self.name, rows, *one, *two, Apart(self._selected), sign=-1.0)
 
     @property
     def title(self) -> str:

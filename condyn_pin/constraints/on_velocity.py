@@ -27,6 +27,7 @@ from condyn_pin.constraints.constraint_fields import (
     text,
 )
 from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.rolling import Rolled
 from condyn_pin.constraints.with_world import WithWorld, plane
 
@@ -38,7 +39,14 @@ EVERY: tuple[Direction, ...] = get_args(Direction)
 class Nonholonomic(WithWorld, ABC):
     """A constraint with rows on the velocity alone."""
 
-    on_velocity: ClassVar[bool] = True
+    @property
+    def on_velocity(self) -> bool:
+        """True."""
+        return True
+
+    def bind_to_drive(self, machine: Machine, rows: slice) -> AnyBound:
+        """Return it as it is: its rows are driven by the rate of a path."""
+        return self.bind(machine, rows)
 
 
 class OnPlane(Nonholonomic, ABC):

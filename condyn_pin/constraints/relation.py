@@ -76,3 +76,7 @@ class FrameRelation(BetweenFrames, ABC):
         """Return it with c1 its first frame and c2 its second one."""
         one, two = machine.frame(self.frame_a), machine.frame(self.frame_b)
         return Related(self.name, rows, *one, *two, self)
+
+    def bind_to_drive(self, machine: Machine, rows: slice) -> Related:
+        """Return it as it is: W is the derivative of c everywhere."""
+        return self.bind(machine, rows)

@@ -33,7 +33,7 @@ from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadratic_program import QuadraticProgram
 from condyn_pin.control.tasks.base import Task
 from condyn_pin.control.verdict import verdict
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
 from condyn_pin.errors import InvalidArgument
 
 _KEPT = 16  # programs of contacts and tasks that a controller switches between
@@ -132,6 +132,7 @@ class Controller(OneThread):
 
     def _set_up(self, scene: Scene, tasks: Sequence[Task] | Hierarchy, cones: Cones) -> None:
         settings = self._settings
+        check_not_driven(scene, "a controller")
         self.actuation = motors_of(scene, settings.actuation)
         self.scene = scene
         self.tasks = tasks if isinstance(tasks, Hierarchy) else check_tasks(tasks)

@@ -3,30 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.constraint_fields import check_positive
-
-
-@dataclass(frozen=True)
-class _Quintic:
-    start: tuple[float, ...]
-    end: tuple[float, ...]
-    duration: float  # [s]
-    begin: float  # [s]
-
-    def __call__(self, t: float) -> tuple[Array, Array, Array]:
-        T, start = self.duration, np.array(self.start)
-        s = min(max((t - self.begin) / T, 0.0), 1.0)
-        distance = np.array(self.end) - start
-        x = s**3 * (10 - 15 * s + 6 * s**2)
-        v = 30 * s**2 * (1 - s) ** 2 / T
-        a = 60 * s * (1 - s) * (1 - 2 * s) / T**2
-        return start + x * distance, v * distance, a * distance
+from condyn_pin.constraints.path import MinimumJerk
 
 
 def minimum_jerk(
@@ -36,7 +19,8 @@ def minimum_jerk(
 
     x(s) = start + (10 s^3 - 15 s^4 + 6 s^5) (end - start),    s = (t - begin) / duration
 
-    For the `reference` of a task: at rest, without acceleration, before and after.
+    For the `reference` of a task, and for `Driven` rows to follow: at rest, without acceleration,
+    before and after.
 
     Parameters
     ----------
@@ -66,4 +50,4 @@ def minimum_jerk(
     here, there = finite("start", start, size), finite("end", end, size)
     check_positive("time [s]", duration=duration)
     since = float(finite("begin", begin, ()))
-    return _Quintic(tuple(here.tolist()), tuple(there.tolist()), float(duration), since)
+    return MinimumJerk(tuple(here.tolist()), tuple(there.tolist()), float(duration), since)

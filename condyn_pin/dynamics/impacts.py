@@ -25,7 +25,7 @@ from condyn_pin.dynamics.derivatives.kkt import turning_null_space
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
 from condyn_pin.dynamics.raw import weightless
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene, check_not_driven
 from condyn_pin.errors import InvalidArgument, unknown_name
 
 Restitution = float | Mapping[str, float]
@@ -169,6 +169,7 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
     ----------
     Featherstone. Rigid Body Dynamics Algorithms. Springer, 2008, section 11.7.
     """
+    check_not_driven(scene, "an impact")
     state = at_state(scene, q, v)
     M, J = state.terms.M, state.terms.J
     by_name, e = restitutions(scene, restitution), np.zeros(scene.rows)

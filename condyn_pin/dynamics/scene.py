@@ -127,6 +127,23 @@ class Scene:
         self.robot.check_unedited()
         return NominalAnalysis(self, Equations(self.robot.unedited, self.bounds))
 
+    @cached_property
+    def is_driven(self) -> bool:
+        """Whether some constraints follow a path of time (`Driven`)."""
+        return any(constraint.is_rheonomic for constraint in self.constraints)
+
+    def at(self, t: float) -> Scene:
+        """Return the scene at a time [s], driven constraints where their paths are then.
+
+        The scene itself if none is driven.
+        """
+        if not self.is_driven:
+            return self
+        placed = replace(self, constraints=tuple(each.at(t) for each in self.constraints))
+        if "nominal" in vars(self):  # J is the same, and all that was measured with it
+            vars(placed)["nominal"] = self.nominal
+        return placed
+
     def closed(self, modes: Mapping[str, Mode] | None = None) -> Scene:
         """Return the scene in which contacts are constraints, and never let go.
 
@@ -185,7 +202,7 @@ class Scene:
             them already and can be closed there; on its own side of the dead points, or else on
             that of the first posture.
         v : (nv,) array
-            Zero.
+            Zero; where constraints are driven, the least with J v = s' at their time.
 
         Raises
         ------
@@ -198,6 +215,10 @@ class Scene:
 
         self.robot.check_unedited()
         q = assemble_posture(self, described_posture(self, posture)).q
+        if self.is_driven:
+            from condyn_pin.mechanism.projection import project_velocity
+
+            return q, project_velocity(self, q, np.zeros(self.robot.nv))
         return q, np.zeros(self.robot.nv)
 
     def assemble(
@@ -313,6 +334,24 @@ def check_bilateral(scene: Scene) -> None:
         raise UnsupportedConstraint(
             f"{count} contact{'s' * (count > 1)} may open: step, "
             "simulate(integrator=StewartTrinkle()), or scene.closed()"
+        )
+
+
+def check_moment(scene: Scene) -> None:
+    """Refuse driven constraints where nothing says at which time they are looked at."""
+    if moving := [b.name for b in scene.bounds if b.drive and b.drive.time is None]:
+        raise UnsupportedConstraint(
+            f"{', '.join(moving)} follow{'s' * (len(moving) == 1)} a path of time: "
+            "scene.at(t) is the scene at one; simulate takes it through all"
+        )
+
+
+def check_not_driven(scene: Scene, what: str) -> None:
+    """Refuse driven constraints for `what` asks for J v = 0."""
+    if moving := [b.name for b in scene.bounds if b.drive]:
+        raise UnsupportedConstraint(
+            f"{', '.join(moving)}: driven along a path, J v = s'(t), and {what} takes J v = 0; "
+            "leave it out, or take its constraint without Driven"
         )
 
 

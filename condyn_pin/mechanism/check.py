@@ -118,7 +118,7 @@ def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
     slip, speed, excused = {}, 1.0, {}
     if v is not None:
         v_ = finite("v", v, model.nv)
-        slip = slips(scene, equations.jacobian(q_) @ v_)
+        slip = slips(scene, equations.jacobian(q_) @ v_ - equations.wanted[1])
         speed = max(1.0, float(np.abs(v_).max(initial=0.0)))
         if any(each.size > tolerances.CONSISTENT * speed for each in slip.values()):
             excused = rounding(scene, q_, v_)

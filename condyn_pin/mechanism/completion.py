@@ -22,7 +22,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.violation import beyond_text
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene, check_not_driven
 from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembling import assemble_from, check_held, limited
 from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
@@ -115,6 +115,7 @@ def complete_state(
         If a dead point lies on the way, whether or not the loops close beyond it.
     """
     robot, model, chains = scene.robot, scene.robot.model, chains_of(scene)
+    check_not_driven(scene, "complete_state")
     robot.check_unedited()
     A = chains.actuated
     if not A.size:

@@ -44,7 +44,7 @@ _PASSES = 2
 
 @one_blas_thread
 def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, *, metric: Metric = "mass") -> Array:
-    """Return the velocity nearest to v with J v = 0.
+    """Return the velocity nearest to v with J v = 0, or J v = s' where rows are driven.
 
     Parameters
     ----------
@@ -70,7 +70,8 @@ def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, *, metric: Metric
     q_, closed = _checked(scene, q, metric)
     equations = equations_of(scene)
     W = equations.mass(q_) if metric == "mass" else np.eye(len(v_))
-    return nearest(scene, q_, "v", v_, (W, equations.jacobian(q_), np.zeros(scene.rows)), closed)
+    J, rate = equations.jacobian(q_), -equations.wanted[1]
+    return nearest(scene, q_, "v", v_, (W, J, rate), closed)
 
 
 @one_blas_thread

@@ -67,7 +67,7 @@ def sample(
         end, status, _ = best_end(chains, closer, guess, chains.assembly_mode)
         if status.ok:
             v = speed * rng.normal(size=nv)
-            terms = closer.equations.mass(end.q), end.J, np.zeros(scene.rows)
+            terms = closer.equations.mass(end.q), end.J, -closer.equations.wanted[1]
             return end.q, nearest(scene, end.q, "v", v, terms, closed=True)
     found = assemble(
         scene,

@@ -185,7 +185,9 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
             f"nothing beyond {', '.join(massless)} has a mass: only an armature, or what the "
             "loops hang on it, moves there"
         )
-    if at.mobility == 0:
+    if at.mobility == 0 and scene.is_driven:
+        yield "mobility 0: what is driven says how everything moves"
+    elif at.mobility == 0:
         yield "mobility 0: nothing can move; a weld in place of a hinge does this"
     yield from base_freedom(scene, at.q)
     if at.redundant and not at.singular:

@@ -24,6 +24,7 @@ from condyn_pin.constraints.contacts.kinds import CONTACTS
 from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.contacts.shapes import SHAPES
 from condyn_pin.constraints.kinds import named
+from condyn_pin.constraints.path import PATHS
 from condyn_pin.contact.solvers.base import CONTACT_SOLVERS
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
@@ -178,6 +179,11 @@ def encode(value: Any) -> dict[str, Any]:
     """Return a frozen dataclass as its name and its fields, those in them likewise."""
     assert is_dataclass(value)
     of_it = {field.name: getattr(value, field.name) for field in fields(value)}
+    if functions := [key for key, x in of_it.items() if callable(x) and not is_dataclass(x)]:
+        raise InvalidArgument(
+            f"{getattr(value, 'name', type(value).__name__)}: {functions[0]} is a function, and no "
+            "file can hold one; a Path can be written, such as Sine or Polynomial"
+        )
     coded = {key: encode(x) if is_dataclass(x) else x for key, x in of_it.items()}
     return {"class": type(value).__name__, **coded}
 
@@ -197,7 +203,7 @@ def decode(coded: dict[str, Any]) -> Any:
     kind = (
         _KINDS.get(name)
         or named(name)
-        or (CONTACTS | SHAPES).get(name)
+        or (CONTACTS | SHAPES | PATHS).get(name)
         or (INTEGRATORS | DRIFTS | SOLVERS | CONTACT_SOLVERS).get(name.lower())
     )
     if kind is None:

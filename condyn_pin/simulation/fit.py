@@ -49,7 +49,10 @@ def check_fit(scene: Scene, q: Array, v: Array, *, slip: float = 0.0, what: str 
 
     A `slip` |J v| [m/s, rad/s] is allowed on top.
     """
-    _raise(scene, gauge_of(scene).equations.violation(q), q, v, what, slip)
+    equations = gauge_of(scene).equations
+    equations.at(None)
+    velocity = equations.jacobian(q) @ v - equations.wanted[1]
+    _raise(scene, equations.violation(q), velocity, v, what, slip)
 
 
 def slip_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, dt: float) -> float:
@@ -94,12 +97,11 @@ def _raise_if_deep(
 
 
 def check_slip(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
-    """Raise NotAssembled if constraints slip with v, however open they are at q."""
-    _raise(scene, np.zeros(scene.rows), q, v, what)
+    """Raise NotAssembled if constraints slip with v, however open they are at q, driven or not."""
+    _raise(scene, np.zeros(scene.rows), gauge_of(scene).equations.jacobian(q) @ v, v, what)
 
 
-def _raise(scene: Scene, c: Array, q: Array, v: Array, what: str, slip: float = 0.0) -> None:
-    velocity = gauge_of(scene).equations.jacobian(q) @ v
+def _raise(scene: Scene, c: Array, velocity: Array, v: Array, what: str, slip: float = 0.0) -> None:
     speed = max(1.0, float(np.abs(v).max(initial=0.0)))
     fit = Check(gaps(scene, c), slips(scene, velocity), speed, {})
     limit = tolerances.NEARLY_CLOSED

@@ -129,6 +129,7 @@ class FactorisedGaps(Gaps):
 
     def look(self, t: float, q: Array, v: Array) -> Array:
         """Return [c, J v] of the scene's rows."""
+        self._system.at(t)
         self._gaps[:, 0], self._gaps[:, 1] = self._system.equations.gaps(q, v)
         self._q = q
         return self._gaps

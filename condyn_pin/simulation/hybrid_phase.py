@@ -23,7 +23,7 @@ class HybridPhase:
     def __init__(self, scene: Scene, plan: Plan) -> None:
         self.scene, self.plan = scene, plan
         _check_rows(scene, plan.integrator)
-        held = scene.bilateral
+        held = scene.bilateral.at(0.0)  # the system takes it through time
         self.solver = default_solver(held) if plan.solver is None else plan.solver
         workspace = Workspace(held, self.solver, drift=plan.drift.rows)
         _check_solver(self.solver, plan)
@@ -111,6 +111,12 @@ def _check_solver(solver: Solver, plan: Plan) -> None:
 
 def _check_rows(scene: Scene, integrator: Integrator) -> None:
     """Refuse rows that an integrator cannot hold."""
+    if scene.is_driven and not integrator.takes_driven:
+        names = ", ".join(c.name for c in scene.constraints if c.is_rheonomic)
+        raise UnsupportedConstraint(
+            f"{names}: driven along a path, and {integrator.title} holds its rows at rest; use "
+            "RungeKutta4(), or a scene without contacts that open"
+        )
     if not integrator.needs_positions:
         return
     for bound in scene.bounds:

@@ -216,6 +216,7 @@ class HybridSimulator:
         assert met is not None
         # contacts that may open take part in the steps, and not in the impact of an event
         held, met = before.bilateral, self._placed(met).bilateral
+        held, met = held.at(self.t), met.at(self.t)
         change = switch(held, met, self.q, self.v, restitution=event.restitution)
         jump, self.v = change.v - self.v, change.v
         if event.scene is None or event.scene is left:
@@ -225,7 +226,7 @@ class HybridSimulator:
             after = self._placed(event.scene)
             what = f"event {event.name!r}: its scene does not fit the state: "
             slip = slip_of_steps(after, self.q, self.v, self.plan.integrator, self.plan.dt)
-            check_fit(after, self.q, self.v, slip=slip, what=what)
+            check_fit(after.at(self.t), self.q, self.v, slip=slip, what=what)
             check_deeper(after, before, self.q, self.plan.integrator, what=what)
             self._asked = event.scene
             self.phase = HybridPhase(after, self.plan)

@@ -149,6 +149,7 @@ class _WithSlopes(System):
             return last[3]
         if not self.applied.slopes_are_known:
             return self._system.acceleration(t, q, v)
+        self._system.at(t)
         by_q, by_v = self._slopes(t, q, v)
         X = -self._dt * by_v - self._dt**2 * by_q
         ahead = self._dt * by_q @ v if self._its_last is None else X @ self._its_last()

@@ -2,8 +2,9 @@
 
     E = 1/2 v^T M v + potential + sum_i k_i (q_i - q0_i)^2 / 2
 
-and E changes by the work of the torques applied, that of damping, and what impacts take. Ideal
-constraints do no work: what is left over is the error of the integration.
+and E changes by the work of the torques applied, that of damping, what impacts take, and what
+constraints bring that follow a path of time, lam . s'. Ideal constraints at rest do no work: what
+is left over is the error of the integration.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.path import along_at
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.many import MANY, ManyGaps
 from condyn_pin.dynamics.scene import Scene
@@ -43,6 +45,8 @@ class Energy:
         Work of the damping since the start; not positive [J].
     impacts : (k,) array
         What events did to the kinetic energy since the start [J].
+    driven : (k,) array
+        Work of constraints that follow a path of time, lam . s', since the start [J].
     contact : (k,) array
         Work of contacts that open and slide since the start: friction, inelastic impacts, and what
         pushes a penetration out [J].
@@ -54,6 +58,7 @@ class Energy:
     work: Array
     damping: Array
     impacts: Array
+    driven: Array
     contact: Array
 
     @property
@@ -65,7 +70,7 @@ class Energy:
     def error(self) -> Array:
         """What the total has changed by that no work explains (k,) [J]."""
         total = self.total
-        done = self.work + self.damping + self.impacts + self.contact
+        done = self.work + self.damping + self.impacts + self.driven + self.contact
         return np.asarray(total - total[0] - done)
 
     @property
@@ -73,7 +78,7 @@ class Energy:
         """The largest change that was exchanged [J]: what an error is small in comparison to."""
         parts = (
             *(self.kinetic, self.potential, self.springs, self.work, self.damping),
-            self.contact,
+            *(self.driven, self.contact),
         )
         return float(max(np.ptp(part) for part in parts))
 
@@ -108,15 +113,15 @@ class Gauge:
     def _states(self) -> ManyGaps:
         return ManyGaps(self.equations)
 
-    def measure(self, q: Array, v: Array) -> Kinematics:
-        """Return what forward kinematics says at states q (k, nq), v (k, nv)."""
+    def measure(self, t: Array, q: Array, v: Array) -> Kinematics:
+        """Return what forward kinematics says at times t (k,), states q (k, nq), v (k, nv)."""
         states, links, data = self._states, self._links, self.equations.data
         count = len(q)
         worst, energies = np.zeros((2, 2, count))
         for start in range(0, count, MANY):
             block = range(start, min(start + MANY, count))
             for i in block:
-                states.look(i - start, q[i], v[i])
+                states.look(i - start, q[i], v[i], t[i])
                 # the rest reads what that has left in data
                 energies[0, i] = pin.computeKineticEnergy(links, data)
                 energies[1, i] = pin.computePotentialEnergy(links, data)
@@ -145,6 +150,16 @@ def gauge_of(scene: Scene) -> Gauge:
     gauge = next((each for each in kept if each.scene is scene), None) or Gauge(scene)
     _last.gauges = (gauge, *(each for each in kept if each is not gauge))[:2]
     return gauge
+
+
+def drive_power(scene: Scene, t: Array, lam: Array) -> Array:
+    """Return the power lam . s' of driven constraints at samples t (k,), lam (k, m) [W]."""
+    power = np.zeros(len(t))
+    for bound in scene.bounds:
+        if bound.drive:
+            rates = [along_at(bound.drive.along, each, bound.size, bound.name)[1] for each in t]
+            power += (lam[:, bound.rows] * np.array(rates)).sum(axis=1)
+    return power
 
 
 def work(t: Array, power: Array) -> Array:

@@ -70,11 +70,12 @@ def fixed_point_iteration(
 
 
 class Residual(NamedTuple):
-    """The residuals at one state."""
+    """The residuals at one state, of which `slip` says how fast c opens."""
 
     r: Array  # (nv,) [N, N m]
     c: Array  # (m,) [m, rad]
     J: Array  # (m, nv)
+    slip: Array  # (m,), J v - s' [m/s, rad/s]
 
 
 class Partials(NamedTuple):
@@ -97,9 +98,11 @@ class Residuals:
     def at(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Residual:
         """Return the residuals."""
         system = self._system
+        system.at(t)
         c, J = system.equations.position_level(q)
         bodies = pin.rnea(self._model, self._data, q, v, a)
-        return Residual(bodies - system.torque(t, q, v) - J.T.dot(lam), c, J)
+        r = bodies - system.torque(t, q, v) - J.T.dot(lam)
+        return Residual(r, c, J, J.dot(v) - system.equations.wanted[1])
 
     def partials(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Partials:
         """Return the partial derivatives; torques applied count as constant without slopes."""

@@ -166,13 +166,14 @@ def solver_notices(trajectory: Trajectory) -> list[str]:
 def _bound(trajectory: Trajectory, phase: Phase, solver: Solver) -> tuple[float, float]:
     """Return the largest error bound at some samples of a phase, and its time [s]."""
     run, effects = trajectory.run, trajectory.run.effects
-    workspace = Workspace(phase.scene, solver, drift=run.drift.rows)
+    workspace = Workspace(phase.scene.at(0.0), solver, drift=run.drift.rows)
     passive = Passive.of(phase.scene.robot, springs=effects.springs, damping=effects.damping)
     start, stop = phase.samples.start, phase.samples.stop
     bounds = []
     for i in np.unique(np.linspace(start, stop - 1, _LOOKS).astype(int)):
         q, v = trajectory.q[i], trajectory.v[i]
         tau = trajectory.tau[i] + passive.torque(q, v)
+        workspace.equations.at(float(trajectory.t[i]))
         solution = workspace.solve(q, v, tau, throw=False)
         bounds.append((solution.error_bound, float(trajectory.t[i])))
     return max(bounds)

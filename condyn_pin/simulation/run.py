@@ -129,6 +129,11 @@ def simulate(
     scene costs as much as about a hundred solves.
     """
     check_scene(scene)
+    if timed := [b.name for b in scene.bounds if b.drive and b.drive.time is not None]:
+        raise InvalidArgument(
+            f"scene: {', '.join(timed)} is at a time of its own; a motion begins at t = 0: give it "
+            "without .at(...)"
+        )
     if progress is not None:
         check_called("progress", progress, "share")
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)

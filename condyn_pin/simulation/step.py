@@ -19,7 +19,7 @@ from condyn_pin.contact.judge import judged
 from condyn_pin.contact.load import contact_load
 from condyn_pin.contact.modes import MODES
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
@@ -149,6 +149,7 @@ class _Memory:
 
     def __init__(self, scene: Scene, dt: float, scheme: ContactScheme) -> None:
         check_scene(scene)
+        check_not_driven(scene, "a step with contacts")
         if not isinstance(scheme, ContactScheme):
             raise InvalidArgument(
                 f"integrator = {scheme!r}: a scheme with contacts is needed, such as "

@@ -93,12 +93,12 @@ class System:
 
     def use(self, scene: Scene) -> None:
         """Switch to another scene of the same robot; steppers have to be started again."""
-        self.workspace.use(scene.bilateral)
+        self.workspace.use(scene.bilateral.at(0.0))
         self.contacts = Candidates(self.model, scene.contact_bounds)
         self._last = _NOTHING
         if "spare" in vars(self):
             self.spare.model.armature[:] = self.model.armature  # another model would be refused
-            self.spare.use(scene.bilateral)
+            self.spare.use(scene.bilateral.at(0.0))
             self._implicit[0]._last = _NOTHING
 
     @property
@@ -111,6 +111,10 @@ class System:
         """The equations of the scene, with memory of their own."""
         return self.workspace.equations
 
+    def at(self, t: float) -> None:
+        """Take driven rows where their paths are at t [s]."""
+        self.equations.at(t)
+
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
 
@@ -122,6 +126,8 @@ class System:
         if q is last[1] and v is last[2] and isclose(t, last[0], rel_tol=1e-14):
             return last[3]
         self._last = _NOTHING  # a solve that fails leaves no answer behind, nor lam of the last one
+        if self.workspace.scene.is_driven:
+            self.at(t)
         a = self.solve(q, v, self.torque(t, q, v))
         self._last = t, q, v, a
         return a

@@ -14,7 +14,7 @@ from condyn_pin._core.renamed import renamed
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.contact_columns import candidates_of, contact_rows, gaps_along, row_names
 from condyn_pin.simulation.contact_record import ContactRecord
-from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of, work
+from condyn_pin.simulation.measures import Energy, Kinematics, drive_power, gauge_of, work
 from condyn_pin.simulation.notices import notices_of
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.passive import Passive
@@ -169,6 +169,7 @@ class Trajectory:
             _chained([work(self.t[s], applied[s]) for s in samples]),
             _chained([work(self.t[s], damped[s]) for s in samples]),
             impacts,
+            _chained([work(self.t[p.samples], self._drive_power(p)) for p in self.phases]),
             self.contact.work if self.contact else np.zeros(len(self.t)),
         )
 
@@ -180,9 +181,14 @@ class Trajectory:
     @cached_property
     def _kinematics(self) -> Kinematics:
         parts = [
-            gauge_of(p.scene).measure(self.q[p.samples], self.v[p.samples]) for p in self.phases
+            gauge_of(p.scene).measure(*(x[p.samples] for x in (self.t, self.q, self.v)))
+            for p in self.phases
         ]
         return Kinematics(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+
+    def _drive_power(self, phase: Phase) -> Array:
+        lam = self.lam[phase.samples][:, list(phase.columns)]
+        return drive_power(phase.scene, self.t[phase.samples], lam)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write it to a file (npz): the samples, the robot's model, and how it was made.
@@ -234,7 +240,8 @@ class Trajectory:
             f"{self.constraint_velocity.max():.1e} m/s, rad/s",
             f"energy      {energy.total[0]:.6g} J to {energy.total[-1]:.6g} J; work of tau "
             f"{energy.work[-1]:.4g} J, of damping {energy.damping[-1]:.4g} J, impacts "
-            f"{energy.impacts[-1]:.4g} J, contacts {energy.contact[-1]:.4g} J",
+            f"{energy.impacts[-1]:.4g} J, contacts {energy.contact[-1]:.4g} J"
+            + (f", drives {energy.driven[-1]:.4g} J" if self.scene.is_driven else ""),
             f"unexplained {np.abs(energy.error).max():.1e} J at most",
         ]
         shown, more = run.happened[:_SHOWN], len(run.happened) - _SHOWN

@@ -96,7 +96,7 @@ def moments_of(
             {name: force[k] for name, force in felt.items()},
             {name: str(mode[k]) for name, mode in modes.items()},
         )
-        found.append(moment(phase.scene, q, acting, contact, balanced.get(k)))
+        found.append(moment(phase.scene.at(trajectory.t[k]), q, acting, contact, balanced.get(k)))
     return found
 
 
@@ -104,7 +104,9 @@ def gaps_of(trajectory: Trajectory) -> Iterator[dict[str, ConstraintViolation]]:
     """Yield how far every constraint is open at each sample, drawn or not."""
     for phase in trajectory.phases:
         equations = Equations(phase.scene.robot.model, phase.scene.bounds)
-        for q in trajectory.q[phase.samples]:
+        samples = zip(trajectory.t[phase.samples], trajectory.q[phase.samples], strict=True)
+        for t, q in samples:
+            equations.at(t)
             yield gaps(phase.scene, equations.violation(q))
 
 

@@ -43,8 +43,8 @@ def violation(trajectory: Trajectory, ax: Any = None) -> Any:
 def energy(trajectory: Trajectory, ax: Any = None) -> Any:
     """Draw the energies over time, the work that explains them, and what nothing explains.
 
-    The total is drawn against its start, and so are the work of tau, damping, impacts and contacts:
-    with a good integrator `unexplained` is a line along zero.
+    The total is drawn against its start, and so are the work of tau, damping, impacts, drives and
+    contacts: with a good integrator `unexplained` is a line along zero.
 
     Parameters
     ----------
@@ -65,6 +65,7 @@ def energy(trajectory: Trajectory, ax: Any = None) -> Any:
         "work of tau": found.work,
         "damping": found.damping,
         "impacts": found.impacts,
+        "drives": found.driven,
         "contacts": found.contact,
         "unexplained": found.error,
     }

@@ -74,7 +74,7 @@ class ConstraintPartials:
         """Write the rows of couplings, whose accelerations change with neither q nor v."""
         n = J.shape[1]
         for coupled in self._couplings:
-            J[coupled.rows, list(coupled.velocity)] = 1.0, -coupled.ratio
+            J[coupled.rows, coupled.columns] = coupled.entries
             if self._drift:
                 rhs[n:, :n][coupled.rows] = -self._drift.Kp * J[coupled.rows]
                 rhs[n:, n:][coupled.rows] = -self._drift.Kd * J[coupled.rows]

@@ -9,14 +9,27 @@ from __future__ import annotations
 import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.path import Along
 from condyn_pin.errors import InvalidArgument
+
+
+@dataclass(frozen=True)
+class Drive:
+    """What moves driven rows: c = s(t), J v = s'(t), J a + gamma = s''(t).
+
+    `along` returns the three at a time; `time` is the one at which the constraint is looked at, and
+    None where that has not been said.
+    """
+
+    along: Along
+    time: float | None  # [s]
 
 
 class AnyBound(ABC):
@@ -31,12 +44,15 @@ class AnyBound(ABC):
         False for a contact that belongs wherever it is: it has no position error.
     sign : float
         +1 if the force on the first-named body is the one on joint 1, else -1.
+    drive : Drive or None
+        What its rows follow, if they do not stay at zero.
     """
 
     name: str
     rows: slice
     anchored: bool
     sign: float
+    drive: Drive | None
 
     @property
     def size(self) -> int:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.any_bound import OnFrames
+from condyn_pin.constraints.rows.any_bound import Drive, OnFrames
 
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -58,6 +58,7 @@ class Bound(OnFrames):
     axis: int = 2
     length: float = nan  # [m]
     lever: float = nan  # [m]
+    drive: Drive | None = None
 
     @property
     def is_rod(self) -> bool:

@@ -32,7 +32,7 @@ class Cancellation:
         rows: tuple[list[Any], list[Any]] = [], []  # of c1 and of c2: row, end, is it an angle
         for b in bounds:
             if isinstance(b, Coupled):
-                self._couplings[b.rows, list(b.velocity)] = 1.0, abs(b.ratio)
+                self._couplings[b.rows, b.columns] = np.abs(b.entries)
                 continue
             assert isinstance(b, OnFrames)
             angles = list(zip(range(b.rows.start, b.rows.stop), b.turns(model), strict=True))

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.any_bound import AnyBound, Drive
 from condyn_pin.errors import InvalidArgument
 
 
@@ -19,7 +19,8 @@ from condyn_pin.errors import InvalidArgument
 class Coupled(AnyBound):
     """A coupling of two joints, bound: q_a = ratio q_b + offset.
 
-    `configuration` and `velocity` say where q and v hold joint a and joint b.
+    `configuration` and `velocity` say where q and v hold joint a and joint b. Of a joint that is
+    held alone, b is a, and the ratio is zero.
     """
 
     name: str
@@ -30,11 +31,27 @@ class Coupled(AnyBound):
     offset: float
     anchored: bool = True
     sign: float = 1.0
+    drive: Drive | None = None
+
+    @property
+    def is_alone(self) -> bool:
+        """Whether it holds one joint, and not two to each other."""
+        return self.ratio == 0.0
+
+    @property
+    def columns(self) -> list[int]:
+        """The columns of its row that are not zero: of joint a, and of joint b if there is one."""
+        return list(self.velocity[:1] if self.is_alone else self.velocity)
+
+    @property
+    def entries(self) -> tuple[float, ...]:
+        """What its row has in these columns."""
+        return (1.0,) if self.is_alone else (1.0, -self.ratio)
 
     @property
     def row_names(self) -> tuple[str, ...]:
         """The constraint's name."""
-        return (f"{self.name}.ratio",)
+        return (f"{self.name}.{'joint' if self.is_alone else 'ratio'}",)
 
     @property
     def is_scalar(self) -> bool:
@@ -55,6 +72,8 @@ class Coupled(AnyBound):
 
     def reaction(self, *, on_first: bool) -> float:
         """Return the ratio: both forces do the same work."""
+        if self.is_alone:
+            return 1.0
         return self.ratio if on_first else 1.0 / self.ratio
 
     def turns(self, model: Any) -> NDArray[np.bool_]:
@@ -73,7 +92,7 @@ class Coupled(AnyBound):
         columns: Callable[[Sequence[int]], float],
     ) -> Any:
         """Return what both coordinates give way."""
-        return columns(self.velocity)
+        return columns(self.columns)
 
 
 class Couplings:
@@ -86,7 +105,7 @@ class Couplings:
         self._offset = np.array([b.offset for b in bounds])
         self._J = np.zeros((len(bounds), nv))
         for row, b in zip(self._J, bounds, strict=True):
-            row[list(b.velocity)] = 1.0, -b.ratio
+            row[b.columns] = b.entries
 
     def evaluate(self, q: Array, v: Array, a: Array, rows: tuple[Array, Array, Array]) -> None:
         """Write c, J v and J a into the three vectors of all rows."""

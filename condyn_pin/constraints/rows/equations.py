@@ -6,6 +6,9 @@ M comes from the composite rigid body algorithm, h from recursive Newton-Euler, 
 Jacobians, gamma from forward kinematics with a = 0: it is Jdot v where J v = 0, and for points and
 balls Pinocchio's classical acceleration elsewhere. The errors of an answer use neither M, h nor J:
 Newton-Euler with lam as external forces, and forward kinematics with the answer's a.
+
+Rows that are driven follow s(t): what is called c, J v and gamma here is c - s, J v - s' and
+gamma - s'', so that all of them are to be zero, as those of rows at rest are.
 """
 
 from __future__ import annotations
@@ -20,6 +23,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Load
+from condyn_pin.constraints.path import along_at
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.cancellation import Cancellation, least_of, more_than
 from condyn_pin.constraints.rows.groups import Groups
@@ -39,6 +43,11 @@ class Equations:
     model : pin.Model
     bounds : sequence of AnyBound
     drift : Baumgarte, optional
+
+    Attributes
+    ----------
+    wanted : (3, m) array
+        s, s' and s'' of rows that are driven; zero of all others.
     """
 
     def __init__(
@@ -53,6 +62,9 @@ class Equations:
             self.sign[b.rows] = b.sign
         self._flipped = bool((self.sign < 0).any())
         self._still = np.zeros(model.nv)
+        self._drives = [(b.rows, b.drive) for b in bounds if b.drive]
+        self.wanted = np.zeros((3, self.m))
+        self.at(None)
         # |dynamics|, |a|, |c|, |J v|, |J a + gamma| and |lam| share one array, so that one call
         # finds the largest of each; the last four end with a zero, so that none is empty.
         n, width = model.nv, self.m + 1
@@ -67,6 +79,29 @@ class Equations:
         self._plain, self._couplings = self._groups.plain, self._groups.couplings
         self._evaluators = self._groups.evaluators
         self._cancellation = Cancellation(model, self.data, self.bounds)
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether some rows follow a path."""
+        return bool(self._drives)
+
+    def at(self, t: float | None) -> None:
+        """Take driven rows where their paths are at t [s]; by default at the time of the scene."""
+        for rows, drive in self._drives:
+            time = t if t is not None else drive.time or 0.0
+            self.wanted[:, rows] = along_at(drive.along, time, rows.stop - rows.start, "driven")
+        if self._drives:
+            self.wanted[0, self._unplaced] = 0.0
+
+    @cached_property
+    def _unplaced(self) -> list[int]:
+        """Rows without a position: they follow s' alone."""
+        return [
+            row
+            for b in self.bounds
+            for row in range(b.rows.start, b.rows.stop)
+            if row not in b.positioned
+        ]
 
     @cached_property
     def _least(self) -> float:
@@ -186,7 +221,7 @@ class Equations:
     def slips(self, q: Array, a: Array) -> Array:
         """Return J a (m,): the acceleration of the constraints, from rest."""
         self.motion(q, self._still, a)
-        return self._acceleration.copy()
+        return np.asarray(self._acceleration + self.wanted[2])
 
     def torque(self, lam: Array) -> Array:
         """Return J^T lam of couplings (nv,): what is no wrench on a joint."""
@@ -210,10 +245,13 @@ class Equations:
         if self._flipped:
             for part in rows:
                 part *= self.sign
+        if self._drives:
+            for part, wanted in zip(rows, self.wanted, strict=True):
+                part -= wanted
 
     def _gamma(self, q: Array, v: Array) -> Array:
         """Return gamma (m,); with drift control c and J v are left behind."""
-        if self.drift or not self._plain.have_gamma:
+        if self.drift or self._drives or not self._plain.have_gamma:
             self.motion(q, v, self._still)
             return self._acceleration.copy()
         _forward_kinematics(self.model, self.data, q, v, self._still)

@@ -31,8 +31,8 @@ MANY: Final = 16
 class ManyGaps:
     """The gaps and slips of up to `MANY` states of one scene.
 
-    Contacts, welds, relations and couplings are evaluated by its equations, state by state, and so
-    are all others of a scene that has any.
+    Contacts, welds, relations, couplings and what is driven are evaluated by its equations, state
+    by state, and so are all others of a scene that has any.
     """
 
     def __init__(self, equations: Equations) -> None:
@@ -41,6 +41,7 @@ class ManyGaps:
         self._accelerations = np.zeros(MANY * equations.m)  # not asked for
         found = sorted_by_rows(equations.bounds)
         self._at_once = not (found.held or found.welds or found.related or found.coupled)
+        self._at_once &= not equations.is_driven  # each state has a time of its own
         self._ends: list[ManyEnds] = []
         self._groups: list[Balls | CutJoints | Rods | Rolling] = []
         for group, bounds in (
@@ -52,9 +53,10 @@ class ManyGaps:
                 self._ends.append(ends)
                 self._groups.append(group(ends, _repeated(bounds, equations.m)))
 
-    def look(self, i: int, q: Array, v: Array) -> None:
-        """Take (q, v) for state i; forward kinematics stays in the data of the equations."""
+    def look(self, i: int, q: Array, v: Array, t: float | None = None) -> None:
+        """Take (q, v) at t for state i; forward kinematics stays in the data of the equations."""
         equations = self._equations
+        equations.at(t)
         if not self._at_once:
             self._gaps[:, i] = equations.gaps(q, v)
             return

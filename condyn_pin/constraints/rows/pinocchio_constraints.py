@@ -112,8 +112,10 @@ def _side_by_side(blocks: Sequence[Array | None], bounds: Sequence[AnyBound]) ->
 def _equivalent(model: Any, bound: AnyBound) -> tuple[list[PinocchioConstraint], Array | None]:
     """Return what Pinocchio has in place of a constraint, and E^T: None if that is 1.
 
-    Nothing where it has nothing.
+    Nothing where it has nothing: neither of other rows, nor of rows that follow a path.
     """
+    if bound.drive:
+        return [], np.zeros((bound.size, 0))
     if isinstance(bound, Bound) and bound.is_plain:
         E_T = None if bound.sign > 0 else -np.eye(bound.size)
         return [PinocchioConstraint.of(bound, bound.size)], E_T

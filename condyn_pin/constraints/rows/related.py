@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.any_bound import OnFrames
+from condyn_pin.constraints.rows.any_bound import Drive, OnFrames
 from condyn_pin.constraints.rows.cut_joints import slips
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import FrameJacobian
@@ -59,6 +59,7 @@ class Related(OnFrames):
     relation: Relation
     anchored: bool = True
     sign: float = 1.0
+    drive: Drive | None = None
 
     @property
     def row_names(self) -> tuple[str, ...]:

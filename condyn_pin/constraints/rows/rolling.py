@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.any_bound import OnFrames
+from condyn_pin.constraints.rows.any_bound import Drive, OnFrames
 from condyn_pin.constraints.rows.cut_joints import cross
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import FrameJacobian, rows_of
@@ -68,6 +68,7 @@ class Rolled(OnFrames):
     anchored: bool
     joint2: int = 0
     sign: float = 1.0
+    drive: Drive | None = None
 
     def arm(self, oMi: Any) -> float:
         """Return the radius: the rows are about the point that touches [m]."""

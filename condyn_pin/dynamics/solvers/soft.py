@@ -127,7 +127,7 @@ class Soft(Solver):
                 gaps = np.sqrt(np.add.reduceat(c * c, starts))
                 d = np.repeat(self.impedance(gaps), sizes)
                 G[rows, rows] += (1 - d) / d * w
-                a_ref = reference(c, terms.J @ v, d, self.solref, self.solimp)
+                a_ref = reference(c, terms.J @ v - equations.wanted[1], d, self.solref, self.solimp)
                 missing = a_ref - terms.gamma - W.T @ z
                 _, latest[:], info = dposv(G, missing)
                 if info:

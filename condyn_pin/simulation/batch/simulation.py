@@ -111,7 +111,7 @@ def simulate_batch(
     _, of_rows, more = split(scene.robot, forces, len(q), functions=True)
     motions = replace(motions, every=every, forces=of_rows, contacts=tuple(scene.contacts))
     most = max(1, int(_SOLVES / planned.steps / max(planned.integrator.solves_per_step, 1)))
-    rows = Rows(motions, Recipe(scene.bilateral, solver), executor, chunk, most, progress)
+    rows = Rows(motions, Recipe(scene.bilateral.at(0.0), solver), executor, chunk, most, progress)
     kinds = kinds_of(scene, 0 if record is None else len(range(0, planned.steps, every)) + 1)
     inputs = {"q0": q, "v0": v, "tau0": tau} | more
     return rows.fill(len(q), inputs, kinds, partial(_batch, planned, begun))

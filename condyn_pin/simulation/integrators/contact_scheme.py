@@ -140,6 +140,7 @@ class ContactScheme(Integrator, ABC):
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True
     takes_contacts: ClassVar[bool] = True
+    takes_driven: ClassVar[bool] = False
 
     law: ClassVar[Law] = "ncp"
     at_midpoint: ClassVar[bool] = False

@@ -67,6 +67,7 @@ class EventDriven(Integrator):
     solves_per_step: ClassVar[float] = 8
     keeps_constraints: ClassVar[bool] = True
     takes_contacts: ClassVar[bool] = True
+    takes_driven: ClassVar[bool] = False
     locates_events: ClassVar[bool] = True
     takes_restitution: ClassVar[bool] = True
 

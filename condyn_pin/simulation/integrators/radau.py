@@ -151,7 +151,7 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
             left = [residuals.at(t + nodes[i] * dt, Q[i], V[i], a[i], lam[i]) for i in range(s)]
             gaps = np.array([each.c for each in left])
             if stabilised:
-                slips = np.array([left[i].J.dot(V[i]) for i in range(s)])
+                slips = np.array([each.slip for each in left])
                 wanted = from_slips.dot(slips)
             else:
                 wanted = from_gaps.dot(gaps)

@@ -141,8 +141,9 @@ class _Hamiltonian:
         end = self._place(q1)
         v1 = end.M_inv.dot(p + self._half * self._force(t + self._dt, q1, v_end))
         if self._hidden:
-            v1 -= end.M_inv.dot(end.J.T.dot(end.G_inv.dot(end.J.dot(v1))))
-            v1 -= end.M_inv.dot(end.J.T.dot(end.G_inv.dot(end.J.dot(v1))))
+            wanted = self._system.equations.wanted[1]
+            for _ in range(2):
+                v1 -= end.M_inv.dot(end.J.T.dot(end.G_inv.dot(end.J.dot(v1) - wanted)))
         else:  # the multiplier of the next step takes the place of this one's
             v1 += self._half * end.M_inv.dot(end.J.T.dot(lam))
         self._end = q1, end
@@ -156,6 +157,7 @@ class _Hamiltonian:
         D, p0 = place.D, place.M.dot(v)
         towards = place.Gd_inv / (half * dt)  # from a gap to lam
         left_to_do = iter(range(_SECOND, -1, -1))
+        system.at(t + dt)  # c and J v of the end, from here on
         v_start = v_end = v + half * a
         p, q1 = p0, q
 

@@ -1,0 +1,197 @@
+"""Driven: rows that follow a path of time; rheonomic constraints.
+
+    c(q) = s(t),        J v = s'(t),        J a + gamma = s''(t)
+
+What follows a path may do work: the force lam moves along at s', with the power lam . s'. Drift
+control acts on the difference,
+
+    J a + gamma = s'' - 2 alpha (J v - s') - beta^2 (c - s).
+
+This asks for rows with c' = J v wherever c is, and not at c = 0 alone: the rows of a weld are
+log6, whose rate is the slip only where it is closed, and those of a contact turn with its body.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Self
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.path import Along, check_along
+from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.rows.any_bound import AnyBound, Drive
+from condyn_pin.errors import InvalidArgument, InvalidConstraint
+
+
+@dataclass(frozen=True)
+class Driven(Constraint):
+    """A constraint whose rows follow a path: c(q) = s(t), J v = s'(t), J a + gamma = s''(t).
+
+    Parameters
+    ----------
+    constraint : Constraint
+        Whose rows are driven:
+
+        - `HeldJoint`: the joint is at its value plus s: a motor that makes it so;
+        - `Coupling`: q_a = ratio q_b + offset + s;
+        - `Loop`, ball or planar: the origin of `frame_a` is at s in the axes of `frame_b`;
+        - `Loop`, rod: its length is `length` - s: a hydraulic cylinder;
+        - `KnifeEdge`, `RollingWheel`, `RollingBall`: A v = s': the floor is a belt. Of s only the
+          rate is used;
+        - relations of your own (`FrameRelation`).
+    along : Path or callable
+        The path, t -> (s, s', s'') [m, rad and per second]: `Sine`, `Polynomial`, `minimum_jerk`,
+        or any function that returns the three. Only a `Path` can be written to a file.
+    time : float, optional
+        When it is looked at [s]; ``scene.at(t)`` sets it. A motion begins at t = 0.
+    name : str, optional
+        Name of the constraint; that of `constraint` by default.
+
+    Raises
+    ------
+    InvalidArgument
+        If the path has a wrong size, or its rates are not those of its values.
+    InvalidConstraint
+        If J v is not the rate of c for such a constraint.
+
+    Notes
+    -----
+    The force is that of `constraint`: of a `HeldJoint` the torque of the motor. Its power is among
+    those of a trajectory's `energy`. `solve` asks for a time, ``scene.at(t)``; states, ranks and
+    gaps of a scene without one are those at t = 0.
+
+    References
+    ----------
+    Haug. Computer Aided Kinematics and Dynamics of Mechanical Systems. Allyn and Bacon, 1989,
+    section 3.5 (driving constraints).
+    """
+
+    closes: ClassVar[bool] = True
+
+    constraint: Constraint
+    along: Along
+    time: float | None = None  # [s]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.constraint, Constraint) or isinstance(self.constraint, Driven):
+            raise InvalidArgument(
+                f"constraint = {self.constraint!r}: a constraint is needed whose rows are to be "
+                "driven, such as HeldJoint or Loop"
+            )
+        self._set_name(self.constraint.name)
+        check_along(self.along, self.rows, self.name)
+        if self.time is not None:
+            object.__setattr__(self, "time", float(finite("time", self.time, ())))
+
+    @property
+    def rows(self) -> int:
+        """Number of rows of the constraint."""
+        return self.constraint.rows
+
+    def bind(self, machine: Machine, rows: slice) -> AnyBound:
+        """Return the constraint bound, its rows driven."""
+        bound: Any = self.constraint.bind_to_drive(machine, rows)
+        return replace(bound, name=self.name, drive=Drive(self.along, self.time))  # type: ignore[no-any-return]
+
+    def at(self, t: float) -> Self:
+        """Return it at a time [s]."""
+        return replace(self, time=t)
+
+    @property
+    def is_rheonomic(self) -> bool:
+        """True: time enters its rows."""
+        return True
+
+    def sides(self, machine: Machine) -> tuple[int, int]:
+        """Return the joints that the constraint ties."""
+        return self.constraint.sides(machine)
+
+    def acting(self, *, swapped: bool) -> tuple[str, str, str]:
+        """Return whom the force of the constraint is on, by whom, and in whose axes."""
+        return self.constraint.acting(swapped=swapped)
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """The frames of the constraint."""
+        return self.constraint.frames
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints of the constraint."""
+        return self.constraint.joints
+
+    @property
+    def title(self) -> str:
+        """What it is, for summaries."""
+        return f"{self.constraint.title}, driven"
+
+    @property
+    def called(self) -> str:
+        """What it is, within a sentence."""
+        return f"driven {self.constraint.called}"
+
+    @property
+    def on_velocity(self) -> bool:
+        """Whether some rows of the constraint are on the velocity alone."""
+        return self.constraint.on_velocity
+
+    def anchored_at(self, c1: Any, c2: Any) -> Self:
+        """Return it with the constraint anchored there."""
+        return replace(self, constraint=self.constraint.anchored_at(c1, c2))
+
+    def renamed(self, new: Callable[[str], str]) -> Self:
+        """Return it between frames and joints of other names."""
+        return replace(self, name=new(self.name), constraint=self.constraint.renamed(new))
+
+    def in_units(self, length: float, of_joint: Callable[[str], float]) -> Self:
+        """Refuse: a path is a function of time, in units of its own."""
+        raise InvalidArgument(f"{self.name}: nothing says what unit its path has")
+
+
+@dataclass(frozen=True)
+class Apart:
+    """Where the origin of c2 is in the axes of c1, some of its three coordinates: -r = 0.
+
+    A relation of two frames whose W, (1, 0), is constant: c' = J v wherever c2 is.
+    """
+
+    chosen: tuple[int, ...]
+
+    @property
+    def row_words(self) -> tuple[str, ...]:
+        """The axes."""
+        return tuple("xyz"[i] for i in self.chosen)
+
+    @property
+    def angles(self) -> tuple[bool, ...]:
+        """None of them is an angle."""
+        return (False,) * len(self.chosen)
+
+    def violation(self, R: Array, r: Array) -> Array:
+        """Return c (rows,) [m]."""
+        return -r[list(self.chosen)]
+
+    def weights(self, R: Array, r: Array) -> Array:
+        """Return W (rows, 6)."""
+        return np.eye(6)[list(self.chosen)]
+
+    def weights_rate(self, R: Array, r: Array, s: Array) -> Array:
+        """Return W' (rows, 6): zero."""
+        return np.zeros((len(self.chosen), 6))
+
+    def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
+        """Return the partials of W' (6, rows, 6): zero."""
+        return np.zeros((6, len(self.chosen), 6))
+
+
+def not_to_drive(constraint: Constraint) -> InvalidConstraint:
+    """Return the error of a constraint whose rows are the rate of c where c = 0, and only there."""
+    return InvalidConstraint(
+        f"{constraint.name}: J v of a {constraint.called} is the rate of c only where c = 0, so "
+        "that it cannot follow a path; drive a HeldJoint, a Coupling, or a Loop that is a ball, "
+        "planar or a rod, the moved frame first"
+    )

@@ -1,0 +1,82 @@
+"""One joint at a value: c = q - value."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import ClassVar
+
+from condyn_pin._core.arrays import finite
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.constraint_fields import check_size, text
+from condyn_pin.constraints.coupling import one_coordinate
+from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.rows.couplings import Coupled
+from condyn_pin.errors import unknown_name
+
+
+@dataclass(frozen=True)
+class HeldJoint(Constraint):
+    """A joint that is held at a value, as a brake or a stiff motor does. 1 row.
+
+    q = value
+
+    Driven, it is the motor of a given motion: ``Driven(HeldJoint("crank"), along=Sine(0.3))``. A
+    joint that never moves is better left out: `Scene.lock`.
+
+    Parameters
+    ----------
+    joint : str
+        A joint with one degree of freedom.
+    value : float
+        [rad or m]
+    name : str, optional
+        Name of the constraint; that of the joint by default.
+
+    Notes
+    -----
+    The force is the one on the joint, along its coordinate [N m or N].
+    """
+
+    rows: ClassVar[int] = 1
+    closes: ClassVar[bool] = True
+
+    joint: str
+    value: float = 0.0  # [rad or m]
+
+    def __post_init__(self) -> None:
+        text("joint", self.joint, "joint")
+        number = float(finite("value", self.value, ()))
+        check_size("value", number)
+        object.__setattr__(self, "value", number)
+        self._set_name(self.joint)
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joint."""
+        return (self.joint,)
+
+    def bind(self, machine: Machine, rows: slice) -> Coupled:
+        """Return it on the coordinate of its joint."""
+        joint = one_coordinate(machine, self.joint, self.name)
+        q, v = int(joint.idx_q), int(joint.idx_v)
+        return Coupled(self.name, rows, (q, q), (v, v), 0.0, self.value)
+
+    def bind_to_drive(self, machine: Machine, rows: slice) -> Coupled:
+        """Return it as it is."""
+        return self.bind(machine, rows)
+
+    def sides(self, machine: Machine) -> tuple[int, int]:
+        """Return the joint, and the one before it."""
+        if self.joint not in machine.joints:
+            raise unknown_name("joint", self.joint, machine.joints)
+        joint = machine.model.getJointId(self.joint)
+        return joint, int(machine.model.parents[joint])
+
+    def acting(self, *, swapped: bool) -> tuple[str, str, str]:
+        """Return that its force is on the joint by the body before it, in no axes."""
+        return self.joint, "the body before it", ""
+
+    def in_units(self, length: float, of_joint: Callable[[str], float]) -> HeldJoint:
+        """Return it with its coordinate in other units."""
+        return replace(self, value=of_joint(self.joint) * self.value)
