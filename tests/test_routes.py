@@ -587,3 +587,21 @@ def test_the_curved_paths_of_two_balls():
     assert cp.step(scene, q, v, dt=DT).forces["tip 0"][2] > 0
     errors = misses(scene, q, v, np.zeros(2), HARD[0], ActiveSet(), (1e-6, 1e-4, 1e-2))
     assert max(errors) < 1e-6
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_step_whose_contacts_are_taken_at_its_end(seed, friction):
+    """A box that tumbles at 100 rad/s lands on a corner, or on two."""
+    box = cp.model.free_box(mass=1.0, size=(0.2, 0.3, 0.1))
+    shape = cp.constraints.Box(0.2, 0.3, 0.1)
+    scene = cp.Scene(box, contacts=[cp.FrictionalContact("box", shape, friction=friction)])
+    rng, q = np.random.default_rng(seed), scene.state()[0]
+    q = pin.integrate(box.model, q, np.concatenate([np.zeros(3), rng.normal(size=3)]))
+    q[2] += 1e-3 - min(cp.dynamics.contact_gaps(scene, q).values())
+    v = np.concatenate([rng.normal(size=3), 80 * rng.normal(size=3)])
+    now = cp.step(scene, q, v, dt=DT)
+    assert set(now.modes.values()) > {"open"}
+    assert now.dynamics_error < 1e-14
+    errors = misses(scene, q, v, np.zeros(6), HARD[0], ActiveSet(), (1e-6, 1e-4, 1e-2))
+    assert max(errors) < 1e-8

@@ -67,6 +67,11 @@ class Condensed(NamedTuple):
         """v_free (nv,): the velocity after the step if no contact took part."""
         return np.asarray(dtrtrs(self.factors.L.T, self.free)[0])
 
+    def with_contacts(self, J_c: Array) -> Condensed:
+        """Return the same step with other rows of contacts (m, nv)."""
+        X, blocked = _along(self.factors, J_c)
+        return self._replace(X=X, blocked=blocked)
+
     def velocity(self, lam: Array) -> Array:
         """Return v+ (nv,) of impulses (m,) of the contacts."""
         return np.asarray(dtrtrs(self.factors.L.T, self.X.dot(lam) + self.free)[0])
@@ -98,15 +103,24 @@ def condense(factors: MinimumNorm, J_c: Array, v: Array, p: Array, s: Array) -> 
     -----
     Cost O(nv^2 m) on top of the factors.
     """
-    L, V, rank = factors.L, factors.V, factors.rank
-    X = dtrtrs(L.T, J_c.T, trans=1)[0]
-    w = v.dot(L) + dtrtrs(L.T, p, trans=1)[0]
+    V, rank = factors.V, factors.rank
+    w = v.dot(factors.L) + dtrtrs(factors.L.T, p, trans=1)[0]
+    X, blocked = _along(factors, J_c)
     if not rank:
-        return Condensed(factors, X, np.zeros((0, len(J_c))), _NOTHING, _NOTHING, w)
-    blocked, momentum = V.T.dot(X), V.T.dot(w)
+        return Condensed(factors, X, blocked, _NOTHING, _NOTHING, w)
+    momentum = V.T.dot(w)
     held = s.dot(factors.U[:, :rank]) / factors.S[:rank]
-    X -= V.dot(blocked)
     return Condensed(factors, X, blocked, held, momentum, w + V.dot(held - momentum))
+
+
+def _along(factors: MinimumNorm, J_c: Array) -> tuple[Array, Array]:
+    """Return X, rows of contacts without what the constraints block, and what they block."""
+    X = dtrtrs(factors.L.T, J_c.T, trans=1)[0]
+    if not factors.rank:
+        return X, np.zeros((0, len(J_c)))
+    blocked = factors.V.T.dot(X)
+    X -= factors.V.dot(blocked)
+    return X, blocked
 
 
 _NOTHING: Final = np.zeros(0)

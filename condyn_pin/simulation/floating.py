@@ -52,6 +52,22 @@ class Floating:
             turning[i : i + 2] = -w * y, w * x
         return turning
 
+    def rows_before(self, J: Array, v: Array, dt: float) -> Array:
+        """Return rows (m, nv) after dt, for velocities in the axes that bodies have before it."""
+        if not self._bodies and not self._planar:
+            return J
+        J = J.copy()
+        for _, i in self._bodies:
+            turn = pin.exp3(-dt * v[i + 3 : i + 6])
+            J[:, i : i + 3] = J[:, i : i + 3].dot(turn)
+            J[:, i + 3 : i + 6] = J[:, i + 3 : i + 6].dot(turn)
+        for _, i in self._planar:
+            angle = dt * float(v[i + 2])
+            c, s = cos(angle), sin(angle)
+            x, y = J[:, i].copy(), J[:, i + 1].copy()
+            J[:, i], J[:, i + 1] = c * x - s * y, s * x + c * y
+        return J
+
     def integrate(self, q: Array, dq: Array) -> Array:
         """Return q moved along dq (nv,), bodies on straight lines."""
         moved: Array = pin.integrate(self._model, q, dq)

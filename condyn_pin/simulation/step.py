@@ -11,10 +11,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
+from condyn_pin.constraints.loads import Load
 from condyn_pin.contact.judge import judged
 from condyn_pin.contact.load import contact_load
 from condyn_pin.contact.modes import MODES
@@ -187,7 +189,7 @@ class _Memory:
         begun = perf_counter()
         q1, v1, a = self._steps.attempt(0.0, q, v)
         took = perf_counter() - begun
-        posed, ended, found, natural, work = self._steps.last
+        posed, ended, found, natural, work, _ = self._steps.last
         lam = self._steps.impulses()
         contact = judged(posed.problem, found, natural, tolerances.CONTACT_SOLVED, took)
         dynamics, slip = self._errors(posed, ended, a, lam / self._dt)
@@ -220,13 +222,26 @@ class _Memory:
         if passive.between is not None:
             U, weights = passive.between.inertia_rows(at, self._dt)
             tau -= U.T @ (weights * (U @ gained))
-        bounds = self._scene.contact_bounds
-        pushed = contact_load(self._system.model, equations.data, at, bounds, lam[rows:])
-        left, _ = equations.residuals(at, posed.mean, tau + pushed.torque, a, lam[:rows], pushed)
+        push = self._push(posed, lam[rows:])
+        left, _ = equations.residuals(at, posed.mean, tau + push.torque, a, lam[:rows], push)
         wanted = 0.5 * self._dt * equations.target(at, v)
         # a - gained is -w x u of floating bodies
         slip = np.abs(equations.gaps(at, ended + 0.5 * self._dt * (a - gained))[1] - wanted)
         return self._dt * float(np.abs(left).max()), float(slip.max(initial=0.0))
+
+    def _push(self, posed: Posed, lam: Array) -> Load:
+        """Return what contacts do to the robot, where the step has taken them."""
+        model, data = self._system.model, self._system.equations.data
+        bounds, floating, path = self._scene.contact_bounds, self._steps.floating, posed.path
+        if path is None:
+            return contact_load(model, data, posed.at, bounds, lam)
+        there = floating.integrate(posed.at, self._dt * path)
+        push = contact_load(model, data, there, bounds, lam)
+        still = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
+        held = pin.computeStaticTorque(model, data, there, push.on_top_of(still)).copy()
+        pulled = pin.computeGeneralizedGravity(model, data, there) - held
+        torque = push.torque + floating.rows_before(pulled[None], path, self._dt)[0]
+        return Load(torque, np.abs(torque), (), ())
 
 
 def _memory(scene: Scene, dt: float, integrator: ContactScheme) -> _Memory:

@@ -8,7 +8,7 @@ friction of joints. For each cone and half-line d gap/dt is its row of J v along
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,8 +37,8 @@ class Candidates:
         How many there are.
     contact_points : int
         How many of the cones, the first ones, are on planes.
-    meets_once : (cones,) bool array
-        Which cones are of two shapes that meet in one point, as balls do.
+    several : tuple of slice
+        The cones of each pair of shapes that meet in more points than one.
     friction, restitution : (cones,) array
         Coefficients [1].
     limits : (intervals,) array
@@ -67,8 +67,7 @@ class Candidates:
         others = (*(stop.name for stop in stops), *(each.name for each in dry))
         self.names = (*of_cones, *others)
         self.row_names = (*(f"{name}.{axis}" for name in of_cones for axis in _AXES), *others)
-        once = [isinstance(each, Pair) and each.points == 1 for each in cones]
-        self.meets_once = read_only(np.array(once, dtype=bool))
+        self.several = tuple(_several(pairs, len(touches)))
         self.friction = read_only(np.array([each.friction for each in cones]))
         self.restitution = read_only(np.array([each.restitution for each in cones]))
         self.limits = read_only(np.array([each.limit for each in dry]))
@@ -158,6 +157,14 @@ class Candidates:
         """Return t1, t2 and n of each cone in the world, as columns (cones, 3, 3)."""
         axes = self._touches.axes(data)
         return np.concatenate((axes, self._pairs.axes(data))) if self._pairs.size else axes
+
+
+def _several(pairs: Sequence[Pair], first: int) -> Iterator[slice]:
+    """Yield the cones of pairs that meet in several points; `first` is the first of all pairs."""
+    for pair in pairs:
+        if pair.points > 1:
+            yield slice(first, first + pair.points)
+        first += pair.points
 
 
 _AXES = ("t1", "t2", "n")

@@ -25,9 +25,6 @@ class Chosen:
         self.gaps = _all_or(self.near)
         self.over_planes = _all_or(active[: candidates.contact_points])
         self.contact_points = np.count_nonzero(active[: candidates.contact_points])
-        once = candidates.meets_once & active[:cones]
-        self.pairs = np.flatnonzero(once)  # of two shapes that meet in one point: among all cones
-        self.pairs_here = np.flatnonzero(once[active[:cones]])  # and among those that take part
         k, stops = np.count_nonzero(active[:cones]), np.count_nonzero(active[cones:lines])
         self.normals: Indices | slice = slice(2, 3 * k, 3)
         if stops:

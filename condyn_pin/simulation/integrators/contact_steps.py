@@ -42,6 +42,7 @@ from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
+from condyn_pin.simulation.integrators.path_ends import MISSED, PathEnds, next_path
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System, total_torque
@@ -56,18 +57,28 @@ _CLOSED = 1e-13
 _SMALL = 1e-6
 
 # How often a step is posed anew because its paths end elsewhere, at most: each time their error
-# falls by a factor of about dt |v|.
-_AGAIN = 3
+# falls by a factor of two at least, and most often by one of about dt |v|.
+_AGAIN = 6
+
+
+class Tried(NamedTuple):
+    """A step with an answer of its contact solver."""
+
+    posed: Posed
+    v: Array  # (nv,), the velocity after it, in the axes of `posed` [m/s, rad/s]
+    attempt: Attempt
+    natural: float  # residual of the contact problem
 
 
 class Taken(NamedTuple):
     """A step that was taken."""
 
     posed: Posed
-    v: Array  # (nv,), the velocity after it, in the axes of `posed` [m/s, rad/s]
+    v: Array
     attempt: Attempt
-    natural: float  # residual of the contact problem
+    natural: float
     work: float  # of the contacts [J]
+    tried: tuple[Tried, ...]  # what it came from, in turn, and itself
 
 
 class Closing(NamedTuple):
@@ -86,6 +97,7 @@ class ContactSteps:
     floating : Floating
         The axes of floating bodies.
     paths : CurvedPaths
+    ends : PathEnds
     last : Taken
         The step that was taken last.
     """
@@ -97,6 +109,7 @@ class ContactSteps:
         self._equations, self._candidates = system.equations, system.contacts
         self.floating = Floating(system.model)
         self.paths = CurvedPaths(system, self.floating, dt)
+        self.ends = PathEnds(system, self.floating, dt)
         passive = system.passive
         self._torque = total_torque(system.applied, passive, dt)
         self._inertia = passive.inertia(dt) if passive.inertia(dt).any() else None
@@ -119,7 +132,7 @@ class ContactSteps:
 
     def _check_answer(self, t: float) -> None:
         """Refuse the last step, unless it has all that its contact solver promises."""
-        solver, (posed, _, found, natural, _) = self._scheme.contact, self.last
+        solver, (posed, _, found, natural, *_) = self._scheme.contact, self.last
         if not isfinite(natural) and np.isfinite(found.lam).all():
             raise StepFailed(
                 f"t = {t:g} s: the step is not finite, its numbers overflow; look at v, tau and "
@@ -142,7 +155,8 @@ class ContactSteps:
 
     def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return the same of whatever the contact solver has answered."""
-        posed, found, natural, v1 = self._answered(t, q, v)
+        tried = self._answered(t, q, v)
+        posed, v1, found, natural = tried[-1]
         lam, dt, floating = found.lam, self._dt, self.floating
         a = (v1 - posed.v) / dt - posed.turning
         work = 0.5 * float(lam.dot(posed.near.before + posed.J_c.dot(v1)))
@@ -151,7 +165,7 @@ class ContactSteps:
         q1 = self.closed(posed.condensed, floating.integrate(posed.at, rest * v1))
         if not isfinite(float(q1.dot(q1) + v1.dot(v1) + work)):
             natural = nan  # also where no contact takes part
-        self.last = Taken(posed, v1, found, natural, work)
+        self.last = Taken(posed, v1, found, natural, work, tuple(tried))
         return q1, floating.turned(v1, rest), a
 
     def pose(self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None) -> Posed:
@@ -186,7 +200,25 @@ class ContactSteps:
             now.contact_velocities, chosen.sets.blocks,
         )  # fmt: skip
         problem = chosen.problem(scheme, near)
-        return Posed(at, v, mean, turning, tau, gaps, J, J_c, chosen, now, near, problem)
+        J_n = J_c[chosen.normals]
+        return Posed(at, v, mean, turning, tau, gaps, J, None, J_c, J_n, chosen, now, near, problem)
+
+    def pose_along(self, posed: Posed, u: Array) -> Posed:
+        """Return a step again, with its contacts as they are where a path along u ends."""
+        there, dt = self.ends.there(posed.at, u), self._dt
+        near_there = self._scheme.near(there.gaps, u, dt)
+        chosen = self._choose(self.ends.takes_part(posed, there, near_there))
+        J_c, (begun, rates) = there.J[chosen.rows], self.ends.begun(posed)
+        now, gaps = posed.condensed.with_contacts(J_c), begun[chosen.gaps]
+        bends = there.gaps[chosen.gaps] - gaps - dt * J_c.dot(u)[chosen.normals]
+        near = Near(
+            dt, gaps, bends, chosen.restitution, chosen.normals, now.G, J_c.dot(posed.v),
+            now.contact_velocities, chosen.sets.blocks,
+        )  # fmt: skip
+        return posed._replace(
+            path=u, J_c=J_c, J_n=rates[chosen.gaps], chosen=chosen, condensed=now, near=near,
+            problem=chosen.problem(self._scheme, near),
+        )  # fmt: skip
 
     def lam(self) -> Array:
         """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""
@@ -219,22 +251,45 @@ class ContactSteps:
         system.contact_work = work
         return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), self.touch()
 
-    def _answered(self, t: float, q: Array, v: Array) -> tuple[Posed, Attempt, float, Array]:
-        """Return a step, impulses, their residual and v+; posed anew where these show more."""
-        scheme, posed, bent = self._scheme, self.pose(t, q, v), 0
-        while True:
-            posed, found, natural = self.solved(posed)
-            v1 = posed.condensed.velocity(found.lam)
-            if not scheme.closes_gaps:
-                return posed, found, natural, v1
-            missed = self._missed(posed, v1)
-            if missed is not None:
-                posed = self.pose(t, q, v, posed.chosen.near | missed)
-            elif bent < _AGAIN and (bends := self.paths.missed(posed, v1)) is not None:
-                near, bent = posed.near._replace(bends=bends), bent + 1
-                posed = posed._replace(near=near, problem=posed.chosen.problem(scheme, near))
-            else:
-                return posed, found, natural, v1
+    def _answered(self, t: float, q: Array, v: Array) -> list[Tried]:
+        """Return a step as it was tried, each time along the path before; the last one is taken."""
+        tried = [self._first(t, q, v)]
+        off = self._off(tried[0])
+        best, least = 1, off
+        while off > MISSED and len(tried) <= _AGAIN:
+            last = tried[-1]
+            path = last.posed.v if last.posed.path is None else last.posed.path
+            along = next_path(last.posed, path, last.v)
+            tried.append(self._tried(self.pose_along(last.posed, along)))
+            off = self._off(tried[-1])
+            if off < least and self._is_answer(tried[-1]):
+                best, least = len(tried), off
+        return tried[:best]
+
+    def _first(self, t: float, q: Array, v: Array) -> Tried:
+        """Return a step with all contacts that it closes, as they are where it begins."""
+        tried = self._tried(self.pose(t, q, v))
+        while self._scheme.closes_gaps:
+            missed = self._missed(tried.posed, tried.v)
+            if missed is None:
+                break
+            tried = self._tried(self.pose(t, q, v, tried.posed.chosen.near | missed))
+        return tried
+
+    def _tried(self, posed: Posed) -> Tried:
+        posed, found, natural = self.solved(posed)
+        return Tried(posed, posed.condensed.velocity(found.lam), found, natural)
+
+    def _off(self, tried: Tried) -> float:
+        """Return how far from where it should a step ends [m, rad]; 0 of what is no answer."""
+        if not self._scheme.closes_gaps or not self._is_answer(tried):
+            return 0.0
+        return self.ends.off(tried.posed, tried.attempt.lam, tried.v)
+
+    def _is_answer(self, tried: Tried) -> bool:
+        if self._scheme.contact.exact:
+            return tried.natural <= tolerances.CONTACT_SOLVED
+        return tried.attempt.answered and isfinite(tried.natural)
 
     def solved(self, posed: Posed) -> tuple[Posed, Attempt, float]:
         """Return impulses and their natural residual, and what they solve.

@@ -14,14 +14,18 @@ from condyn_pin.simulation.integrators.contact_scheme import Near
 class Posed(NamedTuple):
     """A step before its contact problem is solved; floating bodies in their axes at `at`."""
 
-    at: Array  # (nq,), where M, h and J are taken
+    at: Array  # (nq,), where M and h are taken, and J of the constraints
     v: Array  # (nv,), the velocity before
     mean: Array  # (nv,), the velocity of h
     turning: Array  # (nv,), w x u of floating bodies at `mean`
     tau: Array  # (nv,), springs and damping as they act at the end of the step [N, N m]
-    gaps: Array  # of all cones and half-lines [m, rad]
-    J: Array  # (rows, nv), of all candidates
-    J_c: Array  # (m, nv), of those that take part
+    gaps: Array  # of all cones and half-lines, at `at` [m, rad]
+    J: Array  # (rows, nv), of all candidates, at `at`
+    path: (
+        Array | None
+    )  # (nv,), the velocity along which contacts are taken to its end; None: at `at`
+    J_c: Array  # (m, nv), of those that take part, where they are taken
+    J_n: Array  # (k, nv), the rates of their gaps at `at`
     chosen: Chosen
     condensed: Condensed
     near: Near

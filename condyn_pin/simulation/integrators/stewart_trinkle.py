@@ -25,9 +25,10 @@ class StewartTrinkle(ContactScheme):
     g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + (s + 0.2 gap) / dt  (gap < 0)
     q+  = q (+) dt v+,    s = gap(q (+) dt v) - gap - dt J_n v
 
-    A contact touches at the end of the step in which it would have gone through; s is how far its
-    path bends in that time. Where v+ bends it by 0.1 mm more the step is taken again with that, and
-    what penetrates still is pushed out over five steps. Between two shapes s is left out.
+    A contact touches at the end of the step in which it would have gone through; s is how far a
+    path over a plane bends in that time. Where the step ends 0.1 mm from there, or s < -0.1 mm of
+    what presses, it is taken again, with gaps and J_c as they are at its end: impulses then act
+    against what goes through there. What penetrates still is pushed out over five steps.
 
     Parameters
     ----------

@@ -2,8 +2,8 @@
 
     sigma = G lam + J_c v_free + (s + gap) / dt,  + e J_n v,  + R lam, ...
 
-at fixed impulses and v_free: gaps by where the step begins, bends s by that and by the path that
-they are taken along, R by gaps and by G_nn.
+at fixed impulses and v_free: gaps by where the step begins, bends s by `row_partials`, R by gaps
+and by G_nn.
 """
 
 from __future__ import annotations
@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, Indices
+from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.law import Law
@@ -22,20 +21,16 @@ if TYPE_CHECKING:
     from condyn_pin.simulation.routes.linear_steps import LinearSteps, Start
 
 
-def asked_partials(
-    steps: LinearSteps, posed: Posed, law: Law, start: Start, path: Array, along: Array
-) -> Array:
-    """Return what a scheme adds to sigma by all columns (m, columns), at fixed impulses."""
+def asked_partials(steps: LinearSteps, posed: Posed, law: Law, start: Start, bends: Array) -> Array:
+    """Return what a scheme adds to sigma by all columns (m, columns), at fixed impulses.
+
+    `bends` (k, columns) is how the bends of paths change.
+    """
     chosen, near, columns = posed.chosen, posed.near, steps.columns
     J_c, by = posed.J_c, steps.scheme.asked_by(near)
     added = columns.empty(len(J_c))
-    gaps = J_c[near.normals] @ start.at  # (k, columns)
-    added[near.normals] += by.gaps[:, None] * gaps
-    curved = steps.paths.followed(path, chosen)
-    if steps.scheme.closes_gaps and len(curved):
-        by_at, by_path = _bends(steps, posed, path, 3 * curved + 2)
-        bends = by_at @ start.at + by_path @ along
-        added[3 * curved + 2] += by.bends[curved, None] * bends
+    gaps = posed.J_n @ start.at  # (k, columns)
+    added[near.normals] += by.gaps[:, None] * gaps + by.bends[:, None] * bends
     if by.before.any():
         slips = steps.turning.slips(posed.v)
         before = J_c @ start.v + slips[chosen.rows] @ start.at
@@ -46,18 +41,6 @@ def asked_partials(
     if posed.problem.R is not None:
         added += law.lam[:, None] * _softer(steps, posed, by, gaps, start)
     return added
-
-
-def _bends(steps: LinearSteps, posed: Posed, path: Array, normals: Indices) -> tuple[Array, Array]:
-    """Return how the bends of some contacts along a path change with `at` and the path."""
-    dt, system, chosen = steps.dt, steps.system, posed.chosen
-    data = system.equations.data
-    there = steps.floating.integrate(posed.at, dt * path)
-    pin.computeJointJacobians(system.model, data, there)
-    J_end = system.contacts.evaluate(data, there)[1][chosen.rows][normals]
-    J_n, turned = (rows[chosen.rows][normals] for rows in (posed.J, steps.turning.slips(path)))
-    by_at, by_move = steps.partials.integrate(posed.at, dt * path)
-    return J_end @ by_at - J_n - dt * turned, dt * (J_end @ by_move - J_n)
 
 
 def _softer(steps: LinearSteps, posed: Posed, by: AskedBy, gaps: Array, start: Start) -> Array:

@@ -33,11 +33,13 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import Closing, ContactSteps
+from condyn_pin.simulation.integrators.path_ends import next_path
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.asked_partials import asked_partials
 from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.floating_partials import FloatingPartials
 from condyn_pin.simulation.routes.law import Law
+from condyn_pin.simulation.routes.row_partials import row_partials
 from condyn_pin.simulation.routes.torque_partials import torque_partials
 from condyn_pin.simulation.system import System
 
@@ -93,14 +95,13 @@ class LinearSteps:
     ) -> Ended:
         """Return the end of a step from a state, with its derivatives by a `law` of contacts."""
         self.steps.attempt(t, q, v)
-        taken = self.steps.last
         start = self._start(t, q, v)
-        path, along = taken.posed.v, start.v
-        for posed, guess in self._tracks(taken.posed, taken.attempt.lam):
-            found = law(posed.problem, guess)
+        along = start.v
+        for posed, _, attempt, _ in self.steps.last.tried:
+            found = law(posed.problem, attempt.lam)
             v1 = posed.condensed.velocity(found.lam)
-            dv1 = self._velocity(posed, found, v1, start, path, along)
-            path, along = v1, dv1
+            dv1 = self._velocity(posed, found, v1, start, along)
+            along = next_path(posed, along, dv1)
         return self._moved(posed, found, v1, dv1, start)
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
@@ -113,9 +114,8 @@ class LinearSteps:
     ) -> tuple[Array, Array]:
         """Return what `end` does, without derivatives."""
         self.steps.attempt(t, q, v)
-        taken = self.steps.last
-        for posed, guess in self._tracks(taken.posed, taken.attempt.lam):
-            v1 = posed.condensed.velocity(law(posed.problem, guess).lam)
+        posed, _, attempt, _ = self.steps.last.tried[-1]
+        v1 = posed.condensed.velocity(law(posed.problem, attempt.lam).lam)
         moved = self.floating.integrate(posed.at, self._share * v1)
         return self.steps.closed(posed.condensed, moved), self.floating.turned(v1, self._share)
 
@@ -135,44 +135,20 @@ class LinearSteps:
         pulled[:, columns.tau] = np.eye(n)
         return Start(at, moving, pulled)
 
-    def _tracks(self, posed: Posed, lam: Array) -> list[tuple[Posed, Array]]:
-        """Return the problems that a step has solved one after the other.
+    def _velocity(self, posed: Posed, law: Law, v1: Array, start: Start, along: Array) -> Array:
+        """Return v+ by all columns (nv, columns), in the axes of the step.
 
-        The last one has gaps along paths that end as the one before did.
+        `along` (nv, columns) is how the velocity changes along which contacts are taken.
         """
-        chosen, path = posed.chosen, posed.v
-        if not self.scheme.closes_gaps or not len(chosen.pairs) + chosen.contact_points:
-            return [(posed, lam)]
-        tracks: list[tuple[Posed, Array]] = []
-        for _ in range(_TRACKS):
-            speeds = posed.J_c.dot(path)
-            bends = self.paths.bends(posed.at, path, posed.near.gaps, speeds, chosen)
-            if np.array_equal(bends, posed.near.bends):
-                break
-            near = posed.near._replace(bends=bends)
-            before = posed._replace(near=near, problem=chosen.problem(self.scheme, near))
-            solved = self.steps.solved(before)
-            tracks.append((before, solved[1].lam))
-            path = posed.condensed.velocity(solved[1].lam)
-        return [*tracks, (posed, lam)]
-
-    def _velocity(
-        self, posed: Posed, law: Law, v1: Array, start: Start, path: Array, along: Array
-    ) -> Array:
-        """Return v+ by all columns (nv, columns), in the axes of the step."""
         if not len(law.lam):
             return self._untouched(posed, v1, start)
         J_c = posed.J_c
         l_b = posed.condensed.constraint_impulses(law.lam)
         of = self._linearised(posed.at, posed.v, posed.v, v1, l_b)
-        all_lam = np.zeros(len(posed.J))
-        all_lam[posed.chosen.rows] = law.lam
-        self.turning.go(posed.at)
-        slips, pulls = self.turning.slips(v1), self.turning.pulls(all_lam)
-        f = self._balance(of, posed, v1, start, start.v) + pulls @ start.at
+        rows = row_partials(self, posed, law.lam, v1, start, along)
+        f = self._balance(of, posed, v1, start, start.v) + rows.pulls
         dv0, _ = posed.condensed.factors.solve(f, self._slip(of, posed, posed.v, v1, start))
-        dsigma = J_c @ dv0 + slips[posed.chosen.rows] @ start.at
-        dsigma += asked_partials(self, posed, law, start, path, along)
+        dsigma = J_c @ dv0 + rows.slips + asked_partials(self, posed, law, start, rows.bends)
         R = posed.problem.R
         G = posed.problem.G if R is None else posed.problem.G + np.diag(R)
         A = law.by_sigma @ G + law.by_lam
@@ -327,6 +303,3 @@ class Start(NamedTuple):
 
 # Singular values of the contact problem that redundant contacts leave, relative to the largest.
 _REDUNDANT = 1e-10
-
-# A step is posed so often, at most: first along v, then along what the one before answered.
-_TRACKS = 4

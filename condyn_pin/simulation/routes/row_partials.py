@@ -1,0 +1,93 @@
+"""How the rows of contacts in a step change with its start, and how far their paths bend.
+
+Where contacts are taken at the beginning of a step, in closed form:
+
+    (J_c v+)' = (J_c v+)_q dq,    (J_c^T lam)' = (J_c^T lam)_q dq,
+    s' = J_e dq_e - J_n dq - dt ((J_n v)_q dq + J_n dv),    dq_e = d(q (+) dt v)
+
+Where they are taken at the end of a path along u, which is rare: by differences of
+`PathEnds.there`, with s = gap_e - gap - dt J_e u.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.dynamics.derivatives.carried import slope
+from condyn_pin.simulation.integrators.posed import Posed
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.routes.linear_steps import LinearSteps, Start
+
+
+class RowPartials(NamedTuple):
+    """By all columns, at fixed v+ and impulses."""
+
+    slips: Array  # (m, columns), J_c v+
+    pulls: Array  # (nv, columns), J_c^T lam
+    bends: Array  # (k, columns)
+
+
+def row_partials(
+    steps: LinearSteps, posed: Posed, lam: Array, v1: Array, start: Start, along: Array
+) -> RowPartials:
+    """Return how rows and bends change; `along` (nv, columns) is how the path of contacts does."""
+    if posed.path is not None:
+        return _at_the_end(steps, posed, posed.path, lam, v1, start, along)
+    all_lam = np.zeros(len(posed.J))
+    all_lam[posed.chosen.rows] = lam
+    steps.turning.go(posed.at)
+    slips, pulls = steps.turning.slips(v1), steps.turning.pulls(all_lam)
+    return RowPartials(
+        slips[posed.chosen.rows] @ start.at, pulls @ start.at, _bends(steps, posed, start, along)
+    )
+
+
+def _bends(steps: LinearSteps, posed: Posed, start: Start, along: Array) -> Array:
+    """Return how the bends along the velocity before change, `steps.turning` being at `at`."""
+    dt, system, chosen, v = steps.dt, steps.system, posed.chosen, posed.v
+    bends = np.zeros((len(posed.near.bends), start.at.shape[1]))
+    k = chosen.contact_points
+    if not steps.scheme.closes_gaps or not k:
+        return bends
+    data, normals = system.equations.data, slice(2, 3 * k, 3)
+    there = steps.floating.integrate(posed.at, dt * v)
+    pin.computeJointJacobians(system.model, data, there)
+    J_end = system.contacts.evaluate(data, there)[1][chosen.rows][normals]
+    J_n, turned = (rows[chosen.rows][normals] for rows in (posed.J, steps.turning.slips(v)))
+    by_at, by_move = steps.partials.integrate(posed.at, dt * v)
+    bends[:k] = (J_end @ by_at - J_n - dt * turned) @ start.at
+    bends[:k] += dt * (J_end @ by_move - J_n) @ along
+    return bends
+
+
+def _at_the_end(
+    steps: LinearSteps,
+    posed: Posed,
+    path: Array,
+    lam: Array,
+    v1: Array,
+    start: Start,
+    along: Array,
+) -> RowPartials:
+    model, dt, chosen = steps.system.model, steps.dt, posed.chosen
+    m, k = len(lam), len(posed.near.bends)
+
+    def rows(moved: Array) -> Array:
+        at, u = pin.integrate(model, posed.at, moved[: len(path)]), path + moved[len(path) :] / dt
+        gaps, J = steps.steps.ends.there(at, u)
+        J_c = J[chosen.rows]
+        bent = gaps[chosen.gaps] - dt * J_c.dot(u)[chosen.normals]
+        return np.concatenate((J_c.dot(v1), lam.dot(J_c), bent))
+
+    moves = np.concatenate((start.at, dt * along))
+    changes = np.zeros((m + len(v1) + k, moves.shape[1]))
+    for i in np.flatnonzero(moves.any(axis=0)):
+        size = float(np.abs(moves[:, i]).max())
+        changes[:, i] = size * slope(rows, moves[:, i] / size)
+    bends = changes[m + len(v1) :] - posed.J_n @ start.at
+    return RowPartials(changes[:m], changes[m : m + len(v1)], bends)
