@@ -123,6 +123,22 @@ def test_a_loop_is_a_weld_unless_the_file_says_otherwise(ends):
     assert cp.load_robot(ends).loops[0].kind == "weld"
 
 
+@pytest.mark.parametrize(
+    ("text", "loop"),
+    [
+        ("planar y", {"kind": "planar", "axis": "y"}),
+        ("Hinge Y", {"kind": "hinge", "axis": "y"}),
+        ("slider x", {"kind": "slider", "axis": "x"}),
+        ("rod 0.25", {"kind": "rod", "length": 0.25}),
+        ("ball", {"kind": "ball"}),
+        ("weld", {"kind": "weld"}),
+    ],
+)
+def test_a_type_may_be_any_kind_of_loop(ends, text, loop):
+    ends.with_suffix(".yaml").write_text(f"{PAIR}type: [{text}]\n")
+    assert cp.load_robot(ends).loops == (cp.Loop("end_c", "end_b", **loop),)
+
+
 def test_a_loop_of_a_file_is_called_as_its_frames_are(tmp_path):
     path = swing(tmp_path, "closedloop1_A", "closedloop1_B")
     path.with_suffix(".yaml").write_text(
@@ -257,6 +273,12 @@ WRONG = {
     "a list of pairs of": "closed_loop: [[end_c, end_b, end_c]]",
     "closed_loop has 1 pairs and type 2": f"{PAIR}type: [3D, 3D]",
     "no type of loop named '4D'": f"{PAIR}type: [4D]",
+    "'hinge': an axis is needed, as in hinge y": f"{PAIR}type: [hinge]",
+    "axis = 'q'": f"{PAIR}type: [hinge q]",
+    "'rod': a length [m] is needed, as in rod 0.3": f"{PAIR}type: [rod]",
+    "'rod long': a length": f"{PAIR}type: [rod long]",
+    "'6D y': it stands alone": f"{PAIR}type: [6D y]",
+    "did you mean 'hinge'": f"{PAIR}type: [hinges]",
     "type = 3: a list of texts": f"{PAIR}type: 3",
     "no joint named 'lefty'": "name_mot: [lefty]",
     "joint_name: no joint named 'lefty'": "joint_name: [lefty]\njoint_type: [SPHERICAL]",

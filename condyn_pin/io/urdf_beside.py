@@ -1,7 +1,9 @@
 """What a YAML or a TOML beside a URDF adds to it, as the parallel robots of Gepetto have it.
 
     closed_loop: [[FRAME, FRAME], ...]     the two ends of each loop
-    type: [6D, 3D, ...]                    of each loop: a weld or a ball; 6D if left out
+    type: [6D, 3D, ...]                    of each loop: 6D is a weld, 3D a ball; 6D if left out;
+                                           or a kind of `Loop` with its axis, or a rod's length:
+                                           hinge y, planar y, slider x, rod 0.3
     name_mot: [JOINT, ...]                 joints with a motor
     joint_name: [JOINT, ...]               joints that a URDF cannot describe,
     joint_type: [SPHERICAL, ...]           and what they are: SPHERICAL, FIXED, or UJOINT_XY, two
@@ -17,11 +19,11 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from reprlib import repr as shortened  # aliases of a YAML may nest without end
-from typing import Any, Final
+from typing import Any, Final, get_args
 
 from condyn_pin._core.files.text import parse_toml
 from condyn_pin._core.names import few, listed
-from condyn_pin.constraints.loop import Loop
+from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel, MissingExtra, unknown_name
 from condyn_pin.io.urdf_closures import stem
 from condyn_pin.io.xml import place
@@ -29,6 +31,7 @@ from condyn_pin.io.xml import place
 _KEYS: Final = ("closed_loop", "type", "name_mot", "joint_name", "joint_type")
 _OWN: Final = ("closed_loop", "name_mot", "joint_name")  # "type" is in files of others too
 _KINDS: Final[Mapping[str, str]] = {"6D": "weld", "3D": "ball"}
+_TYPES: Final = (*_KINDS, *get_args(LoopKind))
 _AXES: Final = tuple(a + b for a in "XYZ" for b in "XYZ" if a != b)
 JOINT_TYPES: Final = ("SPHERICAL", "FIXED", *(f"UJOINT_{axes}" for axes in _AXES))
 _LARGEST: Final = 2**20  # bytes: a robot with a thousand loops has a tenth
@@ -168,13 +171,33 @@ def _loops(said: Mapping[str, Any]) -> list[Loop]:
         raise InvalidModel(f"closed_loop has {len(pairs)} pairs and type {len(kinds)}: as many")
     loops: list[Loop] = []
     for (first, second), kind in zip(pairs, kinds, strict=True):
-        if kind.upper() not in _KINDS:
-            raise InvalidModel(f"type: {unknown_name('type of loop', kind, _KINDS)}")
         name = stem(first) if stem(first) == stem(second) else ""
         taken = name in {loop.name for loop in loops}
-        fields = {"name": name} if name and not taken else {}
-        loops.append(Loop(first, second, _KINDS[kind.upper()], **fields))  # type: ignore[arg-type]
+        named: dict[str, Any] = {"name": name} if name and not taken else {}
+        with place("type"):
+            loops.append(Loop(first, second, **_kind(kind), **named))
     return loops
+
+
+def _kind(text: str) -> dict[str, Any]:
+    """Return kind, axis and length of a loop by the text of its type."""
+    word, *more = text.split() or [""]
+    kind = _KINDS.get(word.upper(), word.lower())
+    if kind not in get_args(LoopKind):
+        raise InvalidModel(str(unknown_name("type of loop", text, _TYPES)))
+    said: dict[str, Any] = {"kind": kind}
+    if kind in ("hinge", "slider", "planar") and len(more) == 1:
+        return said | {"axis": more[0].lower()}
+    if kind == "rod" and len(more) == 1:
+        try:
+            return said | {"length": float(more[0])}
+        except ValueError:
+            more = []
+    if kind in _KINDS.values() and not more:
+        return said
+    wanted = {"rod": "a length [m] is needed, as in rod 0.3", "ball": "it stands alone"}
+    said_of = wanted.get("ball" if kind == "weld" else kind, f"an axis is needed, as in {kind} y")
+    raise InvalidModel(f"{text!r}: {said_of}")
 
 
 def _words(said: Mapping[str, Any], key: str) -> tuple[str, ...]:
