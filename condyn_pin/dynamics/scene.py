@@ -305,6 +305,12 @@ class Scene:
 
         return minimal(self, error=error, motion=motion, watch=watch, solver=solver)
 
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        from condyn_pin.dynamics.html import scene_html
+
+        return scene_html(self)
+
     def __reduce__(self) -> tuple[Any, ...]:
         return Scene, (self.robot, self.constraints, self.contacts)
 

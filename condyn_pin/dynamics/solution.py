@@ -222,6 +222,12 @@ class Solution:
     def _sites(self) -> Sites:
         return Sites(self.scene, self.q)
 
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        from condyn_pin.dynamics.html import solution_html
+
+        return solution_html(self)
+
     def __repr__(self) -> str:
         return (
             f"Solution({self.scene.robot.name}, {len(self.lam)} rows: "

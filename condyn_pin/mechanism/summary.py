@@ -100,6 +100,26 @@ class Summary:
             del facts["singular values"], facts["Delassus matrix"]
         return facts
 
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        from condyn_pin._core import html
+
+        facts = list(self.facts().items())
+        listed = [(name, kind, str(rows)) for name, kind, rows in self.constraints]
+        return html.page(
+            f"Scene of {self.robot}",
+            html.facts(facts),
+            html.folded(
+                "constraints", html.grid(("constraint", "kind", "rows"), listed), count=len(listed)
+            ),
+            html.folded(
+                "contacts", html.grid(("contact", "distance"), self.contacts),
+                count=len(self.contacts),
+            ),
+            html.folded("in the file and not used", html.notes(self.unused)),
+            html.notes(self.notes),
+        )  # fmt: skip
+
     def __str__(self) -> str:
         lines = [f"{label:<16} {text}" for label, text in self.facts().items()]
         lines += [

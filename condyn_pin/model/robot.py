@@ -364,6 +364,12 @@ class Robot:
         rest = (*origin, self.spring_dampers)
         return Robot, (*state, self.actuated, self.springs, self.unused, *rest)
 
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        from condyn_pin.model.robot_html import robot_html
+
+        return robot_html(self)
+
     def __repr__(self) -> str:
         count = len(self.loops)
         return (

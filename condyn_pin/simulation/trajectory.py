@@ -221,6 +221,12 @@ class Trajectory:
     def __len__(self) -> int:
         return len(self.t)
 
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        from condyn_pin.simulation.trajectory_html import trajectory_html
+
+        return trajectory_html(self)
+
     def __repr__(self) -> str:
         return (
             f"Trajectory({self.scene.robot.name}: {len(self.t)} samples to t = {self.t[-1]:.6g} s, "

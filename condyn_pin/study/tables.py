@@ -14,10 +14,11 @@ from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any, ClassVar, Final, Generic, Self, TypeVar
 
+from condyn_pin._core import html
 from condyn_pin._core.files.beside import write_text, written_beside
 from condyn_pin._core.files.text import parse_json, read_text
 from condyn_pin._core.machine import machine
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, MissingExtra
 
 FORMAT: Final = 1  # of the json file; one more whenever a field changes its meaning
 
@@ -155,6 +156,33 @@ class Measurements(Generic[Row]):
     def to_markdown(self) -> str:
         """Return the rows as a table in Markdown."""
         return markdown([heading for heading, _ in self.columns], self.cells())
+
+    def to_pandas(self) -> Any:
+        """Return the rows as a `pandas.DataFrame`, a column a field; `attrs` has the machine.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        try:
+            import pandas
+        except ImportError as error:
+            raise MissingExtra(
+                "a data frame needs pandas: python -m pip install 'condyn_pin[pandas]'"
+            ) from error
+        columns = [f.name for f in fields(self.kind)]  # type: ignore[arg-type]
+        frame = pandas.DataFrame([row.in_words() for row in self.rows], columns=columns)
+        frame.attrs["machine"] = dict(self.machine)
+        return frame
+
+    def _repr_html_(self) -> str:
+        """Return what a notebook shows."""
+        return html.page(
+            f"{type(self).__name__} of {len(self)} rows",
+            html.grid([heading for heading, _ in self.columns], self.cells()),
+            html.folded("measured on", html.facts(self.machine.items())),
+        )
 
     def __len__(self) -> int:
         return len(self.rows)

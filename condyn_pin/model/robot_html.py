@@ -1,0 +1,54 @@
+"""A Robot as a notebook shows it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from condyn_pin._core import html
+
+if TYPE_CHECKING:
+    from condyn_pin.model.robot import Robot
+
+
+def robot_html(robot: Robot) -> str:
+    """Return what a robot is, its joints, loops, contacts, and what is not used."""
+    joints = [
+        (name, _kind(joint), _indices(joint.idx_q, joint.nq), _indices(joint.idx_v, joint.nv),
+         "motor" if name in robot.actuated else "")
+        for name, joint in zip(robot.joints, robot.model.joints[1:], strict=True)
+    ]  # fmt: skip
+    loops = [(loop.name, loop.title, str(loop.rows)) for loop in robot.loops]
+    contacts = [(contact.name, contact.title, str(contact.rows)) for contact in robot.contacts]
+    said = {
+        "coordinates": f"nq {robot.nq}, nv {robot.nv}",
+        "mass": f"{robot.mass:.6g} kg",
+        "motors": str(len(robot.actuated)),
+        "postures": ", ".join(robot.postures) or "none",
+        "source": robot.source or "unknown",
+        "licence": robot.licence or "unknown",
+    }
+    columns = ("name", "kind", "rows")
+    return html.page(
+        f"Robot {robot.name}",
+        html.facts(said.items()),
+        html.folded(
+            f"{len(joints)} joints",
+            html.grid(("joint", "kind", "in q", "in v", ""), joints),
+            count=len(joints),
+        ),
+        html.folded(f"{len(loops)} loops", html.grid(columns, loops), count=len(loops)),
+        html.folded(
+            f"{len(contacts)} ready-made contacts",
+            html.grid(columns, contacts),
+            count=len(contacts),
+        ),
+        html.folded("in the file and not used", html.notes(robot.unused)),
+    )
+
+
+def _kind(joint: Any) -> str:
+    return str(joint.shortname()).removeprefix("JointModel")
+
+
+def _indices(start: int, count: int) -> str:
+    return str(start) if count == 1 else f"{start}:{start + count}"

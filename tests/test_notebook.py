@@ -1,0 +1,177 @@
+"""Values as a notebook shows them: whole, escaped, without anything from outside."""
+
+from __future__ import annotations
+
+import os
+import sys
+from dataclasses import dataclass, field, replace
+from html.parser import HTMLParser
+from types import ModuleType
+
+import numpy as np
+import pytest
+
+import condyn_pin as cp
+
+EMPTY = {"br", "hr", "polyline"}
+
+
+class Page(HTMLParser):
+    """What is in a page, and whether each element that begins also ends."""
+
+    def __init__(self, text: str) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.tags: set[str] = set()
+        self.links: list[str] = []
+        self.text = ""
+        self.feed(text)
+        self.close()
+
+    def handle_starttag(self, tag, attrs):
+        self.tags.add(tag)
+        self.links += [value for name, value in attrs if name in ("src", "href", "onload")]
+        if tag not in EMPTY:
+            self.open.append(tag)
+
+    def handle_endtag(self, tag):
+        if tag not in EMPTY:
+            assert self.open.pop() == tag
+
+    def handle_data(self, data):
+        self.text += data
+
+
+def cassie_standing():
+    cassie = cp.load_robot("cassie")
+    scene = cp.Scene(cassie, cassie.loops)
+    q, v = scene.state("standing")
+    return scene, q, v, cassie.passive_torque(q, v)
+
+
+def falling():
+    solo = cp.load_robot("solo12")
+    scene = cp.Scene(solo, contacts=solo.frictional_contacts(friction=0.7))
+    return cp.simulate(scene, *scene.state(), duration=0.05)
+
+
+def swinging():
+    bar = cp.model.four_bar()
+    scene = cp.Scene(bar, bar.loops)
+    cut = cp.Event(name="cut", at=0.02, scene=cp.Scene(bar))
+    return cp.simulate(scene, *scene.state(), duration=0.05, events=[cut])
+
+
+def solved(**more):
+    return cp.solve(*cassie_standing(), **more)
+
+
+def table():
+    return cp.Study("four_bar", [cp.Proximal(), cp.dynamics.NullSpace()]).run()
+
+
+MADE = {
+    "Robot": (lambda: cp.load_robot("cassie"), ("32.94", "left-knee-op", "4 loops", "motor")),
+    "Scene": (lambda: cassie_standing()[0], ("Loop (ball)", "4, with 12 rows", "summary()")),
+    "Scene of contacts": (lambda: falling().scene, ("FL_FOOT", "FrictionalContact")),
+    "Summary": (lambda: cassie_standing()[0].summary(), ("rank 10", "left-plantar-foot-joint.z")),
+    "Solution": (solved, ("cassie: ok", "error bound of a", "left-plantar-foot-joint", "fz")),
+    "singular Solution": (
+        lambda: solved(solver=cp.DenseKKT(), throw=False),
+        ("cassie: singular", "the matrix of this method is singular", "nan"),
+    ),
+    "Table": (table, ("four_bar loops", "Proximal", "median [us]", "measured on")),
+    "Trajectory": (swinging, ("four_bar: finished", "energy", "cut", "RungeKutta4")),
+    "Trajectory of contacts": (falling, ("solo12: finished", "StewartTrinkle")),
+}
+
+
+@pytest.mark.parametrize("what", MADE)
+def test_a_value_is_shown(what):
+    make, said = MADE[what]
+    html = make()._repr_html_()
+    page = Page(html)
+    assert not page.open
+    assert [text for text in said if text not in page.text] == []
+    assert page.tags <= {
+        "div", "span", "table", "thead", "tbody", "tr", "th", "td", "details", "summary", "svg",
+        "polyline",
+    }  # fmt: skip
+    assert page.links == []
+    assert "url(" not in html
+    assert "#000" not in html.replace("#009e73", "")  # no colour that a dark page would hide
+    assert "#fff" not in html.lower()
+
+
+EVIL = '<img src=x onerror="alert(1)">&amp;\'"</td>'
+
+
+def test_names_from_files_are_escaped():
+    bar = cp.model.four_bar()
+    (loop,) = bar.loops
+    robot = replace(
+        bar, name=EVIL, source=EVIL, licence=EVIL, unused=[EVIL], loops=[replace(loop, name=EVIL)],
+        postures={EVIL: np.array(next(iter(bar.postures.values())))},
+    )  # fmt: skip
+    scene = cp.Scene(robot, robot.loops)
+    q, v = scene.state()
+    values = [
+        robot,
+        scene,
+        scene.summary(),
+        cp.solve(scene, q, v, np.zeros(3)),
+        cp.simulate(scene, q, v, duration=0.002),
+        replace(table(), machine={EVIL: EVIL}),
+    ]
+    for value in values:
+        page = Page(value._repr_html_())
+        assert "img" not in page.tags
+        assert EVIL in page.text
+        assert not page.open
+
+
+def test_a_run_that_failed_says_why():
+    bar = cp.model.four_bar()
+    scene = cp.Scene(bar, bar.loops)
+    q, v = scene.sample(np.random.default_rng(0), speed=2e4)
+    run = cp.simulate(scene, q, v, duration=1.0, dt=0.01, integrator=cp.SemiImplicitEuler())
+    assert not run.status.ok
+    assert run.reason in Page(run._repr_html_()).text
+
+
+@dataclass
+class Frame:
+    """What of a data frame is needed."""
+
+    rows: list
+    columns: list
+    attrs: dict = field(default_factory=dict)
+
+
+def test_a_table_becomes_a_data_frame(monkeypatch):
+    pandas = ModuleType("pandas")
+    pandas.DataFrame = Frame
+    monkeypatch.setitem(sys.modules, "pandas", pandas)
+    measured = table()
+    frame = measured.to_pandas()
+    assert [row["solver"] for row in frame.rows] == [row.solver for row in measured.rows]
+    assert "error_worst" in frame.columns
+    assert frame.attrs["machine"] == measured.machine
+
+
+def test_pandas_has_the_numbers():
+    if "CI" not in os.environ:
+        pytest.importorskip("pandas")
+    measured = table()
+    frame = measured.to_pandas()
+    assert len(frame) == len(measured)
+    assert frame["median_us"].tolist() == [row.median_us for row in measured.rows]
+    assert frame.sort_values("error_worst").iloc[0]["error_worst"] == min(
+        row.error_worst for row in measured.rows
+    )
+
+
+def test_without_pandas_the_remedy_is_named(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(cp.errors.MissingExtra, match=r"pip install 'condyn_pin\[pandas\]'"):
+        table().to_pandas()
