@@ -128,6 +128,10 @@ ISOLATED: Final = 1e-4
 # open by CLOSED; a wheel or a blade leaves its lever as a share of the robot: 0.1 to 1 in ours.
 INTEGRABLE: Final = 1e-8
 
+# How far a Lie bracket by differences has to lead out of those before, relative to its size or 1.
+# Differences of order 4 leave 1e-8 of it a level; of cars and trailers brackets lead out by 0.1 on.
+GROWN: Final = 1e-5
+
 # |J v| of a velocity that is consistent, relative to |v| or 1, whichever is larger [m/s, rad/s].
 # Projection ends at 1e-15; a velocity written to a file with twelve digits is still accepted.
 CONSISTENT: Final = 1e-10

@@ -64,8 +64,8 @@ def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[AnyBound, .
         if not isinstance(constraint, Constraint):
             raise InvalidConstraint(
                 f"{constraint!r}: a contact (PointContact, SurfaceContact, LineContact, "
-                "PlanarContact), what rolls or glides (RollingWheel, RollingBall, KnifeEdge), a "
-                "Loop, a Coupling, a HeldJoint, or one of them Driven is needed"
+                "PlanarContact), what rolls or glides (RollingWheel, RollingBall, KnifeEdge), "
+                "a HeldJoint, a Loop or a Coupling is needed, Driven or not"
             )
         if any(constraint.name == other.name for other in bound):
             raise InvalidConstraint(

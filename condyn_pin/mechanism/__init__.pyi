@@ -4,8 +4,11 @@ from .assembling_many import assemble_batch as assemble_batch
 from .assembly import Assembly as Assembly
 from .assembly import AssemblyStatus as AssemblyStatus
 from .check import Check as Check
+from .classification import Classification as Classification
 from .completion import CompleteState as CompleteState
 from .completion import complete_state as complete_state
+from .growth import growth_vector as growth_vector
+from .integrability import curvature as curvature
 from .integrability import is_integrable as is_integrable
 from .projection import project_acceleration as project_acceleration
 from .projection import project_velocity as project_velocity

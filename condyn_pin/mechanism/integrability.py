@@ -9,6 +9,8 @@ which has to stay within the rows for every X and Y, at every configuration near
 then (Frobenius), the rows are the rates of as many functions of q. A blade fails: by turning and
 gliding it gets sideways.
 
+d is the exterior derivative of the rows; with one velocity filled in it is their `curvature`.
+
 dA is exact, from `condyn_pin.dynamics.derivatives.linearised`: with v = 0 and a = Y, J a + gamma =
 A Y. [X, Y] is the bracket of the joints' own groups: for a free-flyer the cross product of its
 twists, and zero for every joint whose q is a plain vector.
@@ -25,7 +27,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.numerical_rank import null_space
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
@@ -89,6 +91,61 @@ def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
         return True
     of = Linearisation(model, scene.bounds)
     return all(_is_involutive(model, scene.rows, of, each) for each in _at_and_near(scene, q_))
+
+
+@one_blas_thread
+def curvature(scene: Scene, q: ArrayLike, v: ArrayLike) -> Array:
+    """Return how far the rows are from being rates of functions of q, along a velocity.
+
+    K_ij = d_i(v, e_j) = ((dA v) e_j - (dA e_j) v - A [v, e_j])_i,        A' = dA v
+
+    Along velocities that the rows allow, K w with A w = 0, it is zero for holonomic rows. Where it
+    is not, two principles part: with forces J^T lam that do no
+    work (d'Alembert) a machine moves by M a + h = tau + A^T lam. A motion that makes the action
+    stationary among those that the rows allow (vakonomic, of optimal control) has besides
+
+        M a + h = tau + A^T lam - K^T mu,        mu' = -lam,
+
+    which machines do not obey.
+
+    Parameters
+    ----------
+    scene : Scene
+    q, v : (nq,), (nv,) array_like
+
+    Returns
+    -------
+    K : (m, nv) array
+        Rows in the order of the scene, columns in the axes of the joints: K^T mu is a torque or a
+        force for mu [N s, N m s], so that entries are in 1/s, and in m/s where they turn forces
+        into moments.
+
+    Raises
+    ------
+    InvalidArgument
+        If `q` or `v` has a wrong size or is not finite.
+
+    Notes
+    -----
+    Cost: nv + 2 linearisations.
+
+    References
+    ----------
+    Lewis, Murray. Variational principles for constrained systems: theory and experiment.
+    International Journal of Non-Linear Mechanics 30, 1995.
+    """
+    check_scene(scene)
+    model, nv = scene.robot.model, scene.robot.nv
+    scene.robot.check_unedited()
+    q_, v_ = normalised(model, "q", q), finite("v", v, nv)
+    of, still, no_force = Linearisation(model, scene.bounds), np.zeros(nv), np.zeros(scene.rows)
+    by_v = of.at(q_, still, v_, no_force)
+    A, turned = np.array(by_v.J), np.array(by_v.s_q)
+    columns = [
+        of.at(q_, still, e, no_force).s_q @ v_ - turned[:, j] - A @ bracket(model, v_, e)
+        for j, e in enumerate(np.eye(nv))
+    ]
+    return np.array(columns).T.reshape(scene.rows, nv)
 
 
 def _at_and_near(scene: Scene, q: Array) -> Iterator[Array]:

@@ -15,6 +15,7 @@ from condyn_pin._core.names import few
 from condyn_pin.dynamics.contact_gaps import gap_text, gaps_at
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.classification import Classification, classification
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.freedom import base_freedom
 from condyn_pin.mechanism.rank import Rank
@@ -56,6 +57,8 @@ class Summary:
     source, licence : str
     contacts : tuple of (name, text)
         Candidates for contact, and how far each is from touching there.
+    classification : Classification or None
+        What kind of system it is: holonomic or not, sclero- or rheonomic, index of the DAE.
     """
 
     robot: str
@@ -78,6 +81,7 @@ class Summary:
     source: str
     licence: str
     contacts: tuple[tuple[str, str], ...] = ()
+    classification: Classification | None = None
 
     def facts(self) -> dict[str, str]:
         """Return the summary as label and text, for printing."""
@@ -88,6 +92,7 @@ class Summary:
         facts = {
             "robot": f"{self.robot}: nq {self.nq}, nv {self.nv}, {self.mass:.6g} kg",
             "rows": f"{self.rows}, rank {self.rank}, mobility {self.mobility}",
+            "classification": str(self.classification or "unknown"),
             "Gruebler's count": f"{self.gruebler}",
             "redundant rows": redundant,
             "singular values": "{:.3g} ... {:.3g} 1/sqrt(kg)".format(*self.singular_values),
@@ -159,6 +164,7 @@ def summarise(scene: Scene, q: ArrayLike | None) -> Summary:
         source=robot.source,
         licence=robot.licence,
         contacts=tuple(_contacts(scene, at.q)),
+        classification=classification(scene, at),
     )
 
 

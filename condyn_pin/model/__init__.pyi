@@ -2,6 +2,8 @@
 
 from .mechanisms.andrews import andrews as andrews
 from .mechanisms.bricard import bricard as bricard
+from .mechanisms.car import ackermann as ackermann
+from .mechanisms.car import car as car
 from .mechanisms.chain import chain as chain
 from .mechanisms.delta import delta as delta
 from .mechanisms.five_bar import five_bar as five_bar

@@ -1,0 +1,164 @@
+"""Growth vector: to how many places the allowed velocities lead, one after the other.
+
+With X_1 ... X_k fields of velocities that the rows allow, A X = 0, the spaces
+
+    D_1 = span X_i,        D_(j+1) = D_j + [D_1, D_j],        [X, Y] = dY X - dX Y + {X, Y}
+
+grow until no bracket leads out of them. Their dimensions are the growth vector. By Chow's theorem
+every configuration nearby within the last of them can be reached: a unicycle, (2, 3, 4), parks; a
+blade gets sideways; and where the first is the last, rows are integrable (`is_integrable`).
+
+The fields are smooth, the columns of 1 - A^+ A, and their derivatives are differences of order 4
+in the coordinates of the joints; {X, Y} is the bracket of the joints' own groups, that of twists
+for a free-flyer.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from itertools import product
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.parameters import check_count
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.mechanism.check import check
+from condyn_pin.mechanism.closing import Closer
+from condyn_pin.mechanism.integrability import bracket
+
+# A field of velocities in the axes of the joints: q -> (nv,)
+Field = Callable[[Array], Array]
+
+# Step of the differences, and their weights: off by h^4, and by eps / h a bracket.
+_STEP: Final = 1e-2
+_STENCIL: Final = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
+
+
+@one_blas_thread
+def growth_vector(scene: Scene, q: ArrayLike | None = None, *, deepest: int = 4) -> tuple[int, ...]:
+    """Return the dimensions of what allowed velocities, their brackets, and brackets of those span.
+
+    D_(j+1) = D_j + [D_1, D_j], until it no longer grows
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like, optional
+        A closed configuration; the nominal state by default.
+    deepest : int
+        Levels at most: a car with n trailers has 3 + n. Each costs 4 d times the one before, d
+        being the first dimension.
+
+    Returns
+    -------
+    tuple of int
+        The growth vector. Its first entry is the mobility at q; its last one the dimension of the
+        set of places that can be reached nearby (Chow), if fewer than `deepest` levels were needed.
+        A single entry: the rows restrict the position.
+
+    Raises
+    ------
+    InvalidArgument
+        If `q` has a wrong size or is not finite, or `deepest` is no positive number.
+    NotAssembled
+        If a loop is open at q.
+
+    Notes
+    -----
+    A rank of differences: what leads out by less than 1e-5 counts as rounding.
+
+    References
+    ----------
+    Chow. Über Systeme von linearen partiellen Differentialgleichungen erster Ordnung. Mathematische
+    Annalen 117, 1939.
+    Murray, Li, Sastry. A Mathematical Introduction to Robotic Manipulation. CRC Press, 1994,
+    chapters 7 and 8.
+    """
+    check_scene(scene)
+    check_count("deepest", deepest)
+    model = scene.robot.model
+    scene.robot.check_unedited()
+    q_ = scene.nominal.q if q is None else normalised(model, "q", q)
+    check(scene, q_, None).raise_if_open()
+    allowed = _Allowed(scene)
+    first = [allowed.field(i) for i in allowed.chosen(q_)]
+    level, sizes, spanned = first, [len(first)], _Span(model.nv)
+    for X in first:
+        spanned.grows_by(X(q_))
+    for _ in range(deepest - 1):
+        brackets = [allowed.bracket(X, Y) for X, Y in product(first, level) if X is not Y]
+        # those alone that lead further have brackets worth a look
+        level = [Z for Z in brackets if spanned.grows_by(Z(q_))]
+        if not level:
+            break
+        sizes.append(len(spanned.basis))
+    return tuple(sizes)
+
+
+class _Span:
+    """A space that grows; `basis` is orthonormal, a vector a row."""
+
+    def __init__(self, n: int) -> None:
+        self.basis = np.zeros((0, n))
+
+    def grows_by(self, z: Array) -> bool:
+        """Take a vector in, and return whether it leads out of what there was."""
+        out = z - self.basis.T @ (self.basis @ z)
+        size = float(np.linalg.norm(out))
+        if size <= tolerances.GROWN * max(1.0, float(np.linalg.norm(z))):
+            return False
+        self.basis = np.vstack([self.basis, out / size])
+        return True
+
+
+class _Allowed:
+    """The fields of allowed velocities of one scene, X_i(q) = (1 - A^+ A) e_i."""
+
+    def __init__(self, scene: Scene) -> None:
+        self._model, self._closer = scene.robot.model, Closer.of(scene)
+        self._rank = scene.nominal.rank
+
+    def projector(self, q: Array) -> Array:
+        """Return 1 - A^+ A (nv, nv)."""
+        A = self._closer.equations.jacobian(q)
+        V = np.linalg.svd(A)[2][: self._rank]
+        return np.asarray(np.eye(self._model.nv) - V.T @ V)
+
+    def chosen(self, q: Array) -> list[int]:
+        """Return the joints whose fields are a basis at q: the largest of what is left, in turn."""
+        P, found = self.projector(q), []
+        for _ in range(self._model.nv - self._rank):
+            i = int(np.argmax(np.linalg.norm(P, axis=0)))
+            found.append(i)
+            along = P[:, i] / np.linalg.norm(P[:, i])
+            P = P - np.outer(along, along @ P)
+        return found
+
+    def field(self, i: int) -> Field:
+        """Return X_i."""
+        return lambda q: self.projector(q)[:, i]
+
+    def bracket(self, X: Field, Y: Field) -> Field:
+        """Return [X, Y]."""
+
+        def along(q: Array, x: Array, Z: Field) -> Array:
+            ends = (share / _STEP * Z(self._moved(q, k * _STEP * x)) for k, share in _STENCIL)
+            return np.asarray(sum(ends))
+
+        def found(q: Array) -> Array:
+            x, y = X(q), Y(q)
+            return along(q, x, Y) - along(q, y, X) + bracket(self._model, x, y)
+
+        return found
+
+    def _moved(self, q: Array, dq: Array) -> Array:
+        """Return q moved, and closed again: off its own manifold a loop says nothing."""
+        q = np.array(pin.integrate(self._model, q, dq))
+        return self._closer.close(q).q if len(self._closer.rows) else q
