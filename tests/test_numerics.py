@@ -14,6 +14,8 @@ from shared import all_scenes, each_scene, each_solver, states, truth
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.linalg.extended import add, exact_product, exact_residual, split
+from condyn_pin._core.linalg.held_and_free import held_and_free
+from condyn_pin._core.linalg.mass_factor import inverse_factor
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.tolerances import REFERENCE_RANK
 from condyn_pin.constraints.rows.equations import Equations
@@ -87,6 +89,27 @@ def test_minimum_norm_solves_both_equations_with_the_smallest_lam(seed):
     assert np.abs(M @ a - J.T @ lam - r).max() < 1e-12
     assert np.abs(J @ a - s).max() < 1e-12
     assert np.abs(factors.U[:, 4:].T @ lam).max() < 1e-13
+
+
+@pytest.mark.parametrize(("rows", "rank"), [(0, 0), (4, 4), (4, 0), (9, 6), (9, 4), (6, 5)])
+def test_held_and_free_motions_solve_what_the_minimum_norm_does(rows, rank):
+    """Independent, redundant, more rows than columns, zeros, and none at all."""
+    rng = np.random.default_rng(rank)
+    J = rng.normal(size=(rows, rank)) @ rng.normal(size=(rank, 6))
+    A = rng.normal(size=(6, 6))
+    M = A @ A.T + np.eye(6)
+    motions, factors = held_and_free(inverse_factor(M), J, 1e-9), factorise(M, J, 1e-9)
+    assert motions.K.shape == (rows, rank)
+    assert motions.N.shape == (rows, rows - rank)
+    x, y = rng.normal(size=(6, 3)), rng.normal(size=(rows, 3))
+    for had, wanted in zip(motions.solve(x, y), factors.solve(x, y), strict=True):
+        assert np.abs(had - wanted).max(initial=0.0) < 1e-12 * np.abs(wanted).max(initial=1.0)
+    for had, wanted in zip(
+        motions.pushed(), motions.solve(np.eye(6), np.zeros((rows, 6))), strict=True
+    ):
+        assert np.abs(had - wanted).max(initial=0.0) < 1e-13
+    assert np.abs(motions.B @ M @ motions.B.T - np.eye(6)).max() < 1e-13
+    assert np.abs(J.T @ motions.N).max(initial=0.0) < 1e-12
 
 
 def test_tangent_removes_what_the_constraints_see_and_nothing_else():

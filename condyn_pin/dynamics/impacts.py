@@ -241,5 +241,6 @@ def _derivatives(found: Impact) -> tuple[Array, Array]:
     state = at_state(scene, q)
     M, J, factors = state.terms.M, state.terms.J, state.factors
     dv, dlam = factors.solve(np.hstack([-r_q, M]), np.hstack([-s_q, -e * J]))
-    dlam[:, :n] += turning_null_space(linearisation, q, found.lam, J, factors)
+    moved, _ = factors.solve(still, found.lam)
+    dlam[:, :n] += turning_null_space(linearisation, q, moved, factors.U[:, factors.rank :])
     return dv, dlam

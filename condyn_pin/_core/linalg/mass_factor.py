@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache, cached_property
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 
@@ -14,6 +14,8 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidModel
 
 _EPS = float(np.finfo(np.float64).eps)
+
+_NOT_POSITIVE: Final = "the mass matrix is not positive definite at this q"
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,8 +75,22 @@ def factorise_mass(M: Array, *, why: Callable[[], str] = str) -> MassFactor:
     """
     upper, info = lapack().dpotrf(M.T)  # what is below the diagonal, as in np.linalg.cholesky
     if info:
-        raise InvalidModel(why() or "the mass matrix is not positive definite at this q")
+        raise InvalidModel(why() or _NOT_POSITIVE)
     return MassFactor(M, upper.T)
+
+
+def inverse_factor(M: Array) -> Array:
+    """Return L^-1 (nv, nv) of M = L L^T.
+
+    Raises
+    ------
+    InvalidModel
+        If M is not positive definite.
+    """
+    upper, info = lapack().dpotrf(M.T)
+    if info:
+        raise InvalidModel(_NOT_POSITIVE)
+    return np.asarray(lapack().dtrtri(upper, overwrite_c=1)[0].T)
 
 
 def pivots(M: Array) -> Array:

@@ -4,33 +4,24 @@ Both residuals of `condyn_pin.dynamics.derivatives.linearised` stay zero along a
 
     M da - J^T dlam = dtau - r_q dq - r_v dv,        J da = -s_q dq - s_v dv
 
-With independent rows, Y = M^-1 J^T, J Y = U^T U and W = Y U^-1, the inverse of that matrix is
-that of M and a product of rank m:
-
-    [ M  -J^T ]^-1   [ M^-1  0 ]   [  W   ]
-    [ J    0  ]    = [  0    0 ] + [ U^-1 ] [ -W^T  U^-T ].
-
-Where rows are redundant, the derivative is that of the smallest lam (`algebra/minimum_norm.py`).
-With J L^-T = U S V^T and U_r the columns of U that belong to singular values above zero, U_r S^-1
-takes the place of U^-1. The other columns N span the left null space of J, and that lam keeps
-N^T lam = 0: with lam = J w
+Motions that are held and those that are free (`_core/linalg/held_and_free.py`) solve that for all
+columns at once. Where rows are redundant, the derivative is that of the smallest lam. With N the
+left null space of J, that lam keeps N^T lam = 0 as the rows turn: for any w with lam = J w
 
     N^T dlam = N^T (dJ w).
-
-A product with an inverse loses what cancels in it: torques of tons by q, times the M^-1 of grams.
-Where M is badly conditioned each is corrected once by what it leaves in the equations.
 """
 
 from __future__ import annotations
 
-from functools import cache, cached_property
-from typing import TYPE_CHECKING, Any, Final
+from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.linalg.held_and_free import held_and_free
+from condyn_pin._core.linalg.mass_factor import inverse_factor
 from condyn_pin._core.one_thread import of_workspace
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
@@ -44,16 +35,6 @@ from condyn_pin.dynamics.solution import Solution
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
-
-# Squares of the pivots of G that are below this multiple of its rounding may be nothing else: those
-# of redundant rows are up to 6 times it, and those of robots with independent rows 1e7 times it.
-_NOISE: Final = 1e3
-
-_EPS: Final = float(np.finfo(float).eps)
-
-# eps cond(M) from which on products with the inverse are corrected: what cancels costs up to a
-# thousand times as much, and derivatives are promised to DERIVATIVES.
-_ILL: Final = tolerances.DERIVATIVES / 1e4
 
 
 class KktDerivatives(Derivatives):
@@ -72,28 +53,20 @@ class KktDerivatives(Derivatives):
         self._of = of = linearisation.at(q, v, solution.a, solution.lam)
         if solution.applied:
             of.rhs[: self._n, : self._n] += load_partial(workspace.loads, q, solution.applied)
-        self._factors: MinimumNorm | None = None  # of redundant rows
-        self._J = J = workspace.equations.drop_roundoff_rows(of.J)
-        Y = of.M_inv.dot(J.T)
-        nominal = workspace.scene.nominal
-        # where rows are known to be redundant there is nothing to try
-        K = None if nominal.dependent else _independent(J.dot(Y), _rounding(of.M_inv, J))
-        if K is None:
-            self._factors = factorise(of.M, J, tolerances.RANK)
-            K = self._factors.U[:, : self._factors.rank] / self._factors.S[: self._factors.rank]
-        self._inverse, self._workspace, self._v = _inverse(of.M_inv, Y, K), workspace, v
-        self._matrix: Array | None = None
-        if nominal.condition * _EPS > _ILL:
-            self._matrix = _saddle(of.M, J)
+        equations = workspace.equations
+        J = equations.drop_roundoff_rows(of.J)
+        self._motions = held_and_free(inverse_factor(equations.mass(q)), J, tolerances.RANK)
+        self._workspace, self._v = workspace, v
 
     @cached_property
     @of_workspace
     def _null(self) -> Array | None:
         """What keeps lam the smallest as redundant rows turn (m, nv)."""
-        if self._factors is None:
+        motions, of = self._motions, self.solution
+        if not motions.N.shape[1]:
             return None
-        q, lam = self.solution.q, self.solution.lam
-        return turning_null_space(self._linearisation, q, lam, self._J, self._factors)
+        w, _ = motions.solve(np.zeros(self._n), of.lam)
+        return turning_null_space(self._linearisation, of.q, w, motions.N)
 
     @cached_property
     def _lam_by_q(self) -> Array:
@@ -139,98 +112,35 @@ class KktDerivatives(Derivatives):
 
     def _by(self, r: Array, s: Array | None = None) -> tuple[Array, Array]:
         """Return the derivatives by a parameter, from the partials of the two residuals."""
-        n = self._n
-        answer = self._solve(-np.vstack([r, np.zeros((self._m, r.shape[1])) if s is None else s]))
-        return answer[:n], answer[n:]
-
-    def _solve(self, x: Array) -> Array:
-        """Return the inverse times x, corrected where M is badly conditioned."""
-        answer: Array = self._inverse.dot(x)
-        if self._matrix is not None:
-            answer += self._inverse.dot(x - self._matrix.dot(answer))
-        return answer
+        s = np.zeros((self._m, r.shape[1])) if s is None else s
+        return self._motions.solve(-r, -s)
 
     def _form(self) -> tuple[Array, Array, Array]:
-        n = self._n
-        by_state, by_tau = self._solve(self._of.rhs), self._inverse[:, :n].copy()
-        if self._matrix is not None:
-            left = self._matrix.dot(by_tau)
-            left.flat[: n * n : n + 1] -= 1.0  # what is left of the torques, with the other sign
-            by_tau -= self._inverse.dot(left)
+        n, rhs = self._n, self._of.rhs
+        by_state = np.concatenate(self._motions.solve(rhs[:n], rhs[n:]))
+        by_tau = np.concatenate(self._motions.pushed())
         return by_state[:, :n], by_state[:, n:], by_tau
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
         n = self._n
         x = self._of.rhs.dot(np.concatenate([dq, dv]))
-        x[:n] += dtau
-        answer = self._solve(x)
+        da, dlam = self._motions.solve(x[:n] + dtau, x[n:])
         if dq.any() and self._null is not None:
-            answer[n:] += self._null @ dq
-        return answer[:n], answer[n:]
+            dlam += self._null @ dq
+        return da, dlam
 
     def _backward(self, da: Array, dlam: Array) -> tuple[Array, Array, Array]:
         n = self._n
-        y = np.concatenate([da, dlam])
-        x = y @ self._inverse
-        if self._matrix is not None:
-            x += (y - x @ self._matrix) @ self._inverse
-        by_state = x.dot(self._of.rhs)
+        by_tau, forced = self._motions.solve(da, -dlam)  # the transpose, but for signs
+        by_state = by_tau.dot(self._of.rhs[:n]) - forced.dot(self._of.rhs[n:])
         if dlam.any() and self._null is not None:
             by_state[:n] += dlam @ self._null
-        return by_state[:n], by_state[n:], x[:n]
+        return by_state[:n], by_state[n:], by_tau
 
 
-def _independent(G: Array, rounding: float) -> Array | None:
-    """Return U^-1 with U^T U = G (m, m), known to `rounding`; None unless rows are independent."""
-    if not len(G):
-        return G
-    potrf, trtri = _lapack()
-    U, info = potrf(G)
-    pivots = U.diagonal().tolist()
-    least = max(tolerances.RANK * max(pivots), (_NOISE * rounding) ** 0.5)
-    if info or not min(pivots) > least:
-        return None
-    return trtri(U)[0]  # type: ignore[no-any-return]
+def turning_null_space(linearisation: Linearisation, q: Array, w: Array, N: Array) -> Array:
+    """Return N N^T (dJ w) (m, nv): what keeps lam = J w the smallest as the rows turn.
 
-
-def _rounding(M_inv: Array, J: Array) -> float:
-    """Return eps |J| |M^-1| |J^T|: rounding of G = J M^-1 J^T; the largest of M^-1 is diagonal."""
-    return _EPS * float(M_inv.diagonal().max()) * float(np.vdot(J, J))
-
-
-def _saddle(M: Array, J: Array) -> Array:
-    """Return [[M, -J^T], [J, 0]]."""
-    m, n = J.shape
-    K = np.zeros((n + m, n + m))
-    K[:n, :n], K[:n, n:], K[n:, :n] = M, -J.T, J
-    return K
-
-
-def _inverse(M_inv: Array, Y: Array, K: Array) -> Array:
-    """Return the inverse (nv + m, nv + m) of [[M, -J^T], [J, 0]] with K for U^-1."""
-    n, m = Y.shape
-    left = np.empty((n + m, K.shape[1]))
-    left[n:] = K
-    np.dot(Y, K, out=left[:n])
-    right = left.copy()
-    np.negative(right[:n], out=right[:n])
-    inverse: Array = left.dot(right.T)
-    inverse[:n, :n] += M_inv
-    return inverse
-
-
-@cache
-def _lapack() -> tuple[Any, Any]:
-    # imported here: scipy.linalg takes as long to import as Pinocchio
-    from scipy.linalg.lapack import dpotrf, dtrtri
-
-    return dpotrf, dtrtri
-
-
-def turning_null_space(
-    linearisation: Linearisation, q: Array, lam: Array, J: Array, factors: MinimumNorm
-) -> Array:
-    """Return N N^T (dJ w) (m, nv): what keeps lam = J w the smallest as the rows turn."""
-    N = factors.U[:, factors.rank :]
-    w = np.asarray(np.linalg.lstsq(J, lam, rcond=tolerances.RANK)[0], dtype=np.float64)
+    N (m, k) is an orthonormal basis of the left null space of J.
+    """
     return np.asarray(N @ (N.T @ linearisation.turning(q, w)))

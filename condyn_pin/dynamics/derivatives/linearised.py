@@ -15,7 +15,6 @@ Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. R
 from __future__ import annotations
 
 from collections.abc import Sequence
-from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -29,32 +28,22 @@ from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.dynamics.derivatives.carried import Carried, in_series
 
 
-@cache
-def _lapack() -> tuple[Any, Any]:
-    # imported here: scipy.linalg takes as long to import as Pinocchio
-    from scipy.linalg.lapack import dpotrf, dpotri
-
-    return dpotrf, dpotri
-
-
 class Linearised(NamedTuple):
     """The partial derivatives at one (q, v, a, lam)."""
 
-    M: Array  # (nv, nv), the mass matrix
-    M_inv: Array  # (nv, nv), its inverse
     J: Array  # (m, nv)
     rhs: Array  # (nv + m, 2 nv), -[[r_q, r_v], [s_q, s_v]]: what a step of q and v leaves to solve
 
     @property
     def r_q(self) -> Array:
         """(nv, nv)."""
-        n = len(self.M_inv)
+        n = self.J.shape[1]
         return -self.rhs[:n, :n]
 
     @property
     def s_q(self) -> Array:
         """(m, nv)."""
-        n = len(self.M_inv)
+        n = self.J.shape[1]
         return -self.rhs[n:, :n]
 
 
@@ -66,14 +55,12 @@ class Linearisation:
     ) -> None:
         given = model
         model, bounds = in_series(model, bounds)
-        # the model whose q, v and a are asked for, and that in which no axes turn: most often one
-        self._whole, self._whole_data = model, model.createData()
-        self._model, self._data = model, self._whole_data
         self._carried: Carried | None = None
         if model is not given and turning(model):
             self._carried = Carried(model)
-            self._model = model = self._carried.model
-            self._data = model.createData()
+            model = self._carried.model
+        # in which no axes turn
+        self._model, self._data = model, model.createData()
         self._of_constraints = ConstraintPartials(model, self._data, bounds, drift)
         self._drift = drift
         self._m = sum(b.size for b in bounds)
@@ -94,23 +81,7 @@ class Linearisation:
             by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
             rhs, J = self._carried.back(chain, rhs, -by_a, -r), J @ chain.Phi
         self._of_constraints.write_couplings(rhs, J)
-        M = pin.crba(self._whole, self._whole_data, q)
-        return Linearised(M, self._inverse_mass(M, q), J, rhs)
-
-    def _inverse_mass(self, M: Array, q: Array) -> Array:
-        """Return M^-1 (nv, nv) from the factor of M, U^T U.
-
-        `pin.computeMinverse` subtracts what a light body hands on from a heavy one behind it: at a
-        condition of M of 4e5 it has lost nine digits, and the factor five.
-        """
-        potrf, potri = _lapack()
-        U, info = potrf(M)
-        if info:  # M is not positive definite to working precision
-            return np.array(pin.computeMinverse(self._whole, self._whole_data, q))
-        X: Array = potri(U, overwrite_c=1)[0]  # what is below the diagonal of U, and X, is zero
-        M_inv = X + X.T
-        M_inv.flat[:: len(M) + 1] = X.diagonal()
-        return M_inv
+        return Linearised(J, rhs)
 
     def _of_bodies(self, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
         """Return -[[r_q, r_v], [s_q, s_v]] and J, but for couplings, where no axes turn."""

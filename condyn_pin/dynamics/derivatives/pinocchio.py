@@ -30,7 +30,8 @@ from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
-from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg.held_and_free import held_and_free
+from condyn_pin._core.linalg.mass_factor import inverse_factor
 from condyn_pin._core.tolerances import DERIVATIVES, RANK
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives, turning_null_space
@@ -124,12 +125,13 @@ def _make_smallest(workspace: Workspace, solution: Solution, found: Blocks) -> N
     """
     q, n, equations = solution.q, len(solution.a), workspace.equations
     J = equations.jacobian(q)
-    factors = factorise(equations.mass(q), J, RANK)
-    N = factors.U[:, factors.rank :]
+    motions = held_and_free(inverse_factor(equations.mass(q)), J, RANK)
+    N = motions.N
     for block in found:
         block[n:] -= N @ (N.T @ block[n:])
     by_q, _, _ = found
-    by_q[n:] += turning_null_space(workspace.linearisation, q, solution.lam, J, factors)
+    w, _ = motions.solve(np.zeros(n), solution.lam)
+    by_q[n:] += turning_null_space(workspace.linearisation, q, w, N)
 
 
 def _check_agreement(

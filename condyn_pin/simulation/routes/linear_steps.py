@@ -169,7 +169,7 @@ class LinearSteps:
         `mean` (nv, columns) is how the velocity of h changes.
         """
         n, dt = len(v1), self.dt
-        M = of.M
+        M = self.system.equations.mass(posed.at)
         W = self.partials.turning(posed.mean)
         L = posed.condensed.factors.L
         f = dt * (of.rhs[:n, :n] @ start.at + of.rhs[:n, n:] @ mean + start.pulled + M @ (W @ mean))

@@ -1,0 +1,96 @@
+"""Motions that constraints hold, and those that they leave free, orthonormal in the metric of M.
+
+With M = L L^T, LAPACK's complete orthogonal factorisation of the whitened Jacobian J L^-T is
+
+    L^-1 J^T P = Q [ T  0 ] Z,        T upper triangular,    K = P Z^T [ T^-1 ]
+                   [ 0  0 ]                                            [  0   ]
+
+Rows of B = Q^T L^-1 are motions with B M B^T = 1. The first, B_h, are held, one for each
+independent row, and J^T K = M B_h^T: columns of K are the smallest forces that push against them.
+The others are free, J B_f^T = 0. With them
+
+    M a - J^T lam = x,  J a = y      is solved by      a  = B_h^T K^T y + B_f^T B_f x,
+                                                      lam = K (K^T y - B_h x),
+
+and nothing has to cancel: what constraints hold is told apart from the rest before it is divided by
+M. Where rows are redundant, K gives the smallest lam, and the last columns N of P Z^T span what
+they contradict each other by, J^T N = 0.
+
+References
+----------
+Golub, Van Loan. Matrix Computations, 5.5: complete orthogonal decompositions.
+"""
+
+from __future__ import annotations
+
+from typing import Final, NamedTuple
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.mass_factor import lapack
+
+# Columns that LAPACK turns at once.
+_BLOCK: Final = 32
+
+
+class HeldAndFree(NamedTuple):
+    """The motions of one M and J.
+
+    Attributes
+    ----------
+    B : (nv, nv) array
+        Motions, one a row: first those that are held.
+    K : (m, rank) array
+        Forces that push against one of these each.
+    N : (m, m - rank) array
+        Orthonormal forces that redundant rows carry among themselves.
+    """
+
+    B: Array
+    K: Array
+    N: Array
+
+    def solve(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return (a, lam) for one or many right-hand sides x (nv, k), y (m, k)."""
+        rank = self.K.shape[1]
+        moved, asked = self.B.dot(x), self.K.T.dot(y)
+        lam = self.K.dot(asked - moved[:rank])
+        moved[:rank] = asked
+        return self.B.T.dot(moved), lam
+
+    def pushed(self) -> tuple[Array, Array]:
+        """Return `solve` of all unit vectors x, for y = 0."""
+        rank = self.K.shape[1]
+        held, free = self.B[:rank], self.B[rank:]
+        return free.T.dot(free), -self.K.dot(held)
+
+
+def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:
+    """Return the motions of M = L L^T and J (m, nv).
+
+    Rows count as independent whose part of J L^-T is more than a share of the largest.
+    """
+    m, n = J.shape
+    if not m:
+        return _all_free(L_inv, m)
+    of = lapack()
+    R, order, reflectors, _, _ = of.dgeqp3(L_inv.dot(J.T), overwrite_a=1)
+    rank = len(reflectors)  # pivots fall
+    while rank and abs(R[rank - 1, rank - 1]) <= share * abs(R[0, 0]):
+        rank -= 1
+    if not rank:
+        return _all_free(L_inv, m)
+    B = of.dormqr("L", "T", R[:, : len(reflectors)], reflectors, L_inv, _BLOCK * n)[0]
+    T, P_Z = R[:rank], np.eye(m)
+    if rank < m:
+        T, turns, _ = of.dtzrzf(T)
+    P_Z[:rank, :rank] = of.dtrtrs(T[:, :rank], P_Z[:rank, :rank])[0]
+    if rank < m:
+        P_Z = of.dormrz(T, turns, P_Z, trans="T")[0]
+    P_Z = P_Z.take(order.argsort(), axis=0)
+    return HeldAndFree(B, P_Z[:, :rank], P_Z[:, rank:])
+
+
+def _all_free(L_inv: Array, m: int) -> HeldAndFree:
+    return HeldAndFree(L_inv, np.zeros((m, 0)), np.eye(m))
