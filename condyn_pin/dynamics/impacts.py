@@ -169,8 +169,8 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
     ----------
     Featherstone. Rigid Body Dynamics Algorithms. Springer, 2008, section 11.7.
     """
-    check_not_driven(scene, "an impact")
     state = at_state(scene, q, v)
+    check_not_driven(scene, "an impact")
     M, J = state.terms.M, state.terms.J
     by_name, e = restitutions(scene, restitution), np.zeros(scene.rows)
     for bound in scene.bounds:
