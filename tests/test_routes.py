@@ -605,3 +605,69 @@ def test_a_step_whose_contacts_are_taken_at_its_end(seed, friction):
     assert now.dynamics_error < 1e-14
     errors = misses(scene, q, v, np.zeros(6), HARD[0], ActiveSet(), (1e-6, 1e-4, 1e-2))
     assert max(errors) < 1e-8
+
+
+def weighing(scene: cp.Scene, change: np.ndarray) -> cp.Scene:
+    """The scene with other inertial parameters, ten a joint."""
+    model = pin.Model(scene.robot.model)
+    for i, by in enumerate(change.reshape(-1, 10), start=1):
+        pi = model.inertias[i].toDynamicParameters()
+        model.inertias[i] = pin.Inertia.FromDynamicParameters(pi + by)
+    return replace(scene, robot=replace(scene.robot, model=model))
+
+
+def heavier(scene: cp.Scene) -> np.ndarray:
+    """A direction in which bodies weigh more, their centres move, and they turn harder."""
+    rng, pi = np.random.default_rng(7), []
+    for inertia in list(scene.robot.model.inertias)[1:]:
+        least = np.linalg.eigvalsh(inertia.inertia)[0]  # no solid has a negative one
+        sizes = inertia.mass, np.sqrt(inertia.mass * least), least
+        pi.append(np.repeat(sizes, (1, 3, 6)) * rng.normal(size=10))
+    return np.concatenate(pi)
+
+
+def by_weights(scene, q, v, tau, scheme, route, h) -> float:
+    """The relative error of derivatives by inertias: against differences of the route's step."""
+    x, model = heavier(scene), scene.robot.model
+    dt = 0.1 if isinstance(route, EventLocated) else DT
+
+    def end(s):
+        now = cp.step(weighing(scene, s * x), q, v, tau, dt=dt, integrator=scheme)
+        if isinstance(route, ActiveSet):
+            return now.q, now.v
+        d = now.derivatives(route=route)
+        return d.q, d.v
+
+    of = cp.step(scene, q, v, tau, dt=dt, integrator=scheme)
+    of = of.derivatives(route=route, wrt=["inertias"])
+    expected = slope(model, end, h)
+    assert (of.by("inertias")[scene.robot.nv :] == of.dv_dinertias).all()
+    return float(np.abs(of.by("inertias") @ x - expected).max() / np.abs(expected).max())
+
+
+@pytest.mark.parametrize("scheme", [*HARD, *CONVEX], ids=lambda s: type(s).__name__)
+@pytest.mark.parametrize("state", STATES)
+def test_by_what_a_free_robot_weighs(state, scheme):
+    scene, q = solo()
+    v = np.concatenate([STATES[state], np.zeros(12)])
+    v += 0.01 * np.random.default_rng(1).normal(size=18)
+    tau = np.concatenate([np.zeros(6), 0.5 * np.random.default_rng(2).normal(size=12)])
+    assert by_weights(scene, q, v, tau, scheme, ActiveSet(), 1e-3) < 1e-8
+
+
+@pytest.mark.parametrize("scheme", HARD, ids=lambda s: type(s).__name__)
+def test_by_what_weighs_with_loops_and_springs(scheme):
+    scene, q = cassie()
+    v = tangent(scene, q, 0.3 * np.random.default_rng(2).normal(size=scene.robot.nv))
+    assert by_weights(scene, q, v, np.zeros(len(v)), scheme, ActiveSet(), 1e-3) < 1e-8
+
+
+@pytest.mark.parametrize("route", [Softened(), Kappa(1e-2), Kappa(1e-6), EventLocated()], ids=repr)
+def test_by_what_weighs_along_other_routes(route):
+    scene, q = solo()
+    v = np.concatenate([STATES["slide"], np.zeros(12)])
+    v += 0.01 * np.random.default_rng(1).normal(size=18)
+    if isinstance(route, EventLocated):  # the feet come down within the step
+        scene, q, _ = bounce()
+        q[2], v = 0.06, np.array([0.3, 0.2, -1.0, 2.0, 1.0, 0.5])
+    assert by_weights(scene, q, v, np.zeros(len(v)), HARD[1], route, 1e-3) < 1e-7

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -77,7 +78,9 @@ class StepSolution:
     start: StepStart
 
     @one_blas_thread
-    def derivatives(self, *, route: Route | None = None) -> StepDerivatives:
+    def derivatives(
+        self, *, route: Route | None = None, wrt: Sequence[str] = ()
+    ) -> StepDerivatives:
         """Return how q+ and v+ change with q, v, tau and what the contacts are made of.
 
         Parameters
@@ -85,6 +88,9 @@ class StepSolution:
         route : Route, optional
             What is made of kinks and jumps: `ActiveSet()` by default, the derivatives within the
             modes of the step.
+        wrt : sequence of {"friction", "restitution", "solref", "inertias"}
+            What has to be in them beside q, v and tau. Inertias, ten columns a joint, are left out
+            unless they are named; the others are there wherever the step depends on them.
 
         Returns
         -------
@@ -93,7 +99,7 @@ class StepSolution:
         Raises
         ------
         InvalidArgument
-            If the route cannot differentiate a step of this scheme.
+            If the route cannot differentiate a step of this scheme, or by a parameter.
         SolveFailed
             If the contact problem has no answer that modes can be read off.
 
@@ -106,7 +112,7 @@ class StepSolution:
         chosen = ActiveSet() if route is None else route
         if not isinstance(chosen, Route):
             raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
-        return chosen.differentiate(self.scene, self.integrator, self.dt, self.start)
+        return chosen.differentiate(self.scene, self.integrator, self.dt, self.start, wrt)
 
     @property
     def status(self) -> ContactStatus:

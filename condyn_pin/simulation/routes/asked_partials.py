@@ -45,7 +45,7 @@ def asked_partials(steps: LinearSteps, posed: Posed, law: Law, start: Start, ben
 
 def _softer(steps: LinearSteps, posed: Posed, by: AskedBy, gaps: Array, start: Start) -> Array:
     """Return R by all columns (m, columns): by gaps, and by G_nn of each contact."""
-    near = posed.near
+    near, columns = posed.near, steps.columns
     J_c, blocks, lines = posed.J_c, near.blocks, len(near.gaps)
     # the row that each contact, and each row of dry friction, has its stiffness of
     normals = np.arange(len(J_c))[near.normals]
@@ -57,6 +57,9 @@ def _softer(steps: LinearSteps, posed: Posed, by: AskedBy, gaps: Array, start: S
     )
     for i, row in enumerate(rows):
         stiffer[row] = _compliance_by(steps, posed, y[:, i], l_b[:, i], row) @ start.at
+        if steps.inertias:
+            lighter = steps.inertias.momenta(posed.at, y[:, i])
+            stiffer[row, columns.inertias] -= y[:, i] @ lighter
     changed = by.R_stiffness[:, None] * stiffer[of_row]
     of_gaps = np.where(blocks < lines, by.R_gaps, 0.0)
     if lines:

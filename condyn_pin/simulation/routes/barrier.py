@@ -28,10 +28,10 @@ _SMALLEST: Final = 1e-14  # what rounding of sigma leaves of them
 
 
 class Barrier:
-    """The smooth law of one contact problem, for one k [J]."""
+    """The smooth law of one contact problem, for k = kappa size [J]."""
 
-    def __init__(self, problem: ContactProblem, k: float) -> None:
-        self._asked = problem
+    def __init__(self, problem: ContactProblem, kappa: float, size: float) -> None:
+        self._asked, self._size, k = problem, size, kappa * size
         self._problem, unit = normalised(problem)
         self._unit = np.broadcast_to(np.asarray(unit, dtype=np.float64), (problem.rows,))
         # one unit of lam' sigma' is so much energy, the same for all contacts
@@ -66,9 +66,9 @@ class Barrier:
         m, k = self._rows, self._k
         lam, s, eta, p, q = self._parts(x)
         by_sigma, by_lam = np.zeros((m, m)), np.zeros((m, m))
-        by_friction = np.zeros((m, len(self._mu)))
+        by_friction, by_k = np.zeros((m, len(self._mu))), np.zeros(m)
         pushes = self._pushes
-        by_sigma[pushes, pushes], by_lam[pushes, pushes] = lam[pushes], s
+        by_sigma[pushes, pushes], by_lam[pushes, pushes], by_k[pushes] = lam[pushes], s, -1.0
         for i, (n, t, mu) in enumerate(zip(self._n, self._t, self._mu.tolist(), strict=True)):
             if not mu:
                 by_lam[t, t] = 1.0
@@ -80,13 +80,16 @@ class Barrier:
             by_lam[block] = eta[i] * (np.eye(2) + np.outer(b, b) / most**2)
             by_lam[t, n] = -2 * eta[i] * b / lam[n]
             by_friction[t, i] = -2 * eta[i] * b / mu
+            by_k[t] = b / most
         dry = np.arange(self._dry.start, self._dry.stop)
         by_sigma[dry, dry] = 1.0
-        by_lam[dry, dry] = p / (self._limits - lam[dry]) + q / (self._limits + lam[dry])
+        below, above = self._limits - lam[dry], self._limits + lam[dry]
+        by_lam[dry, dry], by_k[dry] = p / below + q / above, 1 / below - 1 / above
         margin = float(np.sqrt(k))  # no mode to be near to
         return Law(
-            lam * self._unit, by_sigma / self._speed, by_lam / self._unit, by_friction, margin
-        )
+            lam * self._unit, by_sigma / self._speed, by_lam / self._unit, by_friction, margin,
+            by_k * k / self._size,
+        )  # fmt: skip
 
     def _parts(self, x: Array) -> tuple[Array, Array, Array, Array, Array]:
         m, c, d = self._rows, len(self._pushes), len(self._limits)

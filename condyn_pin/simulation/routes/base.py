@@ -8,7 +8,8 @@ make of kinks and jumps.
    its parameters, each with a default and a unit. It registers itself in `ROUTES`.
 2. Set `title`, `cost` and `use`: when to take it.
 3. Write `at(steps, t, q, v)`, which returns `StepDerivatives`. If the end of its step is not that
-   of the scheme, write `step` too, and `scheme` if it takes steps of another one.
+   of the scheme, write `step` too, and `scheme` if it takes steps of another one; `parameters` if
+   it has derivatives by others than the scheme takes.
 4. A route that only has another law of the contacts inherits from `LawRoute`, and writes only
    `law(problem, lam, size)`: impulses, and the law linearised at them (`Law`). All else, how the
    problem changes with q, v and tau and how the end of the step follows, is that of `LinearSteps`.
@@ -19,6 +20,7 @@ from __future__ import annotations
 
 import threading
 from abc import ABC, abstractmethod
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from typing import ClassVar
@@ -29,7 +31,10 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.registry import enter
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.routes.columns import PARAMETERS
+from condyn_pin.simulation.routes.inertia_partials import InertiaPartials
 from condyn_pin.simulation.routes.law import Law
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
 from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, differentiated
@@ -55,6 +60,16 @@ class Route(ABC):
         """Return the scheme whose steps are taken; InvalidArgument if there is none."""
         return scheme
 
+    def parameters(self, scheme: ContactScheme) -> tuple[str, ...]:
+        """Return what there are derivatives by, beside q, v and tau, of steps by a `scheme`."""
+        taken = self.scheme(scheme)
+        found = ["friction"]
+        if taken.takes_restitution:
+            found.append("restitution")
+        if hasattr(taken, "solref"):
+            found.append("solref")
+        return (*found, "inertias")
+
     @abstractmethod
     def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
         """Return the end of a step of `steps` from a state, and how it changes."""
@@ -64,10 +79,12 @@ class Route(ABC):
         return steps.step(t, q, v)
 
     def differentiate(
-        self, scene: Scene, scheme: ContactScheme, dt: float, start: StepStart
-    ) -> StepDerivatives:
-        """Return how the end of a step of a `scheme` changes with its `start`."""
-        steps = linear_steps(scene, self.scheme(scheme), dt)
+        self, scene: Scene, scheme: ContactScheme, dt: float, start: StepStart,
+        wrt: Sequence[str] = (),
+    ) -> StepDerivatives:  # fmt: skip
+        """Return how the end of a step of a `scheme` changes with its `start`, and by `wrt`."""
+        names = check_parameters(self, scheme, wrt)
+        steps = linear_steps(scene, self.scheme(scheme), dt, inertias="inertias" in names)
         steps.system.applied.hold(start.tau, start.forces)
         return self.at(steps, 0.0, start.q, start.v)
 
@@ -99,15 +116,41 @@ class LawRoute(Route, ABC):
         return steps.ended(t, q, v, partial(self.law, size=steps.size))
 
 
+def check_parameters(
+    route: Route, scheme: ContactScheme, wrt: Sequence[str], more: tuple[str, ...] = ()
+) -> tuple[str, ...]:
+    """Return the parameters that are asked for; InvalidArgument if a step does not have one.
+
+    `more` are names that are allowed beside those of the route.
+    """
+    if isinstance(wrt, str):
+        raise InvalidArgument(f"wrt = {wrt!r}: a list of names is needed, such as [{wrt!r}]")
+    known = (*more, *route.parameters(scheme))
+    for name in wrt:
+        if name not in known:
+            some = name in PARAMETERS
+            why = f"a step by {route!r} has none by it" if some else "unknown"
+            raise InvalidArgument(f"wrt: {name!r}: {why}; there are {', '.join(known) or 'none'}")
+    return tuple(wrt)
+
+
+def partials_by(scene: Scene, inertias: bool) -> InertiaPartials | None:
+    """Return what derivatives by inertias are made of, if they are asked for."""
+    return InertiaPartials(scene.robot.unedited) if inertias else None
+
+
 # The memory of this thread's last call: a loop over derivatives of one scene makes only one.
 _last = threading.local()
 
 
-def linear_steps(scene: Scene, scheme: ContactScheme, dt: float) -> LinearSteps:
+def linear_steps(
+    scene: Scene, scheme: ContactScheme, dt: float, *, inertias: bool = False
+) -> LinearSteps:
     """Return this thread's linear steps of a scene and a scheme: the last ones, or new ones."""
     kept: LinearSteps | None = getattr(_last, "kept", None)
-    if kept is None or kept.scene is not scene or (kept.scheme, kept.dt) != (scheme, dt):
-        _last.kept = kept = LinearSteps(scene, scheme, dt)
+    asked = scheme, dt, inertias
+    if kept is None or kept.scene is not scene or kept.asked != asked:
+        _last.kept = kept = LinearSteps(scene, scheme, dt, inertias=partials_by(scene, inertias))
     else:
         scene.robot.check_unedited()
     return kept

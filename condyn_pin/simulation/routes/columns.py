@@ -2,21 +2,35 @@
 
 from __future__ import annotations
 
+from typing import Final
+
 import numpy as np
 
 from condyn_pin._core.arrays import Array, Indices
 
+# What the end of a step may depend on, beside its start and the torques.
+PARAMETERS: Final = ("friction", "restitution", "solref", "inertias")
+
 
 class Columns:
-    """The columns of all derivatives of a step: q, v, tau, friction, restitution and solref."""
+    """The columns of all derivatives of a step: q, v, tau, and each of `PARAMETERS`.
 
-    def __init__(self, nv: int, cones: int) -> None:
+    Inertias have none, unless there are `inertias` of them that are asked for.
+    """
+
+    def __init__(self, nv: int, cones: int, inertias: int = 0) -> None:
         self.nv, self.cones = nv, cones
         self.q, self.v, self.tau = (slice(i * nv, (i + 1) * nv) for i in range(3))
         self.friction: Indices = 3 * nv + np.arange(cones)
         self.restitution: Indices = self.friction + cones
         self.solref = slice(3 * nv + 2 * cones, 3 * nv + 2 * cones + 2)
-        self.size = 3 * nv + 2 * cones + 2
+        first = 3 * nv + 2 * cones + 2
+        self.inertias, self.size = slice(first, first + inertias), first + inertias
+
+    def of(self, parameter: str) -> slice | Indices:
+        """Return the columns of one of `PARAMETERS`, or of tau."""
+        found: slice | Indices = getattr(self, parameter)
+        return found
 
     def empty(self, rows: int | None = None) -> Array:
         """Return zeros (rows, columns), nv rows by default."""

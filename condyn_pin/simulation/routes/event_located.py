@@ -152,12 +152,12 @@ class _Parts:
                 later = -(J_n @ dq) / float(J_n @ rate_q)
                 dq, dv = dq + np.outer(rate_q, later), dv + np.outer(rate_v, later)
                 ds, done = later, cut.start + cut.length
-        parameters = ("friction", "restitution")
-        return made(route, self._steps, (q, v), (dq, dv), modes, margin, parameters)
+        return made(route, self._steps, (q, v), (dq, dv), modes, margin)
 
     def _made(self, dt: float, held: NDArray[np.bool_]) -> LinearSteps:
         """Return the linear steps of a part."""
-        made = LinearSteps(self._steps.scene, self._steps.scheme, dt, self._system)
+        of = self._steps
+        made = LinearSteps(of.scene, of.scheme, dt, self._system, inertias=of.inertias)
         made.steps = self._held(dt, held)
         return made
 

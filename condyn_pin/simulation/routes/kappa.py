@@ -57,5 +57,5 @@ class Kappa(LawRoute):
 
     def law(self, problem: ContactProblem, lam: Array, size: float) -> Law:
         """Return the impulses of the smooth law, and the law linearised at them."""
-        barrier = Barrier(problem, self.kappa * size)
+        barrier = Barrier(problem, self.kappa, size)
         return barrier.law(barrier.solve())

@@ -1,6 +1,6 @@
 """Law: what a route takes the law of the contacts for, at one answer.
 
-    by_sigma dsigma + by_lam dlam + by_friction dmu = 0
+    by_sigma dsigma + by_lam dlam + by_friction dmu + by_size dsize = 0
 
 One such row for each of the problem: with sigma = G lam + g it is what a change of g, G and mu asks
 of lam.
@@ -25,6 +25,8 @@ class Law(NamedTuple):
         By the coefficient of each cone of the problem.
     margin : float
         How far the nearest contact is from another mode, in units of the problem [1].
+    by_size : (m,) array, optional
+        By (m g dt) (g dt) of the robot and the step, of a law whose smoothness goes with it [1/J].
     """
 
     lam: Array
@@ -32,3 +34,4 @@ class Law(NamedTuple):
     by_lam: Array
     by_friction: Array
     margin: float
+    by_size: Array | None = None

@@ -38,6 +38,7 @@ from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.asked_partials import asked_partials
 from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.floating_partials import FloatingPartials
+from condyn_pin.simulation.routes.inertia_partials import InertiaPartials
 from condyn_pin.simulation.routes.law import Law
 from condyn_pin.simulation.routes.row_partials import row_partials
 from condyn_pin.simulation.routes.torque_partials import torque_partials
@@ -64,8 +65,9 @@ class LinearSteps:
     size: float  # (m g dt) (g dt), with 9.81 m/s^2 where there is no gravity [J]
 
     def __init__(
-        self, scene: Scene, scheme: ContactScheme, dt: float, system: System | None = None
-    ) -> None:
+        self, scene: Scene, scheme: ContactScheme, dt: float, system: System | None = None,
+        *, inertias: InertiaPartials | None = None,
+    ) -> None:  # fmt: skip
         self.scene, self.scheme, self.dt = scene, scheme, dt
         self.system = system or System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
         self.steps = ContactSteps(scheme, self.system, dt)
@@ -75,7 +77,9 @@ class LinearSteps:
         self._falls = (float(np.linalg.norm(model.gravity.linear)) or 9.81) * dt
         self.size = sum(inertia.mass for inertia in list(model.inertias)) * self._falls**2
         self.turning = ContactTurning(model, scene.contact_bounds)
-        self.columns = Columns(scene.robot.nv, self.system.contacts.cones)
+        self.inertias, self.asked = inertias, (scheme, dt, inertias is not None)
+        weighed = inertias.size if inertias else 0
+        self.columns = Columns(scene.robot.nv, self.system.contacts.cones, weighed)
         self._share = 0.5 * dt if scheme.at_midpoint else dt
         bounds = self.system.equations.bounds
         self._placed = np.array([row for b in bounds for row in b.positioned], dtype=np.int_)
@@ -154,6 +158,9 @@ class LinearSteps:
         A = law.by_sigma @ G + law.by_lam
         b = law.by_sigma @ dsigma
         b[:, self._friction(posed)] += law.by_friction
+        if self.inertias and law.by_size is not None:
+            size = self._falls**2 * self.inertias.mass()
+            b[:, self.columns.inertias] += np.outer(law.by_size, size)
         moved = _least(A, -b)
         factors, X = posed.condensed.factors, posed.condensed.X
         return np.asarray(dv0 + dtrtrs(factors.L.T, X.dot(moved))[0])
@@ -174,6 +181,9 @@ class LinearSteps:
         L = posed.condensed.factors.L
         f = dt * (of.rhs[:n, :n] @ start.at + of.rhs[:n, n:] @ mean + start.pulled + M @ (W @ mean))
         f += L @ (L.T @ start.v)
+        if self.inertias:
+            a = (v1 - posed.v) / dt - self.floating.turning(posed.mean)
+            f[:, self.columns.inertias] -= dt * self.inertias.forces(posed.at, posed.mean, a)
         between = self.system.passive.between
         if between is not None:
             f -= self.stiffer(posed.at, v1 - posed.v) @ start.at
@@ -274,7 +284,10 @@ class LinearSteps:
         U, S, r = factors.U, factors.S, factors.rank
         y = U[:, :r] @ ((factors.V.T @ (factors.L.T @ x)) / S[:r])
         of = self.weightless.at(at, np.zeros(len(x)), x, y)
-        turned = factors.solve_mass(of.rhs[: len(x), : len(x)] @ d_at)
+        left = of.rhs[: len(x), : len(x)] @ d_at
+        if self.inertias:
+            left[:, self.columns.inertias] -= self.inertias.momenta(at, x)
+        turned = factors.solve_mass(left)
         by_q, by_x = pin.dIntegrate(model, part.begin, x)
         dq = by_q @ dq + by_x @ turned
         J1 = self.system.equations.jacobian(part.end)

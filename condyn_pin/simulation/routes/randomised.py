@@ -12,6 +12,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.contact.modes import MODES
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.routes.base import Route
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
 from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, made
@@ -67,6 +68,10 @@ class Randomised(Route):
             raise InvalidArgument(f"sigma = {self.sigma!r}: a number > 0 is needed")
         object.__setattr__(self, "sigma", sigma)
 
+    def parameters(self, scheme: ContactScheme) -> tuple[str, ...]:
+        """Return nothing: states and torques are varied, the scene is not."""
+        return ()
+
     def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
         """Return the end of a step of `steps` from a state, and how it changes."""
         n, columns, rng = len(v), steps.columns, np.random.default_rng(self.seed)
@@ -115,7 +120,7 @@ class Randomised(Route):
             tau.hold(held, ())
         names = steps.system.contacts.names
         named = dict(zip(names, (MODES[code] for code in modes), strict=True))
-        return made(self, steps, centre, (dq, dv), named, inf, ())
+        return made(self, steps, centre, (dq, dv), named, inf)
 
 
 def _free(steps: LinearSteps, q: Array) -> Array:

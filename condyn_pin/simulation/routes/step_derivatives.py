@@ -41,7 +41,8 @@ class StepDerivatives:
     parameters : tuple of str
         What there are derivatives by, beside q, v and tau.
     matrices : tuple of (nv, columns) array
-        q+ and v+ by q, v, tau, friction, restitution and solref, side by side [mixed].
+        q+ and v+ by q, v, tau, friction, restitution and solref, side by side [mixed], and by
+        inertias if they were asked for.
     """
 
     q: Array
@@ -106,6 +107,21 @@ class StepDerivatives:
         self._check("solref")
         return self.matrices[1][:, self._columns.solref]
 
+    @property
+    def dv_dinertias(self) -> Array:
+        """v+ by what bodies weigh (nv, 10 a joint), if ``wrt`` had "inertias".
+
+        In the order of `KktDerivatives.by_inertias`: mass, mass times centre of mass, and the
+        inertia about the joint's origin xx xy yy xz yz zz.
+        """
+        self._check("inertias")
+        return self.matrices[1][:, self._columns.inertias]
+
+    def by(self, parameter: str) -> Array:
+        """Return (q+, v+) by one of `parameters` (2 nv, k), q+ in the tangent."""
+        self._check(parameter)
+        return np.vstack(self.matrices)[:, self._columns.of(parameter)]
+
     def jvp(self, dq: ArrayLike, dv: ArrayLike, dtau: ArrayLike) -> tuple[Array, Array]:
         """Return (dq+, dv+) along dq, dv and dtau, each (nv,)."""
         n = len(self.v)
@@ -121,13 +137,15 @@ class StepDerivatives:
 
     @property
     def _columns(self) -> Columns:
-        return Columns(len(self.v), len(self.names))
+        n, k = len(self.v), len(self.names)
+        return Columns(n, k, self.matrices[0].shape[1] - Columns(n, k).size)
 
     def _check(self, parameter: str) -> None:
         if parameter not in self.parameters:
             raise InvalidArgument(
-                f"{parameter}: the step by {self.route!r} does not depend on it; it has "
-                f"derivatives by q, v, tau{', '.join(('', *self.parameters))}"
+                f"{parameter}: this step by {self.route!r} has derivatives by q, v, "
+                f"tau{', '.join(('', *self.parameters))}; inertias are in them with "
+                'derivatives(wrt=["inertias"])'
             )
 
     def __repr__(self) -> str:
@@ -141,24 +159,17 @@ def differentiated(route: Route, steps: LinearSteps, ended: Ended) -> StepDeriva
     """Return the derivatives of a step that has ended."""
     if not (np.isfinite(ended.dq).all() and np.isfinite(ended.dv).all()):
         raise SolveFailed(f"{route!r}: the derivatives of this step are not finite", None)
-    parameters = ["friction"]
-    if steps.scheme.takes_restitution:
-        parameters.append("restitution")
-    if hasattr(steps.scheme, "solref"):
-        parameters.append("solref")
-    return made(
-        route, steps, (ended.q, ended.v), (ended.dq, ended.dv), modes_of(steps, ended),
-        steps.margin(ended), tuple(parameters),
-    )  # fmt: skip
+    state, matrices = (ended.q, ended.v), (ended.dq, ended.dv)
+    return made(route, steps, state, matrices, modes_of(steps, ended), steps.margin(ended))
 
 
 def made(
     route: Route, steps: LinearSteps, state: tuple[Array, Array],
     matrices: tuple[Array, Array], modes: dict[str, str], margin: float,
-    parameters: tuple[str, ...],
 ) -> StepDerivatives:  # fmt: skip
     """Return the derivatives with these `matrices`, of a step that ends in this `state`."""
-    candidates = steps.system.contacts
+    candidates, known = steps.system.contacts, route.parameters(steps.scheme)
+    parameters = tuple(name for name in known if name != "inertias" or steps.inertias)
     q, v, dq, dv = read_only((*state, *matrices))
     names = candidates.names[: candidates.cones]
     return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters)

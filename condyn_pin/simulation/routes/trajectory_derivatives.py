@@ -2,25 +2,19 @@
 
     x_i+1 = step(x_i, tau + u_i, p),    dx_i+1 = A_i dx_i + B_i du_i + P_i dp
 
-Forward, columns go along with the steps. Backward, the gradient y of what is asked of the end,
-
-    y_i = A_i^T y_i+1,    by u_i: B_i^T y_i+1,    by p: sum_i P_i^T y_i+1
-
-and each step is linearised when its turn comes, at a state that is kept, or taken again from one
-that is: no matrix of another step is in memory.
+Forward, columns go along with the steps; backward, a gradient goes against them (`Chain`).
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from functools import cached_property
-from math import ceil, sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arrays import Array, Indices, finite, read_only
+from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.dynamics.workspace import Workspace
@@ -28,15 +22,14 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.outcome import RunStatus
 from condyn_pin.simulation.routes.active_set import ActiveSet
-from condyn_pin.simulation.routes.base import Route
+from condyn_pin.simulation.routes.base import Route, check_parameters, partials_by
+from condyn_pin.simulation.routes.chain import Chain
+from condyn_pin.simulation.routes.columns import PARAMETERS
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
 from condyn_pin.simulation.routes.step_derivatives import StepDerivatives
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
-
-# What `wrt` may name, beside the start.
-PARAMETERS = ("tau", "friction", "restitution", "solref")
 
 
 class Gradient(NamedTuple):
@@ -48,6 +41,7 @@ class Gradient(NamedTuple):
     friction: Array  # (k,), by the coefficient of each contact; zeros where a route has none
     restitution: Array  # (k,)
     solref: Array  # (2,)
+    inertias: Array  # (10 a joint,); none if `wrt` has not named them
 
 
 class TrajectoryDerivatives:
@@ -69,15 +63,10 @@ class TrajectoryDerivatives:
         self, route: Route, steps: LinearSteps, count: int, start: tuple[Array, Array],
         wrt: tuple[str, ...],
     ) -> None:  # fmt: skip
-        self.route, self.steps, self._linear, self._wrt = route, count, steps, wrt
-        self._every = max(ceil(sqrt(count)), 1)
-        self._kept = [start]  # states of every so many steps
-        state = start
-        for i in range(count):
-            state = route.step(steps, i * steps.dt, *state)
-            if (i + 1) % self._every == 0 and i + 1 < count:
-                self._kept.append(state)
-        self.q, self.v = read_only(state)
+        self.route, self.steps, self._wrt = route, count, wrt
+        self._chain, self._columns = Chain(route, steps, count), steps.columns
+        self._kept = self._chain.kept(start)
+        self.q, self.v = read_only(self._kept[-1])
         self._one_sided: set[int] = set()
 
     @property
@@ -110,65 +99,47 @@ class TrajectoryDerivatives:
         if dtau is not None:
             given = np.asarray(dtau, dtype=np.float64)
             u += finite("dtau", given, (self.steps, n) if given.ndim > 1 else (n,))
-        for i, of in self._forward():
+        for i, of in enumerate(self._forward()):
             x = np.vstack(of.matrices)[:, : 3 * n] @ np.concatenate((x, u[i]))
         return x[:n], x[n:]
 
     @one_blas_thread
     def vjp(self, dq1: ArrayLike, dv1: ArrayLike) -> Gradient:
         """Return the gradient of dq1 . q+ + dv1 . v+, for dq1 and dv1 (nv,), in one sweep back."""
-        n, columns = len(self.v), self._linear.columns
+        n, columns = len(self.v), self._columns
         y = np.concatenate((finite("dq1", dq1, n), finite("dv1", dv1, n)))
-        by_tau, by_others = np.zeros((self.steps, n)), np.zeros(columns.size)
-        for i, of in self._backward():
-            x = y @ np.vstack(of.matrices)
-            by_tau[i] = x[columns.tau]
-            by_others += x
-            y = x[: 2 * n]
-        return Gradient(
-            y[:n], y[n:], by_tau, by_others[columns.friction], by_others[columns.restitution],
-            by_others[columns.solref],
-        )  # fmt: skip
+
+        def asked(i: int, of: StepDerivatives) -> Array | None:
+            self._note(i, of)
+            return y if i == self.steps - 1 else None
+
+        found = self._chain.adjoint(self._kept, asked)
+        start = found.state if self.steps else y
+        others = (found.columns[columns.of(name)] for name in PARAMETERS)
+        return Gradient(start[:n], start[n:], found.tau, *others)
 
     @cached_property
     @one_blas_thread
     def _matrices(self) -> dict[str, Array]:
-        n, columns = len(self.v), self._linear.columns
-        places: dict[str, slice | Indices] = {
-            "tau": columns.tau, "friction": columns.friction, "restitution": columns.restitution,
-            "solref": columns.solref,
-        }  # fmt: skip
+        n, columns = len(self.v), self._columns
+        places = {name: columns.of(name) for name in self._wrt}
         found = {"state": np.eye(2 * n)}
-        found |= {name: columns.empty(2 * n)[:, places[name]] for name in self._wrt}
-        for _, of in self._forward():
+        found |= {name: columns.empty(2 * n)[:, at] for name, at in places.items()}
+        for of in self._forward():
             A = np.vstack(of.matrices)
             found = {name: A[:, : 2 * n] @ block for name, block in found.items()}
-            for name in self._wrt:
-                found[name] += A[:, places[name]]
+            for name, at in places.items():
+                found[name] += A[:, at]
         return found
 
-    def _forward(self) -> Iterator[tuple[int, StepDerivatives]]:
-        state = self._kept[0]
-        for i in range(self.steps):
-            of = self._at(i, state)
-            yield i, of
-            state = of.q, of.v
+    def _forward(self) -> Iterator[StepDerivatives]:
+        for i, of in enumerate(self._chain.forward(self._kept[0])):
+            self._note(i, of)
+            yield of
 
-    def _backward(self) -> Iterator[tuple[int, StepDerivatives]]:
-        for k in reversed(range(len(self._kept))):
-            first = k * self._every
-            last = min(first + self._every, self.steps)
-            states = [self._kept[k]]
-            for i in range(first, last - 1):
-                states.append(self.route.step(self._linear, i * self._linear.dt, *states[-1]))
-            for i in reversed(range(first, last)):
-                yield i, self._at(i, states[i - first])
-
-    def _at(self, i: int, state: tuple[Array, Array]) -> StepDerivatives:
-        of = self.route.at(self._linear, i * self._linear.dt, *state)
+    def _note(self, i: int, of: StepDerivatives) -> None:
         if of.one_sided:
             self._one_sided.add(i)
-        return of
 
     def __repr__(self) -> str:
         return f"TrajectoryDerivatives({self.route!r}: {self.steps} steps)"
@@ -194,8 +165,9 @@ def trajectory_derivatives(
         By a scheme with contacts, and without events.
     tau : 0, (nv,) array_like or callable, optional
         What was applied: as `simulate` was given it [N, N m].
-    wrt : sequence of {"tau", "friction", "restitution", "solref"}
-        What matrices are formed by, beside the start; the gradient of `vjp` has all of them.
+    wrt : sequence of {"tau", "friction", "restitution", "solref", "inertias"}
+        What matrices are formed by, beside the start; the gradient of `vjp` has all of them, but
+        inertias, ten columns a joint, only if they are named.
     route : Route, optional
         `ActiveSet()` by default.
     forces, jacobian : optional
@@ -208,7 +180,7 @@ def trajectory_derivatives(
     Raises
     ------
     InvalidArgument
-        If the motion is of another kind, or a parameter is unknown.
+        If the motion is of another kind, or its steps have no derivatives by a parameter.
 
     Notes
     -----
@@ -222,7 +194,7 @@ def trajectory_derivatives(
     chosen = ActiveSet() if route is None else route
     if not isinstance(chosen, Route):
         raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
-    run, names = motion.run, tuple(wrt)
+    run = motion.run
     if not isinstance(run.integrator, ContactScheme):
         raise InvalidArgument(
             f"motion: it is by {run.integrator!r}; one by a scheme with contacts is needed, such "
@@ -230,8 +202,7 @@ def trajectory_derivatives(
         )
     if len(motion.phases) > 1 or run.happened or run.status is not RunStatus.FINISHED:
         raise InvalidArgument("motion: one that went to its end without events is needed")
-    if unknown := [name for name in names if name not in PARAMETERS]:
-        raise InvalidArgument(f"wrt: {unknown[0]!r} is none of {', '.join(PARAMETERS)}")
+    names = check_parameters(chosen, run.integrator, wrt, ("tau",))
     effects = run.effects
     scene = effects.applied_to(motion.scene)
     applied = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
@@ -239,7 +210,8 @@ def trajectory_derivatives(
         Workspace(scene.bilateral), applied, springs=effects.springs, damping=effects.damping,
         contacts=scene.contact_bounds,
     )  # fmt: skip
-    steps = LinearSteps(scene, chosen.scheme(run.integrator), run.dt, system)
+    by = partials_by(scene, "inertias" in names)
+    steps = LinearSteps(scene, chosen.scheme(run.integrator), run.dt, system, inertias=by)
     count = round(float(motion.t[-1] - motion.t[0]) / run.dt)
     with np.errstate(all="ignore"):
         start = np.array(motion.q[0]), np.array(motion.v[0])
