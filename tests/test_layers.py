@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import subprocess
 import sys
+from dataclasses import replace
 
 import jax
 import numpy as np
@@ -16,6 +17,7 @@ from shared import central, robot
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.layers.configurations import Configurations
+from condyn_pin.simulation import trajectory_derivatives
 
 CURVED = {
     "free flyer": pin.JointModelFreeFlyer,
@@ -351,6 +353,7 @@ def test_an_action_is_differentiated_where_a_step_opens_its_loop():
 def test_without_the_library_the_extra_is_named(library):
     program = f"""
 import sys
+from dataclasses import replace
 sys.modules["{library}"] = None
 import condyn_pin as cp
 bar = cp.model.four_bar()
@@ -361,3 +364,176 @@ except cp.errors.MissingExtra as error:
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
     assert f"condyn_pin[{library}]" in done.stdout, done.stderr
+
+
+def weights(machine: cp.Robot) -> np.ndarray:
+    """What its bodies weigh, ten numbers a joint."""
+    return np.array([Y.toDynamicParameters() for Y in list(machine.model.inertias)[1:]])
+
+
+@functools.cache
+def motions() -> dict:
+    """Scenes with how they are stepped, what else there is to vary, and where they begin."""
+    bar = robot("four_bar")
+    swing = cp.Scene(bar, bar.loops)
+    ball = cp.model.free_ball(mass=1.0, radius=0.05)
+    floor = cp.FrictionalContact("ball", cp.constraints.Ball(0.05), friction=0.1, restitution=0.4)
+    lands, soft = cp.Scene(ball, contacts=[floor]), replace(floor, restitution=0.0)
+    sinks = cp.Scene(ball, contacts=[soft])
+    q, v = lands.state()
+    q = pin.integrate(ball.model, q, np.array([0, 0, 0.0535, 0.3, 0.2, 0.1]))
+    q[2] = 0.0535
+    v[:] = 1.5, 0.1, -0.6, 1.0, 2.0, 0.5
+    below = q.copy()
+    below[2] = 0.0496
+    return {
+        "loops": (swing, {"integrator": cp.Moreau(), "wrt": ["inertias"]},
+                  (*swing.sample(np.random.default_rng(0)),), (weights(bar),)),
+        "lands": (lands, {"integrator": cp.Moreau(), "wrt": ["friction", "restitution"]}, (q, v),
+                  (np.array([0.1]), np.array([0.4]))),
+        "sinks": (sinks, {"integrator": cp.simulation.SoftStep(), "wrt": ["solref", "inertias"]},
+                  (below, v), (np.array([0.02, 1.0]), weights(ball))),
+        "smooth": (sinks, {"route": cp.simulation.Kappa(1e-2), "wrt": ["friction"]}, (below, v),
+                   (np.array([0.3]),)),
+    }  # fmt: skip
+
+
+def moving(label: str, steps: int, make, **more):
+    """A layer of a whole motion, and what to call it with."""
+    scene, how, (q, v), parameters = motions()[label]
+    tau = np.random.default_rng(4).normal(size=(steps, scene.robot.nv))
+    return make(scene, dt=2e-3, **how, **more), (q, v, tau, *parameters)
+
+
+def by_shares(layer, of, times):
+    """The layer as a function of q, v, tau and of shares by which parameters change."""
+    start, values = of[:3], of[3:]
+
+    def call(q, v, tau, *shares):
+        changed = (times(x, 1.0 + share) for x, share in zip(values, shares, strict=True))
+        return layer(q, v, tau, *changed)
+
+    return call, (*start, *(np.zeros_like(x) for x in values))
+
+
+MOTIONS = ("loops", "lands", "sinks", "smooth")
+
+
+@pytest.mark.parametrize("label", MOTIONS)
+def test_torch_gradients_of_motions_are_those_of_differences(label):
+    """By the start, the torques of each step and parameters; on the way and at the end."""
+    layer, of = moving(label, 2, cp.layers.torch_simulate, every=1)
+    call, of = by_shares(layer, of, lambda x, y: torch.tensor(x) * y)
+    inputs = tensors(of)
+    q, v = call(*inputs)
+    assert q.shape == (2, len(of[0]))
+    assert v.shape == (2, len(of[1]))
+    assert torch.autograd.gradcheck(
+        call, inputs, eps=1e-5, atol=1e-5, rtol=1e-5, check_forward_ad=True
+    )
+
+
+@pytest.mark.parametrize("label", MOTIONS)
+def test_jax_gradients_of_motions_are_those_of_differences(label):
+    layer, of = moving(label, 2, cp.layers.jax_simulate, every=1)
+    call, of = by_shares(layer, of, lambda x, y: x * y)
+    check_grads(call, of, 1, ["rev"], 1e-5, 1e-5, eps=1e-5)
+
+
+@pytest.mark.parametrize("label", MOTIONS)
+def test_torch_and_jax_have_one_motion(label):
+    """To the bits, and their gradients; jitted, and that of `simulate` at its end."""
+    scene, how, _, _ = motions()[label]
+    layer, of = moving(label, 5, cp.layers.torch_simulate)
+    in_jax, _ = moving(label, 5, cp.layers.jax_simulate)
+    inputs = tensors(of)
+    end = layer(*inputs)
+    sum(each.sum() for each in end).backward()
+    found = jax.jit(jax.value_and_grad(lambda *at: sum(x.sum() for x in in_jax(*at)), (0, 1, 2)))
+    value, gradients = found(*of)
+    assert float(value) == pytest.approx(sum(x.detach().sum().item() for x in end), rel=1e-13)
+    for by_torch, by_jax in zip(inputs, gradients, strict=False):
+        assert np.abs(by_torch.grad.numpy() - np.asarray(by_jax)).max() < 1e-12
+    if "route" in how:  # which has steps of its own
+        return
+
+    def held(t, q, v):
+        return of[2][min(int(t / 2e-3 + 1e-6), 4)]
+
+    run = cp.simulate(scene, *of[:2], held, duration=1e-2, dt=2e-3, integrator=how["integrator"],
+                      close_start=scene.rows > 0)  # fmt: skip
+    assert np.abs(end[0].detach().numpy() - run.q[-1]).max() < 1e-12
+    assert np.abs(end[1].detach().numpy() - run.v[-1]).max() < 1e-9
+
+
+def test_a_motion_is_the_sweep_of_trajectory_derivatives():
+    """Of Solo12 as it slides, with parameters: in one sweep back."""
+    scene, (q, v, tau) = stepping()
+    feet, rng = np.full(4, 0.7), np.random.default_rng(2)
+    layer = cp.layers.torch_simulate(scene, dt=1e-3, wrt=["friction", "inertias"])
+    inputs = tensors((q, v, np.tile(tau, (12, 1)), feet, weights(scene.robot)))
+    g_q, g_v = rng.normal(size=19), rng.normal(size=18)
+    end = layer(*inputs)
+    (end[0] @ torch.tensor(g_q) + end[1] @ torch.tensor(g_v)).backward()
+    run = cp.simulate(scene, q, v, tau, duration=0.012, dt=1e-3, close_start=False)
+    of = trajectory_derivatives(run, tau, wrt=["inertias"])
+    wanted = of.vjp(g_q @ Configurations(scene.robot).rates(of.q), g_v)
+    by_q = cp.layers.tangent_gradient(scene.robot, q, inputs[0].grad)
+    found = [by_q, *(each.grad.numpy() for each in inputs[1:])]
+    order = (wanted.q, wanted.v, wanted.tau, wanted.friction, wanted.inertias.reshape(12 + 1, 10))
+    for had, want in zip(found, order, strict=True):
+        assert np.abs(had - want).max() < 1e-7 * np.abs(want).max()
+
+
+def test_batches_of_motions_are_the_motions_one_by_one():
+    layer, (q, v, tau, _, e) = moving("lands", 3, cp.layers.torch_simulate)
+    in_jax, _ = moving("lands", 3, cp.layers.jax_simulate)
+    some, taus = np.array([[0.05], [0.1], [0.3]]), np.stack([tau, 2 * tau])[:, None]
+    batch = layer(*tensors((q, v, taus, some, e)))
+    assert batch[0].shape == (2, 3, 7)
+    for i, j in np.ndindex(2, 3):
+        one = layer(*tensors((q, v, taus[i, 0], some[j], e)))
+        assert all(torch.equal(x[i, j], y) for x, y in zip(batch, one, strict=True))
+    mapped = torch.func.vmap(lambda mu: layer(*tensors((q, v, tau)), mu, torch.tensor(e))[1])
+    assert torch.equal(mapped(torch.tensor(some)), batch[1][0])
+    by_jax = jax.vmap(jax.grad(lambda mu: in_jax(q, v, tau, mu, e)[1].sum()))(some)
+    leaf = torch.tensor(some, requires_grad=True)
+    layer(*tensors((q, v, tau), False), leaf, torch.tensor(e))[1].sum().backward()
+    assert np.abs(np.asarray(by_jax) - leaf.grad.numpy()).max() < 1e-14
+    assert float(leaf.grad.abs().min()) > 1e-2
+
+
+def test_what_no_motion_takes_is_named():
+    layer, (q, v, tau, mu, e) = moving("lands", 4, cp.layers.torch_simulate, every=3)
+    q, v, tau, mu, e = tensors((q, v, tau, mu, e))
+    scene, refused = motions()["lands"][0], pytest.raises
+    with refused(cp.InvalidArgument, match=r"4 steps: a multiple of every = 3"):
+        layer(q, v, tau, mu, e)
+    with refused(cp.InvalidArgument, match=r"tau has shape \(6,\): the last 2 axes .*\(steps, 6\)"):
+        layer(q, v, tau[0], mu, e)
+    with refused(cp.InvalidArgument, match="tau has no steps"):
+        layer(q, v, tau[:0], mu, e)
+    with refused(cp.InvalidArgument, match=r"friction is float32.*friction\.double\(\)"):
+        layer(q, v, tau, mu.float(), e)
+    with refused(cp.InvalidArgument, match="4 arrays: 5 are needed, q, v, tau, friction, rest"):
+        layer(q, v, tau, mu)
+    with refused(cp.InvalidArgument, match="friction = -0.1"):
+        layer(q, v, tau[:3], -mu, e)
+    with refused(cp.InvalidArgument, match="every = 0"):
+        cp.layers.torch_simulate(scene, dt=1e-3, integrator=cp.Moreau(), every=0)
+    with refused(cp.InvalidArgument, match="wrt: 'solref': a step by ActiveSet.. has none by it"):
+        cp.layers.torch_simulate(scene, dt=1e-3, integrator=cp.Moreau(), wrt=["solref"])
+    with refused(cp.InvalidArgument, match="wrt: 'mass': unknown"):
+        cp.layers.jax_step(scene, dt=1e-3, integrator=cp.Moreau(), wrt=["mass"])
+    with refused(cp.InvalidArgument, match=r"wrt = 'friction': a list"):
+        cp.layers.jax_step(scene, dt=1e-3, integrator=cp.Moreau(), wrt="friction")
+    heavy, of = moving("sinks", 2, cp.layers.torch_simulate)
+    with refused(cp.errors.InvalidModel, match="the mass on floating is negative"):
+        heavy(*tensors((*of[:-1], -of[-1])))
+    end, _ = layer(q, v, tau[:3], mu, e)
+    (by_v,) = torch.autograd.grad(end.sum(), v, create_graph=True)
+    with refused(cp.InvalidArgument, match="first derivatives only"):
+        by_v.sum().backward()
+    in_jax, of = moving("lands", 2, cp.layers.jax_simulate)
+    with refused(cp.InvalidArgument, match="first derivatives only"):
+        jax.hessian(lambda v: in_jax(of[0], v, *of[2:])[1].sum())(of[1])

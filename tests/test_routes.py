@@ -671,3 +671,50 @@ def test_by_what_weighs_along_other_routes(route):
         scene, q, _ = bounce()
         q[2], v = 0.06, np.array([0.3, 0.2, -1.0, 2.0, 1.0, 0.5])
     assert by_weights(scene, q, v, np.zeros(len(v)), HARD[1], route, 1e-3) < 1e-7
+
+
+@pytest.mark.parametrize(
+    ("scheme", "route", "parameter"),
+    [
+        (HARD[0], ActiveSet(), "friction"), (HARD[1], ActiveSet(), "friction"),
+        (HARD[1], ActiveSet(), "restitution"), (HARD[1], Kappa(1e-3), "restitution"),
+        (HARD[1], Kappa(1e-3), "friction"), (CONVEX[0], ActiveSet(), "friction"),
+        (CONVEX[1], ActiveSet(), "friction"), (CONVEX[1], ActiveSet(), "solref"),
+        (CONVEX[1], Kappa(1e-3), "solref"), (HARD[0], Softened(), "friction"),
+        (HARD[0], Softened(), "solref"),
+    ],
+    ids=lambda x: x if isinstance(x, str) else type(x).__name__,
+)  # fmt: skip
+def test_by_what_contacts_are_made_of(scheme, route, parameter):
+    """Against differences of the step itself, sliding on four feet."""
+    scene, q = solo()
+    v = np.concatenate([STATES["slide"], np.zeros(12)])
+    v += 0.01 * np.random.default_rng(1).normal(size=18)
+    shares = np.random.default_rng(9).normal(size=2 if parameter == "solref" else 4)
+
+    def at(s):
+        made, how, through = scene, scheme, route
+        if parameter == "solref":
+            solref = {"solref": (0.02 + 0.01 * s * shares[0], 1.0 + s * shares[1])}
+            how = replace(how, **solref) if how is CONVEX[1] else how
+            through = replace(route, **solref) if isinstance(route, Softened) else route
+        else:
+            was = {"friction": 0.7, "restitution": 0.0 if scheme is not HARD[1] else 0.3}
+            law = [{**was, parameter: was[parameter] + s * x} for x in shares]
+            contacts = [replace(c, **p) for c, p in zip(scene.contacts, law, strict=True)]
+            made = cp.Scene(scene.robot, contacts=contacts)
+        return cp.step(made, q, v, dt=DT, integrator=how), through
+
+    def end(s):
+        now, through = at(s)
+        if isinstance(through, ActiveSet):
+            return now.q, now.v
+        d = now.derivatives(route=through)
+        return d.q, d.v
+
+    now, _ = at(0.0)
+    by = now.derivatives(route=route, wrt=[parameter]).by(parameter)
+    along = by @ (shares * (0.01, 1.0) if parameter == "solref" else shares)
+    expected = slope(scene.robot.model, end, 1e-4)
+    assert np.abs(expected).max() > 1e-4
+    assert np.abs(along - expected).max() < 1e-8 * np.abs(expected).max()

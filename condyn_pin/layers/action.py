@@ -122,7 +122,7 @@ class Action:
             As `step`.
         """
         _, d = self._map.change(*self._state(x, u))
-        both = np.vstack(self._map.matrices(d))
+        both = d.matrix
         n = 2 * self._map.nv
         return both[:, :n], both[:, n:] @ self.B
 

@@ -10,7 +10,8 @@ from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.layers.state_map import Pair, StateMap
+from condyn_pin.layers.layer_map import Pair
+from condyn_pin.layers.state_map import StateMap
 
 
 class SolveMap(StateMap):
@@ -21,12 +22,12 @@ class SolveMap(StateMap):
         super().__init__(scene.robot)
         self.x_size, self.y_size = scene.robot.nv, scene.rows
 
-    def answer(self, q: Array, v: Array, tau: Array) -> Pair:
+    def answer(self, q: Array, v: Array, tau: Array, *_: Array) -> Pair:
         """Return a and lam."""
         found = self._workspace.solve(q, v, tau)
         return found.a, found.lam
 
-    def change(self, q: Array, v: Array, tau: Array) -> tuple[Pair, Derivatives]:
+    def change(self, q: Array, v: Array, tau: Array, *_: Array) -> tuple[Pair, Derivatives]:
         """Return a and lam, and their derivatives."""
         found = self._workspace.derivatives(q, v, tau)
         return (found.solution.a, found.solution.lam), found

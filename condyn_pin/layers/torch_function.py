@@ -9,39 +9,39 @@ import torch
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.layers.state_map import StateMap
-from condyn_pin.layers.torch_layer import TorchLayer
+from condyn_pin.layers.layer import Layer
+from condyn_pin.layers.layer_map import LayerMap
 
 Tensor = Any  # a torch.Tensor: whose types are not read, that takes longer than all of ours
 
 
-def layer(of: StateMap) -> TorchLayer:
+def layer(of: LayerMap) -> Layer:
     """Return a map as a function of tensors."""
-    sizes = {"q": of.nq, "v": of.nv, "tau": of.nv}
 
-    def call(q: Tensor, v: Tensor, tau: Tensor) -> tuple[Tensor, Tensor]:
-        tensors = [q, v, tau]
-        for (name, size), tensor in zip(sizes.items(), tensors, strict=True):
-            _check(name, tensor, size)
+    def call(q: Tensor, v: Tensor, tau: Tensor, *parameters: Tensor) -> tuple[Tensor, Tensor]:
+        tensors = [q, v, tau, *parameters]
+        for name, tensor in zip(of.inputs, tensors, strict=False):
+            _check(name, tensor)
+        axes = of.leading([tuple(each.shape) for each in tensors])
         try:
-            leading = torch.broadcast_shapes(*(each.shape[:-1] for each in tensors))
+            leading = torch.broadcast_shapes(*axes)
         except RuntimeError:
-            shapes = ", ".join(str(tuple(each.shape)) for each in tensors)
-            raise InvalidArgument(
-                f"q, v, tau have the shapes {shapes}: leading axes that broadcast are needed"
-            ) from None
-        found = _Layer.apply(of, *(each.expand(*leading, each.shape[-1]) for each in tensors))
-        return found  # type: ignore[no-any-return]
+            raise InvalidArgument(of.not_broadcast([each.shape for each in tensors])) from None
+        spread = (
+            each.expand(*leading, *each.shape[len(own) :])
+            for own, each in zip(axes, tensors, strict=True)
+        )
+        return _Layer.apply(of, *spread)  # type: ignore[no-any-return]
 
     return call
 
 
 class _Layer(torch.autograd.Function):  # type: ignore[misc]
-    """x, y = f(q, v, tau), all with the same leading axes."""
+    """x, y = f(q, v, tau, ...), all with the same leading axes."""
 
     @staticmethod
-    def forward(of: StateMap, q: Tensor, v: Tensor, tau: Tensor) -> tuple[Tensor, Tensor]:
-        x, y = of.value(*map(_numbers, (q, v, tau)))
+    def forward(of: LayerMap, *inputs: Tensor) -> tuple[Tensor, Tensor]:
+        x, y = of.value(*map(_numbers, inputs))
         return torch.from_numpy(x), torch.from_numpy(y)
 
     @staticmethod
@@ -52,7 +52,7 @@ class _Layer(torch.autograd.Function):  # type: ignore[misc]
 
     @staticmethod
     def backward(ctx: Any, dx: Tensor, dy: Tensor) -> Any:
-        return None, *_Slopes.apply(ctx.of.vjp, 3, *ctx.saved_tensors, dx, dy)
+        return None, *_Slopes.apply(ctx.of.vjp, len(ctx.of.inputs), *ctx.saved_tensors, dx, dy)
 
     @staticmethod
     def jvp(ctx: Any, _: None, *steps: Tensor | None) -> Any:
@@ -64,7 +64,7 @@ class _Layer(torch.autograd.Function):  # type: ignore[misc]
         return _Slopes.apply(ctx.of.jvp, 2, *state, *moved)
 
     @staticmethod
-    def vmap(info: Any, in_dims: tuple[Any, ...], of: StateMap, *tensors: Tensor) -> Any:
+    def vmap(info: Any, in_dims: tuple[Any, ...], of: LayerMap, *tensors: Tensor) -> Any:
         return _Layer.apply(of, *_in_front(info, in_dims[1:], tensors)), (0, 0)
 
 
@@ -105,7 +105,7 @@ def _in_front(info: Any, in_dims: tuple[Any, ...], tensors: tuple[Tensor, ...]) 
     ]
 
 
-def _check(name: str, tensor: Any, size: int) -> None:
+def _check(name: str, tensor: Any) -> None:
     if not isinstance(tensor, torch.Tensor):
         raise InvalidArgument(f"{name} is a {type(tensor).__name__}: a torch.Tensor is needed")
     if tensor.dtype != torch.float64:
@@ -116,8 +116,4 @@ def _check(name: str, tensor: Any, size: int) -> None:
     if tensor.device.type != "cpu":
         raise InvalidArgument(
             f"{name} is on {tensor.device}: Pinocchio computes on the CPU; {name}.cpu() is there"
-        )
-    if not tensor.ndim or tensor.shape[-1] != size:
-        raise InvalidArgument(
-            f"{name} has shape {tuple(tensor.shape)}: the last axis has to be {size} long"
         )

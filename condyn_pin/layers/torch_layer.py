@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from typing import Any, Final
+from collections.abc import Sequence
+from typing import Final
 
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import MissingExtra
+from condyn_pin.layers.layer import Layer
+from condyn_pin.layers.layer_map import LayerMap
+from condyn_pin.layers.run_map import RunMap
 from condyn_pin.layers.solve_map import SolveMap
-from condyn_pin.layers.state_map import StateMap
 from condyn_pin.layers.step_map import StepMap
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
@@ -20,13 +22,10 @@ from condyn_pin.simulation.routes.base import Route
 _STEWART_TRINKLE: Final = StewartTrinkle()
 _ACTIVE_SET: Final = ActiveSet()
 
-# Of q, v and tau, tensors of 64 bits; here without its type, for torch is imported when it is used.
-TorchLayer = Callable[[Any, Any, Any], tuple[Any, Any]]
-
 
 def torch_solve(
     scene: Scene, *, solver: Solver | None = None, drift: Baumgarte | None = None
-) -> TorchLayer:
+) -> Layer:
     """Return `solve` as a function of tensors, through which torch differentiates.
 
     (a, lam) = f(q, v, tau),    M da - J^T dlam = dtau - r_q dq - r_v dv,    J da = -s_q dq - s_v dv
@@ -34,40 +33,33 @@ def torch_solve(
     Parameters
     ----------
     scene : Scene
-    solver : Solver, optional
-        As in `solve`.
-    drift : Baumgarte, optional
+    solver, drift : optional
         As in `solve`.
 
     Returns
     -------
-    callable
-        Of q (..., nq), v (..., nv) and tau (..., nv), tensors of 64 bits on the CPU whose leading
-        axes broadcast; returns a (..., nv) and lam (..., m). Where rows are redundant, lam is the
-        smallest. Unit quaternions of q are normalised, and the gradient by q has an entry for each
-        of its numbers; `tangent_gradient` takes it to the tangent.
+    Layer
+        Of q, v and tau (..., nv); returns a (..., nv) and lam (..., m), the smallest one where rows
+        are redundant.
 
     Raises
     ------
     InvalidArgument
-        By the function: if a tensor is of another dtype (``.double()`` helps), on another device,
-        or has a wrong size.
+        By the layer: if a tensor is of another dtype, on another device, or has a wrong size.
     MissingExtra
         If torch is not installed.
     SolveFailed
-        By the function, as in `solve`.
+        By the layer, as in `solve`.
 
     Notes
     -----
-    A state at a time: a batch of k costs k solves, and backward k solves with their derivatives;
-    nothing but the state is kept for it. Forward mode, `torch.func.vmap` and `torch.func.jacrev`
-    work; second derivatives do not.
+    Cost: a solve for each state, and one with its derivatives backward.
 
     References
     ----------
     Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. RSS, 2018.
     """
-    return torch_layer(SolveMap(scene, solver, drift))
+    return _layer(SolveMap(scene, solver, drift))
 
 
 def torch_step(
@@ -76,10 +68,11 @@ def torch_step(
     dt: float,
     integrator: ContactScheme = _STEWART_TRINKLE,
     route: Route = _ACTIVE_SET,
-) -> TorchLayer:
+    wrt: Sequence[str] = (),
+) -> Layer:
     """Return a step with contacts as a function of tensors, through which torch differentiates.
 
-    (q+, v+) = f(q, v, tau)
+    (q+, v+) = f(q, v, tau, parameters)
 
     Parameters
     ----------
@@ -91,32 +84,90 @@ def torch_step(
         `StewartTrinkle()` by default.
     route : Route, optional
         What is made of kinks and jumps, `ActiveSet()` by default; the step is that of the route.
+    wrt : sequence of {"friction", "restitution", "solref", "inertias"}
+        What else it is a function of.
 
     Returns
     -------
-    callable
-        As that of `torch_solve`; returns q+ (..., nq) and v+ (..., nv), so that steps follow one
-        another.
+    Layer
+        Of q, v, tau (..., nv) and what `wrt` names; returns q+ (..., nq) and v+ (..., nv), so that
+        steps follow one another.
 
     Raises
     ------
     InvalidArgument
-        If dt is not positive, or the integrator or the route cannot be used; by the function, as
-        that of `torch_solve`.
+        If dt is not positive, the integrator or the route cannot be used, or its steps do not
+        depend on a parameter; by the layer, as that of `torch_solve`.
     MissingExtra
         If torch is not installed.
     SolveFailed
-        By the function, if the contacts have no answer.
+        By the layer, if the contacts have no answer.
 
     Notes
     -----
-    Cost: a step for each state, and what `Route.cost` says for each of them backward. A motion of
-    many steps keeps its states alone.
+    Cost: a step for each state, and what `Route.cost` says for each of them backward. Where
+    parameters change, the scene is made anew: some 30 steps.
     """
-    return torch_layer(StepMap(scene, dt, integrator, route))
+    return _layer(StepMap(scene, dt, integrator, route, wrt))
 
 
-def torch_layer(of: StateMap) -> TorchLayer:
+def torch_simulate(
+    scene: Scene,
+    *,
+    dt: float,
+    integrator: ContactScheme = _STEWART_TRINKLE,
+    route: Route = _ACTIVE_SET,
+    wrt: Sequence[str] = (),
+    every: int | None = None,
+) -> Layer:
+    """Return a whole motion as a function of tensors, through which torch differentiates.
+
+    x_i+1 = step(x_i, tau_i, parameters),    y_i = g_i + A_i^T y_i+1
+
+    Parameters
+    ----------
+    scene : Scene
+        With contacts that may open and slide, or without any.
+    dt : float
+        [s]
+    integrator : ContactScheme, optional
+        `StewartTrinkle()` by default. Without contacts `Moreau()` is of second order.
+    route : Route, optional
+        What is made of kinks and jumps, `ActiveSet()` by default; the steps are those of the route.
+    wrt : sequence of {"friction", "restitution", "solref", "inertias"}
+        What else it is a function of.
+    every : int, optional
+        Return the states after each so many steps; the end alone by default.
+
+    Returns
+    -------
+    Layer
+        Of q, v, tau (..., steps, nv), a row held in each step, and what `wrt` names; returns q
+        (..., nq) and v (..., nv) at the end, or (..., k, nq) and (..., k, nv) after `every` steps.
+
+    Raises
+    ------
+    InvalidArgument
+        As `torch_step`; by the layer also if tau has a wrong number of steps.
+    MissingExtra
+        If torch is not installed.
+    SolveFailed, StepFailed
+        By the layer, if contacts have no answer.
+
+    Notes
+    -----
+    Cost: the steps; backward all of them twice more, and what `Route.cost` says for each. Memory of
+    the sweep back: some sqrt(steps) states and the matrices of one step. What feeds back is a loop
+    over `torch_step`.
+
+    References
+    ----------
+    Griewank, Walther. Evaluating Derivatives. SIAM, 2008, chapter 12: checkpoints.
+    """
+    return _layer(RunMap(scene, dt, integrator, route, wrt, every))
+
+
+def _layer(of: LayerMap) -> Layer:
     """Return a map as a function of tensors."""
     try:
         from condyn_pin.layers.torch_function import layer

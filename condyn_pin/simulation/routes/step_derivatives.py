@@ -62,50 +62,50 @@ class StepDerivatives:
     @property
     def dq_dq(self) -> Array:
         """q+ by q (nv, nv)."""
-        return self.matrices[0][:, self._columns.q]
+        return self.matrices[0][:, self.columns.q]
 
     @property
     def dq_dv(self) -> Array:
         """q+ by v (nv, nv)."""
-        return self.matrices[0][:, self._columns.v]
+        return self.matrices[0][:, self.columns.v]
 
     @property
     def dq_dtau(self) -> Array:
         """q+ by the torques (nv, nv)."""
-        return self.matrices[0][:, self._columns.tau]
+        return self.matrices[0][:, self.columns.tau]
 
     @property
     def dv_dq(self) -> Array:
         """v+ by q (nv, nv)."""
-        return self.matrices[1][:, self._columns.q]
+        return self.matrices[1][:, self.columns.q]
 
     @property
     def dv_dv(self) -> Array:
         """v+ by v (nv, nv)."""
-        return self.matrices[1][:, self._columns.v]
+        return self.matrices[1][:, self.columns.v]
 
     @property
     def dv_dtau(self) -> Array:
         """v+ by the torques (nv, nv)."""
-        return self.matrices[1][:, self._columns.tau]
+        return self.matrices[1][:, self.columns.tau]
 
     @property
     def dv_dfriction(self) -> Array:
         """v+ by the friction of each contact (nv, k)."""
         self._check("friction")
-        return self.matrices[1][:, self._columns.friction]
+        return self.matrices[1][:, self.columns.friction]
 
     @property
     def dv_drestitution(self) -> Array:
         """v+ by the restitution of each contact (nv, k), of schemes that let them rebound."""
         self._check("restitution")
-        return self.matrices[1][:, self._columns.restitution]
+        return self.matrices[1][:, self.columns.restitution]
 
     @property
     def dv_dsolref(self) -> Array:
         """v+ by the two numbers of `solref` (nv, 2), of schemes and routes that have them."""
         self._check("solref")
-        return self.matrices[1][:, self._columns.solref]
+        return self.matrices[1][:, self.columns.solref]
 
     @property
     def dv_dinertias(self) -> Array:
@@ -115,12 +115,12 @@ class StepDerivatives:
         inertia about the joint's origin xx xy yy xz yz zz.
         """
         self._check("inertias")
-        return self.matrices[1][:, self._columns.inertias]
+        return self.matrices[1][:, self.columns.inertias]
 
     def by(self, parameter: str) -> Array:
-        """Return (q+, v+) by one of `parameters` (2 nv, k), q+ in the tangent."""
+        """Return (q+, v+) by a parameter (2 nv, k), one of `parameters`; q+ in the tangent."""
         self._check(parameter)
-        return np.vstack(self.matrices)[:, self._columns.of(parameter)]
+        return np.vstack(self.matrices)[:, self.columns.of(parameter)]
 
     def jvp(self, dq: ArrayLike, dv: ArrayLike, dtau: ArrayLike) -> tuple[Array, Array]:
         """Return (dq+, dv+) along dq, dv and dtau, each (nv,)."""
@@ -136,7 +136,8 @@ class StepDerivatives:
         return x[:n], x[n : 2 * n], x[2 * n : 3 * n]
 
     @property
-    def _columns(self) -> Columns:
+    def columns(self) -> Columns:
+        """Where each part stands in `matrices`."""
         n, k = len(self.v), len(self.names)
         return Columns(n, k, self.matrices[0].shape[1] - Columns(n, k).size)
 
