@@ -29,6 +29,13 @@ def read_only(value: T) -> T:
     return value
 
 
+def entries(places: NDArray[np.int_]) -> NDArray[np.int_] | slice:
+    """Return places in an array as a slice where they are one run: numpy then copies nothing."""
+    if len(places) and (np.diff(places) == 1).all():
+        return slice(int(places[0]), int(places[-1]) + 1)
+    return places
+
+
 def locked(array: Array) -> Array:
     """Return the same numbers as an array that is not to be written to."""
     view = array.view()

@@ -119,7 +119,8 @@ class Loads:
 def frame_jacobian(model: Any, data: Any, joint: int, placement: Any, axes: Any) -> Array:
     """Return the Jacobian (6, nv) of a frame, after `pin.computeJointJacobians`."""
     J = pin.getFrameJacobian(model, data, joint, placement, axes)
-    return np.reshape(J, (6, model.nv))  # a single column comes as a vector
+    # a single column comes as a vector
+    return J if J.ndim == 2 else J[:, None]  # type: ignore[no-any-return]
 
 
 def in_axes(R: Array, wrench: Array) -> Array:

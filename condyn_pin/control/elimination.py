@@ -15,12 +15,13 @@ motors have to give, and what none reaches, are entries of f.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, entries
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,23 +38,32 @@ class Elimination:
 
     N: Array
     inner: Array
-    _drive: Array | NDArray[np.int_]  # Y_1 s^-1 X_1^T; or the entries that it takes
-    _undriven: Array | NDArray[np.int_]  # X_2^T, likewise
+    _drive: Any  # Y_1 s^-1 X_1^T; or the entries that it takes
+    _undriven: Any  # X_2^T, likewise
     _Q: Array
     _R: Array
     _pivots: NDArray[np.int_]
 
+    @property
+    def holds(self) -> bool:
+        """Whether anything is eliminated: without held rows z is a, and a_0 = 0."""
+        return len(self._pivots) > 0
+
     def along(self, rows: Array) -> Array:
         """Return what is over accelerations (..., nv), a row or many, over z: times N."""
-        return rows @ self.N if len(self._pivots) else rows
+        return rows @ self.N if self.holds else rows
+
+    def within(self, M: Array) -> Array:
+        """Return a symmetric matrix over accelerations (nv, nv), over z: N^T M N."""
+        return self.N.T @ M @ self.N if self.holds else M
 
     def torques(self, f: Array) -> Array:
         """Return the torques of the motors for N^T f (k, ...)."""
-        return self._drive @ f if len(self._pivots) else f[self._drive]
+        return np.asarray(self._drive @ f if self.holds else f[self._drive])
 
     def unreached(self, f: Array) -> Array:
         """Return what no motor reaches of N^T f (k, ...)."""
-        return self._undriven @ f if len(self._pivots) else f[self._undriven]
+        return np.asarray(self._undriven @ f if self.holds else f[self._undriven])
 
     @classmethod
     def free(cls, nv: int, columns: NDArray[np.int_]) -> Elimination:
@@ -61,7 +71,8 @@ class Elimination:
         nothing, none = np.zeros((0, 0)), np.zeros(0, np.int_)
         others = np.setdiff1d(np.arange(nv), columns)
         inner = np.zeros((len(columns), 0))
-        return cls(np.eye(nv), inner, columns, others, nothing, nothing, none)
+        drive, undriven = entries(columns), entries(others)
+        return cls(np.eye(nv), inner, drive, undriven, nothing, nothing, none)
 
     @classmethod
     def of(cls, J: Array, columns: NDArray[np.int_]) -> Elimination:
@@ -88,9 +99,19 @@ class Elimination:
         """Return a_0, the smallest acceleration with J a = r (m,)."""
         from scipy.linalg.lapack import dtrtrs
 
-        if not len(self._pivots):
+        if not self.holds:
             return np.zeros(len(self.N))
         return np.asarray(self._Q @ dtrtrs(self._R, r[self._pivots], trans=1)[0])
+
+    def forces(self, J: Array, f: Array) -> Array:
+        """Return lam (m,) of the held rows J (m, nv) with J^T lam = f, the smallest if many."""
+        from scipy.linalg.lapack import dtrtrs
+
+        if len(self._pivots) < len(J):
+            return np.asarray(np.linalg.lstsq(J.T, f, rcond=tolerances.RANK)[0])
+        lam = np.empty(len(J))
+        lam[self._pivots] = dtrtrs(self._R, self._Q.T @ f)[0]
+        return lam
 
 
 def reached(J: Array, r: Array) -> tuple[Array, int]:

@@ -27,7 +27,7 @@ from condyn_pin._core.linalg.numerical_rank import null_space, rank_of
 from condyn_pin.control.levels import Level
 from condyn_pin.control.qp.base import QPSolver
 from condyn_pin.control.qp.chain import Chain, ChainAnswer
-from condyn_pin.control.qp.quadratic_program import QuadraticProgram
+from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgram
 from condyn_pin.control.tasks.base import Task
 from condyn_pin.errors import InvalidArgument
 
@@ -88,24 +88,24 @@ class Cascade:
         self._regularisation = regularisation
 
     def solve(
-        self, program: QuadraticProgram, levels: Sequence[Level], costs: Costs
+        self, given: Constraints, levels: Sequence[Level], costs: Costs
     ) -> tuple[Array | None, list[ChainAnswer]]:
         """Return x, and the answers of the levels up to the first that has none."""
         if len(levels) == 1:
-            return self._at_once(program, levels[0], costs)
-        x, Z = _start(program)
-        off = np.abs(program.A @ x - program.b).max(initial=0.0)
+            return self._at_once(given, levels[0], costs)
+        x, Z = _start(given)
+        off = np.abs(given.A @ x - given.b).max(initial=0.0)
         if off > tolerances.GIVES or not Z.shape[1]:
             # equations contradict each other, which the chain names, or leave nothing
-            return self._at_once(program, levels[0], costs)
+            return self._at_once(given, levels[0], costs)
         answers: list[ChainAnswer] = []
         for chain, level in zip(self._chains, levels, strict=True):
             if not Z.shape[1]:
                 break  # those above leave nothing
-            inner = _within(program, level, x, Z, self._regularisation)
+            inner = _within(given, level, x, Z, self._regularisation)
             found = chain.solve(inner, lambda: (np.zeros(0), costs()[1]))
             if found.elastic and not answers:  # once more with equations, which may be wishes
-                return self._at_once(program, level, costs)
+                return self._at_once(given, level, costs)
             answers.append(found)
             if found.answer is None or not found.solved:
                 return (x if len(answers) > 1 else None), answers  # what those above have, stays
@@ -116,32 +116,31 @@ class Cascade:
         return x, answers
 
     def _at_once(
-        self, program: QuadraticProgram, level: Level, costs: Costs
+        self, given: Constraints, level: Level, costs: Costs
     ) -> tuple[Array | None, list[ChainAnswer]]:
         """Return the answer of a level with the equations in its program."""
-        found = self._chains[0].solve(weighted(program, level, self._regularisation), costs)
+        found = self._chains[0].solve(weighted(given, level, self._regularisation), costs)
         return found.answer.x if found.answer else None, [found]
 
 
-def weighted(program: QuadraticProgram, level: Level, regularisation: float) -> QuadraticProgram:
+def weighted(constraints: Constraints, level: Level, regularisation: float) -> QuadraticProgram:
     """Return the program with the objective of a level."""
     WG = level.weights[:, None] * level.G
     H = level.G.T @ WG
-    H.flat[:: len(H) + 1] += regularisation
-    p = program
-    return QuadraticProgram(H, -(level.b @ WG), p.A, p.b, p.C, p.lower, p.upper)
+    H.ravel()[:: len(H) + 1] += regularisation
+    return QuadraticProgram(H, -(level.b @ WG), *constraints)
 
 
 def _within(
-    program: QuadraticProgram, level: Level, x: Array, Z: Array, regularisation: float
+    given: Constraints, level: Level, x: Array, Z: Array, regularisation: float
 ) -> QuadraticProgram:
     """Return the program of a level over s, with the point x = x + Z s at s = 0 feasible."""
-    GZ, CZ, Cx = level.G @ Z, program.C @ Z, program.C @ x
+    GZ, CZ, Cx = level.G @ Z, given.C @ Z, given.C @ x
     WG = level.weights[:, None] * GZ
     H = GZ.T @ WG
-    H.flat[:: len(H) + 1] += regularisation
+    H.ravel()[:: len(H) + 1] += regularisation
     g = WG.T @ (level.G @ x - level.b) + regularisation * (Z.T @ x)
-    lower, upper = program.lower - Cx, program.upper - Cx
+    lower, upper = given.lower - Cx, given.upper - Cx
     # what the levels above left at a bound is there but for rounding
     lower[(lower > -_SLACK) & (lower < 10 * _SLACK)] = -_SLACK
     upper[(upper < _SLACK) & (upper > -10 * _SLACK)] = _SLACK
@@ -151,9 +150,9 @@ def _within(
     return QuadraticProgram(H, g, none, np.zeros(0), CZ, lower, upper)
 
 
-def _start(program: QuadraticProgram) -> tuple[Array, Array]:
+def _start(given: Constraints) -> tuple[Array, Array]:
     """Return the smallest x with A x = b, and the null space of A."""
-    U, S, Vt = np.linalg.svd(program.A)
+    U, S, Vt = np.linalg.svd(given.A)
     rank = rank_of(S)
-    x = Vt[:rank].T @ ((U[:, :rank].T @ program.b) / S[:rank])
+    x = Vt[:rank].T @ ((U[:, :rank].T @ given.b) / S[:rank])
     return x, Vt[rank:].T

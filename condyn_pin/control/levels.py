@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
@@ -37,8 +38,7 @@ class Row:
     cost: float
 
 
-@dataclass(frozen=True, eq=False)
-class Level:
+class Level(NamedTuple):
     """Rows of tasks over x: w |G x - b|^2.
 
     Attributes
@@ -86,6 +86,7 @@ class Stack:
         """Return rows of accelerations (r, nv), of forces (s, m), and what they want (r + s,)."""
         of_a = [each.rows(motion, t) for each in self._over_a]
         of_f = [each.rows(motion, t) for each in self._over_f]
-        J = np.vstack([rows for rows, _ in of_a]) if of_a else self.none[0]
-        F = np.vstack([rows for rows, _ in of_f]) if of_f else self.none[1]
-        return J, F, np.concatenate([*(b for _, b in of_a), *(b for _, b in of_f), np.zeros(0)])
+        J = np.concatenate([rows for rows, _ in of_a]) if of_a else self.none[0]
+        F = np.concatenate([rows for rows, _ in of_f]) if of_f else self.none[1]
+        wanted = [b for _, b in (*of_a, *of_f)]
+        return J, F, np.concatenate(wanted) if wanted else np.zeros(0)

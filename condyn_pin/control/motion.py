@@ -43,6 +43,9 @@ class Motion:
         self.scene = scene
         self.model, self.data = equations.model, equations.data
         self._equations = equations
+        # views of data: what Pinocchio writes is read there
+        self._com = self.data.com[0], self.data.vcom[0]
+        self._acom = self.data.acom[0]
 
     def move(self, q: Array, v: Array) -> None:
         """Go to a state: the terms of the scene, joint Jacobians and accelerations with a = 0."""
@@ -61,8 +64,7 @@ class Motion:
         """Return the centre of mass: 3 rows in the axes of the world."""
         data = self.data
         pin.centerOfMass(self.model, data, pin.KinematicLevel.ACCELERATION, False)
-        x, v, drift = np.array(data.com[0]), np.array(data.vcom[0]), np.array(data.acom[0])
-        return Point(x, v, pin.jacobianCenterOfMass(self.model, data, False), drift)
+        return Point(*self._com, pin.jacobianCenterOfMass(self.model, data, False), self._acom)
 
     def angular_momentum(self) -> Point:
         """Return the angular momentum about the centre of mass; it is its own "velocity"."""

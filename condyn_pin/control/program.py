@@ -17,12 +17,12 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isinf
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, entries
 from condyn_pin._core.joints import indices
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.control.actuation import Actuation
@@ -31,11 +31,44 @@ from condyn_pin.control.control_limits import AccelerationBounds, ControlLimits,
 from condyn_pin.control.elimination import Elimination, reached
 from condyn_pin.control.levels import FLOOR, JOINT, LAW, MOTOR, Level, Row, Stack
 from condyn_pin.control.motion import Motion
-from condyn_pin.control.qp.quadratic_program import QuadraticProgram
+from condyn_pin.control.qp.quadratic_program import Constraints
 from condyn_pin.control.tasks.base import Home, Task
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
+
+
+class _Eliminated(NamedTuple):
+    """The equations of a tick over z and f = lam_c / m.
+
+    Attributes
+    ----------
+    map : Elimination
+    rows : (l, nv) array
+        What is held.
+    a_0 : (nv,) array
+        What the held rows alone demand [rad/s^2, m/s^2].
+    J_c, touch : (m_c, nv), (m_c, k) array
+        Rows of contacts with a cone, over a and over z.
+    wanted : (m_c,) array
+        What they demand of z [m/s^2, rad/s^2].
+    unreached, unreached_0 : (p, k + m_c), (p,) array
+        What no motor reaches of N^T (M a + h - passive - J_c^T lam_c) / m, over (z, f) and with
+        both zero.
+    torque, torque_0 : (motors, n), (motors,) array
+        T and t_0: what motors give, over x and with x = 0.
+    """
+
+    map: Elimination
+    rows: Array
+    a_0: Array
+    J_c: Array
+    touch: Array
+    wanted: Array
+    unreached: Array
+    unreached_0: Array
+    torque: Array
+    torque_0: Array
 
 
 class Program:
@@ -75,17 +108,18 @@ class Program:
         self.motion = Motion(scene, equations)
         self.mass = robot.mass
         self._columns = actuation.columns
+        self._motors, self._touching = entries(self._columns), entries(cones.touching)
         self._bounds = AccelerationBounds(robot, limits, self._columns)
         most = torque_limits(robot, self._columns)
-        self._limited = np.flatnonzero(np.isfinite(most)) if limits.torque else np.zeros(0, int)
-        self._most = most[self._limited] / self.mass
+        limited = np.flatnonzero(np.isfinite(most)) if limits.torque else np.zeros(0, int)
+        self._limited, self._most = entries(limited), most[limited] / self.mass
         tasks = [task for level in levels for task in level]
         hard = [task for task in tasks if isinf(task.weight)]
         self._hard = Stack(scene, hard, home)
         self._levels = [
             Stack(scene, [task for task in level if task not in hard], home) for level in levels
         ]
-        self.inequalities = self._inequality_rows(actuation)
+        self.inequalities = self._inequality_rows([actuation.motors[i] for i in limited])
         self._redundant: bool | None = None  # not known before the first tick
         self.rigid = _rigid_rows(robot, rigid, self._columns)
         self._nothing = np.zeros(len(cones.names))
@@ -96,53 +130,70 @@ class Program:
 
     def assemble(
         self, q: Array, v: Array, t: float, passive: Array
-    ) -> tuple[QuadraticProgram, list[Level]]:
-        """Return the constraints of a tick, without an objective, and the levels of its tasks."""
+    ) -> tuple[Constraints, list[Level]]:
+        """Return the constraints of a tick, and the levels of its tasks."""
         self.motion.move(q, v)
         self.passive = passive
-        terms, held, touching = self.motion.terms, self.cones.held, self.cones.touching
-        E = self._constant or Elimination.of(self._held_rows, self._columns)
-        r = terms.a_ref - terms.gamma
-        a_0 = E.particular(np.concatenate((r[held], np.zeros(len(self.rigid)))))
-        J_c = terms.J[touching] if len(held) else terms.J
+        at = self._at = self._eliminated()
+        hard = self._wished = self._level(self._hard, t)
+        first = len(at.unreached)
+        last = first + len(at.touch)
+        A = np.zeros((last + len(hard.b), self._size))
+        A[:first, : at.unreached.shape[1]] = at.unreached
+        A[first:last, : at.touch.shape[1]] = at.touch
+        A[last:] = hard.G
+        b = np.concatenate((-at.unreached_0, self._within_reach(at.touch, at.wanted), hard.b))
+        given = Constraints(A, b, *self._inequalities(q, v))
+        return given, [self._level(stack, t) for stack in self._levels]
+
+    def _eliminated(self) -> _Eliminated:
+        """Return the equations of motion and contacts over z and lam_c / m."""
+        terms, held, touching = self.motion.terms, self.cones.held, self._touching
+        rows, E = self.rigid, self._constant
+        wanted = terms.a_ref - terms.gamma
+        if E is None:
+            rows = np.concatenate((terms.J[held], rows))
+            E = Elimination.of(rows, self._columns)
+        J_c, h = terms.J[touching], terms.h - self.passive
+        a_0, r_c = np.zeros(len(h)), wanted[touching]
+        if E.holds:
+            a_0 = E.particular(np.concatenate((wanted[held], np.zeros(len(self.rigid)))))
+            h, r_c = h + terms.M @ a_0, r_c - J_c @ a_0
         touch = E.along(J_c)
         k = E.N.shape[1]
-        force = np.empty((k, k + len(touch)))  # N^T (M a - J_c^T lam) / m
-        np.divide(E.along(E.along(terms.M).T), self.mass, out=force[:, :k])
+        force, force_0 = np.empty((k, k + len(touch))), E.along(h) / self.mass
+        np.multiply(E.within(terms.M), 1.0 / self.mass, out=force[:, :k])
         np.negative(touch.T, out=force[:, k:])
-        force_0 = E.along(terms.M @ a_0 + terms.h - passive) / self.mass
-        T, t_0 = E.torques(force), E.torques(force_0)
+        torque = E.torques(force)
         if E.inner.shape[1]:
-            T = np.hstack((T, E.inner))
-        self._at = E, a_0, J_c, T, t_0
+            torque = np.hstack((torque, E.inner))
+        law = E.unreached(force), E.unreached(force_0)
+        return _Eliminated(E, rows, a_0, J_c, touch, r_c, *law, torque, E.torques(force_0))
 
-        hard, n = self._level(self._hard, t), T.shape[1]
-        self._wished = hard
-        unreached, unreached_0 = E.unreached(force), E.unreached(force_0)
-        first = len(unreached)
-        last = first + len(touch)
-        A = np.zeros((last + len(hard.b), n))
-        A[:first, : force.shape[1]] = unreached
-        A[first:last, : touch.shape[1]] = touch
-        A[last:] = hard.G
-        wanted = self._within_reach(touch, r[touching] - J_c @ a_0)
-        b = np.concatenate((-unreached_0, wanted, hard.b))
-        C, lower, upper = self._inequalities(q, v)
-        program = QuadraticProgram(np.zeros((n, n)), np.zeros(n), A, b, C, lower, upper)
-        return program, [self._level(stack, t) for stack in self._levels]
+    @property
+    def _size(self) -> int:
+        """How many unknowns x has."""
+        return int(self._at.torque.shape[1])
 
     def _level(self, stack: Stack, t: float) -> Level:
         """Return the rows of tasks, over x."""
         if not stack.rows:
-            return Level(self.over_x(*stack.none), np.zeros(0), stack.weights)
+            return Level(np.zeros((0, self._size)), np.zeros(0), stack.weights)
         J, F, b = stack.at(self.motion, t)
-        if F[:, self.cones.held].any():
+        if len(F) and F[:, self.cones.held].any():
             raise InvalidArgument(
                 f"tasks: one of {', '.join(stack.tasks)} is about the force of a contact that has "
                 "no cone; cones={name: FrictionCone(...)} gives it one"
             )
-        b[: len(J)] -= J @ self.a_0
-        return Level(self.over_x(J, F), b, stack.weights)
+        at = self._at
+        k, m = at.map.N.shape[1], len(at.touch)
+        G = np.zeros((len(b), self._size))
+        G[: len(J), :k] = at.map.along(J)
+        if len(F):
+            G[len(J) :, k : k + m] = self.mass * F[:, self.cones.touching]
+        if at.map.holds:
+            b[: len(J)] -= J @ at.a_0
+        return Level(G, b, stack.weights)
 
     def _within_reach(self, touch: Array, wanted: Array) -> Array:
         """Return what contacts demand, as near as their rows can come to it.
@@ -160,72 +211,57 @@ class Program:
 
     def _inequalities(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return C and its bounds: torques, accelerations of joints, cones."""
-        E, a_0, _, T, t_0 = self._at
-        columns, k = self._bounds.columns, E.N.shape[1]
-        first = len(self._limited)
+        at, k, columns = self._at, self._at.map.N.shape[1], self._bounds.columns
+        first = len(self._most)
         last = first + len(columns)
-        C = np.zeros((len(self.inequalities), T.shape[1]))
-        C[:first] = T[self._limited]
-        C[first:last, :k] = E.N[columns]
-        C[last:, k : k + len(self.cones.touching)] = self.cones.rows(self.motion.data.oMi)
-        least, most = self._bounds.at(q, v)
-        given = t_0[self._limited]
-        lower = np.concatenate((-self._most - given, least - a_0[columns], self._endless))
-        upper = np.concatenate((self._most - given, most - a_0[columns], self._nothing))
-        return C, lower, upper
+        C = np.zeros((len(self.inequalities), self._size))
+        C[:first] = at.torque[self._limited]
+        C[last:, k : k + len(at.touch)] = self.cones.rows(self.motion.data.oMi)
+        given = at.torque_0[self._limited]
+        lower, upper = [-self._most - given], [self._most - given]
+        if len(columns):
+            C[first:last, :k] = at.map.N[columns]
+            least, most = self._bounds.at(q, v)
+            lower, upper = [*lower, least - at.a_0[columns]], [*upper, most - at.a_0[columns]]
+        return (
+            C,
+            np.concatenate((*lower, self._endless)),
+            np.concatenate((*upper, self._nothing)),
+        )
 
-    def equation_rows(self, program: QuadraticProgram) -> list[Row]:
-        """Return what the equations of a program are."""
-        laws = len(program.b) - len(self._hard.rows)
+    def equation_rows(self, given: Constraints) -> list[Row]:
+        """Return what the equations of a tick are."""
+        laws = len(given.b) - len(self._hard.rows)
         return [Row("equation of motion", "m/s^2", 1.0, LAW)] * laws + self._hard.rows
-
-    def over_x(self, J: Array, F: Array) -> Array:
-        """Return rows of accelerations (r, nv), and of forces (s, m), as rows over x."""
-        E = self._at[0]
-        k, m = E.N.shape[1], len(self.cones.touching)
-        G = np.zeros((len(J) + len(F), k + m + E.inner.shape[1]))
-        G[: len(J), :k] = E.along(J)
-        if len(F):
-            G[len(J) :, k : k + m] = self.mass * F[:, self.cones.touching]
-        return G
-
-    @property
-    def _held_rows(self) -> Array:
-        return np.vstack((self.motion.terms.J[self.cones.held], self.rigid))
-
-    @property
-    def a_0(self) -> Array:
-        """What the held rows alone demand (nv,) [rad/s^2, m/s^2]."""
-        return self._at[1]
 
     def recover(self, x: Array) -> tuple[Array, Array, Array, Array]:
         """Return a, tau, lam of all rows, and the torques of rigid joints, that belong to x."""
-        E, a_0, J_c, T, t_0 = self._at
-        terms, k, m = self.motion.terms, E.N.shape[1], len(self.cones.touching)
-        a, held = a_0 + E.N @ x[:k], self.cones.held
+        at, terms, held = self._at, self.motion.terms, self.cones.held
+        m, k = at.touch.shape
+        a = at.a_0 + at.map.N @ x[:k] if at.map.holds else x[:k].copy()
         lam, tau = np.zeros(len(terms.J)), np.zeros(len(a))
-        lam[self.cones.touching] = self.mass * x[k : k + m]
-        tau[self._columns] = self.mass * (T @ x + t_0)
-        rows = self._held_rows
-        if not len(rows):
+        f = lam[self._touching] = self.mass * x[k : k + m]
+        tau[self._motors] = self.mass * (at.torque @ x + at.torque_0)
+        if not at.map.holds:
             return a, tau, lam, np.zeros(0)
-        left = terms.M @ a + terms.h - self.passive - tau - J_c.T @ lam[self.cones.touching]
-        forces = np.linalg.lstsq(rows.T, left, rcond=tolerances.RANK)[0]
+        left = terms.M @ a + terms.h - self.passive - tau - at.J_c.T @ f
+        forces = at.map.forces(at.rows, left)
         lam[held] = forces[: len(held)]
-        return a, tau, lam, np.asarray(forces[len(held) :], dtype=float)
+        return a, tau, lam, forces[len(held) :]
 
     def errors(self, levels: Sequence[Level], x: Array) -> dict[str, Array]:
         """Return how far each task is from what it wants, by name."""
         found: dict[str, Array] = {}
         stacks = zip((*self._levels, self._hard), (*levels, self._wished), strict=True)
         for stack, level in stacks:
+            if not stack.tasks:
+                continue
             left = level.G @ x - level.b
             found |= {name: left[rows] for name, rows in stack.tasks.items()}
         return found
 
-    def _inequality_rows(self, actuation: Actuation) -> list[Row]:
-        motors = actuation.motors
-        rows = [Row(f"{motors[i]}: torque", "N m, N", self.mass, MOTOR) for i in self._limited]
+    def _inequality_rows(self, limited: Sequence[str]) -> list[Row]:
+        rows = [Row(f"{name}: torque", "N m, N", self.mass, MOTOR) for name in limited]
         unit = "rad/s^2, m/s^2"
         rows += [Row(f"{name}: acceleration", unit, 1.0, JOINT) for name in self._bounds.names]
         return rows + [Row(name, "N", self.mass, FLOOR) for name in self.cones.names]

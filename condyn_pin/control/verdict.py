@@ -13,12 +13,12 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.terms import largest_torque
+from condyn_pin.constraints.rows.terms import Terms, largest_torque
 from condyn_pin.control.answer import Contradiction, ControlResiduals, ControlStatus, Give
 from condyn_pin.control.levels import Level
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.chain import ChainAnswer
-from condyn_pin.control.qp.quadratic_program import QuadraticProgram
+from condyn_pin.control.qp.quadratic_program import Constraints, largest
 
 
 class Verdict(NamedTuple):
@@ -37,7 +37,7 @@ class Verdict(NamedTuple):
 
 def verdict(
     program: Program,
-    asked: QuadraticProgram,
+    given: Constraints,
     levels: Sequence[Level],
     x: Array | None,
     answers: Sequence[ChainAnswer],
@@ -45,13 +45,13 @@ def verdict(
     """Return what the unknowns x mean, and whether they are right; None where there are none."""
     if x is None:
         nothing, none = np.full(len(program.motion.v), np.nan), np.full(program.equations.m, np.nan)
-        infeasible = _contradiction(program, asked, answers[-1])
+        infeasible = _contradiction(program, given, answers[-1])
         status = ControlStatus.INFEASIBLE if infeasible else ControlStatus.UNSOLVED
         unknown = ControlResiduals(np.inf, np.inf, np.inf)
         rigid = np.full(len(program.rigid), np.nan)
         return Verdict(nothing, nothing, none, rigid, {}, (), infeasible, unknown, status)
     a, tau, lam, rigid = program.recover(x)
-    passive = program.passive + rigid @ program.rigid
+    passive = program.passive + rigid @ program.rigid if len(rigid) else program.passive
     residuals, status = _proof(program, a, tau, passive, lam, answers)
     errors, active = program.errors(levels, x), _active(program, answers[-1])
     return Verdict(tau, a, lam, rigid, errors, active, None, residuals, status)
@@ -73,10 +73,18 @@ def _proof(
     size = max(largest[1], tolerances.GRAVITY)
     holds = (
         kkt <= tolerances.KKT
-        and residuals.dynamics <= tolerances.SOLVED * largest_torque(motion.terms, applied, size)
+        and _is_rounding(residuals.dynamics, motion.terms, applied, size)
         and residuals.constraints <= tolerances.SOLVED * size + program.unreached
     )
     return residuals, ControlStatus.OK if holds else ControlStatus.INACCURATE
+
+
+def _is_rounding(dynamics: float, terms: Terms, tau: Array, size: float) -> bool:
+    """Return whether torques that are left over are rounding of those that there are."""
+    # |h| is one of them, and mostly large enough: the sums over M take longer
+    return dynamics <= tolerances.SOLVED * largest(terms.h) or (
+        dynamics <= tolerances.SOLVED * largest_torque(terms, tau, size)
+    )
 
 
 def _active(program: Program, last: ChainAnswer) -> tuple[str, ...]:
@@ -86,28 +94,28 @@ def _active(program: Program, last: ChainAnswer) -> tuple[str, ...]:
     rows = program.inequalities
     first_cone = len(rows) - len(program.cones.names)
     named = []
-    for i in np.flatnonzero(last.answer.at_lower | last.answer.at_upper).tolist():
+    for i in (last.answer.at_lower | last.answer.at_upper).nonzero()[0].tolist():
         side = " at upper" if last.answer.at_upper[i] else " at lower"
         named.append(rows[i].name + (side if i < first_cone else ""))
     return tuple(named)
 
 
 def _contradiction(
-    program: Program, asked: QuadraticProgram, answer: ChainAnswer
+    program: Program, given: Constraints, answer: ChainAnswer
 ) -> Contradiction | None:
     """Return the rows that contradict each other, in their own units."""
     found = answer.elastic
     if found is None:
         return None
-    rows = [*program.equation_rows(asked), *program.inequalities]
-    if len(found.of_equations) < len(asked.b):  # of a level of a hierarchy: they are eliminated
+    rows = [*program.equation_rows(given), *program.inequalities]
+    if len(found.of_equations) < len(given.b):  # of a level of a hierarchy: they are eliminated
         rows = program.inequalities
-    given = np.concatenate((found.of_equations, found.of_inequalities))
+    gives_by = np.concatenate((found.of_equations, found.of_inequalities))
     prices = np.concatenate((found.against_equations, found.against_inequalities))
     gives = tuple(
-        Give(rows[i].name, float(given[i]) * rows[i].scale, rows[i].unit)
-        for i in np.argsort(-given, kind="stable").tolist()
-        if given[i] > tolerances.GIVES
+        Give(rows[i].name, float(gives_by[i]) * rows[i].scale, rows[i].unit)
+        for i in np.argsort(-gives_by, kind="stable").tolist()
+        if gives_by[i] > tolerances.GIVES
     )
     giving = {each.row for each in gives}
     against = (

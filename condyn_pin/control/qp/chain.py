@@ -17,6 +17,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.quietly import quietly
 from condyn_pin.control.qp.base import BoundQP, QPSolver
 from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.elastic import Elastic, elastic
@@ -68,6 +69,7 @@ class Chain:
         self._solver = qp
         self._bound: dict[QPSolver, BoundQP] = {qp: qp.start()}  # a missing package is said now
         self._last: Polished | None = None
+        self._quietly = quietly(self._solve)  # numbers of no answer may overflow; residuals say it
 
     def solve(
         self, program: QuadraticProgram, costs: Callable[[], tuple[Array, Array]]
@@ -80,8 +82,7 @@ class Chain:
         costs : callable
             Returns what rows cost that give: of equations and of inequalities (`elastic`).
         """
-        with np.errstate(all="ignore"):  # numbers of no answer may overflow; residuals say it
-            return self._solve(program, costs)
+        return self._quietly(program, costs)
 
     def _solve(
         self, program: QuadraticProgram, costs: Callable[[], tuple[Array, Array]]
@@ -105,7 +106,7 @@ class Chain:
         if not len(program.g):
             nothing = start(program, np.zeros(0), np.zeros(len(program.lower)))
             residual = program.kkt_residual(nothing.x, nothing.y, nothing.z)
-            yield "no unknowns", 0, replace(nothing, residual=residual)
+            yield "no unknowns", 0, nothing._replace(residual=residual)
             return
         last = self._last
         if last and (len(last.x), len(last.z)) == (len(program.g), len(program.lower)):

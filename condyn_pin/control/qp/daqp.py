@@ -50,19 +50,20 @@ class DAQP(QPSolver):
 
         def solve(program: QuadraticProgram) -> QPResult:
             p = len(program.b)
-            rows = np.ascontiguousarray(np.vstack((program.A, program.C)))
-            lower = np.concatenate((program.b, np.maximum(program.lower, -_NO_BOUND)))
-            upper = np.concatenate((program.b, np.minimum(program.upper, _NO_BOUND)))
+            rows = np.concatenate((program.A, program.C))
+            lower = np.concatenate((program.b, program.lower))
+            upper = np.concatenate((program.b, program.upper))
+            np.maximum(lower, -_NO_BOUND, out=lower)
+            np.minimum(upper, _NO_BOUND, out=upper)
             sense = np.zeros(len(rows), dtype=np.int32)
             sense[:p] = _EQUATION
             x, _, flag, info = daqp.solve(
-                np.array(program.H), np.array(program.g), rows, upper, lower, sense,
+                np.array(program.H, order="C"), np.array(program.g), rows, upper, lower, sense,
                 primal_tol=self.tolerance, iter_limit=self.max_iterations,
             )  # fmt: skip
             verdict: Verdict = "solved" if flag > 0 else "failed"
             if flag == _INFEASIBLE:
                 verdict = "infeasible"
-            z = np.array(info["lam"])[p:]
-            return QPResult(np.array(x), z, verdict, int(info["iterations"]))
+            return QPResult(x, info["lam"][p:], verdict, int(info["iterations"]))
 
         return solve

@@ -18,7 +18,10 @@ Journal on Optimization, 2002.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable
+from functools import cache
+from math import isfinite
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,8 +38,7 @@ _REPETITIONS = 4
 _SETTLED = 1e-13  # of the largest unknown: a step that changes the last digits alone
 
 
-@dataclass(frozen=True, eq=False)
-class Polished:
+class Polished(NamedTuple):
     """The answer of a program on an active set, and its KKT residual.
 
     Attributes
@@ -75,47 +77,60 @@ def polish(program: QuadraticProgram, rough: Polished, tolerance: float, rounds:
     It ends early at a KKT residual below `tolerance`.
     """
     best = now = rough
-    fixed = program.lower == program.upper
     for _ in range(rounds):
         now = _on_active_rows(program, now)
         if not now.residual >= best.residual:
             best = now
-        if best.residual <= tolerance or not np.isfinite(now.residual):
+        if best.residual <= tolerance or not isfinite(now.residual):
             break
-        Cx = program.C @ now.x
-        at_lower, at_upper = now.at_lower, now.at_upper
-        inactive = ~(at_lower | at_upper)
-        now = Polished(
-            now.x,
-            now.y,
-            now.z,
-            (at_lower & (now.z < 0)) | (inactive & (Cx < program.lower - tolerance)),
-            fixed | (at_upper & (now.z > 0)) | (inactive & (Cx > program.upper + tolerance)),
-            np.inf,
-        )
+        now = _on_other_rows(program, now, tolerance)
     return best
+
+
+def _on_other_rows(program: QuadraticProgram, now: Polished, tolerance: float) -> Polished:
+    """Return an answer with the rows that it violates active, and without those of wrong sign."""
+    Cx = program.C @ now.x
+    inactive = ~(now.at_lower | now.at_upper)
+    below, above = Cx < program.lower - tolerance, Cx > program.upper + tolerance
+    at_lower = (now.at_lower & (now.z < 0)) | (inactive & below)
+    at_upper = (now.at_upper & (now.z > 0)) | (inactive & above)
+    at_upper |= program.lower == program.upper
+    return Polished(now.x, now.y, now.z, at_lower, at_upper, np.inf)
 
 
 def _on_active_rows(program: QuadraticProgram, at: Polished) -> Polished:
     """Return the answer with the active rows as equations."""
+    n, p = len(program.g), len(program.b)
+    active = (at.at_lower | at.at_upper).nonzero()[0]
+    bound = np.where(at.at_upper[active], program.upper[active], program.lower[active])
+    wanted = np.concatenate((-program.g, program.b, bound))
+    K = np.zeros((len(wanted), len(wanted)))
+    K[:n, :n], K[n : n + p, :n], K[n + p :, :n] = program.H, program.A, program.C[active]
+    K[:n, n:] = K[n:, :n].T
+    solve = _factorised(K, n, _DELTA / float(program.H.diagonal().max()))
+    xy = np.concatenate((at.x, at.y, at.z[active]))
+    for _ in range(_REPETITIONS):
+        left = wanted - K.dot(xy)
+        xy = xy + solve(left)
+        if largest(left) <= _SETTLED * largest(wanted):
+            break
+    x, y, z = xy[:n], xy[n : n + p], np.zeros(len(program.lower))
+    z[active] = xy[n + p :]
+    return Polished(x, y, z, at.at_lower, at.at_upper, program.kkt_residual(x, y, z))
+
+
+def _factorised(K: Array, n: int, delta: float) -> Callable[[Array], Array]:
+    """Return what solves with K, from its row n on with -delta on the diagonal."""
+    dgetrf, dgetrs = _lapack()
+    near = K.copy()
+    near.ravel()[n * (len(K) + 1) :: len(K) + 1] = -delta
+    factor, pivots, _ = dgetrf(near.T, overwrite_a=1)  # symmetric, and LAPACK reads columns
+    return lambda left: dgetrs(factor, pivots, left)[0]
+
+
+@cache
+def _lapack() -> tuple[Any, Any]:
+    # imported here: scipy.linalg takes as long to import as Pinocchio
     from scipy.linalg.lapack import dgetrf, dgetrs
 
-    n, p = len(program.g), len(program.b)
-    active = np.flatnonzero(at.at_lower | at.at_upper)
-    G = np.concatenate((program.A, program.C[active]))
-    bound = np.where(at.at_upper, program.upper, program.lower)[active]
-    d, x, y = np.concatenate((program.b, bound)), at.x, np.concatenate((at.y, at.z[active]))
-    K = np.zeros((n + len(d), n + len(d)))
-    K[:n, :n], K[n:, :n], K[:n, n:] = program.H, G, G.T
-    K.flat[n * (len(K) + 1) :: len(K) + 1] = -_DELTA / float(program.H.diagonal().max())
-    factor, pivots, _ = dgetrf(K.T, overwrite_a=1)  # K is symmetric, and LAPACK reads columns
-    for _ in range(_REPETITIONS):
-        left = np.concatenate((-(program.H @ x + program.g + y @ G), d - G @ x))
-        step = dgetrs(factor, pivots, left)[0]
-        x, y = x + step[:n], y + step[n:]
-        if largest(step) <= _SETTLED * max(largest(x), largest(y)):
-            break
-    z = np.zeros(len(program.lower))
-    z[active] = y[p:]
-    residual = program.kkt_residual(x, y[:p], z)
-    return Polished(x, y[:p], z, at.at_lower, at.at_upper, residual)
+    return dgetrf, dgetrs

@@ -26,6 +26,7 @@ from dataclasses import dataclass, field
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.parameters import check_accuracy, check_called
@@ -145,7 +146,7 @@ class Tracking(Task):
         return _tuple(finite("reference", reference, np.shape(reference)))
 
     def _feedback(
-        self, size: int, start: Callable[[], Any], error: Callable[[Any, Any], Array]
+        self, size: int, start: Callable[[], Any], error: Callable[[Any], Callable[[Any], Array]]
     ) -> Callable[[Any, Array, float], Array]:
         """Return a_wanted (size,) as a function of x, v and t.
 
@@ -155,15 +156,15 @@ class Tracking(Task):
         start : callable
             Returns the reference where none was given.
         error : callable
-            Of the reference and x: how far the reference is (size,).
+            Of a reference; returns a function of x: how far it is from the reference (size,).
         """
         if self.a is not None:
             fixed = finite("a", np.atleast_1d(self.a), size)
             return lambda x, v, t: fixed
         kp, kd = self.kp, float(self.kd or 0.0)
         if not callable(self.reference):
-            target = start() if self.reference is None else self.reference
-            return lambda x, v, t: kp * error(target, x) - kd * v
+            left = error(start() if self.reference is None else self.reference)
+            return lambda x, v, t: kp * left(x) - kd * v
         at = self.reference
 
         def follow(x: Any, v: Array, t: float) -> Array:
@@ -174,7 +175,7 @@ class Tracking(Task):
                 )
             x_r = self._value(found[0])
             v_r, a_r = (finite(f"{self.name}: reference({t:g})", y, size) for y in found[1:])
-            return np.asarray(a_r + kp * error(x_r, x) + kd * (v_r - v))
+            return np.asarray(a_r + kp * error(x_r)(x) + kd * (v_r - v))
 
         return follow
 
@@ -182,3 +183,9 @@ class Tracking(Task):
 def _tuple(value: Array) -> Any:
     """Return an array as tuples, which hash."""
     return tuple(map(_tuple, value)) if value.ndim else float(value)
+
+
+def difference(reference: ArrayLike) -> Callable[[Array], Array]:
+    """Return how far positions x are from a reference."""
+    r = np.array(reference)
+    return lambda x: r - x

@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.control.motion import Motion
-from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
+from condyn_pin.control.tasks.base import BoundTask, Home, Tracking, difference
 from condyn_pin.dynamics.scene import Scene
 
 
@@ -36,7 +36,7 @@ class CenterOfMass(Tracking):
             data = model.createData()  # what Pinocchio returns is in there
             return np.array(pin.centerOfMass(model, data, home()))
 
-        wanted = self._feedback(3, start, np.subtract)
+        wanted = self._feedback(3, start, difference)
 
         def rows(motion: Motion, t: float) -> tuple[Array, Array]:
             now = motion.center_of_mass()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any, Literal, get_args
 
@@ -11,7 +12,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.constraint_fields import placement, text
 from condyn_pin.control.motion import Motion, moving, placed
-from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
+from condyn_pin.control.tasks.base import BoundTask, Home, Tracking, difference
 from condyn_pin.control.tasks.orientation import turn_to
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -56,13 +57,13 @@ class FrameTask(Tracking):
         """Return it at work on a scene; by default it stays where it is at `home`."""
         joint, place = moving(scene, self.frame)
         size, axes = (3, "xyz") if self.of == "position" else (6, _SIX)
-        error = _position_error if self.of == "position" else _pose_error
+        left = _way_left if self.of == "position" else _pose_left
 
         def start() -> Any:
             pose = tuple(pin.SE3ToXYZQUAT(placed(scene, joint, place, home())).tolist())
             return pose[: 7 if size == 6 else 3]
 
-        wanted = self._feedback(size, start, error)
+        wanted = self._feedback(size, start, left)
 
         def rows(motion: Motion, t: float) -> tuple[Array, Array]:
             now = motion.frame(joint, place)
@@ -74,11 +75,12 @@ class FrameTask(Tracking):
 _SIX = ("x", "y", "z", "about x", "about y", "about z")
 
 
-def _position_error(reference: Any, x: Any) -> Array:
-    return np.asarray(np.array(reference) - x.translation)
+def _way_left(reference: Any) -> Callable[[Any], Array]:
+    left = difference(reference)
+    return lambda x: left(x.translation)
 
 
-def _pose_error(reference: Any, x: Any) -> Array:
+def _pose_left(reference: Any) -> Callable[[Any], Array]:
     target = pin.XYZQUATToSE3(np.array(reference))
-    turn = turn_to(target.rotation, x.rotation)
-    return np.concatenate((target.translation - x.translation, turn))
+    p, R = np.array(target.translation), np.array(target.rotation)
+    return lambda x: np.concatenate((p - x.translation, turn_to(R, x.rotation)))

@@ -12,7 +12,7 @@ from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
 from condyn_pin.constraints.constraint_fields import text
 from condyn_pin.control.motion import Motion
-from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
+from condyn_pin.control.tasks.base import BoundTask, Home, Tracking, difference
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 
@@ -56,9 +56,9 @@ class JointTask(Tracking):
             )
         i, k = int(in_q[0]), int(in_v[0])
         J = np.eye(model.nv)[k : k + 1]
-        wanted = self._feedback(1, lambda: home()[i], lambda r, x: np.array([r - x]))
+        wanted = self._feedback(1, lambda: home()[i : i + 1], difference)
 
         def rows(motion: Motion, t: float) -> tuple[Array, Array]:
-            return J, wanted(motion.q[i], motion.v[k : k + 1], t)
+            return J, wanted(motion.q[i : i + 1], motion.v[k : k + 1], t)
 
         return BoundTask("accelerations", (self.name,), self.unit, rows)

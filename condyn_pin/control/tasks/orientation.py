@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
@@ -58,7 +59,7 @@ class Orientation(Tracking):
         def start() -> Any:
             return pin.SE3ToXYZQUAT(placed(scene, joint, place, home()))[3:]
 
-        wanted = self._feedback(3, start, _turn_error)
+        wanted = self._feedback(3, start, _turn_left)
 
         def rows(motion: Motion, t: float) -> tuple[Array, Array]:
             now = motion.frame(joint, place)
@@ -73,5 +74,6 @@ def turn_to(wanted: Array, R: Array) -> Array:
     return np.asarray(pin.log3(wanted @ R.T))
 
 
-def _turn_error(reference: Any, x: Any) -> Array:
-    return turn_to(pin.Quaternion(np.array(reference)).matrix(), x.rotation)
+def _turn_left(reference: Any) -> Callable[[Any], Array]:
+    R = pin.Quaternion(np.array(reference)).matrix()
+    return lambda x: turn_to(R, x.rotation)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
@@ -10,13 +10,14 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array, entries, finite
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
 from condyn_pin.control.motion import Motion, entry_names
 from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.model.robot import Robot
 
 
 @dataclass(frozen=True)
@@ -61,40 +62,26 @@ class Posture(Tracking):
         if not joints:
             raise InvalidArgument(f"joints: {robot.name} names no joint with a motor; name some")
         columns = indices(robot.model, joints)[1]
-        J = np.eye(robot.nv)[columns]
-        at = self._at(scene, home)
-        kp, kd = self.kp, float(self.kd or 0.0)
+        J, some = np.eye(robot.nv)[columns], entries(columns)
+
+        def left(reference: Any) -> Callable[[Array], Array]:
+            q_r = normalised(robot.model, "reference", reference)
+            return lambda q: np.asarray(pin.difference(robot.unedited, q, q_r))
+
+        wanted = self._feedback(robot.nv, lambda: self._configuration(robot, home), left)
 
         def rows(motion: Motion, t: float) -> tuple[Array, Array]:
-            q_r, v_r, a_r = at(t)
-            error = pin.difference(motion.model, motion.q, q_r)
-            return J, (a_r + kp * error + kd * (v_r - motion.v))[columns]
+            return J, wanted(motion.q, motion.v, t)[some]
 
         names = self._row_names(entry_names(robot.model, columns))
         return BoundTask("accelerations", names, self.unit, rows)
 
-    def _at(self, scene: Scene, home: Home) -> Any:
-        """Return the reference as a function of t that returns (q, v, a)."""
-        robot, still = scene.robot, np.zeros(scene.robot.nv)
-        if not callable(self.reference):
-            if self.posture is None:
-                q = home()
-            elif isinstance(self.posture, str):
-                if self.posture not in robot.postures:
-                    raise unknown_name("posture", self.posture, robot.postures)
-                q = np.array(robot.postures[self.posture])
-            else:
-                q = normalised(robot.model, "posture", self.posture)
-            return lambda t: (q, still, still)
-        function = self.reference
-
-        def at(t: float) -> tuple[Array, Array, Array]:
-            q, v, a = function(t)
-            what = f"{self.name}: reference({t:g})"
-            return (
-                normalised(robot.model, what, q),
-                finite(what, v, robot.nv),
-                finite(what, a, robot.nv),
-            )
-
-        return at
+    def _configuration(self, robot: Robot, home: Home) -> Any:
+        """Return the posture (nq,)."""
+        if self.posture is None:
+            return home()
+        if not isinstance(self.posture, str):
+            return normalised(robot.model, "posture", self.posture)
+        if self.posture not in robot.postures:
+            raise unknown_name("posture", self.posture, robot.postures)
+        return robot.postures[self.posture]
