@@ -236,8 +236,33 @@ def test_what_is_about_to_slip_is_one_sided():
     q = q.copy()
     q[2] += 1e-4  # within the step its feet come down to the floor, and no further
     assert cp.step(scene, q, np.zeros(18), dt=DT).derivatives().one_sided
-    q[2] -= 9.81 * DT**2  # a gap of zero: closed within a step, and pushed out over five
-    assert cp.step(scene, q, np.zeros(18), dt=DT).derivatives().one_sided
+    q[2] -= 9.81 * DT**2  # what rests at a gap of zero presses: it is in no other mode beside it
+    for scheme in HARD:
+        rests = cp.step(scene, q, np.zeros(18), dt=DT, integrator=scheme).derivatives()
+        assert set(rests.modes.values()) == {"stick"}
+        assert not rests.one_sided
+    falls, at, v = bounce()  # it comes to the floor in the middle of the step, or just not
+    v[2] = -1.0
+    for off, sided in ((5e-9, True), (1e-7, False)):
+        at[2] = 0.05 + 0.5 * DT + 1e-9 + off * DT
+        of = cp.step(falls, at, v, dt=DT, integrator=cp.Moreau()).derivatives()
+        assert of.modes == {"ball": "open"}
+        assert of.one_sided == sided
+
+
+@pytest.mark.parametrize("kappa", [1e-2, 1e-4])
+def test_what_rests_keeps_resting_by_a_smooth_law(kappa):
+    """A box by Moreau's steps: above the floor by kappa g dt^2, and never in free fall."""
+    box = cp.model.free_box(mass=1.0, size=(0.2, 0.12, 0.08))
+    floor = cp.FrictionalContact("box", cp.constraints.Box(0.1, 0.06, 0.04), friction=0.5)
+    scene, dt = cp.Scene(box, contacts=[floor]), 1e-2
+    q, v = scene.state()
+    q[2] = 0.04
+    for _ in range(20):
+        of = cp.step(scene, q, v, dt=dt, integrator=cp.Moreau()).derivatives(route=Kappa(kappa))
+        q, v = of.q, of.v
+        assert np.abs(v).max() < 4.1 * kappa * 9.81 * dt  # a quarter of the weight on each corner
+    assert 0.0 < q[2] - 0.04 == pytest.approx(4 * kappa * 9.81 * dt**2, rel=1e-2)
 
 
 def test_redundant_contacts_change_by_the_least():

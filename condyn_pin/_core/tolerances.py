@@ -177,7 +177,9 @@ CONTACT_SOLVED: Final = 1e-8
 # that slides by more than a hundred times as much does slide.
 CONTACT_POLISHED: Final = 1e-12
 
-# What is so near to another mode, in units of the contact problem, has one-sided derivatives.
+# What is so near to another mode has one-sided derivatives: both of a complementary pair are below
+# it, impulses and velocities as shares of the largest velocity of the contact problem and of g dt.
+# Differences over 1e-6 of these scales would see both sides; impulses are polished to 1e-12.
 SWITCHES: Final = 1e-6
 
 # The largest coefficient of friction in a contact problem. Rounding of mu |sigma_t|, which is added

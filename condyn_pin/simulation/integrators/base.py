@@ -85,7 +85,8 @@ class Integrator(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        if getattr(cls.start, "__isabstractmethod__", False):
+        # a private one is a part of something else
+        if getattr(cls.start, "__isabstractmethod__", False) or cls.__name__.startswith("_"):
             return
         name = cls.__name__.lower()
         enter(INTEGRATORS, name, cls, f"an integrator named {cls.__name__}")

@@ -146,6 +146,7 @@ class ContactScheme(Integrator, ABC):
     at_midpoint: ClassVar[bool] = False
     # whether no gap is below zero at the end of a step, of what was near before it or not
     closes_gaps: ClassVar[bool] = False
+    touching: ClassVar[float] = 0.0  # gap up to which contacts take part, if no others do [m, rad]
     takes_restitution: ClassVar[bool] = False
     gives_way: ClassVar[bool] = False  # whether contacts at rest penetrate
 

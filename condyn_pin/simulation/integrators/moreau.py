@@ -14,10 +14,6 @@ from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactSch
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
 from condyn_pin.simulation.system import System
 
-# What rests on a plane is above it by rounding in half of its steps [m, rad].
-_TOUCHING = 1e-9
-
-
 @dataclass(frozen=True)
 class Moreau(ContactScheme):
     """Velocities and impulses only, at the configuration in the middle of the step.
@@ -45,11 +41,13 @@ class Moreau(ContactScheme):
     use: ClassVar[str] = "where contacts rebound, and for the energy of falls"
     order: ClassVar[Order] = Order(2, 2, 1)  # while no contact opens, closes or slides
     at_midpoint: ClassVar[bool] = True
+    # what rests on a plane is above it by rounding in half of its steps
+    touching: ClassVar[float] = 1e-9  # [m, rad]
     takes_restitution: ClassVar[bool] = True
 
     def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
         """Return which contacts touch in the middle of the step."""
-        return np.asarray(gaps <= _TOUCHING)
+        return np.asarray(gaps <= self.touching)
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""

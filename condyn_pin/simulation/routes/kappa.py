@@ -3,14 +3,50 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import ClassVar, Final
+
+import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
+from condyn_pin.simulation.integrators.moreau import Moreau
 from condyn_pin.simulation.routes.barrier import Barrier
 from condyn_pin.simulation.routes.base import LawRoute
 from condyn_pin.simulation.routes.law import Law
+
+# How far above the floor contacts of `Moreau` take part, of how far what rests is above it: there
+# they push by a tenth of the weight of what rests on them, times kappa for any that is further.
+_HOVERS: Final = 10.0
+
+_G: Final = 9.81  # [m/s^2]
+
+
+@dataclass(frozen=True)
+class _Hovering(Moreau):
+    """Moreau's steps of contacts that push before they touch.
+
+    sigma_n = J_n v+ + e J_n v + gap / dt
+    """
+
+    reach: float = 0.0  # [m/s^2], times dt^2
+
+    def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
+        """Return which contacts push in the middle of the step."""
+        return np.asarray(super().near(gaps - self.reach * dt * dt, v, dt))
+
+    def asked(self, near: Near) -> tuple[Array, Array | None]:
+        """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
+        g, _ = super().asked(near)
+        g[near.normals] += np.maximum(near.gaps, 0.0) / near.dt
+        return g, None
+
+    def asked_by(self, near: Near) -> AskedBy:
+        """Return how `asked` changes with what is `near`."""
+        opens = (near.gaps > 0) / near.dt
+        return super().asked_by(near)._replace(gaps=opens)
 
 
 @dataclass(frozen=True)
@@ -33,7 +69,9 @@ class Kappa(LawRoute):
     Notes
     -----
     The step that is differentiated has other impulses than the one that was taken: `q` and `v` of
-    the result are its own end. No mode is needed, and there is a slope everywhere.
+    the result are its own end. No mode is needed, and there is a slope everywhere. What rests is
+    kappa g dt^2 above the floor; `Moreau`, whose contacts take part at a gap of zero, has them take
+    part up to ten times that, and sigma_n is gap / dt more.
 
     References
     ----------
@@ -54,6 +92,12 @@ class Kappa(LawRoute):
                 f"kappa = {self.kappa!r}: a number from 1e-12 to 1e3; ActiveSet() has none"
             )
         object.__setattr__(self, "kappa", kappa)
+
+    def scheme(self, scheme: ContactScheme) -> ContactScheme:
+        """Return the scheme, with contacts that hover where it would let them drop."""
+        if type(scheme) is Moreau:
+            return _Hovering(scheme.contact, _HOVERS * self.kappa * _G)
+        return scheme
 
     def law(self, problem: ContactProblem, lam: Array, size: float) -> Law:
         """Return the impulses of the smooth law, and the law linearised at them."""

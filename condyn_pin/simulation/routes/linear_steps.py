@@ -73,6 +73,7 @@ class LinearSteps:
         self.steps = ContactSteps(scheme, self.system, dt)
         model = self.system.model
         self.floating, self.paths = self.steps.floating, self.steps.paths
+        self._normals = self.system.contacts.normals
         self.partials = FloatingPartials(model)
         self._falls = (float(np.linalg.norm(model.gravity.linear)) or 9.81) * dt
         self.size = sum(inertia.mass for inertia in list(model.inertias)) * self._falls**2
@@ -240,16 +241,20 @@ class LinearSteps:
     def margin(self, ended: Ended) -> float:
         """Return how far a step is from other modes, relative to its velocities and to g dt.
 
-        Contacts that change their mode count, and gaps: penetrations are pushed out slowly, and
-        what does not touch takes no part in some schemes, which both change at a gap of zero.
+        By complementarity: a contact changes its mode where both of a pair are small, impulse and
+        velocity, or slip and what is left of the cone. Of what takes no part the impulse is zero,
+        and the other one the gap / dt by which it misses.
         """
-        posed, speed = ended.posed, ended.posed.problem.scale[1]
-        if not posed.problem.rows:
-            return inf
-        large = max(speed, self._falls)
-        pressed = ended.law.lam[posed.near.normals] > 0
-        closest = float(np.abs(posed.near.gaps[pressed]).min(initial=inf))
-        return min(ended.law.margin * speed, closest / self.dt) / large
+        posed, lam = ended.posed, ended.law.lam
+        speed = posed.problem.scale[1] if posed.problem.rows else 0.0
+        off = ended.law.margin * speed if posed.problem.rows else inf
+        away = ~posed.chosen.near
+        if away.any():
+            missed = (posed.gaps[away] - self.scheme.touching) / self.dt
+            if self.scheme.closes_gaps:
+                missed += posed.J[self._normals[away]] @ posed.condensed.velocity(lam)
+            off = min(off, float(np.abs(missed).min()))
+        return off / max(speed, self._falls)
 
     def _friction(self, posed: Posed) -> Indices:
         return self.columns.friction[posed.chosen.active[: self.columns.cones]]
