@@ -118,35 +118,37 @@ class _OverPlanes:
         k = len(self._radius)
         world = self._placements.read(data).dot(self._local)
         p, self._d = world[:, :k].T, world[:, k:].T.reshape(k, 3, 3)
-        self._P = p - self._radius[:, None] * self._d[:, 2]
-        self._S = np.array(data.J).reshape(6, -1)
-        self._skew_p, self._skew_P = _skew(p), _skew(self._P)
+        radial = self._radius[:, None] * self._d[:, 2]
+        self._P, self._radial = p - radial, _skew(radial)
+        self._skew_P = _skew(self._P)
         self._F = np.concatenate((self._d, -self._d @ self._skew_P), axis=2)  # (k, 3, 6)
+        self._S = S = np.array(data.J).reshape(6, -1)
+        self._reach = (
+            S[:3] - _skew(p) @ S[3:]
+        )  # (k, 3, nv), the middles if all coordinates move them
 
     def slips(self, w: Array) -> Array:
         """Return J w by q (3 k, nv).
 
-        With F = (d, P x d), e = d x V_a and u = V_l + V_a x P, rows of
+        With V_0 the velocity of what carries the joint of a coordinate, v_P and w_b those of the
+        body at P and its turning, w_g that of the ground, and F = (d, P x d), a coordinate that
+        moves one of the two has
 
-            b (V_b x* F + (e, p x e)) . S - g (V_g x* F + (0, r n x e - d x u)) . S - F . (S x V_0)
-
-        V_b and V_g the velocities of body and ground, V that of one against the other, and V_0 that
-        of what carries the joint of a coordinate.
+            F . (V_0 x S) + (v_P x d + radius n x (d x w_b)) . S_a - (d x w_g) . (S_l + S_a x p)
         """
-        S, d, F = self._S, self._d, self._F
+        S, d, n = self._S, self._d, self._S.shape[1]
         moved = S * w
-        V_b, V_g, V_0 = moved @ self._body.T, moved @ self._ground.T, moved @ self._below.T
-        V = (V_b - V_g).T
-        e = d @ _skew(V[:, 3:])  # d x V_a
-        on_body = _turned_by(V_b.T, F)
-        on_body += np.concatenate((e, -e @ self._skew_p), axis=2)
-        by_q = self._body[:, None] * (on_body @ S) - self._moves[:, None] * (F @ _crossed(S, V_0))
+        V = self._body @ moved.T
+        turning = _skew(V[:, 3:])
+        v_P = V[:, :3] + (turning @ self._P[:, :, None])[:, :, 0]
+        about = d @ (_skew(v_P) + turning @ self._radial)
+        by_q = self._F.reshape(-1, 6).dot(_crossed(moved @ self._below.T, S))
+        by_q -= about.reshape(-1, 3).dot(S[3:])
+        by_q = by_q.reshape(-1, 3, n)
         if self._grounds_move:
-            u = V[:, :3] + np.cross(V[:, 3:], self._P)
-            on_ground = _turned_by(V_g.T, F)
-            on_ground[:, :, 3:] -= self._radius[:, None, None] * (e @ _skew(d[:, 2])) + d @ _skew(u)
-            by_q -= self._ground[:, None] * (on_ground @ S)
-        return np.asarray(by_q.reshape(-1, S.shape[1]))
+            by_q -= d @ _skew(self._ground @ moved[3:].T) @ self._reach
+        by_q *= self._moves[:, None]
+        return np.asarray(by_q.reshape(-1, n))
 
     def pulls(self, lam: Array) -> Array:
         """Return J^T lam by q (nv, nv).
@@ -154,29 +156,22 @@ class _OverPlanes:
         Column i feels F_i, the wrench of all that it moves: with S_i' = S_j x S_i that is
         (S_i x* F_i) . S_j, and F' = (f', P' x f + P x f') comes on top.
         """
-        S, d = self._S, self._d
-        k, lin, ang = len(d), S[:3], S[3:]
-        f = (lam[: 3 * k].reshape(k, 1, 3) @ d)[:, 0]  # (k, 3)
-        P_moved = self._body[:, None] * (lin - self._skew_p @ ang)  # (k, 3, nv)
-        rows = self._moves[:, None] * ang
+        S, n, ground = self._S, self._S.shape[1], self._ground[:, None]
+        f = (lam[: self._d.size // 3].reshape(-1, 1, 3) @ self._d)[:, 0]  # (k, 3)
+        skew_f, moves = _skew(f), self._moves[:, None]
+        P_moved = self._body[:, None] * self._reach
         if self._grounds_move:
-            P_moved += (self._ground * self._radius[:, None])[:, None] * (_skew(d[:, 2]) @ ang)
-            f_turned = -self._ground[:, None] * (_skew(f) @ ang)
-            about = self._skew_P @ f_turned
-            on_ground = (self._moves[:, None] * lin).reshape(3 * k, -1).T @ f_turned.reshape(
-                3 * k, -1
-            )
-            on_ground += rows.reshape(3 * k, -1).T @ about.reshape(3 * k, -1)
-        by_q = -rows.reshape(3 * k, -1).T @ (_skew(f) @ P_moved).reshape(3 * k, -1)
+            P_moved += ground * (self._radial @ S[3:])
+        turned = -skew_f @ P_moved  # (k, 3, nv), of the moment
         if self._grounds_move:
-            by_q += on_ground
-        wrench = (
-            np.concatenate((f, (self._skew_P @ f[:, :, None])[:, :, 0]), axis=1).T @ self._moves
-        )
-        felt = np.concatenate(
-            (_cross(ang, wrench[:3]), _cross(ang, wrench[3:]) + _cross(lin, wrench[:3]))
-        )
-        return np.asarray(by_q + self._above * (felt.T @ S))
+            f_turned = -ground * (skew_f @ S[3:])
+            turned += self._skew_P @ f_turned
+        by_q = (moves * S[3:]).reshape(-1, n).T @ turned.reshape(-1, n)
+        if self._grounds_move:
+            by_q += (moves * S[:3]).reshape(-1, n).T @ f_turned.reshape(-1, n)
+        moment = (self._skew_P @ f[:, :, None])[:, :, 0]
+        felt = _crossed(S, np.concatenate((moment, f), axis=1).T @ self._moves)
+        return np.asarray(by_q + self._above * (felt[3:].T @ S[:3] + felt[:3].T @ S[3:]))
 
 
 def _skew(a: Array) -> Array:
@@ -184,25 +179,15 @@ def _skew(a: Array) -> Array:
     return (a @ _EPSILON).reshape(-1, 3, 3)
 
 
-def _cross(a: Array, b: Array) -> Array:
-    """Return a x b of columns (3, n)."""
-    c = np.empty_like(b)
-    c[0] = a[1] * b[2] - a[2] * b[1]
-    c[1] = a[2] * b[0] - a[0] * b[2]
-    c[2] = a[0] * b[1] - a[1] * b[0]
-    return c
+def _crossed(V: Array, S: Array) -> Array:
+    """Return V x S of columns of motions (6, n); V x* S of wrenches, their moments first.
 
-
-def _crossed(S: Array, V: Array) -> Array:
-    """Return S x V of columns of motions (6, n)."""
-    return np.concatenate((_cross(S[3:], V[:3]) + _cross(S[:3], V[3:]), _cross(S[3:], V[3:])))
-
-
-def _turned_by(V: Array, F: Array) -> Array:
-    """Return V x* F (k, 3, 6), the rows of F (k, 3, 6) as a motion V (k, 6) turns them."""
-    w, u = _skew(V[:, 3:]), _skew(V[:, :3])
-    f, m = F[:, :, :3], F[:, :, 3:]
-    return np.concatenate((-f @ w, -f @ u - m @ w), axis=2)
+    omega x S_l, omega x S_a and V_l x S_a, all at once.
+    """
+    products = V.take(_V_YZX, axis=0) * S.take(_S_ZXY, axis=0)
+    products -= V.take(_V_ZXY, axis=0) * S.take(_S_YZX, axis=0)
+    products[:3] += products[6:]
+    return np.asarray(products[:6])
 
 
 # a @ _EPSILON has the nine entries of skew(a)
@@ -210,3 +195,7 @@ _EPSILON: Final = np.array(
     [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]],
     dtype=np.float64,
 )
+
+_YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
+_V_YZX, _V_ZXY = (np.concatenate((3 + i, 3 + i, i)) for i in (_YZX, _ZXY))
+_S_YZX, _S_ZXY = (np.concatenate((i, 3 + i, 3 + i)) for i in (_YZX, _ZXY))

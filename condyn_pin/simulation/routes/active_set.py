@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import ClassVar
+from math import hypot, inf
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
@@ -16,7 +17,7 @@ from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.solvers.newton import SemismoothNewton, refine
 from condyn_pin.errors import SolveFailed
 from condyn_pin.simulation.routes.base import LawRoute
-from condyn_pin.simulation.routes.law import Law
+from condyn_pin.simulation.routes.law import Law, least
 
 # Steps of Newton's method from an answer: one or two, but for redundant contacts.
 _STEPS = 50
@@ -57,16 +58,19 @@ class ActiveSet(LawRoute):
         """Return the polished impulses of a problem, and the law of each mode."""
         lam = polished(problem, lam)
         modes = contact_modes(problem, lam, 100 * tolerances.CONTACT_POLISHED)
-        return _of_modes(problem, lam, modes)
+        of = _in_modes(problem, lam, modes)
+        distance = margin(problem, lam, problem.velocities(lam), modes)
+        return Law(lam, of.by_sigma, of.by_lam, of.by_friction, distance)
 
 
 def polished(problem: ContactProblem, lam: Array) -> Array:
     """Return impulses to rounding; SolveFailed if Newton's method does not find them."""
     if not len(lam) or natural_residual(problem, lam) <= tolerances.CONTACT_POLISHED:
         return lam
-    found = refine(problem, lam, _STEPS).lam
-    if natural_residual(problem, found) <= tolerances.CONTACT_POLISHED:
-        return found
+    for newton in (_within_modes, _of_the_natural_map):
+        found = newton(problem, lam)
+        if natural_residual(problem, found) <= tolerances.CONTACT_POLISHED:
+            return found
     attempt, natural = attempt_contact(
         problem, SemismoothNewton(), found, tolerances.CONTACT_POLISHED
     )
@@ -79,47 +83,91 @@ def polished(problem: ContactProblem, lam: Array) -> Array:
     )
 
 
-def _of_modes(problem: ContactProblem, lam: Array, modes: Modes) -> Law:
-    """Return the law of contacts in their modes."""
-    m, mu, sets = problem.rows, problem.friction, problem.sets
-    k, sigma = len(mu), problem.velocities(lam)
-    of_cones = modes[:k]
-    slides = (of_cones == SLIDE) | ((of_cones == STICK) & (mu == 0))  # ice holds nothing
-    held = (modes == STICK) & ~np.pad(slides, (0, len(modes) - k))
-    rows = held[sets.blocks].astype(np.float64)
-    by_sigma, by_lam, by_friction = np.diag(rows), np.diag(1.0 - rows), np.zeros((m, k))
-    if slides.any():
-        i = np.flatnonzero(slides)
-        n, t = 3 * i + 2, 3 * i[:, None] + np.arange(2)
-        S = sigma[t]
-        slip = np.hypot(S[:, 0], S[:, 1])
-        s = S / np.where(slip > 0, slip, 1.0)[:, None]  # without friction there may be none
-        across = np.stack((-s[:, 1], s[:, 0]), axis=1)
-        turns = mu[i] * lam[n] / np.where(slip > 0, slip, 1.0)
-        by_sigma[t[:, :, None], t[:, None]] = (
-            turns[:, None, None] * across[:, :, None] * across[:, None]
-        )
-        by_lam[t, n[:, None]] = mu[i][:, None] * s
-        by_friction[t, i[:, None]] = lam[n][:, None] * s
-        by_lam[n, n], by_sigma[n, n] = 0.0, 1.0
-        if problem.law == "ccp":
-            by_sigma[n[:, None], t], by_friction[n, i] = -mu[i][:, None] * s, -slip
-    return Law(lam, by_sigma, by_lam, by_friction, margin(problem, lam, sigma, modes))
+def _within_modes(problem: ContactProblem, lam: Array) -> Array:
+    """Return the end of one step of Newton's method in the modes that impulses seem to have."""
+    of = _in_modes(problem, lam, contact_modes(problem, lam))
+    G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
+    return lam - least(of.by_sigma @ G + of.by_lam, of.left)
+
+
+def _of_the_natural_map(problem: ContactProblem, lam: Array) -> Array:
+    """Return the end of Newton's method whatever the modes are."""
+    return refine(problem, lam, _STEPS).lam
+
+
+class _Equations(NamedTuple):
+    """The equations of contacts in their modes, and how they change."""
+
+    left: Array  # (m,), what impulses leave of them
+    by_sigma: Array  # (m, m)
+    by_lam: Array  # (m, m)
+    by_friction: Array  # (m, k)
+
+
+def _in_modes(problem: ContactProblem, lam: Array, modes: Modes) -> _Equations:
+    """Return the equations of all contacts, each in the mode that it has."""
+    mu, sets = problem.friction, problem.sets
+    k, sigma, held = len(mu), problem.velocities(lam), (modes == STICK)[sets.blocks]
+    left, by_friction = np.where(held, sigma, lam), np.zeros((problem.rows, k))
+    by_sigma, by_lam = np.diag(1.0 * held), np.diag(1.0 * ~held)
+    # ice holds nothing
+    i = np.flatnonzero((modes[:k] == SLIDE) | ((modes[:k] == STICK) & (mu == 0)))
+    if len(i):
+        own = 3 * i[:, None] + np.arange(3)
+        of = _sliding(lam[own], sigma[own], mu[i, None], problem.law == "ccp")
+        left[own], by_friction[own, i[:, None]] = of.left, of.by_friction
+        square = own[:, :, None], own[:, None]
+        by_sigma[square], by_lam[square] = of.by_sigma, of.by_lam
+    return _Equations(left, by_sigma, by_lam, by_friction)
+
+
+def _sliding(lam: Array, sigma: Array, mu: Array, is_convex: bool) -> _Equations:
+    """Return the equations of k contacts that slide, three rows and three columns each.
+
+    With s' = (1 - s s^T) sigma_t' / |sigma_t|. What stands without friction has any s.
+    """
+    slip = np.hypot(sigma[:, :1], sigma[:, 1:2])
+    moving = np.where(slip > 0, slip, 1.0)
+    s, l_n = sigma[:, :2] / moving, lam[:, 2:]
+    left, by_friction = np.empty_like(lam), np.zeros_like(lam)
+    by_sigma, by_lam = np.zeros((2, len(lam), 3, 3))
+    left[:, :2], left[:, 2] = lam[:, :2] + mu * l_n * s, sigma[:, 2]
+    across = np.eye(2) - s[:, :, None] * s[:, None]
+    by_sigma[:, :2, :2], by_sigma[:, 2, 2] = (mu * l_n / moving)[:, :, None] * across, 1.0
+    by_lam[:, :2, :2], by_lam[:, :2, 2], by_friction[:, :2] = np.eye(2), mu * s, l_n * s
+    if is_convex:
+        left[:, 2:] -= mu * slip
+        by_sigma[:, 2, :2], by_friction[:, 2] = -mu * s, -slip[:, 0]
+    return _Equations(left, by_sigma, by_lam, by_friction)
 
 
 def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Modes) -> float:
     """Return how far the nearest contact is from another mode."""
-    stiff, speed = problem.scale
-    x, y, (cones, lines, dry) = lam * stiff / speed, sigma / speed, problem.sets.parts
-    X, Y, mu = x[cones].reshape(-1, 3), y[cones].reshape(-1, 3), problem.friction
-    k, stops = len(mu), problem.half_lines
-    slip, pull = np.hypot(Y[:, 0], Y[:, 1]), np.hypot(X[:, 0], X[:, 1])
-    dual = Y[:, 2] - (mu * slip if problem.law == "ccp" else 0.0)
-    off = np.where(modes[:k] == OPEN, dual, X[:, 2])
-    off = np.where(modes[:k] == STICK, np.minimum(off, mu * X[:, 2] - pull), off)
-    off = np.where((modes[:k] == SLIDE) & (mu > 0), np.minimum(off, slip), off)
-    off = np.where((modes[:k] == STICK) & (mu == 0), X[:, 2], off)
-    of_lines = np.where(modes[k : k + stops] == OPEN, y[lines], x[lines])
-    limits = problem.limits * stiff / speed
-    of_dry = np.where(modes[k + stops :] == STICK, limits - np.abs(x[dry]), np.abs(y[dry]))
-    return float(np.concatenate((off, of_lines, of_dry)).min(initial=np.inf))
+    (stiff, speed), sets, codes = problem.scale, problem.sets, modes.tolist()
+    x, y = (lam * stiff / speed).tolist(), (sigma / speed).tolist()
+    (t1, t2, n), (_, lines, dry), mu = sets.axes, sets.parts, sets.coefficients
+    lift = mu if problem.law == "ccp" else len(mu) * [0.0]
+    off = [*map(_off_of_a_cone, codes, mu, lift, x[t1], x[t2], x[n], y[t1], y[t2], y[n])]
+    stops = len(mu) + problem.half_lines
+    off += [
+        slow if mode == OPEN else pushed
+        for mode, pushed, slow in zip(codes[len(mu) : stops], x[lines], y[lines], strict=True)
+    ]
+    limits = (problem.limits * stiff / speed).tolist()
+    off += [
+        most - abs(held) if mode == STICK else abs(slow)
+        for mode, most, held, slow in zip(codes[stops:], limits, x[dry], y[dry], strict=True)
+    ]
+    return min(off, default=inf)
+
+
+def _off_of_a_cone(
+    mode: int, mu: float, lift: float,
+    l1: float, l2: float, ln: float, s1: float, s2: float, sn: float,
+) -> float:  # fmt: skip
+    slip = hypot(s1, s2)
+    if mode == OPEN:
+        return sn - lift * slip
+    if not mu:
+        return ln
+    return min(ln, slip if mode == SLIDE else mu * ln - hypot(l1, l2))

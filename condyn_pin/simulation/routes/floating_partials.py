@@ -34,9 +34,9 @@ class FloatingPartials:
         by_q, by_move = pin.dIntegrate(self._model, q, dq)
         for i in self._bodies:
             turn = pin.exp3(dq[i + 3 : i + 6]).T
-            lin = slice(i, i + 3)
-            by_q[lin, i : i + 6] = np.hstack([turn, -turn @ pin.skew(dq[lin])])
-            by_move[lin, i : i + 6] = np.hstack([turn, np.zeros((3, 3))])
+            lin, ang = slice(i, i + 3), slice(i + 3, i + 6)
+            by_q[lin, lin] = by_move[lin, lin] = turn
+            by_q[lin, ang], by_move[lin, ang] = -turn @ pin.skew(dq[lin]), 0.0
         for i in self._planar:
             x, angle = dq[i : i + 2], float(dq[i + 2])
             turn = _turn(angle).T

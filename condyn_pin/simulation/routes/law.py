@@ -8,9 +8,15 @@ of lam.
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+import numpy as np
+from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from condyn_pin._core.arrays import Array
+
+# Singular values of a law that redundant contacts leave, relative to the largest.
+_REDUNDANT: Final = 1e-10
 
 
 class Law(NamedTuple):
@@ -35,3 +41,11 @@ class Law(NamedTuple):
     by_friction: Array
     margin: float
     by_size: Array | None = None
+
+
+def least(A: Array, b: Array) -> Array:
+    """Return x of A x = b (m,) or (m, columns), the smallest one where contacts are redundant."""
+    lu, pivots, info = dgetrf(A)
+    if not info and dgecon(lu, float(np.abs(A).sum(axis=0).max()))[0] > _REDUNDANT:
+        return np.asarray(dgetrs(lu, pivots, b)[0])
+    return np.asarray(np.linalg.lstsq(A, b, rcond=_REDUNDANT)[0])

@@ -19,7 +19,7 @@ from math import inf
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgecon, dgetrf, dgetrs, dtrtrs
+from scipy.linalg.lapack import dtrtrs
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
@@ -39,7 +39,7 @@ from condyn_pin.simulation.routes.asked_partials import asked_partials
 from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.floating_partials import FloatingPartials
 from condyn_pin.simulation.routes.inertia_partials import InertiaPartials
-from condyn_pin.simulation.routes.law import Law
+from condyn_pin.simulation.routes.law import Law, least
 from condyn_pin.simulation.routes.row_partials import row_partials
 from condyn_pin.simulation.routes.torque_partials import torque_partials
 from condyn_pin.simulation.system import System
@@ -162,7 +162,7 @@ class LinearSteps:
         if self.inertias and law.by_size is not None:
             size = self._falls**2 * self.inertias.mass()
             b[:, self.columns.inertias] += np.outer(law.by_size, size)
-        moved = _least(A, -b)
+        moved = least(A, -b)
         factors, X = posed.condensed.factors, posed.condensed.X
         return np.asarray(dv0 + dtrtrs(factors.L.T, X.dot(moved))[0])
 
@@ -303,21 +303,9 @@ class LinearSteps:
         return np.asarray(dq - Z @ back)
 
 
-def _least(A: Array, b: Array) -> Array:
-    """Return x of A x = b (m, columns), the smallest one where contacts are redundant."""
-    lu, pivots, info = dgetrf(A)
-    if not info and dgecon(lu, float(np.abs(A).sum(axis=0).max()))[0] > _REDUNDANT:
-        return np.asarray(dgetrs(lu, pivots, b)[0])
-    return np.asarray(np.linalg.lstsq(A, b, rcond=_REDUNDANT)[0])
-
-
 class Start(NamedTuple):
     """How the start of the equations changes with all columns (nv, columns) each."""
 
     at: Array  # where M, h and J are taken
     v: Array  # the velocity before
     pulled: Array  # torques, as they act at the end of the step
-
-
-# Singular values of the contact problem that redundant contacts leave, relative to the largest.
-_REDUNDANT = 1e-10
