@@ -1,0 +1,77 @@
+#include "proximal.hpp"
+#include "pivots.hpp"
+#include <pinocchio/algorithm/constrained-dynamics.hpp>
+
+namespace condyn
+{
+Proximal::Proximal(const Scene & scene)
+: scene(scene), model(scene.model), data(model), constraints(scene.plain)
+, lam(VectorXd::Zero(scene.plain_rows))
+, settings_(scene.proximal.absolute, scene.proximal.relative, scene.proximal.mu, scene.proximal.limit)
+{
+  for (auto & c : constraints)
+  {
+    // Pinocchio begins this list with nv zeros that are not columns: column 0 of what reads it is wrong.
+    if (int(c.loop_span_indexes.size()) >= model.nv)
+      c.loop_span_indexes.erase(c.loop_span_indexes.begin(), c.loop_span_indexes.begin() + model.nv);
+    datas.emplace_back(c);
+  }
+  pinocchio::initConstraintDynamics(model, data, constraints, datas);
+}
+
+const VectorXd & Proximal::acceleration(const VectorXd & q, const VectorXd & v, const VectorXd & tau)
+{
+  pinocchio::constraintDynamics(model, data, q, v, tau, constraints, datas, settings_);
+  iterations = settings_.iter;
+  reweighted = false;
+  if (scene.proximal.patient && !(settings_.relative_residual <= settings_.relative_accuracy))
+    if (auto finer = better())
+    {
+      pinocchio::constraintDynamics(model, data, q, v, tau, constraints, datas, *finer);
+      iterations += finer->iter;
+      reweighted = true;
+    }
+  lam = data.lambda_c;
+  return data.ddq;
+}
+
+std::optional<pinocchio::ProximalSettings> Proximal::better()
+{
+  const ProximalPlan & plan = scene.proximal;
+  MatrixXd G = data.constraint_chol.getInverseOperationalSpaceInertiaMatrix();
+  G.diagonal().array() -= settings_.mu;
+  const int rank = pivoted_cholesky(G);
+  const double sigma = rank ? G(rank - 1, rank - 1) * G(rank - 1, rank - 1) : 0.0;
+  if (!(0.0 < sigma && std::isfinite(sigma)))
+    return std::nullopt;
+  const bool few = !(plan.weak <= sigma && sigma <= plan.strong);
+  int power;
+  const double share = few ? plan.few_share : plan.usual_share;
+  const double mantissa = std::frexp(std::max(share * sigma, plan.least), &power);
+  const double mu = std::ldexp(std::trunc(32.0 * mantissa), power - 5); // five bits will do
+  if (settings_.mu <= mu && settings_.relative_residual < plan.harmless)
+    return std::nullopt; // along redundant rows: a step of lam that moves nothing
+  return pinocchio::ProximalSettings(0.0, plan.finer, mu, few ? plan.few : plan.usual);
+}
+
+VectorXd Proximal::scene_forces() const
+{
+  return scene.to_scene.size() ? VectorXd(scene.to_scene * lam) : lam;
+}
+
+bool Proximal::is_exact() const
+{
+  for (std::size_t k = 0; k < constraints.size(); ++k)
+  {
+    const auto & spec = scene.plain_specs[k];
+    if (!spec.approximates)
+      continue;
+    const auto & d = datas[k];
+    if (spec.anchored && d.contact_placement_error.toVector().head(spec.rows).squaredNorm() > scene.open_squared)
+      return false;
+    if (d.contact_velocity_error.toVector().head(spec.rows).squaredNorm() > scene.open_squared)
+      return false;
+  }
+  return true;
+}
+} // namespace condyn

@@ -1,0 +1,84 @@
+#include "scene.hpp"
+#include <stdexcept>
+
+namespace condyn
+{
+namespace
+{
+using namespace pinocchio;
+
+Joint joint(const std::string & kind, const Vector3d & axis)
+{
+  if (kind == "JointModelRX") return JointModelRX();
+  if (kind == "JointModelRY") return JointModelRY();
+  if (kind == "JointModelRZ") return JointModelRZ();
+  if (kind == "JointModelPX") return JointModelPX();
+  if (kind == "JointModelPY") return JointModelPY();
+  if (kind == "JointModelPZ") return JointModelPZ();
+  if (kind == "JointModelFreeFlyer") return JointModelFreeFlyer();
+  if (kind == "JointModelSpherical") return JointModelSpherical();
+  if (kind == "JointModelRevoluteUnaligned") return JointModelRevoluteUnaligned(axis);
+  if (kind == "JointModelPrismaticUnaligned") return JointModelPrismaticUnaligned(axis);
+  throw std::invalid_argument("a joint of kind " + kind);
+}
+
+void want(bool holds, const char * what)
+{
+  if (!holds)
+    throw std::invalid_argument(what);
+}
+} // namespace
+
+Model make_model(const std::vector<JointSpec> & joints, const Vector3d & gravity, const VectorXd & armature)
+{
+  Model model;
+  for (const auto & spec : joints)
+  {
+    want(0 <= spec.parent && spec.parent < model.njoints, "joints are not in the order of the tree");
+    const auto id = model.addJoint(
+      spec.parent, joint(spec.kind, spec.axis), spec.placement, "j" + std::to_string(model.njoints));
+    // Written, not appended: appending to nothing would round.
+    model.inertias[id] = Inertia(spec.mass, spec.lever, Symmetric3(spec.inertia));
+  }
+  want(armature.size() == model.nv, "armature has another size than v");
+  model.gravity.linear() = gravity;
+  model.armature = armature;
+  return model;
+}
+
+void add_constraints(
+  Scene & scene, const std::vector<Constraint> & constraints, const std::vector<PlainSpec> & plain)
+{
+  const Model & model = scene.model;
+  const auto valid = [&](int j) { return 0 <= j && j < model.njoints; };
+  for (const auto & c : constraints)
+  {
+    want(c.first == scene.rows && c.size > 0, "rows of a constraint");
+    if (c.kind == Kind::coupling)
+      want(0 <= std::min(c.q_a, c.q_b) && std::max(c.q_a, c.q_b) < model.nq
+             && 0 <= std::min(c.v_a, c.v_b) && std::max(c.v_a, c.v_b) < model.nv, "coordinates of a coupling");
+    else
+      want(valid(c.joint1) && valid(c.joint2), "joints of a constraint");
+    for (int row : c.selection)
+      want(0 <= row && row < 6, "selection of a constraint");
+    scene.constraints.push_back(c);
+    scene.rows += c.size;
+  }
+  for (const auto & c : plain)
+  {
+    want(valid(c.joint1) && valid(c.joint2), "joints of a constraint");
+    want(c.rows == 3 || c.rows == 6, "rows of a constraint of Pinocchio");
+    Rigid made(
+      c.rows == 6 ? CONTACT_6D : CONTACT_3D, model, c.joint1, c.placement1, c.joint2, c.placement2, LOCAL);
+    made.m_baumgarte_parameters.Kp = c.anchored ? scene.kp : 0.0;
+    made.m_baumgarte_parameters.Kd = scene.kd;
+    scene.plain.push_back(made);
+    scene.plain_specs.push_back(c);
+    scene.plain_rows += c.rows;
+  }
+  const bool same = scene.to_scene.size() == 0;
+  want(same ? scene.rows == scene.plain_rows || plain.empty()
+            : scene.to_scene.rows() == scene.rows && scene.to_scene.cols() == scene.plain_rows,
+       "to_scene");
+}
+} // namespace condyn

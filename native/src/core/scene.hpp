@@ -1,0 +1,67 @@
+// A scene, made of plain arrays: no object of Python's Pinocchio crosses the border.
+#pragma once
+#include "constraint.hpp"
+#include <string>
+
+namespace condyn
+{
+/// A joint and its body.
+struct JointSpec
+{
+  std::string kind; // shortname, as Pinocchio says it
+  Vector3d axis;
+  int parent;
+  SE3 placement;
+  double mass;
+  Vector3d lever;
+  Matrix3d inertia; // about the centre of mass
+};
+
+/// A constraint that Pinocchio has itself, of 3 or of 6 rows.
+struct PlainSpec
+{
+  int rows, joint1, joint2;
+  SE3 placement1, placement2;
+  bool anchored; // whether it has a position error
+  bool approximates; // rows of another kind, exact while it is closed
+};
+
+/// What `Proximal` iterates with, as Python computed it.
+struct ProximalPlan
+{
+  double absolute, relative, mu; // ProximalSettings
+  int limit;
+  bool patient; // whether another weight is looked for where these do not do
+  // the weight for a state, of MuAtState:
+  double finer; // [N], the step that ends it
+  int usual, few; // iterations
+  double usual_share, few_share; // mu / sigma
+  double weak, strong, least, harmless;
+};
+
+/// tau = -d v - k (q - rest), one spring a coordinate at most.
+struct Passive
+{
+  VectorXd d, k, rest;
+  std::vector<int> at_q; // where q holds each coordinate of v; -1 for none
+};
+
+struct Scene
+{
+  Model model;
+  std::vector<Constraint> constraints;
+  std::vector<Rigid> plain; // the same as Pinocchio takes them
+  std::vector<PlainSpec> plain_specs;
+  MatrixXd to_scene; // lam of the scene from that of `plain`; empty where they are the same
+  int rows = 0, plain_rows = 0;
+  double kp = 0, kd = 0; // a_ref = -kd J v - kp c
+  VectorXd weights; // of the residuals
+  double open_squared; // |gap|^2 above which what is approximated is not exact
+  ProximalPlan proximal;
+  Passive passive;
+};
+
+/// Throws std::invalid_argument where something does not fit.
+Model make_model(const std::vector<JointSpec> & joints, const Vector3d & gravity, const VectorXd & armature);
+void add_constraints(Scene & scene, const std::vector<Constraint> & constraints, const std::vector<PlainSpec> & plain);
+} // namespace condyn

@@ -1,0 +1,60 @@
+// Work on many rows by some threads, while Python may be interrupted.
+#pragma once
+#include <nanobind/nanobind.h>
+#include <atomic>
+#include <chrono>
+#include <condition_variable>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+namespace condyn
+{
+/// Calls work(worker, i) for all i < n; who is free takes the next few. To be called without the GIL.
+///
+/// The calling thread looks for signals: after one, no further row is begun, `stop` says so to the
+/// rows in work, and the exception of Python is thrown. `work` may throw nothing.
+template<typename Work>
+void share(std::size_t n, int threads, std::atomic<bool> & stop, Work work)
+{
+  std::atomic<std::size_t> next{0};
+  const std::size_t chunk = std::max<std::size_t>(1, std::min<std::size_t>(64, n / (8 * threads)));
+  std::mutex mutex;
+  std::condition_variable ended;
+  int running = threads;
+  const auto take = [&](int worker) {
+    for (std::size_t begin; !stop && (begin = next.fetch_add(chunk)) < n;)
+      for (std::size_t i = begin; !stop && i < std::min(begin + chunk, n); ++i)
+        work(worker, i);
+    // notified while locked: the waiting thread may not leave before
+    const std::lock_guard<std::mutex> lock(mutex);
+    --running;
+    ended.notify_one();
+  };
+  std::vector<std::thread> workers;
+  for (int worker = 0; worker < threads; ++worker)
+    workers.emplace_back(take, worker);
+  bool interrupted = false;
+  {
+    std::unique_lock<std::mutex> lock(mutex);
+    while (!ended.wait_for(lock, std::chrono::milliseconds(50), [&] { return running == 0; }))
+    {
+      lock.unlock();
+      {
+        nanobind::gil_scoped_acquire held;
+        interrupted = interrupted || PyErr_CheckSignals() != 0;
+      }
+      if (interrupted)
+        stop = true;
+      lock.lock();
+    }
+  }
+  for (auto & each : workers)
+    each.join();
+  if (interrupted)
+  {
+    nanobind::gil_scoped_acquire held;
+    throw nanobind::python_error();
+  }
+}
+} // namespace condyn
