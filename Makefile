@@ -11,12 +11,15 @@
 # make peers     time MuJoCo, Drake, Crocoddyl and exudyn beside us, each in an environment of its own
 # make control-peers  a control tick beside tsid and placo (2 minutes)
 # make contact-peers  contact in MuJoCo, Drake and Newton's Kamino beside ours (10 minutes)
-# make native    build and run the C++ timing program (about 7 minutes), write demo/native.json
+# make native    build the compiled core (minutes; objects are used again) and install it into .venv, and into .venv3 if
+#                that is there
+# make native-bench   build and run the C++ timing program (about 7 minutes), write demo/native.json
 
 PYTHON ?= python3
 VENV   := .venv
 VENV3  := .venv3
 VENVW  := .venv-wheel
+VENVN  := .venv-native
 PEERS  ?= build/peers
 BIN    := $(VENV)/bin
 NUMERICS := $(patsubst %,tests/test_%.py,contract weights extremes nonholonomic bridge derivatives batch \
@@ -28,7 +31,7 @@ export OMP_NUM_THREADS := 1
 export PIP_RETRIES ?= 10
 export PIP_DEFAULT_TIMEOUT ?= 120
 
-.PHONY: test test3 test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
+.PHONY: test test3 test-kernels test-numerics docs demo wheel native native-bench peers contact-peers control-peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -77,7 +80,18 @@ stress: $(VENV)/ready $(VENV3)/ready
 stress-slice: $(VENV)/ready
 	$(BIN)/condyn lab stress --seconds 60
 
-native: $(VENV)/ready
+native: $(VENV)/ready $(VENVN)/ready
+	$(VENVN)/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir build/native ./native
+	for python in $(wildcard $(VENV3)/bin/python) $(BIN)/python; do \
+	    $$python $(PIP) --no-deps --force-reinstall build/native/*.whl; done
+
+$(VENVN)/ready: native/pyproject.toml
+	$(PYTHON) -m venv $(VENVN)
+	$(VENVN)/bin/python $(PIP) "scikit-build-core>=0.10" "nanobind>=2.4" "libpinocchio==4.1.0" "cmeel-eigen==3.4.1" \
+	    "cmake>=3.22" ninja
+	touch $@
+
+native-bench: $(VENV)/ready
 	mkdir -p demo
 	$(BIN)/python $(PIP) cmeel-eigen
 	$(BIN)/python benchmarks/native/run.py --output demo/native.json
@@ -107,4 +121,4 @@ $(VENV3)/ready: pyproject.toml
 	touch $@
 
 clean:
-	rm -rf $(VENV) $(VENV3) $(VENVW) dist build demo docs/_build docs/_figures docs/api .import_linter_cache .mypy_cache .pytest_cache .ruff_cache
+	rm -rf $(VENV) $(VENV3) $(VENVW) $(VENVN) dist build demo docs/_build docs/_figures docs/api .import_linter_cache .mypy_cache .pytest_cache .ruff_cache

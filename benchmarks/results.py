@@ -95,7 +95,7 @@ def _in_cpp(table: BenchTable) -> list[str]:
     if not spans:
         return []
     return [
-        f"In C++ (`make native`, against Eigen's block Cholesky) x is {' and '.join(spans)}: "
+        f"In C++ (`make native-bench`, against Eigen's block Cholesky) x is {' and '.join(spans)}: "
         "much of the gain is that `Proximal` is one call from Python."
     ]
 
@@ -125,7 +125,7 @@ def pages(table: BenchTable) -> dict[str, dict[str, str]]:
 def main() -> None:
     """Run, write, and update README and docs."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--native", type=Path, help="merge this result of `make native`")
+    parser.add_argument("--native", type=Path, help="merge this result of `make native-bench`")
     parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
     arguments = parser.parse_args()
     RESULTS.mkdir(exist_ok=True)

@@ -48,7 +48,7 @@ class BrokenPinocchio(CondynError, ImportError):
 
 
 class UnsupportedBackend(CondynError):
-    """The installed Pinocchio lacks what was asked for."""
+    """The installed Pinocchio, or the compiled core, lacks what was asked for."""
 
 
 class MissingExtra(CondynError, ImportError):

@@ -160,7 +160,7 @@ def test_native_rows_are_merged_and_compared_with_the_native_dense_method(tmp_pa
 def test_a_file_that_is_no_native_result_is_refused(tmp_path, text):
     path = tmp_path / "native.json"
     path.write_text(text)
-    with pytest.raises(cp.InvalidArgument, match="make native"):
+    with pytest.raises(cp.InvalidArgument, match="make native-bench"):
         table().with_native(path)
 
 

@@ -18,6 +18,7 @@ REPLACE_NAMESAKE = "python -m pip uninstall -y pinocchio && " + MEND_4
 
 _WATCHED = (
     "condyn_pin",
+    "condyn_pin_native",
     "pin",
     "libpinocchio",
     "cmeel-urdfdom",
@@ -126,9 +127,9 @@ def diagnose() -> Diagnosis:
     features: dict[str, str] = {}
     if probe.returncode == 0:
         try:
-            from condyn_pin._core import _pin, blas_threads
+            from condyn_pin._core import _pin, blas_threads, compiled
 
-            features = _pin.features() | blas_threads.features()
+            features = _pin.features() | compiled.features() | blas_threads.features()
         except ImportError as error:
             findings, remedy = (str(error), *findings), remedy or MEND_4
     else:

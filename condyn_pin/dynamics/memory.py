@@ -52,7 +52,7 @@ class Memory(OneThread):
         self.bounds: tuple[AnyBound, ...] = scene.bounds
         self.pinocchio_constraints = pinocchio_constraints_of(scene)
         self.proximal_settings: Any = None
-        for made_on_demand in ("_made", "equations", "linearisation", "loads"):
+        for made_on_demand in ("_made", "equations", "linearisation", "loads", "compiled"):
             self.__dict__.pop(made_on_demand, None)
         if equations is not None:
             self.equations = equations

@@ -122,6 +122,15 @@ class MuAtState:
         self._weak = rounding / tolerances.SOLVED if corrected else 0.0
         self._strong = _STRONG * largest
 
+    @property
+    def numbers(self) -> tuple[float, ...]:
+        """What `settings` decides by, for who does it elsewhere: the compiled core."""
+        (usual, usual_share, _), (few, few_share, _) = self._usual, self._few
+        return (
+            self._accuracy, usual, few, usual_share, few_share,
+            self._weak, self._strong, self._least, self._harmless,
+        )  # fmt: skip
+
     def settings(self, step: float) -> Any:
         """Return settings for better than the last `step` [N]; None where only rounding is left."""
         G = self._cholesky.getInverseOperationalSpaceInertiaMatrix()

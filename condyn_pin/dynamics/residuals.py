@@ -47,6 +47,7 @@ from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
@@ -169,6 +170,26 @@ class ErrorEstimator:
             or max_lam > self.no_force * scale
         )
         return Residuals(max_dynamics, constraint, violation, velocity, bound), doubtful
+
+    def prove_many(
+        self, max_a: Array, constraint: Array, max_lam: Array, weighted: Array, tau: Array
+    ) -> tuple[Array, NDArray[np.bool_]]:
+        """Return the bounds of many answers (k,), and which are in doubt, as `prove` does.
+
+        `weighted` (k,) are the products of the weights with the residuals of the dynamics, `tau`
+        (k, nv) the torques; what is not a number is in doubt.
+        """
+        scale = np.maximum(max_a, self.gravity)
+        with np.errstate(all="ignore"):  # what is not a number is in doubt
+            error = self.largest_weight * (weighted + self.per_row * constraint)
+            rough = ~(error <= _NEAR_ROUNDING * scale)
+            felt = self.largest_weight * _EPS * (np.abs(tau[rough]) @ self.weights)
+            error[rough] -= felt
+            bound = np.maximum(error, 0.0) / scale
+            bound = np.where(scale > 0.0, bound, np.where(error <= 0.0, 0.0, inf)) + self.rounding
+            sure = (constraint <= self.unquestioned * scale) & (bound <= tolerances.SOLVED)
+            sure &= (max_a <= self.no_machine) & (max_lam <= self.no_force * scale)
+        return bound, ~sure
 
     def rounding_of(self, torques: Array) -> float:
         """Return what rounding of some torques (nv,), all positive, does to a: eps max(w) w.tau.

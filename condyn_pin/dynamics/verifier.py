@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from math import hypot, inf, isfinite, nan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -30,7 +30,7 @@ _OK = Status.OK
 
 # | |quaternion| - 1 | that no proof need see. Accelerations of light bodies are off by hundreds of
 # times as much, relative; integration leaves 1e-16.
-_LOOSE = 1e-12
+LOOSE: Final = 1e-12
 
 
 class Verifier:
@@ -59,10 +59,10 @@ class Verifier:
         residuals, doubtful = estimator.prove(dynamics, largest, _torques(tau, load))
         singular = False
         # rotations by a loose quaternion are none: the residuals agree with an answer that is off
-        loose = not pin.isNormalized(self._workspace.model, q, _LOOSE)
+        loose = not pin.isNormalized(self._workspace.model, q, LOOSE)
         doubtful = doubtful or loose
         if not doubtful and self._pivots.may_fall:
-            doubtful = residuals.bound > tolerances.SOLVED * self._pivots.left(equations.mass(q))
+            doubtful = not self._pivots.holds(residuals.bound, equations.mass(q))
         if doubtful and isfinite(residuals.bound):
             try:
                 residuals = self._careful_proof(q, v, tau, a, lam, load)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import warnings
 from collections.abc import Sequence
-from functools import partial
+from functools import cached_property, partial
 from threading import get_ident
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final
@@ -31,6 +31,7 @@ from condyn_pin.dynamics.verifier import Verifier, failure
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
+    from condyn_pin.dynamics.compiled.core import CompiledCore
     from condyn_pin.dynamics.derivatives.base import Derivatives
 
 # No acceleration of a machine: what is larger is looked at entry by entry.
@@ -121,6 +122,14 @@ class Workspace(Memory):
         settings = self.proximal_settings
         found = f", mu {settings.mu:.3g} 1/kg" if settings else ""
         return f"Workspace({self.scene.robot.name}, {self.scene.rows} rows: {self.solver!r}{found})"
+
+    @cached_property
+    def compiled(self) -> CompiledCore:
+        """The same in compiled code; UnsupportedBackend if it does not take something here."""
+        # imported here: most do without
+        from condyn_pin.dynamics.compiled.core import CompiledCore
+
+        return CompiledCore(self)
 
     def acceleration(
         self, q: Array, v: Array, tau: Array, *, forces: Sequence[AppliedForce] = _NO_FORCES

@@ -79,7 +79,7 @@ class BenchTable(Measurements[BenchRow]):
             )
         except (OSError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as e:
             raise InvalidArgument(
-                f"{path}: not a result of benchmarks/native ({e}); `make native` writes one"
+                f"{path}: not a result of benchmarks/native ({e}); `make native-bench` writes one"
             ) from e
         said = {f"native {key}": str(x) for key, x in native.items() if isinstance(x, str)}
         return BenchTable(self.rows + rows, self.machine | said)

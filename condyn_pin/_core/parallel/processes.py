@@ -55,7 +55,7 @@ class Processes(Executor):
     def __init__(self, workers: int | None = None, *, start_method: str = "spawn") -> None:
         if getattr(multiprocessing.current_process(), "_inheriting", False):
             raise WorkersLost(f"a worker would start workers of its own; {GUARD}")
-        count = _cores() if workers is None else workers
+        count = cores() if workers is None else workers
         check_count("workers", count, most=_MOST)
         known = multiprocessing.get_all_start_methods()
         if start_method not in known:
@@ -122,7 +122,7 @@ def workers_of(pool: Processes | ProcessPoolExecutor) -> int:
     return found
 
 
-def _cores() -> int:
+def cores() -> int:
     """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))

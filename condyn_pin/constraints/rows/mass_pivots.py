@@ -15,6 +15,7 @@ from typing import Any, Final
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes, turning
@@ -36,6 +37,10 @@ class MassPivots:
     def may_fall(self) -> bool:
         """Whether there is any such pivot."""
         return bool(self._watched.size)
+
+    def holds(self, bound: float, M: Array) -> bool:
+        """Whether a bound from the nominal state is not worth another look in M (nv, nv)."""
+        return bound <= tolerances.SOLVED * self.left(M)
 
     def left(self, M: Array) -> float:
         """Return what is left of them in M (nv, nv), the least of their shares of the nominal ones.

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, ClassVar, Literal
+from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,16 @@ _EPS = float(np.finfo(float).eps)
 
 # With a limit below this, an iteration that meets it is what was asked for.
 _PATIENT = 20
+
+
+class Iteration(NamedTuple):
+    """What `pin.constraintDynamics` is called with."""
+
+    mu: float  # [1/kg]
+    accuracy: float  # [N], the step of lam that ends it
+    limit: int
+    patient: bool  # whether another weight is looked for where this one does not converge
+    refinements: int
 
 
 @dataclass(frozen=True)
@@ -128,21 +138,31 @@ class Proximal(Solver):
         """Return mu, or what the `nominal` analysis says where it was left to us [1/kg]."""
         return default_mu(nominal) if self.mu is None else float(self.mu)
 
-    def start(self, workspace: Workspace) -> BoundSolver:
-        """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
-        nominal = workspace.scene.nominal
+    def iteration(self, nominal: NominalAnalysis) -> Iteration:
+        """Return what a scene is iterated with: what was left to us is from its analysis."""
         mu = self.weight(nominal)
         accuracy = self.relative_accuracy
         if accuracy is None:
             accuracy = default_accuracy(nominal, mu)
         patient = self.mu is None and self.max_iterations >= _PATIENT
         limit = FEW if patient else self.max_iterations
+        refinements = _refinements(nominal) if self.refinements is None else self.refinements
+        return Iteration(mu, accuracy, limit, patient, refinements)
+
+    def mu_at_state(self, workspace: Workspace) -> MuAtState:
+        """Return what finds the weight for a state at which the usual one does not do."""
+        nominal = workspace.scene.nominal
+        mu, accuracy, limit, _, refinements = self.iteration(nominal)
+        corrected = _refinements(nominal) > 0 and refinements > 0
+        return MuAtState(workspace, mu, accuracy, self.max_iterations - limit, corrected)
+
+    def start(self, workspace: Workspace) -> BoundSolver:
+        """Return `pin.constraintDynamics` bound to the memory of `workspace`."""
+        nominal = workspace.scene.nominal
+        mu, accuracy, limit, patient, refinements = self.iteration(nominal)
         settings = _pin.proximal_settings(self.absolute_accuracy, accuracy, mu, limit)
         workspace.proximal_settings = settings
-        needed = _refinements(nominal)
-        refinements = needed if self.refinements is None else self.refinements
-        left, corrected = self.max_iterations - limit, needed > 0 and refinements > 0
-        at_state = cache(lambda: MuAtState(workspace, mu, accuracy, left, corrected))
+        at_state = cache(lambda: self.mu_at_state(workspace))
         native = _pinocchios(workspace, accuracy, at_state if patient else None)
         run, lam, iterations = native.acceleration, native.lam, native.iterations
         method = native

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from functools import partial
 from math import nan
@@ -10,16 +10,18 @@ from time import perf_counter
 from typing import Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays, Kind
+from condyn_pin._core.parallel.native import Native
 from condyn_pin._core.parallel.rows import Rows
 from condyn_pin._core.parallel.transports import Messages
 from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.dynamics.compiled.core import CompiledCore
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import Scene, check_scene
@@ -27,6 +29,7 @@ from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import SolveFailed, unknown_name
+from condyn_pin.simulation.batch.compiled import by_whom
 from condyn_pin.simulation.batch.inputs import RowForces, check_states, split
 from condyn_pin.simulation.batch.recipe import Recipe
 from condyn_pin.simulation.batch.solution import STATUSES, BatchDerivatives, BatchSolution
@@ -44,7 +47,7 @@ def solve_batch(
     solver: Solver | None = None,
     drift: Baumgarte | None = None,
     accuracy: float | None = None,
-    executor: Executor | None = None,
+    executor: Executor | Native | None = None,
     chunk: int | None = None,
     progress: Progress = silent,
 ) -> BatchSolution:
@@ -66,10 +69,10 @@ def solve_batch(
         Forces from outside; with two axes a row a state, else the same for all. None by default.
     solver, drift, accuracy
         As in `solve`.
-    executor : Executor, optional
-        Who does the work: `Processes(2)`, any other `concurrent.futures.Executor`, or Dask's
-        ``client.get_executor()``. This process by default. Threads gain nothing: Pinocchio does
-        not release the GIL.
+    executor : Executor or Native, optional
+        Who does the work: `Processes(2)`, any other `concurrent.futures.Executor`, Dask's
+        ``client.get_executor()``, or ``Native(threads=2)``, the compiled core. This process by
+        default. Threads of Python gain nothing: Pinocchio does not release the GIL.
     chunk : int, optional
         States that a worker is handed at a time; by default a sixteenth of what is left, 1000 at
         most.
@@ -96,6 +99,8 @@ def solve_batch(
         After Ctrl-C; its ``table`` is the same.
     UnsupportedConstraint, StaleModel
         As in `solve`.
+    UnsupportedBackend
+        If the compiled core does not take what is asked for.
 
     Notes
     -----
@@ -106,8 +111,12 @@ def solve_batch(
     start = perf_counter()
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
     applied, of_rows, more = split(scene.robot, forces, count)
-    kernel = partial(_answer_rows, None, accuracy, of_rows)
-    rows = Rows(kernel, Recipe(scene, solver, drift), executor, chunk, 1000, progress)
+    recipe = Recipe(scene, solver, drift)
+    python = partial(_answer_rows, None, accuracy, of_rows)
+    kernel, workers = by_whom(
+        executor, partial(_solve, accuracy), python, _untaken(applied), recipe.workspace
+    )
+    rows = Rows(kernel, recipe, workers, chunk, 1000, progress)
     batch = partial(_batch, scene, inputs["q"], applied, start)
     return rows.fill(count, inputs | more, _of_solution(scene), batch)
 
@@ -222,6 +231,20 @@ def _answer_rows(
             for name in BLOCKS:
                 outputs[name][i] = getattr(found, name)
     return {}
+
+
+def _untaken(applied: tuple[AppliedForce, ...]) -> Iterator[str]:
+    """Yield what the compiled core does not take of a batch."""
+    if applied:
+        yield f"forces = {applied!r}: it has no forces from outside"
+
+
+def _solve(
+    accuracy: float | None, core: CompiledCore, inputs: Arrays, outputs: Arrays, threads: int
+) -> NDArray[np.intp]:
+    """Solve some rows by the compiled core; return those that are left."""
+    state = inputs["q"], inputs["v"], inputs["tau"]
+    return core.solve(*state, outputs, accuracy=accuracy, threads=threads)
 
 
 def _put(outputs: Arrays, i: int, solution: Solution) -> None:

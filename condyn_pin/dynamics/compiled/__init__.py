@@ -1,0 +1,1 @@
+"""A workspace's scene in the compiled core: arrays across the border, answers back."""

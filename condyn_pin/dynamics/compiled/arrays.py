@@ -1,0 +1,141 @@
+"""A scene as plain arrays, and what of it the compiled core does not take.
+
+No object of Pinocchio crosses the border: kinds of joints by their names, everything else as
+numbers. ``native/src/core`` reads them; the places of its fields are those here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import axes
+from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
+from condyn_pin.constraints.rows.couplings import Coupled
+from condyn_pin.dynamics.solvers.proximal import Proximal
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.workspace import Workspace
+
+# Kinds of joints that are compiled.
+JOINTS: Final = (
+    *("JointModelRX", "JointModelRY", "JointModelRZ", "JointModelRevoluteUnaligned"),
+    *("JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismaticUnaligned"),
+    *("JointModelFreeFlyer", "JointModelSpherical"),
+)
+
+# How rows are evaluated, by their number there.
+HELD, BALL, WELD, CUT, ROD, COUPLING = range(6)
+
+
+def untaken(workspace: Workspace) -> Iterator[str]:
+    """Yield what the core does not take of a workspace, in words."""
+    solver = workspace.solver
+    if type(solver) is not Proximal:
+        yield f"solver = {solver!r}: it has Proximal() alone"
+    elif solver.iteration(workspace.scene.nominal).refinements:
+        yield f"solver = {solver!r}: it makes no refinements, which this scene needs"
+    for name, joint in zip(workspace.model.names, workspace.model.joints, strict=True):
+        if joint.id and joint.shortname() not in JOINTS:
+            yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"
+    for bound in workspace.bounds:
+        if not isinstance(bound, Bound | Coupled):
+            yield f"constraint {bound.name!r}: it has no rows for a {type(bound).__name__}"
+
+
+def of_model(model: Any) -> dict[str, Any]:
+    """Return everything about a model that the equations read."""
+    kinds, rows, q = [], [], pin.neutral(model)
+    for i in range(1, model.njoints):
+        joint, Y = model.joints[i], model.inertias[i]
+        axis = np.zeros(3)
+        if joint.nv == 1:
+            linear, angular = axes(joint, q)[:, 0].reshape(2, 3)
+            axis = angular if angular.any() else linear
+        kinds.append(joint.shortname())
+        placed = _placement(model.jointPlacements[i])
+        rows.append([*axis, *placed, Y.mass, *Y.lever, *Y.inertia.ravel()])
+    return {
+        "kinds": kinds,
+        "parents": np.array(list(model.parents)[1:], np.int32),
+        "joints": np.array(rows, float).reshape(-1, 28),
+        "gravity": np.array(model.gravity.linear),
+        "armature": np.array(model.armature),
+    }
+
+
+def of_constraints(workspace: Workspace) -> dict[str, Any]:
+    """Return the rows of the scene, and the constraints that Pinocchio has in their place."""
+    found = workspace.pinocchio_constraints
+    rows = [_rows(bound) for bound in workspace.bounds]
+    plain = [
+        ([c.size, c.joint1, c.joint2, c.anchored, c.approximates],
+         [*_placement(c.placement1), *_placement(c.placement2)])
+        for c in found.constraints
+    ]  # fmt: skip
+    drift, none = workspace.drift, np.zeros((0, 0))
+    to_scene = none if found.to_scene is None else np.ascontiguousarray(found.to_scene)
+    return {
+        "constraints": np.array([ints for ints, _ in rows], np.int32).reshape(-1, 14),
+        "of_constraints": np.array([numbers for _, numbers in rows], float).reshape(-1, 27),
+        "plain": np.array([ints for ints, _ in plain], np.int32).reshape(-1, 5),
+        "of_plain": np.array([numbers for _, numbers in plain], float).reshape(-1, 24),
+        "to_scene": to_scene,
+        "drift": np.array([drift.Kp, drift.Kd] if drift else [0.0, 0.0]),
+    }
+
+
+def of_solver(workspace: Workspace) -> dict[str, Any]:
+    """Return what `Proximal` iterates with, and what judges it."""
+    solver, nominal = workspace.solver, workspace.scene.nominal
+    assert isinstance(solver, Proximal)
+    mu, accuracy, limit, patient, _ = solver.iteration(nominal)
+    better = solver.mu_at_state(workspace).numbers if patient else (0.0,) * 9
+    return {
+        "weights": np.ascontiguousarray(nominal.estimator.weights),
+        "open_squared": (0.1 * tolerances.CLOSED) ** 2,
+        "proximal": np.array([solver.absolute_accuracy, accuracy, mu, limit, patient, *better]),
+    }
+
+
+def _rows(bound: AnyBound) -> tuple[list[int], list[float]]:
+    first, size = bound.rows.start, bound.size
+    still = _placement(pin.SE3.Identity())
+    if isinstance(bound, Coupled):
+        places = [*bound.configuration, *bound.velocity]
+        ints = [COUPLING, first, size, 0, 0, 0, True, 0, False, False, *places]
+        return ints, [*still, *still, 1.0, bound.ratio, bound.offset]
+    assert isinstance(bound, Bound)
+    assert list(bound.selection) == sorted(bound.selection)
+    mask = sum(1 << row for row in bound.selection)
+    slider = size == 5 and not bound.is_hinge
+    ints = [
+        _kind(bound), first, size, bound.joint1, bound.joint2, mask, bound.anchored, bound.axis,
+        bound.is_hinge, slider, 0, 0, 0, 0,
+    ]  # fmt: skip
+    length = bound.length if bound.is_rod else 0.0
+    placed = [*_placement(bound.placement1), *_placement(bound.placement2)]
+    return ints, [*placed, bound.sign, length, 0.0]
+
+
+def _kind(bound: Bound) -> int:
+    if bound.is_held:
+        return HELD
+    if bound.is_rod:
+        return ROD
+    return {POINT: BALL, FRAME: WELD}.get(bound.selection, CUT)
+
+
+def _placement(M: Any) -> list[float]:
+    return [*M.rotation.ravel(), *M.translation]
+
+
+def contiguous(x: Array, count: int) -> Array:
+    """Return an array with a row a state: what has one axis is the same for all."""
+    return np.ascontiguousarray(np.broadcast_to(x, (count, x.shape[-1])))

@@ -1,0 +1,239 @@
+"""The compiled core answers what Python answers: to the bit where both have the same headers.
+
+Without it these tests are left out; where CI=true they fail.
+"""
+
+from __future__ import annotations
+
+import os
+import pickle
+import signal
+import threading
+from dataclasses import replace
+from time import sleep
+
+import numpy as np
+import pytest
+from shared import all_scenes, robot
+
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
+from condyn_pin._core.compiled import compiled
+from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.choice import default_solver
+from condyn_pin.errors import MissingExtra, UnsupportedBackend
+
+try:
+    HEADERS = compiled().pinocchio
+except MissingExtra:
+    HEADERS = ""
+pytestmark = pytest.mark.skipif(
+    not HEADERS and os.environ.get("CI") != "true",
+    reason="the compiled core is not installed: make native",
+)
+
+# What differs where the compiler, or Pinocchio, is another one: rounding.
+ROUNDED = 1e-12
+N = 12
+
+# Every kind that the core has rows for; others are refused.
+TAKEN = (
+    "talos contacts", "talos corners", "cassie loops", "cassie loops + contacts",
+    "solo12 contacts", "solo12 alone", "four_bar loops", "four_bar backwards", "four_bar hinge",
+    "talos foot to foot, welded", "talos hands to the world and together", "talos foot held twice",
+)  # fmt: skip
+
+
+OPEN = ("cassie loops", "four_bar hinge", "talos foot to foot, welded")
+
+
+def batch_of(label: str, count: int = N, seed: int = 5) -> tuple[np.ndarray, ...]:
+    scene, rng = all_scenes()[label], np.random.default_rng(seed)
+    states = [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
+    return tuple(map(np.array, zip(*states, strict=True)))
+
+
+def assert_same(found: np.ndarray, wanted: np.ndarray, name: str, bits: bool = True) -> None:
+    """To the bit, or relative to the largest of each row."""
+    if bits and pin.__version__ == HEADERS:
+        np.testing.assert_array_equal(found, wanted, err_msg=name)
+        return
+    assert found.shape == wanted.shape
+    for one, two in zip(found, wanted, strict=True):
+        size = max(1.0, float(np.abs(two).max(initial=0.0)))
+        np.testing.assert_allclose(one, two, rtol=0, atol=ROUNDED * size)
+
+
+@pytest.mark.parametrize("label", TAKEN)
+def test_solutions_are_those_of_python(label):
+    scene, states = all_scenes()[label], batch_of(label)
+    wanted = cp.solve_batch(scene, *states)
+    found = cp.solve_batch(scene, *states, executor=cp.Native(threads=2))
+    own_rows = all(b.is_plain or b.size == 1 for b in scene.bounds)
+    assert_same(found.a, wanted.a, "a")
+    assert_same(found.lam, wanted.lam, "lam", bits=own_rows)
+    np.testing.assert_array_equal(found.statuses, wanted.statuses)
+    assert found.ok
+    if pin.__version__ == HEADERS:
+        np.testing.assert_array_equal(found.iterations, wanted.iterations)
+    # residuals are rounding, relative to what they are a difference of
+    size = np.abs(wanted.a).max() * scene.robot.mass
+    assert np.abs(found.residuals - wanted.residuals).max() <= ROUNDED * max(size, 1.0)
+
+
+@pytest.mark.parametrize("label", OPEN)
+@pytest.mark.parametrize("drift", [cp.Baumgarte(3.0, 20.0)])
+def test_off_the_constraints_with_gains(label, drift):
+    scene, (q, v, tau) = all_scenes()[label], batch_of(label)
+    rng = np.random.default_rng(0)
+    off = np.array(
+        [pin.integrate(scene.robot.model, x, 1e-5 * rng.normal(size=v.shape[1])) for x in q]
+    )
+    wanted = cp.solve_batch(scene, off, v + 1e-5, tau, drift=drift)
+    found = cp.solve_batch(scene, off, v + 1e-5, tau, drift=drift, executor=cp.Native(threads=1))
+    np.testing.assert_array_equal(found.statuses, wanted.statuses)
+    assert_same(found.a, wanted.a, "a")
+    assert wanted.violation.max() > 1e-6
+    np.testing.assert_allclose(found.violation, wanted.violation, rtol=1e-9)
+    np.testing.assert_allclose(found.velocity_violation, wanted.velocity_violation, rtol=1e-9)
+
+
+def test_kinds_that_proximal_does_not_take_are_refused_by_name():
+    for label, scene in all_scenes().items():
+        if not isinstance(default_solver(scene), cp.Proximal):
+            with pytest.raises(UnsupportedBackend, match="the compiled core does not take"):
+                cp.solve_batch(scene, *batch_of(label, 1), executor=cp.Native(threads=1))
+
+
+def test_where_the_usual_weight_does_not_do_answers_stay_those_of_python():
+    """Loops that are open by more and more: another weight is looked for at some states."""
+    scene, (q, v, tau) = all_scenes()["cassie loops"], batch_of("cassie loops", 60)
+    rng = np.random.default_rng(2)
+    for i, scale in enumerate(10.0 ** rng.uniform(-12, -2, len(q))):
+        q[i] = pin.integrate(scene.robot.model, q[i], scale * rng.normal(size=v.shape[1]))
+    wanted = cp.solve_batch(scene, q, v, tau)
+    found = cp.solve_batch(scene, q, v, tau, executor=cp.Native(threads=2))
+    assert wanted.iterations.max() > 6
+    np.testing.assert_array_equal(found.statuses, wanted.statuses)
+    assert_same(found.a, wanted.a, "a")
+    assert_same(found.lam, wanted.lam, "lam")
+
+
+@pytest.mark.parametrize(
+    "solver",
+    [cp.Proximal(mu=1e-6, max_iterations=3), cp.Proximal(max_iterations=4), cp.Proximal(mu=0.0)],
+)
+def test_parameters_of_the_solver_are_those_of_python(solver):
+    states = batch_of("cassie loops")
+    scene = all_scenes()["cassie loops"]
+    wanted = cp.solve_batch(scene, *states, solver=solver)
+    found = cp.solve_batch(scene, *states, solver=solver, executor=cp.Native(threads=2))
+    np.testing.assert_array_equal(found.statuses, wanted.statuses)
+    np.testing.assert_array_equal(np.isfinite(found.a), np.isfinite(wanted.a))
+    fine = wanted.statuses == 0
+    assert_same(found.a[fine], wanted.a[fine], "a")
+
+
+def test_threads_change_no_bit():
+    scene, states = all_scenes()["cassie loops"], batch_of("cassie loops", 200)
+    one = cp.solve_batch(scene, *states, executor=cp.Native(threads=1))
+    many = cp.solve_batch(scene, *states, executor=cp.Native(threads=7), chunk=33)
+    np.testing.assert_array_equal(one.a, many.a)
+    np.testing.assert_array_equal(one.lam, many.lam)
+
+
+def test_what_overflows_or_is_not_solved_is_said_as_python_says_it():
+    scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts")
+    v[3], v[5] = 1e160, 1e70
+    wanted = cp.solve_batch(scene, q, v, tau)
+    found = cp.solve_batch(scene, q, v, tau, executor=cp.Native(threads=2))
+    np.testing.assert_array_equal(found.statuses, wanted.statuses)
+    assert found.statuses[3] != 0
+    assert found.statuses[4] == 0
+
+
+def test_bad_arguments_are_refused_as_in_python():
+    scene, (q, v, tau) = all_scenes()["solo12 contacts"], batch_of("solo12 contacts")
+    q[2, 3:7] *= 1.1
+    with pytest.raises(cp.InvalidArgument, match=r"Q\[2, 3:7\]"):
+        cp.solve_batch(scene, q, v, tau, executor=cp.Native())
+    core = cp.Workspace(scene).compiled.core
+    empty = {
+        "a": v,
+        "lam": v,
+        "sizes": v,
+        "iterations": np.zeros(1, np.int32),
+        "times": np.zeros(1),
+    }
+    with pytest.raises(ValueError, match="does not fit the scene"):
+        core.solve(q[:, :-1].copy(), v, tau, **empty, threads=1)
+
+
+def test_what_the_core_does_not_take_is_refused_by_name_or_done_by_python():
+    scene, states = all_scenes()["solo12 contacts"], batch_of("solo12 contacts")
+    push = [cp.AppliedForce("base_link", (1.0, 0.0, 0.0))]
+    dense = cp.DenseKKT()
+    for more, word in (({"solver": dense}, "DenseKKT"), ({"forces": push}, "forces")):
+        with pytest.raises(UnsupportedBackend, match=word):
+            cp.solve_batch(scene, *states, **more, executor=cp.Native())
+        found = cp.solve_batch(scene, *states, **more, executor=cp.Native(where_possible=True))
+        wanted = cp.solve_batch(scene, *states, **more)
+        np.testing.assert_array_equal(found.a, wanted.a)
+
+
+def test_workers_of_an_executor_use_the_core():
+    scene, states = all_scenes()["cassie loops"], batch_of("cassie loops", 40)
+    wanted = cp.solve_batch(scene, *states, executor=cp.Native(threads=1))
+    with cp.Processes(2) as workers:
+        native = cp.Native(threads=1, executor=workers)
+        found = cp.solve_batch(scene, *states, executor=native, chunk=10)
+    np.testing.assert_array_equal(found.a, wanted.a)
+
+
+def test_other_threads_of_python_go_on_meanwhile():
+    scene, states = all_scenes()["cassie loops"], batch_of("cassie loops", 2000)
+    native, done, ticks = cp.Native(threads=1), threading.Event(), 0
+    cp.solve_batch(scene, *(x[:2] for x in states), executor=native)
+    work = threading.Thread(
+        target=lambda: (cp.solve_batch(scene, *states, executor=native, chunk=2000), done.set())
+    )
+    work.start()
+    while not done.is_set():
+        ticks += 1
+        sleep(0)
+    work.join()
+    assert ticks > 5
+
+
+def test_ctrl_c_ends_a_batch_and_keeps_what_was_done():
+    scene, (q, v, tau) = (
+        all_scenes()["cassie loops + contacts"],
+        batch_of("cassie loops + contacts"),
+    )
+    many = [np.repeat(x, 3000, axis=0) for x in (q, v, tau)]
+
+    def interrupt(done: int, total: int) -> None:
+        if done == 3000:
+            os.kill(os.getpid(), signal.SIGINT)
+
+    with pytest.raises(cp.errors.Interrupted) as stopped:
+        cp.solve_batch(scene, *many, executor=cp.Native(threads=2), chunk=3000, progress=interrupt)
+    table = stopped.value.table
+    assert 0 < len(table.missing) < len(q) * 3000
+
+
+def test_a_native_is_a_value():
+    assert cp.Native(threads=2) == pickle.loads(pickle.dumps(cp.Native(threads=2)))
+    assert cp.Native().at_work >= 1
+    assert replace(cp.Native(), threads=3).at_work == 3
+    for bad in ({"threads": 0}, {"threads": 1.5}, {"executor": 2}, {"where_possible": 1}):
+        with pytest.raises(cp.InvalidArgument, match=next(iter(bad))):
+            cp.Native(**bad)
+
+
+def test_the_workspace_of_another_scene_has_another_core():
+    cassie = robot("cassie")
+    workspace = cp.Workspace(all_scenes()["cassie loops"])
+    before = workspace.compiled
+    workspace.use(cp.Scene(cassie, [*cassie.loops, *cassie.contacts]))
+    assert workspace.compiled is not before
