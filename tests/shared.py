@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin._core._pin import HAS_LCABA, pin
+from condyn_pin._core._pin import pin
 from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
 from condyn_pin.dynamics.choice import untaken
 
@@ -105,11 +105,7 @@ def scenes_of_every_kind() -> dict[str, cp.Scene]:
     }
 
 
-SOLVERS = {
-    name: solver
-    for name, solver in cp.dynamics.SOLVERS.items()
-    if HAS_LCABA or solver is not cp.LCABA
-}
+SOLVERS = {name: kind for name, kind in cp.dynamics.SOLVERS.items() if not kind.missing()}
 
 
 @functools.cache

@@ -745,7 +745,7 @@ def test_states_that_are_no_numbers_are_refused_by_name(place, value):
             workspace.terms(*state[:2])
 
 
-SOLVERS = [s() for n, s in cp.dynamics.SOLVERS.items() if s.exact and (n != "lcaba" or HAS_LCABA)]
+SOLVERS = [s() for s in cp.dynamics.SOLVERS.values() if s.exact and not s.missing()]
 each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.title)
 
 

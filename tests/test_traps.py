@@ -28,7 +28,7 @@ GRAVITY = 9.81
 LIBRARY = Path(cp.__file__).parent
 IS_4 = _pin.VERSION >= (4, 0)
 
-SOLVERS = [s() for n, s in cp.dynamics.SOLVERS.items() if s.exact and (n != "lcaba" or HAS_LCABA)]
+SOLVERS = [s() for s in cp.dynamics.SOLVERS.values() if s.exact and not s.missing()]
 each_solver = pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: s.title)
 takes_redundant = pytest.mark.parametrize(
     "solver", [s for s in SOLVERS if s.takes_redundant], ids=lambda s: s.title

@@ -148,11 +148,16 @@ def lcaba() -> Callable[..., NDArray[np.float64]]:
     return pin.lcaba  # type: ignore[no-any-return]
 
 
+def missing_lcaba() -> str:
+    """Return what `lcaba` needs that is not there; nothing where it is."""
+    if HAS_LCABA:
+        return ""
+    return f"LCABA needs Pinocchio 4, and {VERSION_TEXT} is installed: {doctor.MEND_4}"
+
+
 def _lcaba_or_refuse() -> None:
-    if not HAS_LCABA:
-        raise UnsupportedBackend(
-            f"LCABA needs Pinocchio 4, and {VERSION_TEXT} is installed: {doctor.MEND_4}"
-        )
+    if missing := missing_lcaba():
+        raise UnsupportedBackend(missing)
 
 
 def features() -> dict[str, str]:

@@ -6,7 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, TypeVar, cast
 
-from condyn_pin._core import _pin
 from condyn_pin._core.parameters import read_call
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.baumgarte import Baumgarte
@@ -109,13 +108,12 @@ def solver_of(name: str, parameters: Mapping[str, Any] | None = None) -> Solver:
 def solvers_of(names: str) -> tuple[Solver, ...]:
     """Return the solvers of a list, with their defaults; none of an empty one.
 
-    ``all`` are those that this Pinocchio has, without Reference: the others are compared with it.
+    ``all`` are those that are installed, without Reference: the others are compared with it.
     """
     if names.lower() != "all":
         return tuple(solver_of(name) for name in names_in(names))
-    missing = () if _pin.HAS_LCABA else ("lcaba",)
     return tuple(
-        solver() for name, solver in SOLVERS.items() if name not in ("reference", *missing)
+        solver() for name, solver in SOLVERS.items() if name != "reference" and not solver.missing()
     )
 
 

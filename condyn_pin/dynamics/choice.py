@@ -30,6 +30,8 @@ def kinds_of(solver: type[Solver]) -> str:
     """Return in words which kinds of constraints a solver takes."""
     if solver.takes_every_kind:
         return "every kind"
+    if not solver.takes_loops:
+        return "points, welds, hinges and edges that hold bodies at the world"
     if solver.takes_approximated:
         return "points, welds, hinges, edges and the planar pins of linkages in a plane"
     return "points and welds"
@@ -40,9 +42,14 @@ def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
     found = pinocchio_constraints_of(scene)
     if solver.takes_every_kind:
         return ()
+    names: tuple[str, ...] = ()
     if not solver.takes_approximated:
-        return found.approximated + found.unsupported
-    return found.unsupported if solver.takes_world_first else found.world_first + found.unsupported
+        names += found.approximated
+    elif not solver.takes_world_first:
+        names += found.world_first
+    if not solver.takes_loops:
+        names += found.loops
+    return tuple(dict.fromkeys(names + found.unsupported))
 
 
 def check_kinds(scene: Scene, solver: Solver) -> None:
@@ -56,14 +63,22 @@ def _refusal(scene: Scene, solver: Solver, names: Sequence[str]) -> str:
     """Return why a solver cannot take these constraints, and which ones can."""
     from condyn_pin.dynamics.solvers import SOLVERS  # imports them all
 
-    found, able = pinocchio_constraints_of(scene), ["Proximal()"]
-    why = (
-        f"Pinocchio has constraints of 3 and of 6 rows, and {', '.join(names)} cannot be made of "
-        "those"
-    )
+    found, able, why = pinocchio_constraints_of(scene), ["Proximal()"], []
+    loops = [] if solver.takes_loops else [name for name in names if name in found.loops]
+    others = [name for name in names if name not in loops]
+    first = solver.takes_approximated and set(others) <= set(found.world_first)
+    if loops:
+        why.append(f"its recursion ends at the world, and {', '.join(loops)} joins moving bodies")
+        able.append("LCABA()")
+    if others and first:
+        why.append(f"its recursion fails where the world comes first, as in {', '.join(others)}")
+        able.append("exchange its frames")
+    elif others:
+        why.append(
+            f"Pinocchio has constraints of 3 and of 6 rows, and {', '.join(others)} cannot be made "
+            "of those"
+        )
     if found.unsupported:
         able = [f"{k.__name__}()" for k in SOLVERS.values() if k.takes_every_kind and k.exact]
-    elif set(names) <= set(found.world_first) and solver.takes_approximated:
-        why = f"pin.lcaba crashes where the world comes first, as in {', '.join(names)}"
-        able.append("exchange its frames")
-    return f"{type(solver).__name__} takes {kinds_of(type(solver))}: {why}; use {' or '.join(able)}"
+    taken = f"{type(solver).__name__} takes {kinds_of(type(solver))}"
+    return f"{taken}: {', and '.join(why)}; use {' or '.join(able)}"

@@ -1,9 +1,12 @@
-"""What `LCABA` needs on a scene, measured against `Reference`: the weight, sweeps, corrections."""
+"""What a recursion on articulated bodies needs on a scene, measured against `Reference`.
+
+The weight, the limit of sweeps, and corrections, if any.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -12,9 +15,9 @@ from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.errors import NotAssembled
 
 if TYPE_CHECKING:
+    from condyn_pin.dynamics.articulated import ArticulatedSolver
     from condyn_pin.dynamics.nominal_states import NominalState
     from condyn_pin.dynamics.solvers.base import BoundSolver
-    from condyn_pin.dynamics.solvers.lcaba import LCABA
     from condyn_pin.dynamics.workspace import Workspace
 
 # What `mu` is chosen from, times the largest eigenvalue of G.
@@ -62,11 +65,11 @@ class Measured(NamedTuple):
     choice: Choice
 
 
-# From a choice to the method that it makes, and Pinocchio's settings, which count the sweeps.
-Start = Callable[[Choice], "tuple[BoundSolver, Any]"]
+# From a choice to the method that it makes, and how many sweeps the last answer took.
+Start = Callable[[Choice], "tuple[BoundSolver, Callable[[], int]]"]
 
 
-def best_choice(solver: LCABA, workspace: Workspace, start: Start) -> Choice:
+def best_choice(solver: ArticulatedSolver, workspace: Workspace, start: Start) -> Choice:
     """Return the fastest weight that is accurate at the states that are measured.
 
     If none is, the one with the best product of error and sweeps. A weight that needs more
@@ -97,19 +100,19 @@ def best_choice(solver: LCABA, workspace: Workspace, start: Start) -> Choice:
 
 
 def _measured(
-    solver: LCABA,
+    solver: ArticulatedSolver,
     workspace: Workspace,
     start: Start,
     states: Sequence[NominalState],
     choice: Choice,
 ) -> Measured:
     """Return how a choice does at some states."""
-    method, settings = start(choice)
+    method, made = start(choice)
     worst, sweeps = 0.0, 0
     for s in states:
         error = _error(workspace, method, s)
         worst = max(worst, error if np.isfinite(error) else np.inf)
-        sweeps = max(sweeps, int(settings.iter))
+        sweeps = max(sweeps, made())
     if not choice.refinements and sweeps > max(1, solver.max_iterations // 4):
         return Measured(2, worst, worst, choice)
     if worst < _ACCURATE:

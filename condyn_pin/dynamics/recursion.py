@@ -24,12 +24,14 @@ import numpy as np
 from condyn_pin._core import _pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import PinocchioConstraint
-from condyn_pin.dynamics.raw import raw_constraints, weightless
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
 
 Acceleration = Callable[[Array, Array, Array], Array]
+
+# An acceleration, and the forces of the last one.
+Recursing = tuple[Acceleration, Callable[[], Array]]
 
 # Coordinates of root joints that are shifts along axes of the world.
 _SHIFTS: Final = {"JointModelFreeFlyer": 3, "JointModelTranslation": 3, "JointModelPlanar": 2}
@@ -101,20 +103,24 @@ def _longest_chain(model: Any) -> float:
 
 
 class Corrected:
-    """A recursion whose answers are corrected."""
+    """A recursion whose answers are corrected.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    answer, correct : tuples of callables
+        The recursion, and the same without weight and without drift control: each an acceleration
+        of (q, v, tau), and what returns the forces of Pinocchio's rows in the last one.
+    times : int
+        Corrections.
+    """
 
     def __init__(
-        self, workspace: Workspace, recursion: Recursion, settings: Any, times: int
+        self, workspace: Workspace, answer: Recursing, correct: Recursing, times: int
     ) -> None:
-        self._workspace, self._recursion, self._times = workspace, recursion, times
-        self._run, self._latest = recursion.bind(settings), np.zeros(workspace.scene.rows)
-        model, constraints = (
-            weightless(workspace.model),
-            workspace.pinocchio_constraints.constraints,
-        )
-        models, datas = raw_constraints(model, constraints, None)
-        self._still = Recursion(model, model.createData(), constraints, models, datas)
-        self._correct = self._still.bind(settings)
+        self._workspace, self._times = workspace, times
+        (self._run, self._lam), (self._correct, self._step) = answer, correct
+        self._latest = np.zeros(workspace.scene.rows)
         self._at_rest = np.zeros(workspace.model.nv)
 
     @np.errstate(over="ignore", invalid="ignore")  # the status says it
@@ -122,11 +128,11 @@ class Corrected:
         """Return a (nv,) after the corrections."""
         workspace = self._workspace
         a = self._run(q, v, tau)
-        lam = workspace.scene_forces(self._recursion.lam())
+        lam = workspace.scene_forces(self._lam())
         for _ in range(self._times):
             r, _ = workspace.equations.residuals(q, v, tau, a, lam)
             a = a + self._correct(q, self._at_rest, -r)
-            lam = lam + workspace.scene_forces(self._still.lam())
+            lam = lam + workspace.scene_forces(self._step())
         self._latest = lam
         return a
 

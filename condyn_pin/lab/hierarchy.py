@@ -13,7 +13,6 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 
-from condyn_pin._core import _pin
 from condyn_pin._core.joints import indices
 from condyn_pin._core.timing import State, Times
 from condyn_pin.dynamics.scene import Scene
@@ -210,8 +209,7 @@ def _fastest(
 
 
 def _solvers() -> tuple[Solver, ...]:
-    lcaba: tuple[Solver, ...] = (LCABA(),) if _pin.HAS_LCABA else ()
-    return (*lcaba, Proximal(), DenseKKT())
+    return tuple(kind() for kind in (LCABA, Proximal, DenseKKT) if not kind.missing())
 
 
 def _why_slower(model: _Best, above: Sequence[_Best]) -> str:

@@ -7,11 +7,9 @@ from dataclasses import fields, is_dataclass, replace
 from itertools import product
 from typing import Any, Final, TypeVar
 
-from condyn_pin._core import _pin
 from condyn_pin.dynamics.choice import untaken
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.study.measures import Measure
@@ -80,5 +78,4 @@ def _refuses(method: Method, scene: Scene) -> bool:
     """Whether a solver cannot take a scene, or is not there."""
     if not isinstance(method, Solver):
         return False
-    missing = isinstance(method, LCABA) and not _pin.HAS_LCABA
-    return missing or bool(untaken(scene, method))
+    return bool(method.missing() or untaken(scene, method))

@@ -56,6 +56,8 @@ class PinocchioConstraints:
         Names of constraints that take rows of Pinocchio's with one too many.
     world_first : tuple of str
         Those of them whose first frame is the world's, which `pin.lcaba` must not see.
+    loops : tuple of str
+        Names of constraints that join two moving bodies.
     unsupported : tuple of str
         Names of constraints without an equivalent.
     """
@@ -64,6 +66,7 @@ class PinocchioConstraints:
     to_scene: Array | None
     approximated: tuple[str, ...]
     world_first: tuple[str, ...]
+    loops: tuple[str, ...]
     unsupported: tuple[str, ...]
 
 
@@ -77,6 +80,7 @@ def pinocchio_constraints(
     made: list[PinocchioConstraint] = []
     blocks: list[Array | None] = []
     approximated: list[tuple[str, int]] = []
+    loops: list[str] = []
     unsupported: list[str] = []
     for bound in bounds:
         points, block = _equivalent(model, bound)
@@ -84,8 +88,11 @@ def pinocchio_constraints(
         blocks.append(block)
         if not points:
             unsupported.append(bound.name)
-        elif points[0].approximates:
+            continue
+        if points[0].approximates:
             approximated.append((bound.name, points[0].joint1))
+        if points[0].joint1 and points[0].joint2:
+            loops.append(bound.name)
     E_T = None if all(block is None for block in blocks) else _side_by_side(blocks, bounds)
     constraints, W = spread(made, lambda: rows() if E_T is None else E_T.T @ rows())
     to_scene = E_T if W is None else W.T if E_T is None else E_T @ W.T
@@ -94,6 +101,7 @@ def pinocchio_constraints(
         to_scene,
         tuple(name for name, _ in approximated),
         tuple(name for name, joint1 in approximated if joint1 == 0),
+        tuple(loops),
         tuple(unsupported),
     )
 

@@ -21,13 +21,15 @@
    that uses them sets `takes_every_kind = False` and is never started on kinds without such an
    equivalent. Kinds that are imitated, such as a hinge by two points, bring a row too many: with
    `takes_approximated = False` it is not started on those either, and with `takes_world_first =
-   False` not on a planar pin whose first frame is the world's.
+   False` not on a planar pin whose first frame is the world's, and with `takes_loops = False` on
+   nothing that joins two moving bodies.
 7. `accuracy` is of every solver, and no parameter: what a status of ok promises where nothing else
-is
-   said. `tune` and `Table.cheapest` return solvers with the one that they were chosen for.
+   is said. `tune` and `Table.cheapest` return solvers with the one that they were chosen for.
 8. A solver of another problem, such as soft constraints, sets `exact = False`: its answer is judged
    by the hard equations like all others, and is called inaccurate by what it differs.
 9. Sources: cite the paper in the docstring.
+10. A solver that not every installation has says in `missing` what to install; tests and the
+    command line leave it out where it is missing, and to start it raises the same sentence.
 """
 
 from __future__ import annotations
@@ -98,6 +100,7 @@ class Solver(ABC):
     takes_every_kind: ClassVar[bool] = True  # or only kinds that Pinocchio has, or can imitate
     takes_approximated: ClassVar[bool] = True  # or only kinds that Pinocchio has
     takes_world_first: ClassVar[bool] = True  # or only a moving body as the first of the two
+    takes_loops: ClassVar[bool] = True  # or only what holds a body at the world
     exact: ClassVar[bool] = True  # whether it solves the two equations, or others near them
 
     sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look
@@ -123,6 +126,11 @@ class Solver(ABC):
         enter(SOLVERS, name, cls, f"a solver named {cls.__name__}")
         for known in sorted(SOLVERS):  # in one order, whatever is imported first
             SOLVERS[known] = SOLVERS.pop(known)
+
+    @classmethod
+    def missing(cls) -> str:
+        """Return what is missing here, and what installs it, in a sentence; usually nothing."""
+        return ""
 
     @abstractmethod
     def start(self, workspace: Workspace) -> BoundSolver:

@@ -2,31 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from condyn_pin._core import _pin
-from condyn_pin._core.parameters import (
-    ACCURACIES,
-    ITERATIONS,
-    WEIGHTS,
-    Grid,
-    check_accuracy,
-    check_proximal,
-    check_refinements,
-)
-from condyn_pin.dynamics.lcaba_choice import Choice, best_choice
+from condyn_pin.dynamics.articulated import ArticulatedSolver
+from condyn_pin.dynamics.lcaba_choice import Choice
+from condyn_pin.dynamics.raw import raw_constraints, weightless
 from condyn_pin.dynamics.recursion import Corrected, Recursion
-from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
+from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.errors import UnsupportedConstraint
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.nominal import NominalAnalysis
     from condyn_pin.dynamics.workspace import Workspace
 
 
 @dataclass(frozen=True)
-class LCABA(Solver):
+class LCABA(ArticulatedSolver):
     """Articulated body recursion with the constraints carried up the tree.
 
     The proximal iteration of `Proximal`, without forming G: the constraints enter the articulated
@@ -72,27 +65,11 @@ class LCABA(Solver):
     title: ClassVar[str] = "LCABA"
     cost: ClassVar[str] = "O(n + m) for contacts with the world; loops add cross terms"
     use: ClassVar[str] = "the fastest for contacts with the world; needs Pinocchio 4"
-    takes_redundant: ClassVar[bool] = True
-    takes_every_kind: ClassVar[bool] = False
-    takes_world_first: ClassVar[bool] = False
-    sweeps: ClassVar[tuple[Grid, ...]] = (
-        {"mu": WEIGHTS, "max_iterations": (1, 20)},
-        {"max_iterations": ITERATIONS},
-        {"absolute_accuracy": ACCURACIES},
-    )
 
-    mu: float | None = None  # [1/kg]
-    max_iterations: int = 200
-    absolute_accuracy: float | None = None  # [m/s^2]
-    refinements: int | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check_proximal(self.mu, self.max_iterations, smallest_mu=1e-300)
-        if self.absolute_accuracy is not None:
-            check_accuracy("absolute_accuracy", self.absolute_accuracy)
-        if self.refinements is not None:
-            check_refinements(self.refinements)
+    @classmethod
+    def missing(cls) -> str:
+        """Return what is missing here: Pinocchio 4, or nothing."""
+        return _pin.missing_lcaba()
 
     def start(self, workspace: Workspace) -> BoundSolver:
         """Return the cured `pin.lcaba` bound to the memory of `workspace`."""
@@ -104,36 +81,33 @@ class LCABA(Solver):
         pinocchio_constraints = workspace.pinocchio_constraints.constraints
         models, datas = workspace.constraint_models, workspace.constraint_datas
         recursion = Recursion(workspace.model, workspace.data, pinocchio_constraints, models, datas)
-        nominal = workspace.scene.nominal
+        wanted = self.wanted(workspace)
 
-        def method(choice: Choice) -> tuple[BoundSolver, Any]:
-            settings = self._settings(nominal, choice)
-            return self._method(workspace, recursion, settings, choice.refinements), settings
+        def start(chosen: Choice) -> tuple[BoundSolver, Callable[[], int]]:
+            settings = _pin.proximal_settings(wanted, 0.0, chosen.mu, chosen.limit)
+            workspace.proximal_settings = settings
+            bound = _method(workspace, recursion, settings, chosen.refinements)
+            return bound, lambda: int(settings.iter)
 
-        if self.mu is not None:
-            chosen = Choice(self.mu, self.max_iterations, self.refinements or 0)
-        elif (found := nominal.measured.get(self)) is not None:
-            chosen = Choice(*found)
-        else:
-            nominal.measured[self] = chosen = best_choice(self, workspace, method)
-        bound, workspace.proximal_settings = method(chosen)
-        return bound
+        return self.started(workspace, start)
 
-    def _method(
-        self, workspace: Workspace, recursion: Recursion, settings: Any, refinements: int
-    ) -> BoundSolver:
-        if not refinements:
-            run = recursion.bind(settings)
-            return BoundSolver(
-                run, lambda: workspace.scene_forces(recursion.lam()), lambda: int(settings.iter)
-            )
-        corrected = Corrected(workspace, recursion, settings, refinements)
+
+def _method(
+    workspace: Workspace, recursion: Recursion, settings: Any, refinements: int
+) -> BoundSolver:
+    run = recursion.bind(settings)
+    if not refinements:
         return BoundSolver(
-            corrected.acceleration, corrected.lam, lambda: refinements + int(settings.iter)
+            run, lambda: workspace.scene_forces(recursion.lam()), lambda: int(settings.iter)
         )
-
-    def _settings(self, nominal: NominalAnalysis, chosen: Choice) -> Any:
-        accuracy = self.absolute_accuracy
-        if accuracy is None:
-            accuracy = nominal.estimator.enough / 10
-        return _pin.proximal_settings(accuracy, 0.0, chosen.mu, chosen.limit)
+    model = weightless(workspace.model)
+    constraints = workspace.pinocchio_constraints.constraints
+    still = Recursion(
+        model, model.createData(), constraints, *raw_constraints(model, constraints, None)
+    )
+    corrected = Corrected(
+        workspace, (run, recursion.lam), (still.bind(settings), still.lam), refinements
+    )
+    return BoundSolver(
+        corrected.acceleration, corrected.lam, lambda: refinements + int(settings.iter)
+    )

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.parameters import check_called
 from condyn_pin.errors import Interrupted, WorkersLost, unknown_name
 from condyn_pin.io.load import load_robot
@@ -70,7 +69,7 @@ def mixed(todo: Sequence[Task]) -> list[Task]:
 
 
 def methods(names: Sequence[str] = ()) -> list[str]:
-    """Return the solvers of the installed Pinocchio, or those named, by their names.
+    """Return the solvers that are installed, or those named, by their names.
 
     Contact solvers have to be named.
     """
@@ -80,8 +79,7 @@ def methods(names: Sequence[str] = ()) -> list[str]:
     for name in names:
         if name not in SOLVERS and name not in CONTACT_SOLVERS:
             raise unknown_name("solver", name, {**SOLVERS, **CONTACT_SOLVERS})
-    able = [name for name in SOLVERS if HAS_LCABA or name != "lcaba"]
-    return list(names) or able
+    return list(names) or [name for name, kind in SOLVERS.items() if not kind.missing()]
 
 
 def asked(task: Task, names: Sequence[str]) -> list[str]:
