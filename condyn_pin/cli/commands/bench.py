@@ -34,7 +34,7 @@ def bench(
     csv: arg.Csv = None,
     as_json: arg.TableJson = None,
     plot: arg.Plot = None,
-    native: Annotated[Path | None, typer.Option(help="Merge a result of `make native-bench`.")] = None,
+    native: Annotated[Path | None, typer.Option(help="Merge a `make native-bench`.")] = None,
     solvers: SolversToBench = "",
 ) -> None:
     """Time ABA, LCABA, proximal and dense KKT, with their errors, on the same states.
