@@ -1,14 +1,15 @@
 """Every solver against Reference at random closed states of every robot's scenes.
 
-    python benchmarks/equivalence.py [--states 1000] [robot ...]
+    python benchmarks/equivalence.py [--states 1000] [--solvers all] [robot ...]
 
-writes benchmarks/results/equivalence.csv, and exits with 1 if an answer that says ok is off by more
-than it promises.
+writes benchmarks/results/equivalence.csv, where the rows of solvers that are not named stay, and
+exits with 1 if an answer that says ok is off by more than it promises.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
 import os
 import sys
 from collections.abc import Iterator, Sequence
@@ -67,8 +68,11 @@ class Agreement:
         return not self.ok or self.error < SOLVED
 
 
-def agreements(label: str, scene: cp.Scene, count: int) -> list[Agreement]:
-    """Compare every solver that takes the scene with Reference, on the same random states."""
+def agreements(label: str, scene: cp.Scene, count: int, solvers: str = "all") -> list[Agreement]:
+    """Compare solvers that take the scene with Reference, on the same random states."""
+    contenders = list(_contenders(scene, solvers))
+    if not contenders:
+        return []
     rng = np.random.default_rng(0)
     states = [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
     reference = cp.Workspace(scene, cp.dynamics.Reference())
@@ -76,14 +80,14 @@ def agreements(label: str, scene: cp.Scene, count: int) -> list[Agreement]:
     forces = [reference.jacobian(state[0]).T for state in states]
     return [
         _agreement(label, name, cp.Workspace(scene, solver), states, truth, forces)
-        for name, solver in _contenders(scene)
+        for name, solver in contenders
     ]
 
 
-def _contenders(scene: cp.Scene) -> Iterator[tuple[str, cp.dynamics.Solver]]:
-    """Yield every solver that takes the scene, and damped those that need it."""
+def _contenders(scene: cp.Scene, solvers: str) -> Iterator[tuple[str, cp.dynamics.Solver]]:
+    """Yield every named solver that takes the scene, and damped those that need it."""
     mu = float(f"{1e-11 * scene.nominal.delassus_norm:.1e}")
-    for solver in solvers_of("all"):
+    for solver in solvers_of(solvers):
         if not untaken(scene, solver):
             name = type(solver).__name__
             yield name, solver
@@ -125,20 +129,38 @@ def _relative(x: np.ndarray, right: np.ndarray, floor: float) -> float:
     return float(np.abs(x - right).max() / max(np.abs(right).max(), floor))
 
 
+def _others(path: Path, solvers: str) -> tuple[list[dict[str, str]], dict[str, str]]:
+    """Return the rows of a table that are of none of these solvers, and what its head is to say."""
+    if solvers == "all":
+        return [], {}
+    named = {type(solver).__name__ for solver in solvers_of(solvers)}
+    lines = path.read_text().splitlines()
+    head = dict(line[2:].split(": ", 1) for line in lines if line.startswith("#"))
+    rows = csv.DictReader(line for line in lines if not line.startswith("#"))
+    kept = [row for row in rows if row["solver"].partition("(")[0] not in named]
+    others = f"of {head['date']}, condyn_pin {head['condyn_pin']}"
+    return kept, {"rows but of " + ", ".join(sorted(named)): others}
+
+
 def main() -> int:
     """Run, write the table, and say whether every ok is one."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("robots", nargs="*", default=list(cp.available_robots()))
     parser.add_argument("--states", type=int, default=1000)
+    parser.add_argument("--solvers", default="all", help="names of `condyn solvers`, with commas")
     parser.add_argument("--csv", type=Path, default=RESULTS)
     arguments = parser.parse_args()
     table: list[Agreement] = []
     for name in arguments.robots:
         for label, scene in standard_scenes(cp.load_robot(name)).items():
-            table += agreements(label, scene, arguments.states)
+            table += agreements(label, scene, arguments.states, arguments.solvers)
             print(label, flush=True)
     columns = [field.name for field in fields(Agreement)]
-    write_csv(arguments.csv, machine(), columns, (asdict(row) for row in table))
+    others, said = _others(arguments.csv, arguments.solvers)
+    rows = [*others, *map(asdict, table)]
+    scenes = list(dict.fromkeys(row["scene"] for row in rows))
+    rows.sort(key=lambda row: scenes.index(row["scene"]))
+    write_csv(arguments.csv, machine() | said, columns, rows)
     lies = [row for row in table if not row.is_honest]
     for row in lies:
         print(f"{row.scene}, {row.solver}: off by {row.error:.1e} where it says ok")

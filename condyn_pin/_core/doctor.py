@@ -127,9 +127,10 @@ def diagnose() -> Diagnosis:
     features: dict[str, str] = {}
     if probe.returncode == 0:
         try:
-            from condyn_pin._core import _pin, blas_threads, compiled
+            from condyn_pin._core import _pin, blas_threads, compiled, constrained_aba
 
-            features = _pin.features() | compiled.features() | blas_threads.features()
+            found = (_pin, compiled, constrained_aba, blas_threads)
+            features = {name: said for room in found for name, said in room.features().items()}
         except ImportError as error:
             findings, remedy = (str(error), *findings), remedy or MEND_4
     else:

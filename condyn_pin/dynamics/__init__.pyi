@@ -17,12 +17,14 @@ from .solvers import Solver as Solver
 from .solvers.base import BoundSolver as BoundSolver
 from .solvers.base import Singular as Singular
 from .solvers.conjugate_gradient import ConjugateGradient as ConjugateGradient
+from .solvers.constrained_aba import ConstrainedABA as ConstrainedABA
 from .solvers.delassus_cholesky import DelassusCholesky as DelassusCholesky
 from .solvers.dense_kkt import DenseKKT as DenseKKT
 from .solvers.gauss_principle import GaussPrinciple as GaussPrinciple
 from .solvers.lcaba import LCABA as LCABA
 from .solvers.null_space import NullSpace as NullSpace
 from .solvers.proximal import Proximal as Proximal
+from .solvers.pv import PV as PV
 from .solvers.reference import Reference as Reference
 from .solvers.soft import Soft as Soft
 from .solvers.sparse_kkt import SparseKKT as SparseKKT
