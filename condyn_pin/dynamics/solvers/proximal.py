@@ -139,7 +139,7 @@ class Proximal(Solver):
         return default_mu(nominal) if self.mu is None else float(self.mu)
 
     def iteration(self, nominal: NominalAnalysis) -> Iteration:
-        """Return what a scene is iterated with: what was left to us is from its analysis."""
+        """Return what a scene is iterated with; its `nominal` analysis has what was left to us."""
         mu = self.weight(nominal)
         accuracy = self.relative_accuracy
         if accuracy is None:
