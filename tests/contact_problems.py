@@ -109,6 +109,32 @@ def random(
     return ContactProblem(X.T @ X, g, np.full(cones, mu), half_lines, limits, **fields)
 
 
+def bodies(seed: int, **fields) -> ContactProblem:
+    """Return bodies of 1 g to 1 t that touch each other and the ground, friction 1e-3 to 100.
+
+    g is a velocity that they can have, and contacts are often redundant.
+    """
+    rng = np.random.default_rng(seed)
+    count, k = rng.integers(1, 4), rng.integers(2, 9)
+    masses = 10.0 ** rng.uniform(-3, 3, count)
+    J_T = np.zeros((6 * count, 3 * k))
+    for i in range(k):
+        E = np.linalg.qr(rng.normal(size=(3, 3)))[0]
+        one, other = rng.permutation(count + 1)[:2]  # the last one is the ground
+        for body, sign in ((one, 1), (other, -1)):
+            if body < count:
+                p = rng.normal(scale=0.2, size=3)
+                rows = np.vstack([E.T, np.cross(p, E).T])
+                J_T[6 * body : 6 * body + 6, 3 * i : 3 * i + 3] = sign * rows
+    g = J_T.T @ rng.normal(size=6 * count)
+    X = (
+        J_T
+        * np.repeat(1 / np.sqrt(masses), 6)[:, None]
+        * np.tile([1, 1, 1, 10, 10, 10], count)[:, None]
+    )
+    return ContactProblem(X.T @ X, g, 10.0 ** rng.uniform(-3, 2, k), **fields)
+
+
 def natural(problem: ContactProblem, lam: np.ndarray) -> float:
     """Return the natural residual, contact by contact as one would write it on a whiteboard."""
     R = np.zeros(problem.rows) if problem.R is None else problem.R

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from contact_problems import box, natural, random, rod, rolling_sole, solo12, touching
+from contact_problems import bodies, box, natural, random, rod, rolling_sole, solo12, touching
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -207,6 +207,27 @@ def test_newton_names_the_polygon_that_it_began_with():
 def test_large_friction_and_redundant_contacts(seed, solver):
     assert solve_contact(random(seed, mu=10.0), solver).status.ok
     assert solve_contact(random(seed, cones=8, joints=12, mu=3.0), solver).status.ok
+
+
+@pytest.mark.parametrize("solver", [ADMM(), SemismoothNewton()], ids=repr)
+@pytest.mark.parametrize("seed", [486, 1966, 2441, 2690, 3401, 3730, 3801])
+def test_masses_and_friction_wide_apart(seed, solver):
+    """Polygons that follow the slips, and units of each contact: none was answered in a second."""
+    problem = bodies(seed)
+    assert natural(problem, solve_contact(problem, solver).lam) < 1e-8
+
+
+@pytest.mark.parametrize("solver", [ADMM(), SemismoothNewton()], ids=repr)
+@pytest.mark.parametrize("seed", [64, 179, 215, 309, 486])
+def test_convex_problems_with_masses_and_friction_wide_apart(seed, solver):
+    problem = bodies(seed, law="ccp")
+    assert natural(problem, solve_contact(problem, solver).lam) < 1e-8
+
+
+def test_rounding_proves_nothing_infeasible():
+    """Bodies that stop do not go through each other."""
+    found = solve_contact(bodies(517, law="ccp"), throw=False)
+    assert found.status is not ContactStatus.INFEASIBLE
 
 
 def test_polish_ends_at_rounding():

@@ -15,6 +15,9 @@ from condyn_pin.contact.scaling import normalised
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.errors import InvalidArgument
 
+# Slips below this share of what friction would move things by are none.
+_STILL = 1e-9
+
 
 @dataclass(frozen=True)
 class Lemke(ContactSolver):
@@ -69,21 +72,57 @@ class Lemke(ContactSolver):
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
         """Return the polygon's answer, or the nearest to one; it has no use for a guess."""
-        small, unit = normalised(problem)
-        B, A, b = _linear(small, self.sides)
-        end = lemke(A, b, self.max_iterations)
-        lam = np.asarray(B @ end.z[: B.shape[1]]) * unit
-        return Attempt(lam, end.pivots, (self.title,), end.answered)
+        return _pivoted(problem, _regular(problem, self.sides), self.max_iterations)
 
 
-def _linear(problem: ContactProblem, sides: int) -> tuple[Array, Array, Array]:
+def turned(problem: ContactProblem, lam: Array, width: float, sides: int) -> Attempt:
+    """Return the answer of polygons with more corners where contacts slide at impulses `lam`.
+
+    Along such a corner a polygon has the friction of the circle. Where friction locks bodies or is
+    large, regular polygons are off by more than what they slide by.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+    lam : (m,) array
+        Of other polygons, most often [N s].
+    width : float
+        Of the fan of five corners round the direction of slip [rad].
+    sides : int
+        Of the regular polygon that each has beside them.
+    """
+    cones = problem.sets.parts[0]
+    L, S = (each[cones].reshape(-1, 3) for each in (lam, problem.velocities(lam)))
+    # friction points against the slip, and where nothing slides it points anywhere
+    slides = np.hypot(S[:, 0], S[:, 1]) * problem.scale[0] > np.hypot(L[:, 0], L[:, 1]) * _STILL
+    t = np.where(slides[:, None], -S[:, :2], L[:, :2])
+    first = np.arctan2(t[:, 1], t[:, 0])[:, None]
+    fan = width * np.linspace(-0.5, 0.5, 5)
+    angles = np.hstack((_regular(problem, sides) + first, fan[fan != 0] + first))
+    return _pivoted(problem, angles, Lemke.max_iterations)
+
+
+def _regular(problem: ContactProblem, sides: int) -> Array:
+    """Return the directions of the corners of regular polygons (k, sides) [rad]."""
+    return np.tile(2 * np.pi * np.arange(sides) / sides, (len(problem.friction), 1))
+
+
+def _pivoted(problem: ContactProblem, angles: Array, max_iterations: int) -> Attempt:
+    """Return the answer of the polygons with corners at `angles` (k, sides)."""
+    small, unit = normalised(problem)
+    B, A, b = _linear(small, angles)
+    end = lemke(A, b, max_iterations)
+    lam = np.asarray(B @ end.z[: B.shape[1]]) * unit
+    return Attempt(lam, end.pivots, (Lemke.title,), end.answered)
+
+
+def _linear(problem: ContactProblem, angles: Array) -> tuple[Array, Array, Array]:
     """Return B, A and b: lam = B z and w = A z + b, z >= 0 with one slip of each thing that slides.
 
     Dry friction of a joint is a polygon with two sides, and a load that does not depend on l_n.
     """
     cones, lines, intervals = problem.sets.parts
-    k, n, m = len(problem.friction), problem.half_lines, len(problem.g)
-    angles = 2 * np.pi * np.arange(sides) / sides
+    (k, sides), n, m = angles.shape, problem.half_lines, len(problem.g)
     directions = np.array([np.cos(angles), np.sin(angles)])
     pushes = [*range(2, cones.stop, 3), *range(lines.start, lines.stop)]
     two = len(problem.limits)
@@ -92,7 +131,7 @@ def _linear(problem: ContactProblem, sides: int) -> tuple[Array, Array, Array]:
     E = np.zeros((sides * k + 2 * two, k + two))  # which slip a direction belongs to
     for i in range(k):
         at = slice(k + n + sides * i, k + n + sides * (i + 1))
-        B[3 * i : 3 * i + 2, at] = directions
+        B[3 * i : 3 * i + 2, at] = directions[:, i]
         E[sides * i : sides * (i + 1), i] = 1.0
     for j in range(two):
         first = sides * k + 2 * j

@@ -19,7 +19,7 @@ from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.scaling import normalised
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
-from condyn_pin.contact.solvers.lemke import Lemke
+from condyn_pin.contact.solvers.lemke import Lemke, turned
 from condyn_pin.contact.solvers.pgs import PGS
 
 # Compliance of the first proximal problem, in units of G, what it shrinks by, and its end; how many
@@ -27,8 +27,10 @@ from condyn_pin.contact.solvers.pgs import PGS
 _SOFTEST, _HARDER, _HARDEST, _PROXIMAL = 1.0, 0.1, 1e-10, 40
 
 # Polygons that are tried, with so many sides, and how many sides of all contacts come first: pivots
-# cost the square of that, and where there are more they are the last resort.
+# cost the square of that, and where there are more they are the last resort. Fans of corners that
+# follow the slips, one after the other [rad].
 _SIDES, _LARGEST = (8, 16), 400
+_FANS = (0.4, 0.2, 0.05)
 
 # Rows from which ADMM is the cheaper start, and fewer contacts are tried; what it is asked for, and
 # Newton's steps from there: if so few do not end, they stall.
@@ -61,10 +63,11 @@ class SemismoothNewton(ContactSolver):
     -----
     Cost O(m^3) a step, a singular value decomposition. Where it stalls, as it does where friction
     is large or locks bodies (Painleve), it starts again. In an ncp from polygons, by Lemke's
-    method; from a fixed point: with the slips |sigma_t| of the problem before in its g, an ncp is a
-    ccp; and from what `PGS` finds, contact by contact. In a ccp by the proximal point method:
-    problems that cost more far from the answer before, ten times less each time, and ten times more
-    again where Newton's method stalls.
+    method, the next ones with more corners along the slips of the one before; from a fixed point:
+    with the slips |sigma_t| of the problem before in its g, an ncp is a ccp; and from what `PGS`
+    finds, contact by contact. In a ccp by the proximal point method: problems that cost more far
+    from the answer before, ten times less each time, and ten times more again where Newton's method
+    stalls.
 
     References
     ----------
@@ -148,35 +151,41 @@ def restarts(problem: ContactProblem, found: Attempt, max_iterations: int) -> It
             yield found
     found = refine(problem, found.lam, max_iterations).after(found)
     yield found
-    if problem.law == "ncp":
-        for first in _slow(problem):
-            found = first.after(found)
-            yield found
-            found = refine(problem, found.lam, max_iterations).after(found)
-            yield found
-        if not cheap:
-            yield from _polygons(problem, found, max_iterations)
+    for first in _slow(problem):
+        found = first.after(found)
+        yield found
+        found = refine(problem, found.lam, max_iterations).after(found)
+        yield found
+    if problem.law == "ncp" and not cheap:
+        yield from _polygons(problem, found, max_iterations)
 
 
 def _slow(problem: ContactProblem) -> Iterator[Attempt]:
     """Yield what methods of first order, and convex problems, come to in many iterations."""
-    if _pin_contacts.solves_contacts(True, len(problem.limits)):
-        yield PGS().attempt(problem)
+    is_ncp = problem.law == "ncp"
+    if _pin_contacts.solves_contacts(is_ncp, len(problem.limits)):
+        if is_ncp:
+            yield PGS().attempt(problem)
         most = int(_LONG / problem.rows**2)
         long = directions(problem, None, tolerance=_NEAR, max_iterations=most, anderson=0)
         if long is not None:
             yield Attempt(*long, ("ADMM for longer",))
-    small, unit = normalised(problem)
-    lam, steps = cadoux(small)
-    yield Attempt(lam * unit, steps, ("convex problems",))
+    if is_ncp:
+        small, unit = normalised(problem)
+        lam, steps = cadoux(small)
+        yield Attempt(lam * unit, steps, ("convex problems",))
 
 
 def _polygons(problem: ContactProblem, found: Attempt, max_iterations: int) -> Iterator[Attempt]:
-    """Yield the ends of Newton's method from the answers of polygons."""
+    """Yield the ends of Newton's method from the answers of polygons, regular and turned."""
     for sides in _SIDES:
         polygon = Lemke(sides).attempt(problem)
         found = refine(problem, polygon.lam, max_iterations).after(polygon.after(found))
         yield found
+        for width in _FANS if polygon.answered and len(problem.friction) else ():
+            polygon = turned(problem, polygon.lam, width, sides)
+            found = refine(problem, polygon.lam, max_iterations).after(polygon.after(found))
+            yield found
 
 
 def _proximal(problem: ContactProblem, max_iterations: int) -> Iterator[tuple[Array, int]]:
