@@ -34,6 +34,7 @@ VARIANTS = [
     cp.RungeKutta4(),
     cp.simulation.Rattle(),
     cp.simulation.Shake(),
+    cp.simulation.CoordinatePartitioning(),
     *(cp.simulation.GeneralisedAlpha(rho=rho) for rho in (0.0, 0.5, 0.8, 0.9)),
     *(cp.simulation.RadauIIA(stages=s) for s in (1, 2, 3)),
     *(cp.simulation.GearGuptaLeimkuhler(stages=s) for s in (1, 2, 3)),

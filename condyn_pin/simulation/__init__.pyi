@@ -21,6 +21,7 @@ from .integrators import INTEGRATORS as INTEGRATORS
 from .integrators import Integrator as Integrator
 from .integrators.anitescu import Anitescu as Anitescu
 from .integrators.contact_scheme import ContactScheme as ContactScheme
+from .integrators.coordinate_partitioning import CoordinatePartitioning as CoordinatePartitioning
 from .integrators.dormand_prince import DormandPrince as DormandPrince
 from .integrators.event_driven import EventDriven as EventDriven
 from .integrators.explicit import ExplicitEuler as ExplicitEuler

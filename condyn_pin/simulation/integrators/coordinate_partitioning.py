@@ -1,0 +1,107 @@
+"""CoordinatePartitioning: motion in independent coordinates, the others by the constraints."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array, Indices
+from condyn_pin._core.linalg.pivots import pivots
+from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
+from condyn_pin.simulation.newton import fixed_point_iteration
+from condyn_pin.simulation.system import System
+
+# Norm of what other columns of J leave of one that counts as nothing, as a share of the largest.
+_NOTHING = 1e-9
+
+_WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0  # of Runge's and Kutta's stages
+
+
+@dataclass(frozen=True)
+class CoordinatePartitioning(Integrator):
+    """Runge-Kutta 4 in the independent coordinates: an ordinary differential equation.
+
+    theta = (theta_I, theta_D) with q = q0 exp(theta), and D the largest independent columns of J,
+    anew in every step. At each stage
+
+        c(q0 exp(theta)) = 0 gives theta_D,    J_D v_D = -J_I v_I gives v_D,
+        theta_I' = (Jr(theta)^-1 v)_I,         v_I' = a_I.
+
+    Both levels of the constraints hold at rounding, without gains and without projection: what is
+    integrated are the nv - rank J degrees of freedom. Where a step passes a dead point of the
+    chosen coordinates, Newton's iteration fails, and `StepFailed` asks for a smaller dt.
+
+    References
+    ----------
+    Wehage, Haug. Generalized coordinate partitioning for dimension reduction in analysis of
+    constrained dynamic systems. Journal of Mechanical Design 104, 1982.
+    """
+
+    title: ClassVar[str] = "coordinate partitioning"
+    order: ClassVar[Order] = Order(4, 4, 4)
+    solves_per_step: ClassVar[float] = 12
+    use: ClassVar[str] = "to compare: independent coordinates, closed at both levels"
+    keeps_constraints: ClassVar[bool] = True
+    needs_positions: ClassVar[bool] = True
+
+    @property
+    def takes_stiff_damping(self) -> bool:
+        """False: it is explicit in the independent coordinates."""
+        return False
+
+    def start(self, system: System, dt: float) -> Stepper:
+        """Return this integrator at work on `system`."""
+
+        def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+            chart = _Chart(system, q, t, dt)
+            I = chart.independent  # noqa: E741
+            a1 = system.acceleration(t, q, v)
+            theta, rates, slopes = np.zeros(len(v)), [v], [a1]
+            for share in (0.5, 0.5, 1.0):
+                now = t + share * dt
+                theta[I] = share * dt * rates[-1][I]
+                at, speed = chart.closed(now, theta, v[I] + share * dt * slopes[-1][I])
+                slopes.append(system.acceleration(now, at, speed))
+                rates.append(system.rate(theta, speed))
+            mean, change = (_WEIGHTS @ np.array(each) for each in (rates, slopes))
+            theta[I] = dt * mean[I]
+            q1, v1 = chart.closed(t + dt, theta, v[I] + dt * change[I])
+            return q1, v1, a1
+
+        return Stepper(step)
+
+
+class _Chart:
+    """The coordinates theta of one step, and which of them the others determine."""
+
+    def __init__(self, system: System, q: Array, t: float, dt: float) -> None:
+        self._system, self._q, self._t, self._dt = system, q, t, dt
+        self._J = J = system.equations.jacobian(q)
+        chosen, _ = pivots(J, _NOTHING * float(np.abs(J).max(initial=0.0)))
+        self._dependent: Indices = np.array(sorted(chosen[: system.scene.nominal.rank]), dtype=int)
+        self.independent: Indices = np.setdiff1d(np.arange(J.shape[1]), self._dependent)
+
+    def closed(self, t: float, theta: Array, v_I: Array) -> tuple[Array, Array]:
+        """Return q and v at t; `theta` keeps its independent part, the other one is written."""
+        system, D, q = self._system, self._dependent, self._q
+
+        def iteration() -> float:
+            nonlocal q
+            q = system.integrate(self._q, theta)
+            c, self._J = system.equations.position_level(q)
+            theta[D] -= _solved(self._J[:, D], c)
+            return float(np.abs(c).max(initial=0.0))
+
+        system.at(t)
+        fixed_point_iteration(iteration, CoordinatePartitioning.title, t, self._dt, system.size(q))
+        v = np.zeros(len(theta))
+        v[self.independent] = v_I
+        v[D] = _solved(self._J[:, D], system.equations.wanted[1] - self._J @ v)
+        return q, v
+
+
+def _solved(A: Array, b: Array) -> Array:
+    """Return x of A x = b with rows that may depend on one another."""
+    return np.asarray(np.linalg.lstsq(A, b, rcond=None)[0]) if A.size else np.zeros(A.shape[1])
