@@ -5,6 +5,7 @@ from .mechanisms.bricard import bricard as bricard
 from .mechanisms.car import ackermann as ackermann
 from .mechanisms.car import car as car
 from .mechanisms.chain import chain as chain
+from .mechanisms.compass import compass_walker as compass_walker
 from .mechanisms.delta import delta as delta
 from .mechanisms.five_bar import five_bar as five_bar
 from .mechanisms.four_bar import four_bar as four_bar
