@@ -291,7 +291,7 @@ def test_what_takes_no_path_says_so(driven, bar):
         lambda: cp.Workspace(driven),
         lambda: cp.inverse_dynamics(driven, q, v, still),
         lambda: cp.derivatives(driven, q, v, still),
-        lambda: cp.impact(driven.at(0.0), q, v),
+        lambda: cp.impact(driven, q, v),
         lambda: cp.step(driven, q, v, still, dt=1e-3),
         lambda: cp.Controller(driven, [], cones={}),
         lambda: complete_state(driven, [0.1]),
@@ -318,6 +318,28 @@ def test_events_may_drive_and_let_go(driven, bar):
     assert len(run.phases) == 2
     assert np.abs(run.energy.error).max() < 1e-7
     assert run.lam[-1, -1] == 0.0
+
+
+def test_a_drive_takes_hold_at_its_speed(driven, bar):
+    free = cp.Scene(bar, bar.loops)
+    q, v = driven.state()
+    fast = 1.5 * v
+    hit = cp.impact(driven.at(0.0), q, fast, restitution={"crank": 0.5})
+    rate = crank_at(driven, 0.0)[1]
+    assert hit.v[0] - rate == pytest.approx(-0.5 * (fast[0] - rate), abs=1e-12)
+    terms = cp.Workspace(driven.at(0.0)).terms(q, v)
+    assert terms.M @ (hit.v - fast) == pytest.approx(terms.J.T @ hit.lam, abs=1e-12)
+    # on its way, from where the path is at that time
+    t = 0.1
+    at_start = free.assemble([crank_at(driven, t)[0], *q[1:]], fixed=["crank"]).q
+    still = np.zeros(3)
+    weightless = {"gravity": False, "duration": 0.3, "dt": 1e-3}
+    grab = cp.Event(name="grab", at=t, scene=driven)
+    run = cp.simulate(free, at_start, still, events=[grab], **weightless)
+    assert run.v[run.run.happened[0].sample, 0] == pytest.approx(crank_at(driven, t)[1], abs=1e-12)
+    assert run.run.happened[0].energy_lost < 0  # the motor brings it
+    assert np.abs(run.energy.error).max() < 1e-8
+    assert run.q[-1, 0] == pytest.approx(crank_at(driven, run.t[-1])[0], abs=1e-9)
 
 
 def test_files_batches_and_pictures_have_it(driven, tmp_path):

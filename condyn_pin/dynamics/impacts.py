@@ -25,7 +25,7 @@ from condyn_pin.dynamics.derivatives.kkt import turning_null_space
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
 from condyn_pin.dynamics.raw import weightless
-from condyn_pin.dynamics.scene import Scene, check_not_driven
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 
 Restitution = float | Mapping[str, float]
@@ -137,6 +137,8 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
 
     M (v+ - v-) = J^T lam,    J v+ = -e J v-
 
+    What is driven takes hold at its speed: J v+ - s' = -e (J v- - s').
+
     Parameters
     ----------
     scene : Scene
@@ -170,12 +172,12 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
     Featherstone. Rigid Body Dynamics Algorithms. Springer, 2008, section 11.7.
     """
     state = at_state(scene, q, v)
-    check_not_driven(scene, "an impact")
     M, J = state.terms.M, state.terms.J
     by_name, e = restitutions(scene, restitution), np.zeros(scene.rows)
     for bound in scene.bounds:
         e[bound.rows] = by_name.get(bound.name, 0.0)
-    wanted = -e * (J @ state.v)
+    rates = equations_of(scene).wanted[1]  # of rows that are driven
+    wanted = rates - e * (J @ state.v - rates)
     after, lam = state.factors.solve(M @ state.v, wanted)
     found = Impact(
         v=after,
@@ -216,7 +218,8 @@ def _check(found: Impact, J: Array, wanted: Array) -> None:
             f"restitution: redundant rows rebound differently, {off:.3g} m/s or rad/s apart; give "
             "the constraints that share them one value"
         )
-    if found.energy_lost < -tolerances.SOLVED * found.energy_before:
+    adds = found.energy_lost < -tolerances.SOLVED * found.energy_before
+    if adds and not found.scene.is_driven:
         raise InvalidArgument(
             f"restitution: these values together would add {-found.energy_lost:.3g} J; give the "
             "constraints that are met at the same time one value"

@@ -14,6 +14,7 @@ from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactSch
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
 from condyn_pin.simulation.system import System
 
+
 @dataclass(frozen=True)
 class Moreau(ContactScheme):
     """Velocities and impulses only, at the configuration in the middle of the step.
