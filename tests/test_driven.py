@@ -295,6 +295,7 @@ def test_what_takes_no_path_says_so(driven, bar):
         lambda: cp.step(driven, q, v, still, dt=1e-3),
         lambda: cp.Controller(driven, [], cones={}),
         lambda: complete_state(driven, [0.1]),
+        lambda: driven.minimal(error=0.01),
         lambda: cp.simulate(driven, q, v, duration=0.1, integrator=cp.Moreau()),
         lambda: cp.solve(driven.at(0.0), q, v, still, solver=cp.Proximal()),
     ):
@@ -340,6 +341,20 @@ def test_a_drive_takes_hold_at_its_speed(driven, bar):
     assert run.run.happened[0].energy_lost < 0  # the motor brings it
     assert np.abs(run.energy.error).max() < 1e-8
     assert run.q[-1, 0] == pytest.approx(crank_at(driven, run.t[-1])[0], abs=1e-9)
+
+
+def test_a_path_out_of_reach_ends_the_run(bar):
+    """The rocker swings by less than a radian; the path asks for two."""
+    far = Driven(HeldJoint("rocker", bar.postures["open"][2]), Sine(2.0, 0.5))
+    scene = cp.Scene(bar, [*bar.loops, far])
+    for integrator in (None, cp.simulation.GearGuptaLeimkuhler()):
+        run = cp.simulate(scene, *scene.state(), duration=1.0, integrator=integrator)
+        assert run.status.name in ("FAILED", "DIVERGED")
+        assert 0.1 < run.t[-1] < 0.25
+        assert run.violation.max() < 0.02
+    run = cp.simulate(scene, *scene.state(), duration=1.0)
+    assert "rocker: at t = 0.1" in run.reason
+    assert "cannot follow" in run.reason
 
 
 def test_files_batches_and_pictures_have_it(driven, tmp_path):

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.bound import BoundContact
@@ -24,7 +25,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Singular
 from condyn_pin.dynamics.workspace import LARGEST, SMALLEST, Workspace
-from condyn_pin.errors import StepFailed
+from condyn_pin.errors import NotAssembled, StepFailed
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.recorder import Row
@@ -114,6 +115,17 @@ class System:
     def at(self, t: float) -> None:
         """Take driven rows where their paths are at t [s]."""
         self.equations.at(t)
+
+    def check_reach(self, t: float, q: Array, v: Array) -> None:
+        """Refuse a path that the loops cannot follow."""
+        self.at(t)
+        gap, _ = self.equations.open_by(q, v)
+        if gap > tolerances.OUT_OF_REACH:
+            names = ", ".join(c.name for c in self.scene.constraints if c.is_rheonomic)
+            raise NotAssembled(
+                f"{names}: at t = {t:g} s the path leads to where the loops cannot follow: they "
+                f"are open by {gap:.2g} m or rad"
+            )
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:
         """Return a (nv,) by the solver; `lam()` then returns its constraint forces (m,).
@@ -262,6 +274,7 @@ class CorrectedStepper:
         # a correction reads what the solve of the next step leaves behind
         self._system = bare.system or system
         self._correct = drift.start(self._system, dt)
+        self._is_driven = system.scene.is_driven
         self._slow = None if integrator.between_events.is_adaptive else system.manifold.slow(dt)
 
     def take(
@@ -276,6 +289,8 @@ class CorrectedStepper:
         q, v, a = self._step(t, q, v)
         if slow and v.dot(v) > slow:
             self._manifold.check_turn(v, self._dt)
+        if self._is_driven:
+            self._system.check_reach(t1, q, v)
         if keep and self._lam:
             lam = self._lam()  # before the correction solves again
         if self._correct:

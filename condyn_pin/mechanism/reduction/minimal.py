@@ -25,7 +25,7 @@ from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
 from condyn_pin._core.timing import State
 from condyn_pin.dynamics.choice import default_solver
-from condyn_pin.dynamics.scene import Scene, check_bilateral
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument
@@ -93,6 +93,7 @@ def minimal(
     if not 0 <= finite("error", error, ()) < 1:
         raise InvalidArgument(f"error = {error!r}: a number from 0 to below 1 is needed")
     check_bilateral(scene)
+    check_not_driven(scene, "minimal")
     limit = max(float(error), tolerances.EXACT)
     solver = default_solver(scene) if solver is None else solver
     if not isinstance(solver, Solver):
