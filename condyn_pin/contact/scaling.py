@@ -40,10 +40,9 @@ def normalised(problem: ContactProblem) -> tuple[ContactProblem, float | Array]:
 
 def _differ(problem: ContactProblem) -> bool:
     """Whether impulses move some contacts of cones far more than others."""
-    if not len(problem.friction):
-        return False
-    stiff = problem.G.diagonal().reshape(-1, 3).sum(axis=1)
-    return bool(stiff.max() > _APART * stiff.min())
+    t1, t2, n = (problem.G.diagonal()[axis].tolist() for axis in problem.sets.axes)
+    stiff: list[float] = [sum(each) for each in zip(t1, t2, n, strict=True)]
+    return max(stiff, default=0.0) > _APART * min(stiff, default=0.0)
 
 
 def _normalised_by_contact(problem: ContactProblem) -> tuple[ContactProblem, Array]:

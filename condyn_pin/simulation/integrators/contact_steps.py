@@ -18,8 +18,7 @@ M w x u less, and gamma J_b w x u.
 
 from __future__ import annotations
 
-from math import inf, isfinite, nan
-from typing import NamedTuple
+from math import isfinite, nan
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,11 +27,9 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
-from condyn_pin.contact.condense import Condensed, condense
-from condyn_pin.contact.consistent import without_contradiction
-from condyn_pin.contact.judge import attempt_contact, first_attempt, judged
+from condyn_pin.contact.condense import condense
+from condyn_pin.contact.judge import judged
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
-from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.errors import StepFailed
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
@@ -40,53 +37,18 @@ from condyn_pin.simulation.contact_record import touch_of
 from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
+from condyn_pin.simulation.integrators.closings import Closings
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
 from condyn_pin.simulation.integrators.path_ends import MISSED, PathEnds, next_path
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.integrators.tried import Taken, Tried, answered
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System, total_torque
-
-# Newton's steps that close loops behind a step, at most: a few, and more beside a dead point.
-_CLOSINGS = 10
-
-# A gap that is left to rounding [m, rad].
-_CLOSED = 1e-13
-
-# Gaps that the factors of the step still close, each time up to a share dt |v| [m, rad].
-_SMALL = 1e-6
 
 # How often a step is posed anew because its paths end elsewhere, at most: each time their error
 # falls by a factor of two at least, and most often by one of about dt |v|.
 _AGAIN = 6
-
-
-class Tried(NamedTuple):
-    """A step with an answer of its contact solver."""
-
-    posed: Posed
-    v: Array  # (nv,), the velocity after it, in the axes of `posed` [m/s, rad/s]
-    attempt: Attempt
-    natural: float  # residual of the contact problem
-
-
-class Taken(NamedTuple):
-    """A step that was taken."""
-
-    posed: Posed
-    v: Array
-    attempt: Attempt
-    natural: float
-    work: float  # of the contacts [J]
-    tried: tuple[Tried, ...]  # what it came from, in turn, and itself
-
-
-class Closing(NamedTuple):
-    """A part of the way on which loops are closed, by the same factors."""
-
-    factors: MinimumNorm  # of the step, or of `begin`
-    begin: Array
-    end: Array
 
 
 class ContactSteps:
@@ -98,6 +60,7 @@ class ContactSteps:
         The axes of floating bodies.
     paths : CurvedPaths
     ends : PathEnds
+    closings : Closings
     last : Taken
         The step that was taken last.
     """
@@ -110,6 +73,7 @@ class ContactSteps:
         self.floating = Floating(system.model)
         self.paths = CurvedPaths(system, self.floating, dt)
         self.ends = PathEnds(system, self.floating, dt)
+        self.closings = Closings(system, self._factors)
         passive = system.passive
         self._torque = total_torque(system.applied, passive, dt)
         self._inertia = passive.inertia(dt) if passive.inertia(dt).any() else None
@@ -162,7 +126,7 @@ class ContactSteps:
         work = 0.5 * float(lam.dot(posed.near.before + posed.J_c.dot(v1)))
         self._system.contact_work += work
         rest = self._share * dt
-        q1 = self.closed(posed.condensed, floating.integrate(posed.at, rest * v1))
+        q1 = self.closings.closed(posed.condensed.factors, floating.integrate(posed.at, rest * v1))
         if not isfinite(float(q1.dot(q1) + v1.dot(v1) + work)):
             natural = nan  # also where no contact takes part
         self.last = Taken(posed, v1, found, natural, work, tuple(tried))
@@ -253,65 +217,36 @@ class ContactSteps:
 
     def _answered(self, t: float, q: Array, v: Array) -> list[Tried]:
         """Return a step as it was tried, each time along the path before; the last one is taken."""
-        tried = [self._first(t, q, v)]
+        tried, solver = [self._first(t, q, v)], self._scheme.contact
         off = self._off(tried[0])
         best, least = 1, off
         while off > MISSED and len(tried) <= _AGAIN:
             last = tried[-1]
             path = last.posed.v if last.posed.path is None else last.posed.path
             along = next_path(last.posed, path, last.v)
-            tried.append(self._tried(self.pose_along(last.posed, along)))
+            tried.append(answered(self.pose_along(last.posed, along), solver))
             off = self._off(tried[-1])
-            if off < least and self._is_answer(tried[-1]):
+            if off < least and tried[-1].is_answer_of(solver):
                 best, least = len(tried), off
         return tried[:best]
 
     def _first(self, t: float, q: Array, v: Array) -> Tried:
         """Return a step with all contacts that it closes, as they are where it begins."""
-        tried = self._tried(self.pose(t, q, v))
+        solver = self._scheme.contact
+        tried = answered(self.pose(t, q, v), solver)
         while self._scheme.closes_gaps:
             missed = self._missed(tried.posed, tried.v)
             if missed is None:
                 break
-            tried = self._tried(self.pose(t, q, v, tried.posed.chosen.near | missed))
+            posed = self.pose(t, q, v, tried.posed.chosen.near | missed)
+            tried = answered(posed, solver)
         return tried
-
-    def _tried(self, posed: Posed) -> Tried:
-        posed, found, natural = self.solved(posed)
-        return Tried(posed, posed.condensed.velocity(found.lam), found, natural)
 
     def _off(self, tried: Tried) -> float:
         """Return how far from where it should a step ends [m, rad]; 0 of what is no answer."""
-        if not self._scheme.closes_gaps or not self._is_answer(tried):
+        if not self._scheme.closes_gaps or not tried.is_answer_of(self._scheme.contact):
             return 0.0
         return self.ends.off(tried.posed, tried.attempt.lam, tried.v)
-
-    def _is_answer(self, tried: Tried) -> bool:
-        if self._scheme.contact.exact:
-            return tried.natural <= tolerances.CONTACT_SOLVED
-        return tried.attempt.answered and isfinite(tried.natural)
-
-    def solved(self, posed: Posed) -> tuple[Posed, Attempt, float]:
-        """Return impulses and their natural residual, and what they solve.
-
-        Redundant contacts are looked at before the solver begins again and again, which may take a
-        thousand times as long.
-        """
-        solver, accuracy = self._scheme.contact, tolerances.CONTACT_SOLVED
-        begin = first_attempt if solver.exact else attempt_contact
-        found, natural = begin(posed.problem, solver, None, accuracy)
-        if not isfinite(natural):
-            return posed, *attempt_contact(posed.problem, solver, None, accuracy)
-        for is_best in (False, True):
-            if natural <= accuracy or not solver.exact:
-                break
-            consistent = without_contradiction(posed.problem, found.lam)
-            if consistent is not None:
-                posed = posed._replace(problem=consistent)
-            elif is_best:
-                break
-            found, natural = attempt_contact(posed.problem, solver, found.lam, accuracy)
-        return posed, found, natural
 
     def _missed(self, posed: Posed, v1: Array) -> NDArray[np.bool_] | None:
         """Return a flag for each gap that the step closes and that takes no part, None for none.
@@ -343,27 +278,6 @@ class ContactSteps:
             M += rows.T @ (weights[:, None] * rows)
         why = singular_mass(self._system.model, q)
         return factorise(M, J_b, tolerances.RANK, why=why).at_most(self._rank)
-
-    def closed(self, now: Condensed, q: Array) -> Array:
-        """Return q with loops closed: by the factors of the step where that will do."""
-        return self.closings(now, q)[-1].end
-
-    def closings(self, now: Condensed, q: Array) -> list[Closing]:
-        """Return how q goes to where its loops are closed: a part of the way for all factors."""
-        way, least = [Closing(now.factors, q, q)], inf
-        for _ in range(_CLOSINGS if now.factors.rank else 0):
-            c = self._equations.violation(q)
-            gap = float(np.abs(c).max())
-            if not gap < least:  # rounding, or out of reach
-                break
-            way[-1], least = way[-1]._replace(end=q), gap
-            if gap <= _CLOSED:
-                break
-            if gap > _SMALL:
-                factors = self._factors(self._system.mass(q), self._equations.jacobian(q), q)
-                way.append(Closing(factors, q, q))
-            q = self._system.integrate(q, way[-1].factors.closing(c))
-        return way
 
 
 def contact_stepper(scheme: ContactScheme, system: System, dt: float) -> Stepper:

@@ -31,8 +31,9 @@ from condyn_pin.dynamics.derivatives.linearised import Linearisation, Linearised
 from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.simulation.integrators.closings import Closing
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.contact_steps import Closing, ContactSteps
+from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.path_ends import next_path
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.asked_partials import asked_partials
@@ -122,7 +123,9 @@ class LinearSteps:
         posed, _, attempt, _ = self.steps.last.tried[-1]
         v1 = posed.condensed.velocity(law(posed.problem, attempt.lam).lam)
         moved = self.floating.integrate(posed.at, self._share * v1)
-        return self.steps.closed(posed.condensed, moved), self.floating.turned(v1, self._share)
+        return self.steps.closings.closed(posed.condensed.factors, moved), self.floating.turned(
+            v1, self._share
+        )
 
     def _start(self, t: float, q: Array, v: Array) -> Start:
         """Return how q and v of the equations, and the torques, change with those of the step."""
@@ -269,7 +272,7 @@ class LinearSteps:
         by_at, by_move = partials.integrate(posed.at, rest * v1)
         dq = by_at @ start.at + rest * by_move @ dv1
         moved = self.floating.integrate(posed.at, rest * v1)
-        way = self.steps.closings(posed.condensed, moved)
+        way = self.steps.closings.way(posed.condensed.factors, moved)
         if posed.condensed.factors.rank and len(self._placed):
             for part in [part for part in way if part.end is not part.begin] or way:
                 of_step = part.factors is posed.condensed.factors

@@ -1,0 +1,68 @@
+"""Tried: a step with an answer of its contact solver, and how it comes by one."""
+
+from __future__ import annotations
+
+from math import isfinite
+from typing import NamedTuple
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.consistent import without_contradiction
+from condyn_pin.contact.judge import attempt_contact, first_attempt
+from condyn_pin.contact.solvers.base import Attempt, ContactSolver
+from condyn_pin.simulation.integrators.posed import Posed
+
+
+class Tried(NamedTuple):
+    """A step with an answer of its contact solver."""
+
+    posed: Posed
+    v: Array  # (nv,), the velocity after it, in the axes of `posed` [m/s, rad/s]
+    attempt: Attempt
+    natural: float  # residual of the contact problem
+
+    def is_answer_of(self, solver: ContactSolver) -> bool:
+        """Whether it is as good as the solver promises."""
+        if solver.exact:
+            return self.natural <= tolerances.CONTACT_SOLVED
+        return self.attempt.answered and isfinite(self.natural)
+
+
+class Taken(NamedTuple):
+    """A step that was taken."""
+
+    posed: Posed
+    v: Array
+    attempt: Attempt
+    natural: float
+    work: float  # of the contacts [J]
+    tried: tuple[Tried, ...]  # what it came from, in turn, and itself
+
+
+def answered(posed: Posed, solver: ContactSolver) -> Tried:
+    """Return a step with impulses that meet its contact problem, or the best that were found.
+
+    Redundant contacts are looked at before the solver begins again and again, which may take a
+    thousand times as long. It begins where its first attempt has ended, which answers a third of
+    what that has left.
+    """
+    accuracy = tolerances.CONTACT_SOLVED
+    begin = first_attempt if solver.exact else attempt_contact
+    found, natural = begin(posed.problem, solver, None, accuracy)
+    if not isfinite(natural):
+        found, natural = attempt_contact(posed.problem, solver, None, accuracy)
+        return _with(posed, found, natural)
+    for is_best in (False, True):
+        if natural <= accuracy or not solver.exact:
+            break
+        consistent = without_contradiction(posed.problem, found.lam)
+        if consistent is not None:
+            posed = posed._replace(problem=consistent)
+        elif is_best:
+            break
+        found, natural = attempt_contact(posed.problem, solver, found.lam, accuracy)
+    return _with(posed, found, natural)
+
+
+def _with(posed: Posed, found: Attempt, natural: float) -> Tried:
+    return Tried(posed, posed.condensed.velocity(found.lam), found, natural)
