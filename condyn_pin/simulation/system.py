@@ -89,6 +89,7 @@ class System:
         self.contacts, self.contact_work = Candidates(self.model, contacts), 0.0
         self.located: tuple[ContactEvent, ...] = ()
         self.look: Callable[[float, Array, Array], Row] = self.sample
+        self._is_driven = workspace.scene.is_driven
         self._last = _NOTHING
         self._implicit: tuple[System, float] = (self, 0.0)  # the last one, and its dt
 
@@ -96,6 +97,7 @@ class System:
         """Switch to another scene of the same robot; steppers have to be started again."""
         self.workspace.use(scene.bilateral.at(0.0))
         self.contacts = Candidates(self.model, scene.contact_bounds)
+        self._is_driven = scene.is_driven
         self._last = _NOTHING
         if "spare" in vars(self):
             self.spare.model.armature[:] = self.model.armature  # another model would be refused
@@ -138,7 +140,7 @@ class System:
         if q is last[1] and v is last[2] and isclose(t, last[0], rel_tol=1e-14):
             return last[3]
         self._last = _NOTHING  # a solve that fails leaves no answer behind, nor lam of the last one
-        if self.workspace.scene.is_driven:
+        if self._is_driven:
             self.at(t)
         a = self.solve(q, v, self.torque(t, q, v))
         self._last = t, q, v, a

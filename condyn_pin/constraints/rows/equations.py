@@ -62,7 +62,7 @@ class Equations:
             self.sign[b.rows] = b.sign
         self._flipped = bool((self.sign < 0).any())
         self._still = np.zeros(model.nv)
-        self._drives = [(b.rows, b.drive) for b in bounds if b.drive]
+        self._drives = [(b.rows, b.drive, b.name) for b in bounds if b.drive]
         self.wanted = np.zeros((3, self.m))
         self.at(None)
         # |dynamics|, |a|, |c|, |J v|, |J a + gamma| and |lam| share one array, so that one call
@@ -87,9 +87,9 @@ class Equations:
 
     def at(self, t: float | None) -> None:
         """Take driven rows where their paths are at t [s]; by default at the time of the scene."""
-        for rows, drive in self._drives:
+        for rows, drive, name in self._drives:
             time = t if t is not None else drive.time or 0.0
-            self.wanted[:, rows] = along_at(drive.along, time, rows.stop - rows.start, "driven")
+            self.wanted[:, rows] = along_at(drive.along, time, rows.stop - rows.start, name)
         if self._drives:
             self.wanted[0, self._unplaced] = 0.0
 
