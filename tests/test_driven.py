@@ -282,6 +282,26 @@ def test_rows_that_are_no_rates_are_refused_by_name(constraint):
         cp.Scene(floating_box(), [Driven(constraint, path)])
 
 
+def test_rates_that_are_wrong_later_on_are_found_by_a_motion(driven):
+    """At the start all is zero; a kink is no fault."""
+
+    def wrong(t):
+        late = max(t - 0.05, 0.0)
+        return 1.2 + late**3, 3 * late**2, 0.0
+
+    scene = cp.Scene(driven.robot, [*driven.constraints[:1], Driven(HeldJoint("crank"), wrong)])
+    q, v = scene.state()
+    with pytest.raises(cp.InvalidArgument, match=r"crank: of along.* third value"):
+        cp.simulate(scene, q, v, duration=1.0)
+
+    def trapezoid(t):
+        return (1.2 + t**2, 2 * t, 2.0) if t < 0.05 else (1.195 + 0.1 * t + 0.0025, 0.1, 0.0)
+
+    kinked = Driven(HeldJoint("crank"), trapezoid)
+    scene = cp.Scene(driven.robot, [*driven.constraints[:1], kinked])
+    assert cp.simulate(scene, *scene.state(), duration=0.05 / 0.21).status.ok
+
+
 def test_what_takes_no_path_says_so(driven, bar):
     q, v = driven.state()
     unsupported = cp.errors.UnsupportedConstraint

@@ -233,22 +233,34 @@ def along_at(along: Along, t: float, rows: int, name: str) -> Array:
     return found
 
 
-def check_along(along: Along, rows: int, name: str) -> None:
-    """Refuse what is no path: a wrong size, or rates that its own differences contradict."""
+def check_along(along: Along, rows: int, name: str, at: Sequence[float] = (0.0,)) -> None:
+    """Refuse what is no path: a wrong size, or rates that its own differences contradict.
+
+    It is looked at at some times [s]; twice at each, for a path may have a kink.
+    """
     if not callable(along):
         raise InvalidArgument(
             f"along = {shown(along)}: a Path is needed, or a function of t that returns s and its "
             "first two derivatives"
         )
-    before, at, after = (along_at(along, k * _NEAR, rows, name) for k in (0, 1, 2))
-    size = np.abs([before, at, after]).max(axis=(0, 2))
+    for t in at:
+        faults = [_fault(along, rows, name, t + k * _NEAR) for k in (0, 4)]
+        if all(faults):
+            raise InvalidArgument(f"{name}: of along(t) the {faults[0]}")
+
+
+def _fault(along: Along, rows: int, name: str, t: float) -> str:
+    """Return what differences say against the rates of a path; empty if nothing."""
+    before, here, after = (along_at(along, t + k * _NEAR, rows, name) for k in (0, 1, 2))
+    size = np.abs([before, here, after]).max(axis=(0, 2))
     for i, what in ((0, "second value is not the rate of the first"),
                     (1, "third value is not the rate of the second")):  # fmt: skip
         rate = (after[i] - before[i]) / (2 * _NEAR)
         # what rounding leaves of a difference, and the bend within it
         least = 1e-12 * size[i] / _NEAR + 1e-6 * size[i + 1] + _NEAR * size[2]
-        if (np.abs(rate - at[i + 1]) > _OFF * np.abs(rate) + least).any():
-            raise InvalidArgument(
-                f"{name}: of along(t) the {what}: {shown(at[i + 1])} at t = {_NEAR:g} s, where "
-                f"differences have {shown(rate)}"
+        if (np.abs(rate - here[i + 1]) > _OFF * np.abs(rate) + least).any():
+            return (
+                f"{what}: {shown(here[i + 1])} at t = {t + _NEAR:g} s, where differences have "
+                f"{shown(rate)}"
             )
+    return ""

@@ -15,6 +15,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.parameters import check_called
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.constraints.path import check_along
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.errors import CondynError, InvalidArgument
@@ -29,6 +30,9 @@ from condyn_pin.simulation.plan import Plan, check_closing, plan
 from condyn_pin.simulation.recorder import merge
 from condyn_pin.simulation.torques import Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
+
+# Where the rates of a path are compared with its differences, as shares of the duration.
+_LOOKS = (0.21, 0.47, 0.83)
 
 
 def simulate(
@@ -143,6 +147,10 @@ def simulate(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
         record=record, effects=effects, events=events, forces=forces, jacobian=jacobian,
     )  # fmt: skip
+    for bound in scene.bounds:
+        if bound.drive:
+            times = [share * planned.duration for share in _LOOKS]
+            check_along(bound.drive.along, bound.size, bound.name, times)
     state = start(scene, q, v, planned, closed=close_start)
     if close_start:
         check_penetration(scene, state[0], planned.integrator)
