@@ -35,7 +35,7 @@ def main() -> None:
     four = cp.Scene(solo, solo.contacts)
     three = cp.mechanism.without(four, ["FL_FOOT"])
     q, v = four.state()
-    com = balance(four, q, v, 0 * v, np.zeros(12)).com
+    com = solo.center_of_mass(q)
     inside = cp.control.support_polygon(three, q).in_world.mean(axis=0)
     target = np.append(inside[:2], com[2])
     T = 0.3 if arguments.quick else 0.6  # [s]

@@ -105,6 +105,7 @@ def test_frame_pose_is_pinocchios(cassie):
     for name in ("pelvis", "left-foot", "right-knee-op"):
         there = data.oMf[cassie.model.getFrameId(name)]
         assert cassie.frame_pose(q, name).isApprox(there, 1e-14)
+    assert np.allclose(cassie.center_of_mass(q), pin.centerOfMass(cassie.model, data, q))
     assert cassie.frame_pose(q, "world") == pin.SE3.Identity()
     with pytest.raises(cp.errors.UnknownName, match="pelvis"):
         cassie.frame_pose(q, "pelvi")

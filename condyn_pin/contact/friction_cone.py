@@ -67,7 +67,8 @@ class FrictionCone(Cone):
         """Return the cone as it is; InvalidArgument if the `contact` is not a point."""
         if contact.support and not contact.support.is_point:
             raise InvalidArgument(
-                f"{contact.name}: a {type(contact).__name__} can also tip and twist; use WrenchCone"
+                f"{contact.name}: a {type(contact).__name__} can also tip and twist; "
+                f"WrenchCone({self.friction:g}) takes that into account"
             )
         self._check(contact)
         return self

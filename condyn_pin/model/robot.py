@@ -226,6 +226,10 @@ class Robot:
         """
         return robot_joints.frame_pose(self, q, frame)
 
+    def center_of_mass(self, q: ArrayLike) -> Array:
+        """Return the centre of mass in the world at q (3,) [m]."""
+        return robot_joints.center_of_mass(self, q)
+
     def frame(self, name: str) -> tuple[int, Any]:
         """Return the joint that carries a frame and the frame's placement on it.
 

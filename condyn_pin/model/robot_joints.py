@@ -104,6 +104,13 @@ def frame_pose(robot: Robot, q: ArrayLike, frame: str) -> Any:
     return data.oMi[joint] * placement
 
 
+def center_of_mass(robot: Robot, q: ArrayLike) -> Array:
+    """Return the centre of mass in the world; see `Robot.center_of_mass`."""
+    still = np.zeros(robot.nv)
+    at = robot.arguments.check(q, still, still)[0]
+    return np.array(pin.centerOfMass(robot.model, robot.model.createData(), at))
+
+
 def _pairs(values: Values) -> list[tuple[str, Any]]:
     if not isinstance(values, Mapping):
         raise InvalidArgument(
