@@ -39,6 +39,7 @@ nb_execution_mode = "force"
 nb_execution_raise_on_error = True
 nb_execution_timeout = 600  # [s] a cell
 nb_merge_streams = True
+nb_execution_in_temp = True  # what a notebook writes is not left here
 
 default_role = "py:obj"
 add_module_names = False

@@ -530,7 +530,11 @@ def test_bad_numbers_are_refused(make, message):
 @pytest.mark.parametrize(
     ("contact", "cone", "message"),
     [
-        (SOLE, FrictionCone(0.5), "a SurfaceContact can also tip and twist; WrenchCone(0.5) takes that into account"),
+        (
+            SOLE,
+            FrictionCone(0.5),
+            r"can also tip and twist; WrenchCone\(0.5\) takes that",
+        ),
         (cp.PointContact("float"), WrenchCone(0.5, X, Y), "presses at a point; use FrictionCone"),
         (cp.SurfaceContact("float"), WrenchCone(0.5), "neither the cone nor its contact"),
         (cp.SurfaceContact("float"), WrenchCone(0.5, X, 0.0), "it is 0 for a LineContact"),

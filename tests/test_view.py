@@ -525,3 +525,39 @@ def test_a_motion_survives_its_file(tmp_path):
     again = cp.Trajectory.load(tmp_path / "run.npz")
     assert parts(again).keys() == parts(run).keys()  # its meshes too
     assert any(len(p.meshes[0][0].faces) > 1000 for k, p in parts(again).items() if "robot/" in k)
+
+
+# The camera
+
+
+@pytest.mark.parametrize("name", ["four_bar", "five_bar", "parallelogram", "andrews", "n_four_bar"])
+def test_a_linkage_in_a_plane_is_seen_across_it(name):
+    found = drawing(cp.load_robot(name))
+    back = found.eye.axes[2]
+    robot = cp.load_robot(name)
+    joint = robot.model.joints[1]
+    data = joint.createData()
+    joint.calc(data, pin.neutral(robot.model)[: joint.nq])
+    axis = np.array(data.S).ravel()[3:]
+    assert abs(back @ axis) > 0.9  # the plane is open to the eye
+    right = found.eye.axes[0]
+    assert right.sum() > 0.0  # x goes to the right
+
+
+def test_what_moves_in_space_is_seen_from_a_corner():
+    for name in ("cassie", "stewart", "delta", "panda"):
+        back = drawing(cp.load_robot(name)).eye.axes[2]
+        assert np.abs(back).max() < 0.9
+
+
+def test_a_linkage_that_lies_flat_is_seen_from_above():
+    model = pin.Model()
+    place = pin.SE3.Identity()
+    for i in range(2):
+        model.addJoint(i, pin.JointModelRZ(), place, f"joint {i}")
+        place = pin.SE3(np.eye(3), np.array([0.5, 0.0, 0.0]))
+        inertia = pin.Inertia(1.0, np.array([0.25, 0.0, 0.0]), 0.01 * np.eye(3))
+        model.appendBodyToJoint(i + 1, inertia, pin.SE3.Identity())
+    eye = drawing(cp.Robot("scara", model)).eye
+    assert eye.axes[2][2] > 0.9
+    assert np.isfinite(eye.axes).all()

@@ -414,6 +414,75 @@ def test_the_slider_follows_the_motion(tmp_path):
     assert float(resting) == 0.4
 
 
+@pytest.mark.chromium
+def test_a_bar_plays_seeks_and_sets_the_speed(tmp_path):
+    script = """
+    let bar = document.getElementById("player"), {animator} = viewer;
+    let press = name => bar.querySelector("." + name);
+    let slide = (name, value) => { press(name).value = value; press(name).oninput(); };
+    let found = {shown: getComputedStyle(bar).display, playing: [animator.playing]};
+    press("play").onclick();
+    found.playing.push(animator.playing);
+    slide("time", 0.25);
+    look(performance.now() + 1000);
+    found.time = animator.time;
+    found.clock = press("clock").textContent;
+    found.button = press("play").textContent;
+    slide("speed", -1);
+    found.scale = animator.mixer.timeScale;
+    found.times = press("times").textContent;
+    """
+    slow = drawing(swinging(), speed=0.1)
+    found = asked(tmp_path, slow.html(), script)
+    assert found["shown"] == "flex"
+    assert found["playing"] == [True, False]
+    assert found["time"] == pytest.approx(0.25)
+    assert found["clock"] == "0.025 s"  # of the motion, which is played at a tenth of its speed
+    assert found["button"] == "\N{BLACK RIGHT-POINTING TRIANGLE}"
+    assert (found["scale"], found["times"]) == (0.5, "0.50 x")
+
+
+@pytest.mark.chromium
+def test_a_still_picture_has_no_bar(tmp_path):
+    script = """let found = getComputedStyle(document.getElementById("player")).display;"""
+    assert asked(tmp_path, drawing(cp.model.four_bar()).html(), script) == "none"
+
+
+_WORDS = """
+viewer.animator.pause();
+let canvas = document.getElementById("labels"), paint = canvas.getContext("2d"), painted = [];
+canvas.style.width = "800px";
+canvas.style.height = "600px";
+viewer.camera.aspect = 4 / 3;
+viewer.camera.updateProjectionMatrix();
+paint.drawImage = (image, x, y, w, h) => painted.push([x, y, w, h]);
+let seen = [];
+let view = () => { painted = []; viewer.render(); seen.push(painted); };
+for (let time of [0.0, 0.1, 0.3]) { viewer.animator.seek(time); view(); }
+viewer.camera.position.set(0.05, 1.5, 0.05);
+viewer.camera.lookAt(0, 0, 0);
+viewer.camera.updateMatrixWorld();
+view();
+let sprites = [];
+viewer.scene.traverse(object => { if (object.isSprite) sprites.push(object.material.visible); });
+let found = {seen, sprites};
+"""
+
+
+@pytest.mark.chromium
+def test_words_are_painted_over_the_picture_and_never_over_each_other(tmp_path):
+    found = asked(tmp_path, drawing(swinging()).html(), _WORDS, before="")
+    labels = [part for part in drawing(swinging()).parts if part.picture]
+    assert not any(found["sprites"])  # the picture itself, which has fewer pixels, has none
+    assert len(found["seen"][0]) == len(labels) > 2
+    for painted in found["seen"]:
+        for i, (x, y, w, h) in enumerate(painted):
+            for x2, y2, w2, h2 in painted[:i]:
+                apart = abs(x + w / 2 - x2 - w2 / 2) >= 0.499 * (w + w2)
+                below = abs(y + h / 2 - y2 - h2 / 2) >= 0.399 * (h + h2)
+                assert apart or below
+
+
 _PAUSE = """<script>
 viewer.animator.clock.getDelta = () => 0.01;  // [s] has been played, however fast the machine is
 viewer.animator.update();
@@ -441,7 +510,8 @@ def test_a_rest_is_as_smooth_as_a_graphics_card_draws_it(tmp_path, monkeypatch):
     seen = {}
     for name, text in pages.items():
         file = tmp_path / f"{name}.png"
-        chromium.screenshot(text.replace("</style>", ".dg { display: none; }</style>", 1), file)
+        hidden = ".dg, #player { display: none !important; }</style>"
+        chromium.screenshot(text.replace("</style>", hidden, 1), file)
         seen[name] = np.asarray(Image.open(file).convert("RGB"), dtype=float)
     assert (seen["smooth"] < 200).any()
     off = {name: np.abs(seen[name] - seen["smooth"]).mean() for name in pages}

@@ -15,7 +15,7 @@ from condyn_pin.viewing.arrows import Peak, arrow_parts
 from condyn_pin.viewing.balance_marks import POINTS, balance_parts
 from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
 from condyn_pin.viewing.closures import closure_parts, contact_parts
-from condyn_pin.viewing.extent import extent, touched
+from condyn_pin.viewing.extent import extent, plane_normal, touched
 from condyn_pin.viewing.labels import Eye, spread
 from condyn_pin.viewing.marks import floor_part, joint_parts, mass_parts, spacing, spring_parts
 from condyn_pin.viewing.moment import Moment
@@ -47,6 +47,8 @@ _LEGEND = (
     *(((f"balance/{name}",), colour, words) for name, words, colour in POINTS),
 )
 _FROM = np.array([0.78, 0.55, 0.3])  # the direction from there to the camera
+_FLAT = 0.9  # of the normal's z: above this a plane is seen as a floor is
+_TILT = 0.2  # of a linkage in a plane: how far above its normal, and beside it, the camera is
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,6 +71,10 @@ class Drawing:
         What could not be drawn, a sentence each.
     frames : (k,) array
         When each moment is shown, in pictures since the start.
+    toward : (3,) array
+        From the middle to the camera.
+    speed : float
+        Seconds of a motion that are played in one second.
     """
 
     title: str
@@ -79,6 +85,8 @@ class Drawing:
     size: float
     notes: tuple[str, ...] = ()
     frames: Array = field(default_factory=lambda: np.zeros(1))
+    toward: Array = field(default_factory=lambda: _FROM)
+    speed: float = 1.0
 
     def commands(self) -> Iterator[three.Command]:
         """Return the commands that draw it, in meshcat's viewer."""
@@ -91,7 +99,7 @@ class Drawing:
     @property
     def eye(self) -> Eye:
         """Where the camera is at first."""
-        return _eye(self.middle, self.size)
+        return _eye(self.middle, self.size, self.toward)
 
     @property
     def first(self) -> Drawing:
@@ -101,7 +109,10 @@ class Drawing:
     def html(self) -> str:
         """Return the page: one text that holds everything."""
         eye = self.eye
-        return page(self.title, self._legend(), self.commands(), camera=eye.at, target=eye.target)
+        return page(
+            self.title, self._legend(), self.commands(), camera=eye.at, target=eye.target,
+            speed=self.speed,
+        )  # fmt: skip
 
     def _legend(self) -> Iterator[tuple[str, str]]:
         yield "", self.title
@@ -124,6 +135,7 @@ def draw(
     gaps: Iterable[Mapping[str, ConstraintViolation]] | None = None,
     peaks: Mapping[str, Peak] | None = None,
     fps: float = 30.0,
+    speed: float = 1.0,
     light: bool = False,
     cones: bool = False,
 ) -> Drawing:
@@ -146,6 +158,8 @@ def draw(
         Of a motion, the largest forces of all its samples, which arrows are labelled with.
     fps : float
         Pictures a second [1/s].
+    speed : float
+        Seconds of a motion that are played in one second.
     light : bool
         Draw the robot with 30 000 triangles at most.
     cones : bool
@@ -172,9 +186,12 @@ def draw(
         opened = list(closure_parts(scenes[0], before.gaps, size))
         parts += [part.ghost(before) for part in (*bodies, *opened)]
     unique = {part.path: part for part in parts}  # a contact of several phases is drawn once
-    placed = spread(tuple(_apart(unique.values())), moments[0], _eye(middle, size))
+    toward = _toward(plane_normal(robot, moments[0]))
+    placed = spread(tuple(_apart(unique.values())), moments[0], _eye(middle, size, toward))
     when = np.arange(len(moments), dtype=float) if frames is None else frames
-    return Drawing(title, tuple(placed), tuple(moments), fps, middle, size, notes, when)
+    return Drawing(
+        title, tuple(placed), tuple(moments), fps, middle, size, notes, when, toward, speed
+    )
 
 
 def _apart(parts: Iterable[Part]) -> Iterator[Part]:
@@ -203,8 +220,22 @@ def _words(path: str) -> tuple[str, ...]:
     return tuple(word for word in path.split("/") if word)
 
 
-def _eye(middle: Array, size: float) -> Eye:
-    return Eye(middle + _FAR * size * _FROM, middle)
+def _eye(middle: Array, size: float, toward: Array) -> Eye:
+    return Eye(middle + _FAR * size * toward, middle)
+
+
+def _toward(normal: Array | None) -> Array:
+    """Return where the camera is from the middle: nearly along the normal of a linkage's plane."""
+    if normal is None:
+        return _FROM
+    if abs(normal[2]) > _FLAT:  # from above, y going up
+        toward = np.sign(normal[2]) * normal - [0.0, _TILT, 0.0]
+    else:
+        right = np.cross([0.0, 0.0, 1.0], normal)
+        sign = 1.0 if right.sum() >= 0.0 else -1.0  # x, or y, goes to the right
+        toward = sign * (normal + _TILT * right) + [0.0, 0.0, _TILT]
+    found: Array = toward / np.linalg.norm(toward)
+    return found
 
 
 def _worst(gaps: Iterable[Mapping[str, ConstraintViolation]]) -> dict[str, ConstraintViolation]:

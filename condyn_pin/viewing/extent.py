@@ -6,10 +6,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import axes
 from condyn_pin.model.robot import Robot
 from condyn_pin.viewing.moment import Moment
 
+_ALONG = 1e-6  # of a unit axis: what it may be off a plane, or off its normal, by
 _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 
 
@@ -44,3 +47,22 @@ def extent(
                 points += [oMi.act(inertia.lever) + r, oMi.act(inertia.lever) - r]
     low, high = np.min(points, axis=0), np.max(points, axis=0)
     return 0.5 * (low + high), max(float(np.linalg.norm(high - low)), _TINY)
+
+
+def plane_normal(robot: Robot, at: Moment) -> Array | None:
+    """Return the normal of the plane in which all joints move (3,); None if there is none.
+
+    Every axis of turning is along it, and every direction of sliding across it.
+    """
+    still = pin.neutral(robot.model)
+    slides, turns = [], []
+    for joint, oMi in zip(robot.model.joints[1:], at.joints[1:], strict=True):
+        S = axes(joint, still)
+        slides += [oMi.rotation @ column for column in S[:3].T if np.linalg.norm(column) > _ALONG]
+        turns += [oMi.rotation @ column for column in S[3:].T if np.linalg.norm(column) > _ALONG]
+    if not turns:
+        return None
+    normal: Array = turns[0] / np.linalg.norm(turns[0])
+    across = [np.linalg.norm(np.cross(normal, axis)) for axis in turns]
+    along = [abs(normal @ direction) for direction in slides]
+    return normal if max(across + along) < _ALONG else None

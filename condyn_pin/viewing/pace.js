@@ -40,9 +40,12 @@ function pace(now) {
 // The slider of time follows a few times a second: to lay it out for each picture takes as long
 // as all else in the page that is not drawn by the renderer.
 function tell(now) {
-  if (shown === told.time || (moving && now - told.at < 250)) return;
-  told = {time: shown, at: now};
+  let plays = viewer.animator.playing;
+  if ((shown === told.time && plays === told.plays) || (moving && now - told.at < 250)) return;
+  told = {time: shown, at: now, plays};
   viewer.animator.time_scrubber.updateDisplay();
+  let bar = document.getElementById("player");
+  if (bar.tell) bar.tell(shown);
 }
 
 function look(now) {

@@ -22,10 +22,24 @@ body {{ margin: 0; }}
 #legend {{ position: absolute; left: 12px; top: 10px; font: 13px sans-serif; color: #222;
   background: rgba(255, 255, 255, 0.75); padding: 6px 10px; border-radius: 4px; }}
 #legend b {{ display: inline-block; width: 11px; height: 11px; margin-right: 6px; }}
+#labels {{ position: absolute; left: 0; top: 0; width: 100vw; height: 100vh;
+  pointer-events: none; }}
+#player {{ position: absolute; left: 12px; right: 12px; bottom: 10px; display: none; gap: 10px;
+  align-items: center; font: 13px sans-serif; color: #222; background: rgba(255, 255, 255, 0.85);
+  padding: 6px 10px; border-radius: 4px; }}
+#player .play {{ width: 40px; }}
+#player .time {{ flex: 1; }}
+#player .clock, #player .times {{ width: 62px; font-variant-numeric: tabular-nums; }}
 </style></head>
 <body>
 <div id="meshcat-pane"></div>
+<canvas id="labels"></canvas>
 <div id="legend">{legend}</div>
+<div id="player" data-speed="{speed}"><button class="play" aria-label="play or pause"></button>
+<input class="time" type="range" min="0" step="any" value="0" aria-label="time">
+<span class="clock"></span><span>speed</span>
+<input class="speed" type="range" min="-5" max="3" step="any" value="0" aria-label="speed">
+<span class="times">1.0 x</span></div>
 <script>{script}</script>
 <script>
 {lamp}
@@ -39,7 +53,7 @@ viewer.camera.fov = 50;
 viewer.camera.position.set(...{position});
 viewer.controls.target.set(...{target});
 viewer.controls.update();
-{pace}
+{scripts}
 </script>
 </body>
 </html>
@@ -81,7 +95,7 @@ let renderer = new MeshCat.THREE.WebGLRenderer({antialias: !software, alpha: tru
 pane.appendChild(renderer.domElement);
 var viewer = new MeshCat.Viewer(pane, false, renderer);
 """
-_PACE = Path(__file__).with_name("pace.js")
+_SCRIPTS = [Path(__file__).with_name(f"{name}.js") for name in ("labels", "player", "pace")]
 
 _MISSING = (
     'pictures in a browser need meshcat and trimesh: python -m pip install "condyn_pin[view]"'
@@ -95,6 +109,7 @@ def page(
     *,
     camera: Array,
     target: Array,
+    speed: float = 1.0,
 ) -> str:
     """Return the page.
 
@@ -106,6 +121,8 @@ def page(
     commands : iterable of Command
     camera, target : (3,) array
         Where the camera is, and what it looks at and turns about [m].
+    speed : float
+        Seconds of a motion that are played in one second.
     """
     lines = [_patch(colour) + html.escape(text) for colour, text in legend]
     return _PAGE.format(
@@ -117,7 +134,8 @@ def page(
         commands="\n".join(f'draw("{packed(command)}");' for command in commands),
         position=_y_up(camera),
         target=_y_up(target),
-        pace=_PACE.read_text(encoding="utf-8"),
+        speed=speed,
+        scripts="\n".join(path.read_text(encoding="utf-8") for path in _SCRIPTS),
     )
 
 

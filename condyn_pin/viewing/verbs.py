@@ -67,8 +67,9 @@ def view(
     loop, and the gap between them coloured by its length, with its size in mm; contacts, those that
     may let go above the planes that they may touch, coloured while they stick and while they slide;
     the forces of an answer or of a motion on the bodies that feel them; the centre of mass. A
-    motion has buttons to play and to pause, a slider for time, and `timeScale` for speed, under
-    Animations. An assembly is seen beside the pale robot that it started from.
+    motion has a bar to play and to pause it, with sliders for time and speed. A linkage that lies
+    in a plane is seen along its normal. An assembly is seen beside the pale robot that it started
+    from.
 
     Parameters
     ----------
@@ -244,5 +245,5 @@ def _motion(
     title += f", {speed:g} x speed" if speed != 1.0 else ""
     return draw(
         scenes, moments, title=title, frames=frames, gaps=gaps_of(trajectory),
-        peaks=peaks_of(trajectory), fps=_FPS, light=light, cones=cones,
+        peaks=peaks_of(trajectory), fps=_FPS, speed=speed, light=light, cones=cones,
     )  # fmt: skip
