@@ -9,7 +9,6 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from condyn_pin._core import _pin
 from condyn_pin._core.parameters import (
     ACCURACIES,
     ITERATIONS,
