@@ -282,6 +282,17 @@ def test_rows_that_are_no_rates_are_refused_by_name(constraint):
         cp.Scene(floating_box(), [Driven(constraint, path)])
 
 
+def test_a_path_has_a_number_for_each_row():
+    pinned = cp.Loop("tool", "world", "planar", axis="y")
+    with pytest.raises(cp.InvalidArgument, match="2 numbers each"):
+        Driven(pinned, Sine(0.1))
+    assert Driven(pinned, Sine((0.1, 0.1))).along.frequency == (1.0, 1.0)
+    with pytest.raises(cp.InvalidArgument, match=r"amplitude = .* 3 numbers"):
+        Sine((0.1, 0.2), (1.0, 2.0, 3.0))
+    with pytest.raises(cp.InvalidArgument, match="coefficients"):
+        Polynomial((0.0, np.inf))
+
+
 def test_rates_that_are_wrong_later_on_are_found_by_a_motion(driven):
     """At the start all is zero; a kink is no fault."""
 

@@ -67,7 +67,7 @@ class Driven(Constraint):
     References
     ----------
     Haug. Computer Aided Kinematics and Dynamics of Mechanical Systems. Allyn and Bacon, 1989,
-    section 3.5 (driving constraints).
+    chapter 3 (driving constraints).
     """
 
     closes: ClassVar[bool] = True

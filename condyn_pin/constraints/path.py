@@ -219,8 +219,7 @@ def along_at(along: Along, t: float, rows: int, name: str) -> Array:
     """Return s, s' and s'' (3, rows) of a path, or say what is wrong with it."""
     value = along(t)
     try:
-        three = [np.broadcast_to(np.asarray(each, dtype=float), (rows,)) for each in value]
-        found = np.array(three)
+        found = np.array([np.atleast_1d(np.asarray(each, dtype=float)) for each in value])
     except (TypeError, ValueError):
         found = np.zeros(0)
     if found.shape != (3, rows):
