@@ -46,6 +46,16 @@ def test_a_car_with_trailers_gets_everywhere(trailers):
         assert growth_vector(scene, place, deepest=5) == tuple(range(2, 5 + trailers))
 
 
+def test_a_jackknifed_trailer_takes_one_bracket_more():
+    """SymPy has (2, 3, 4, 5, 5, 6) of the formulas of `car` there, and 2 to 6 elsewhere."""
+    scene = on_contacts(cp.model.car(trailers=2))
+    q = np.zeros(6)
+    assert growth_vector(scene, q, deepest=6) == (2, 3, 4, 5, 6)
+    q[4] = np.pi / 2  # the car across its first trailer
+    assert growth_vector(scene, q, deepest=6) == (2, 3, 4, 5, 5, 6)
+    assert growth_vector(scene, q, deepest=5) == (2, 3, 4, 5)  # as far as it has looked
+
+
 def test_integrable_rows_do_not_grow():
     for made in (cp.model.four_bar(), cp.model.n_four_bar(2)):
         scene = cp.Scene(made, made.loops)

@@ -16,7 +16,7 @@ for a free-flyer.
 from __future__ import annotations
 
 from collections.abc import Callable
-from itertools import product
+from itertools import combinations, product
 from typing import Final
 
 import numpy as np
@@ -27,11 +27,12 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin._core.parameters import check_count
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.mechanism.check import check
 from condyn_pin.mechanism.closing import Closer
-from condyn_pin.mechanism.integrability import bracket
+from condyn_pin.mechanism.integrability import bracket, is_integrable
 
 # A field of velocities in the axes of the joints: q -> (nv,)
 Field = Callable[[Array], Array]
@@ -54,7 +55,7 @@ def growth_vector(scene: Scene, q: ArrayLike | None = None, *, deepest: int = 4)
         A closed configuration; the nominal state by default.
     deepest : int
         Levels at most: a car with n trailers has 3 + n. Each costs 4 d times the one before, d
-        being the first dimension.
+        being the first dimension. At singular places a level may bring nothing, and the next more.
 
     Returns
     -------
@@ -88,17 +89,21 @@ def growth_vector(scene: Scene, q: ArrayLike | None = None, *, deepest: int = 4)
     q_ = scene.nominal.q if q is None else normalised(model, "q", q)
     check(scene, q_, None).raise_if_open()
     allowed = _Allowed(scene)
+    if is_integrable(scene, q_):  # exact, and far cheaper than differences of all brackets
+        return (model.nv - allowed.rank,)
     first = [allowed.field(i) for i in allowed.chosen(q_)]
     level, sizes, spanned = first, [len(first)], _Span(model.nv)
     for X in first:
         spanned.grows_by(X(q_))
-    for _ in range(deepest - 1):
-        brackets = [allowed.bracket(X, Y) for X, Y in product(first, level) if X is not Y]
-        # those alone that lead further have brackets worth a look
-        level = [Z for Z in brackets if spanned.grows_by(Z(q_))]
-        if not level:
-            break
+    while len(sizes) < deepest and sizes[-1] < allowed.most(q_):
+        # a level that brings nothing at a singular place may have brackets that do
+        pairs = product(first, level) if len(sizes) > 1 else combinations(first, 2)
+        level = [allowed.bracket(X, Y) for X, Y in pairs]
+        for Z in level:
+            spanned.grows_by(Z(q_))
         sizes.append(len(spanned.basis))
+    while len(sizes) > 1 and sizes[-1] == sizes[-2]:
+        sizes.pop()
     return tuple(sizes)
 
 
@@ -123,18 +128,23 @@ class _Allowed:
 
     def __init__(self, scene: Scene) -> None:
         self._model, self._closer = scene.robot.model, Closer.of(scene)
-        self._rank = scene.nominal.rank
+        self.rank = scene.nominal.rank
+
+    def most(self, q: Array) -> int:
+        """Return what rows with a position leave: no bracket leads out of that."""
+        J = self._closer.equations.jacobian(q)[self._closer.rows]
+        return int(self._model.nv) - (rank_of(np.linalg.svd(J, compute_uv=False)) if len(J) else 0)
 
     def projector(self, q: Array) -> Array:
         """Return 1 - A^+ A (nv, nv)."""
         A = self._closer.equations.jacobian(q)
-        V = np.linalg.svd(A)[2][: self._rank]
+        V = np.linalg.svd(A)[2][: self.rank]
         return np.asarray(np.eye(self._model.nv) - V.T @ V)
 
     def chosen(self, q: Array) -> list[int]:
         """Return the joints whose fields are a basis at q: the largest of what is left, in turn."""
         P, found = self.projector(q), []
-        for _ in range(self._model.nv - self._rank):
+        for _ in range(self._model.nv - self.rank):
             i = int(np.argmax(np.linalg.norm(P, axis=0)))
             found.append(i)
             along = P[:, i] / np.linalg.norm(P[:, i])
