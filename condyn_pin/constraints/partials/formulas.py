@@ -139,9 +139,9 @@ def of_points(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
     chosen, six = list(b.selection), np.zeros(6)
     six[chosen] = lam
     F, T = _skew(six[:3]), _skew(six[3:])
-    w1_q = None if b.is_plain else np.vstack([np.zeros_like(slip.dr), -F @ slip.dr])
-    w2_q = -np.vstack([R.T @ F @ turn.J, R.T @ T @ turn.J])
-    J, s_q, s_v = (np.vstack(pair)[chosen] for pair in zip(slip[:3], turn[:3], strict=True))
+    w1_q = None if b.is_plain else np.concatenate([np.zeros_like(slip.dr), -F @ slip.dr])
+    w2_q = -np.concatenate([R.T @ F @ turn.J, R.T @ T @ turn.J])
+    J, s_q, s_v = (np.concatenate(pair)[chosen] for pair in zip(slip[:3], turn[:3], strict=True))
     return Partials(J, s_q, s_v, w1_q, w2_q)
 
 
@@ -209,9 +209,9 @@ def _of_rod(one: End, two: End, R: Array, r: Array, of: Slip, lam: float) -> Par
     s_q -= 2 * (of.slip @ of.slip_q - along * along_q) / distance
     s_v = n @ of.s_v - 2 * (of.slip @ of.J - along * (n @ of.J)) / distance
     F_q, F = lam * n_q, lam * _skew(n)
-    w1_q = np.vstack([F_q, _skew(r) @ F_q - F @ of.dr])
+    w1_q = np.concatenate([F_q, _skew(r) @ F_q - F @ of.dr])
     turned = R.T @ (F_q - F @ (one.J[3:] - R @ two.J[3:]))
-    w2_q = np.vstack([turned, np.zeros_like(turned)])
+    w2_q = np.concatenate([turned, np.zeros_like(turned)])
     return Partials((n @ of.J)[None], s_q[None], s_v[None], w1_q, w2_q)
 
 

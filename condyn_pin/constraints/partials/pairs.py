@@ -166,7 +166,7 @@ def wrenches(b: Bound | Related, c1Mc2: Any, force: Array) -> tuple[Array, Array
     at_c2 = np.concatenate([R.T @ six[:3], R.T @ six[3:]])
     if b.is_plain:
         return six, at_c2
-    return np.concatenate([six[:3], six[3:] + np.cross(c1Mc2.translation, six[:3])]), at_c2
+    return np.concatenate([six[:3], six[3:] + _skew(c1Mc2.translation) @ six[:3]]), at_c2
 
 
 def _of_pair(b: Bound | Related, one: End, two: End, c1Mc2: Any, force: Array) -> Partials:
@@ -208,7 +208,7 @@ def gap_of(b: Bound | Related, one: End, two: End, c1Mc2: Any) -> tuple[Array, A
             c_q, v_q = _of_rod(slip, r)
         else:
             pairs = zip((-slip.dr, slip.slip_q), _of_turn(b, one, two, R), strict=True)
-            c_q, v_q = (np.vstack(pair)[list(b.selection)] for pair in pairs)
+            c_q, v_q = (np.concatenate(pair)[list(b.selection)] for pair in pairs)
     return c_q if b.anchored else np.zeros_like(c_q), v_q
 
 
@@ -226,7 +226,7 @@ def _of_turn(b: Bound, one: End, two: End, R: Array) -> tuple[Array, Array]:
         return pin.Jlog3(R) @ R.T @ Ja, v_q
     e = np.eye(3)[b.axis]
     u = R @ e
-    across, cosine = np.cross(u, e), float(u @ e)
+    across, cosine = _skew(u) @ e, float(u @ e)
     sine = float(np.linalg.norm(across))
     angle = np.arctan2(sine, cosine)
     scale = angle / sine if sine else 1.0

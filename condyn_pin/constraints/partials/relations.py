@@ -46,11 +46,11 @@ def of_relation(b: Related, one: End, two: End, c1Mc2: Any, lam: Array) -> Parti
     s_q = W @ of.dot_q + (_applied(D, of.dot) + bend) @ of.J + (at_slip + by_slip) @ of.s_q
     s_v = W @ of.dot_v + (at_slip + by_slip) @ of.J
     f, f_q = W.T @ lam, np.einsum("irk,r->ki", D, lam) @ of.J
-    moved = np.vstack([f_q[:3], f_q[3:] + _skew(r) @ f_q[:3] + _skew(f[:3]) @ of.J[:3]])
+    moved = np.concatenate([f_q[:3], f_q[3:] + _skew(r) @ f_q[:3] + _skew(f[:3]) @ of.J[:3]])
     turned = [
         R.T @ (part - _skew(x) @ of.J[3:]) for part, x in ((f_q[:3], f[:3]), (f_q[3:], f[3:]))
     ]
-    return Partials(W @ of.J, s_q, s_v, moved, np.vstack(turned))
+    return Partials(W @ of.J, s_q, s_v, moved, np.concatenate(turned))
 
 
 def gap_of_relation(b: Related, one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
@@ -65,7 +65,7 @@ def wrenches_of_relation(b: Related, c1Mc2: Any, lam: Array) -> tuple[Array, Arr
     R, r = c1Mc2.rotation, c1Mc2.translation
     f = b.relation.weights(R, r).T @ lam
     at_c2 = np.concatenate([R.T @ f[:3], R.T @ f[3:]])
-    return np.concatenate([f[:3], f[3:] + np.cross(r, f[:3])]), at_c2
+    return np.concatenate([f[:3], f[3:] + _skew(r) @ f[:3]]), at_c2
 
 
 def _rates(b: Related, R: Array, r: Array) -> Array:
@@ -82,12 +82,12 @@ def _slip(one: End, two: End, R: Array, r: Array) -> _Slip:
     shift, turn = slip_of(one, two, R, r, at_c2=True), turn_of(one, two, R)
     w2, alpha2 = R @ two.v[3:], R @ two.a[3:]
     turn_q = one.v_q[3:] - _skew(w2) @ turn.J - R @ two.v_q[3:]
-    rate = one.a[3:] - alpha2 + np.cross(one.v[3:], w2)
+    rate = one.a[3:] - alpha2 + _skew(one.v[3:]) @ w2
     return _Slip(
-        np.vstack([shift.J, turn.J]),
+        np.concatenate([shift.J, turn.J]),
         np.concatenate([shift.slip, one.v[3:] - w2]),
-        np.vstack([shift.slip_q, turn_q]),
+        np.concatenate([shift.slip_q, turn_q]),
         np.concatenate([shift.s, rate]),
-        np.vstack([shift.s_q, turn.s_q]),
-        np.vstack([shift.s_v, turn.s_v]),
+        np.concatenate([shift.s_q, turn.s_q]),
+        np.concatenate([shift.s_v, turn.s_v]),
     )

@@ -175,7 +175,7 @@ def rows_of_touch(of: Touch, lam: Array) -> Rows:
     force = sum((f * t.x for f, t in zip(lam, of.axes, strict=True)), np.zeros(3))
     force_q = sum((f * t.x_q for f, t in zip(lam, of.axes, strict=True)), np.zeros_like(of.slip_q))
     moment_q = _skew(of.r.x) @ force_q - _skew(force) @ of.r.x_q
-    return Rows(J, s_q, s_v, np.vstack([force_q, moment_q]))
+    return Rows(J, s_q, s_v, np.concatenate([force_q, moment_q]))
 
 
 def v_q_of_touch(of: Touch) -> Array:

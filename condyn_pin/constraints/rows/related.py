@@ -111,7 +111,7 @@ class Relations:
             self._bounds, self._at, f1.reshape(-1, 6), f2.reshape(-1, 6), strict=True
         ):
             six = W.T @ lam[b.rows]
-            on1[:3], on1[3:] = six[:3], six[3:] + np.cross(r, six[:3])
+            on1[:3], on1[3:] = six[:3], six[3:] + pin.skew(r) @ six[:3]
             on2[:3], on2[3:] = R.T @ six[:3], R.T @ six[3:]
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:

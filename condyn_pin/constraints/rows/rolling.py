@@ -105,11 +105,11 @@ class Rolled(OnFrames):
         r = -self.radius * n
         if self.axle is not None:
             e = oMc1.rotation[:, self.axle]
-            m = np.cross(e, n)
+            m = pin.skew(e) @ n
             size = float(np.linalg.norm(m))
             t = m / size if size > FLAT else t
-            r = self.radius * np.cross(e, t) if size > FLAT else 0.0 * n
-        return pin.SE3(np.column_stack([t, np.cross(n, t), n]), oMc1.translation + r)
+            r = self.radius * pin.skew(e) @ t if size > FLAT else 0.0 * n
+        return pin.SE3(np.stack([t, pin.skew(n) @ t, n], axis=1), oMc1.translation + r)
 
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
         """Return the lowest point."""
