@@ -106,11 +106,11 @@ class Memory(OneThread):
 
     @cached_property
     def linearisation(self) -> Linearisation:
-        """The linearised equations, in memory of their own."""
+        """The linearised equations, in memory of their own but for the constraint forces."""
         # imported here: a solve needs none of it
         from condyn_pin.dynamics.derivatives.linearised import Linearisation
 
-        return Linearisation(self.model, self.bounds, self.drift)
+        return Linearisation(self.model, self.bounds, self.drift, self.equations)
 
     @cached_property
     def loads(self) -> Loads:

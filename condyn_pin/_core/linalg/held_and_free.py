@@ -82,11 +82,12 @@ def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:
     if not rank:
         return _all_free(L_inv, m)
     B = of.dormqr("L", "T", R[:, : len(reflectors)], reflectors, L_inv, _BLOCK * n)[0]
-    T, P_Z = R[:rank], np.eye(m)
-    if rank < m:
-        T, turns, _ = of.dtzrzf(T)
-    P_Z[:rank, :rank] = of.dtrtrs(T[:, :rank], P_Z[:rank, :rank])[0]
-    if rank < m:
+    P_Z = np.eye(m)
+    if rank == m:
+        P_Z = of.dtrtrs(R[:m], P_Z)[0]
+    else:
+        T, turns, _ = of.dtzrzf(R[:rank])
+        P_Z[:rank, :rank] = of.dtrtrs(T[:, :rank], P_Z[:rank, :rank])[0]
         P_Z = of.dormrz(T, turns, P_Z, trans="T")[0]
     P_Z = P_Z.take(order.argsort(), axis=0)
     return HeldAndFree(B, P_Z[:, :rank], P_Z[:, rank:])

@@ -9,7 +9,7 @@ what turns of J^T lam, and their rows of J, s_q and s_v.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -30,14 +30,7 @@ from condyn_pin.constraints.rows.rolling import Rolled
 class ConstraintPartials:
     """The partials of all constraints of one scene.
 
-    `data` holds `oMi` for `apply`, and what `pin.computeRNEADerivatives` leaves for the others.
-
-    Attributes
-    ----------
-    joints : set of int
-        Those that constraints act on.
-    placed : bool
-        Whether `apply` reads `oMi`.
+    `data` holds what `pin.computeRNEADerivatives` leaves.
     """
 
     def __init__(
@@ -49,16 +42,8 @@ class ConstraintPartials:
         self._rolling = RollingPartials(frames, bounds, drift)
         points = PointPartials(model, data, bounds, drift)
         self._others: list[RollingPartials | PointPartials]
-        self._others = [*([self._rolling] if self._rolling.joints else [])]
-        self._others += [points] if points.k else []
+        self._others = [part for part in (self._rolling, points) if part.k]
         self._couplings = [b for b in bounds if isinstance(b, Coupled)]
-        self.joints = self._pairs.joints | self._rolling.joints | points.joints
-        self.placed = bool(self._pairs.placed or self._rolling.joints or points.between)
-
-    def apply(self, lam: Array, on_joint: Mapping[int, Array]) -> None:
-        """Add the forces to the wrenches on the joints."""
-        for part in (self._pairs, *self._others):
-            part.apply(lam, on_joint)
 
     def write(self, lam: Array, lhs: Array, J: Array) -> None:
         """Write all rows but those of couplings into lhs and J, and turn the sign of lhs.

@@ -7,8 +7,8 @@ Surfaces and edges on the world, welds, cut joints, rods and relations. The form
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -42,15 +42,6 @@ _skew = pin.skew
 _STRAIGHT = 1e-4  # [rad]; below, the series of (1 - angle cot(angle)) / sin^2 is exact
 
 
-class _Pair(NamedTuple):
-    """A constraint, and where its wrenches go: constant in the axes of its joints."""
-
-    b: Bound | Related
-    on1: Array  # (6, 6), from the axes of c1 to those of joint 1
-    on2: Array  # (6, 6), the same of c2
-    held: Array | None  # (6, rows), from lam to joint 1, where nothing else feels it
-
-
 class PairPartials:
     """The partials of all constraints between two frames in one scene, but those of points."""
 
@@ -59,52 +50,29 @@ class PairPartials:
         chosen = [
             b for b in bounds if isinstance(b, Related) or (isinstance(b, Bound) and not b.is_point)
         ]
-        self._pairs = [_pair(b) for b in chosen]
-        self._between: list[Any] = []  # c1Mc2 where a force depends on it, as `apply` found it
-        self.joints = {j for b in chosen for j in (b.joint1, b.joint2) if j}
-        self.placed = not all(b.is_held for b in chosen)  # whether `apply` reads oMi
-
-    def apply(self, lam: Array, on_joint: Mapping[int, Array]) -> None:
-        """Add the forces to the wrenches on the joints."""
-        self._between = []
-        for b, on1, on2, held in self._pairs:
-            if held is not None:
-                on_joint[b.joint1][:] += held.dot(_force(b, lam))
-                self._between.append(None)
-                continue
-            c1Mc2 = self._frames.between(b)
-            at1, at2 = wrenches(b, c1Mc2, _force(b, lam))
-            if b.joint1:
-                on_joint[b.joint1][:] += on1 @ at1
-            if b.joint2:
-                on_joint[b.joint2][:] -= on2 @ at2
-            self._between.append(c1Mc2)
+        self._pairs = chosen
 
     def write(self, lam: Array, lhs: Array, J: Array) -> None:
         """Write the rows into J (m, nv) and [s_q, s_v], and take the turning of J^T lam off r_q."""
         n = J.shape[1]
         s_q, s_v = lhs[n:, :n], lhs[n:, n:]
-        for pair, c1Mc2 in zip(self._pairs, self._between, strict=True):
-            b = pair.b
-            of = self._partials(pair, _force(b, lam), c1Mc2, lhs[:n, :n])
+        for b in self._pairs:
+            of = self._partials(b, _force(b, lam), lhs[:n, :n])
             J_b, by_q, by_v = J[b.rows], s_q[b.rows], s_v[b.rows]
             J_b[:], by_q[:], by_v[:] = of.J, of.s_q, of.s_v
             if b.sign < 0:
                 for part in (J_b, by_q, by_v):
                     np.negative(part, out=part)
             if self._drift:
-                ends, between = self._frames.ends(b), c1Mc2 or self._frames.between(b)
-                c_q, v_q = gap_of(b, *ends, between)
+                c_q, v_q = gap_of(b, *self._frames.ends(b), self._frames.between(b))
                 by_q += b.sign * (self._drift.Kp * c_q + self._drift.Kd * v_q)
 
-    def _partials(self, pair: _Pair, force: Array, c1Mc2: Any, r_q: Array) -> Partials:
+    def _partials(self, b: Bound | Related, force: Array, r_q: Array) -> Partials:
         """Return the partials of one constraint; take what turns of its J^T lam off r_q."""
-        b = pair.b
-        if pair.held is not None:
-            assert isinstance(b, Bound)
+        if isinstance(b, Bound) and b.is_held:
             return of_frame(b, *self._frames.partials(b.joint1, b.placement1))
         one, two = self._frames.ends(b)
-        of = _of_pair(b, one, two, c1Mc2, force)
+        of = _of_pair(b, one, two, self._frames.between(b), force)
         if of.w1_q is not None:
             r_q -= one.J.T @ of.w1_q
         if of.w2_q is not None:
@@ -113,7 +81,7 @@ class PairPartials:
 
     def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q."""
-        for b, *_ in self._pairs:
+        for b in self._pairs:
             if isinstance(b, Bound) and b.is_held:
                 v_q, *_ = self._frames.partials(b.joint1, b.placement1)
                 out[b.rows] = b.sign * v_q[list(b.selection)]
@@ -174,12 +142,6 @@ def _of_pair(b: Bound | Related, one: End, two: End, c1Mc2: Any, force: Array) -
     if isinstance(b, Related):
         return of_relation(b, one, two, c1Mc2, force)
     return of_pair(b, one, two, c1Mc2, force)
-
-
-def _pair(b: Bound | Related) -> _Pair:
-    on1, on2 = b.placement1.toDualActionMatrix(), b.placement2.toDualActionMatrix()
-    held = on1[:, list(b.selection)] if isinstance(b, Bound) and b.is_held else None
-    return _Pair(b, on1, on2, held)
 
 
 def _force(b: Bound | Related, lam: Array) -> Array:

@@ -24,7 +24,7 @@ them meets. On the world all of body 2 is zero.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, Final, NamedTuple
 
 import numpy as np
@@ -56,7 +56,7 @@ _FACTORS: Final = _factors_by_place()
 class PointPartials:
     """The partials of all points in one scene.
 
-    `data` holds `oMi` for `apply`, and what `pin.computeRNEADerivatives` leaves for the others.
+    `data` holds what `pin.computeRNEADerivatives` leaves.
 
     Attributes
     ----------
@@ -74,7 +74,6 @@ class PointPartials:
         points = [b for b in bounds if isinstance(b, Bound) and b.is_point]
         points.sort(key=lambda b: b.joint2 == 0)  # those between two bodies come first
         self.k, self.between = k, between = len(points), sum(b.joint2 > 0 for b in points)
-        self.joints = {j for b in points for j in (b.joint1, b.joint2) if j}
         self._rows, self._ends = rows_of(points), Ends(data, points)
         rows = self._rows
         self._below = (
@@ -92,27 +91,10 @@ class PointPartials:
         # what 1, p x, 2 p' x, p2' x and p2'' x meet, for J, v_q, s_q and s_v each
         self._columns = np.zeros((15, 4, model.nv))
         self._places = np.ones((2, k, 13))  # 1, p and p' of each end, p' and p'' of c2
-        self._E: Array | None = None  # the placements of the ends, as `apply` found them
-        ends = [(b.joint1, b.placement1) for b in points]
-        ends += [(b.joint2, b.placement2) for b in points[:between]]
-        self._on_ends = [joint for joint, _ in ends]
-        duals = np.array([c.toDualActionMatrix()[:, :3].T for _, c in ends]).reshape(-1, 3, 6)
-        duals[k:] *= -1.0  # the opposite acts on body 2
-        self._duals = duals
-
-    def apply(self, lam: Array, on_joint: Mapping[int, Array]) -> None:
-        """Add the forces to the wrenches on the joints."""
-        forces, between = self._forces(lam), self.between
-        if between:
-            self._E = E = self._ends.placements()
-            one, two = E[:, :between, :3]
-            forces = np.concatenate([forces, forces[:between] @ one @ two.swapaxes(1, 2)])
-        for joint, wrench in zip(self._on_ends, (forces @ self._duals)[:, 0], strict=True):
-            on_joint[joint][:] += wrench
 
     def write(self, lam: Array, rhs: Array, J: Array) -> None:
         """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q."""
-        n, between, of = self._n, self.between, self._evaluate(self._E)
+        n, between, of = self._n, self.between, self._evaluate()
         J[self._rows] = of.parts[:, :, 0].reshape(-1, n)
         rhs[self._below] = of.parts[:, :, 2:].reshape(-1, 2 * n)
         if self._drift:
@@ -125,7 +107,7 @@ class PointPartials:
 
     def turning(self, out: Array) -> None:
         """Write v_q (m, nv) of these rows."""
-        out[self._rows] = self._evaluate(None).parts[:, :, 1].reshape(-1, self._n)
+        out[self._rows] = self._evaluate().parts[:, :, 1].reshape(-1, self._n)
 
     def _forces(self, lam: Array) -> Array:
         """Return the forces on body 1 (k, 1, 3), in the axes of c1."""
@@ -138,11 +120,10 @@ class PointPartials:
         turned = of.axes @ skews(p2 - p1) @ Ja_1
         return np.asarray(self._anchored * (of.parts[:, :, 0] - turned))
 
-    def _evaluate(self, E: Array | None) -> _Rows:
-        """Return the rows; `E` are the placements of the ends, found here if there are none."""
+    def _evaluate(self) -> _Rows:
         k, n, columns, x = self.k, self._n, self._columns, self._places
         self._gather()
-        E = self._ends.placements() if E is None else E
+        E = self._ends.placements()
         x[..., 1:4] = E[:, :, 3]
         motion = (self._ends.linear()[..., None, :] @ E[:, :, :3])[..., 0, :]
         x[..., 4:7] = motion[0]

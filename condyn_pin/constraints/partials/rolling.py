@@ -12,7 +12,7 @@ and the product rule does the rest.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -33,13 +33,7 @@ class RollingPartials:
     def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
         self._frames, self._drift = frames, drift
         self._bounds = [b for b in bounds if isinstance(b, Rolled)]
-        self._duals = [b.placement1.toDualActionMatrix() for b in self._bounds]
-        self.joints = {b.joint1 for b in self._bounds}
-
-    def apply(self, lam: Array, on_joint: Mapping[int, Array]) -> None:
-        """Add the forces to the wrenches on the joints."""
-        for b, dual in zip(self._bounds, self._duals, strict=True):
-            on_joint[b.joint1][:] += dual @ self._wrench(b, lam[b.rows])
+        self.k = len(self._bounds)
 
     def write(self, lam: Array, rhs: Array, J: Array) -> None:
         """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q."""

@@ -175,10 +175,10 @@ class Wrenches:
             if b.joint2:
                 dual = b.placement2.toDualActionMatrix()
                 on_joint2[place[b.joint2], at] = -dual[:, list(components)]
-        self._wrenches = pin.StdVec_Force(model.njoints, pin.Force.Zero())
+        self.all = pin.StdVec_Force(model.njoints, pin.Force.Zero())
         self._stacked = np.zeros(6 * len(joints))
         # views into the memory of the wrenches, and what goes there
-        self._targets = [(self._wrenches[j].vector, self._stacked[place[j]]) for j in joints]
+        self._targets = [(self.all[j].vector, self._stacked[place[j]]) for j in joints]
 
     def of(self, forces: Array) -> Any:
         """Return the wrench on each joint, in its axes, in memory of this object.
@@ -189,4 +189,4 @@ class Wrenches:
         np.dot(self._on_joints, forces, out=self._stacked)
         for wrench, force in self._targets:
             wrench[:] = force
-        return self._wrenches
+        return self.all

@@ -129,6 +129,11 @@ class Groups:
         self._lam = f1[: self._m]
         self._stacks = [(group.stack, f1[at], f2[at]) for group, at in slices]
 
+    @property
+    def on_joints(self) -> Any:
+        """The wrench on each joint, as `wrenches` has left it."""
+        return self._wrenches.all
+
     def wrenches(self, lam: Array) -> Any:
         """Return lam, with the signs of joint 1, as a wrench on each joint, after `evaluate`."""
         self._lam[:] = lam

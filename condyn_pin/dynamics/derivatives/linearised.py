@@ -25,6 +25,7 @@ from condyn_pin._core.joints import turning
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.groups import ConstraintPartials
 from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.derivatives.carried import Carried, in_series
 
 
@@ -48,11 +49,16 @@ class Linearised(NamedTuple):
 
 
 class Linearisation:
-    """The linearised equations of one model with its bound constraints, and their memory."""
+    """The linearised equations of one model with its bound constraints, and their memory.
+
+    `equations` of the same model put the constraint forces on the bodies; they have that done
+    already of an answer that they have proved just now.
+    """
 
     def __init__(
-        self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
-    ) -> None:
+        self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None,
+        equations: Equations | None = None,
+    ) -> None:  # fmt: skip
         given = model
         model, bounds = in_series(model, bounds)
         self._carried: Carried | None = None
@@ -64,11 +70,9 @@ class Linearisation:
         self._of_constraints = ConstraintPartials(model, self._data, bounds, drift)
         self._drift = drift
         self._m = sum(b.size for b in bounds)
-        self._wrenches = pin.StdVec_Force()
-        for _ in range(model.njoints):
-            self._wrenches.append(pin.Force.Zero())
-        joints = self._of_constraints.joints
-        self._on_joint = {j: self._wrenches[j].vector for j in joints}  # views
+        if equations is None or model is not given:
+            equations = Equations(model, bounds)
+        self._equations = equations
 
     def at(self, q: Array, v: Array, a: Array, lam: Array) -> Linearised:
         """Return the partial derivatives at a state and an answer."""
@@ -86,23 +90,15 @@ class Linearisation:
     def _of_bodies(self, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
         """Return -[[r_q, r_v], [s_q, s_v]] and J, but for couplings, where no axes turn."""
         model, data, n = self._model, self._data, self._model.nv
-        self._apply(q, lam)
+        wrenches = self._equations.wrenches_at(q, lam)
         # it leaves behind all that the derivatives of frames read
-        pin.computeRNEADerivatives(model, data, q, v, a, self._wrenches)
+        pin.computeRNEADerivatives(model, data, q, v, a, wrenches)
         rhs, J = np.zeros((n + self._m, 2 * n)), np.zeros((self._m, n))
         rhs[:n, :n], rhs[:n, n:] = data.dtau_dq, data.dtau_dv
         self._of_constraints.write(lam, rhs, J)
         if self._drift:
             rhs[n:, n:] -= self._drift.Kd * J
         return rhs, J
-
-    def _apply(self, q: Array, lam: Array) -> None:
-        """Put the constraint forces on the bodies."""
-        if self._of_constraints.placed:
-            pin.forwardKinematics(self._model, self._data, q)
-        for wrench in self._on_joint.values():
-            wrench.fill(0.0)
-        self._of_constraints.apply(lam, self._on_joint)
 
     def turning(self, q: Array, w: Array) -> Array:
         """Return how J w changes with q (m, nv) while w (nv,) stays: as the slip does at v = w."""
