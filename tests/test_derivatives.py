@@ -128,6 +128,21 @@ def test_rows_turn_as_differences_say(kind):
     assert np.abs(had - wanted).max() < 1e-9 * max(np.abs(had).max(), 1.0)
 
 
+@pytest.mark.parametrize("label", ["cassie loops + contacts", "four_bar hinge"])
+def test_forces_of_the_last_proof_are_not_those_of_another_place(label):
+    """The same arrays, written over; and the same forces elsewhere."""
+    scene, ((q, v, tau), *_) = all_scenes()[label], states(label)
+    workspace, fresh = cp.Workspace(scene), cp.Workspace(scene)
+    q = q.copy()
+    found = workspace.solve(q, v, tau)
+    lam = found.lam.copy()
+    q[:] = pin.integrate(scene.robot.model, q, np.full(scene.robot.nv, 0.1))
+    for at in (q, found.q):
+        had = workspace.linearisation.at(at, v, found.a, lam).rhs
+        assert np.array_equal(had, fresh.linearisation.at(at, v, found.a, lam).rhs)
+        lam *= 2.0
+
+
 @pytest.mark.parametrize("mass", [1e-6, 1.0, 1e6])
 def test_differences_by_torques_know_how_heavy_joints_are(mass):
     """A step of 1e-3 N m on an excavator moves nothing."""
