@@ -244,6 +244,29 @@ def test_a_stop_and_dry_friction_hold_a_joint() -> None:
     assert list(now.modes.values()) == ["slide"]
 
 
+@pytest.mark.parametrize("torque", [0.0, 0.05, 5.0, 1e3])
+@pytest.mark.parametrize("reach", [1e-3, 1e-9, 0.0])  # [rad]
+def test_stops_at_both_ends_and_dry_friction_come_to_rest(reach: float, torque: float) -> None:
+    """What a step leaves of a gap is not pushed out against friction that could hold it."""
+    model, joint = pin.Model(), 0
+    for i in range(3):
+        at = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.3 if i else 0.0]))
+        joint = model.addJoint(
+            joint, pin.JointModelRY(), at, f"j{i}",
+            np.array([10.0]), np.array([100.0]), np.array([-reach]), np.array([reach]),
+        )  # fmt: skip
+        middle = pin.SE3(np.eye(3), np.array([0.0, 0.0, -0.15]))
+        model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.05, 0.05, 0.3), middle)
+    stops = [JointLimit(f"j{i}") for i in range(3)]
+    dry = [JointFriction(f"j{i}", torque=torque) for i in range(3)]
+    scene = cp.Scene(cp.Robot("arm", model), contacts=[*stops, *dry])
+    for dt in (1e-3, 2e-2):
+        run = cp.simulate(scene, np.zeros(3), np.array([2.0, -1.0, 3.0]), duration=0.4, dt=dt)
+        assert run.status.ok, run.reason
+        assert min(gap.min() for gap in run.gaps.values()) > -2e-9
+        assert not torque or np.abs(run.v[-1]).max() < 1e-6
+
+
 def test_a_soft_contact_sinks_in_and_rests() -> None:
     run = cp.simulate(
         box_scene(0.5), lying(0.0), np.zeros(6), duration=0.5, dt=1e-3, integrator=SoftStep()

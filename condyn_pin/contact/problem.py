@@ -33,6 +33,9 @@ from condyn_pin.errors import InvalidArgument
 Law = Literal["ncp", "ccp"]
 Level = Literal["impulse", "acceleration"]
 
+# Velocities below are none: numbers relative to them, or their squares, are not numbers [m/s].
+_STILL = 1e-150
+
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactProblem:
@@ -134,12 +137,13 @@ class ContactProblem:
     def scale(self) -> tuple[float, float]:
         """The sizes that errors are measured by: mean diagonal of G + R [1/kg], and |g| [m/s].
 
-        1 where there is nothing to measure by.
+        1 where there is nothing to measure by, or so little that its square is no number.
         """
         # numpy's own trace and max take three times as long for the few rows of a robot
         diagonal = self.G.diagonal() if self.R is None else self.G.diagonal() + self.R
         stiff = sum(diagonal.tolist()) / max(len(self.g), 1)
-        return stiff or 1.0, max(map(abs, self.g.tolist()), default=0.0) or 1.0
+        speed = max(map(abs, self.g.tolist()), default=0.0)
+        return stiff or 1.0, 1.0 if speed < _STILL else speed
 
     def velocities(self, lam: Array) -> Array:
         """Return sigma = G lam + g + R lam (m,)."""

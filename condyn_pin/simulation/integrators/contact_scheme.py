@@ -33,8 +33,10 @@ from condyn_pin.simulation.integrators.base import Integrator, Order
 # Contacts further away take no part, unless the robot moves further in two steps [m].
 _NEAR = 1e-3
 
-# Share of a penetration that a step takes back.
-_PUSHED_OUT = 0.2
+# Share of a penetration that a step takes back, and how deep one is that stays [m, rad]: what steps
+# leave of a gap that they close is 1e-11. Pushed out, that would slide against dry friction, or push
+# redundant contacts against each other, with impulses up to the limits of friction.
+_PUSHED_OUT, _AT_REST = 0.2, 1e-9
 
 
 class Near(NamedTuple):
@@ -203,12 +205,19 @@ def fastest(v: Array) -> float:
 
 
 def allowed_gaps(gaps: Array) -> Array:
-    """Return by how much gaps may shrink in a step: to zero, and penetrations by -0.2 of them."""
-    return np.maximum(gaps, _PUSHED_OUT * gaps)  # the larger by its sign
+    """Return by how much gaps may shrink in a step: to zero, and penetrations by -0.2 of them.
+
+    A penetration of up to a nanometre stays.
+    """
+    return np.asarray(_shares(gaps) * gaps)
+
+
+def _shares(gaps: Array) -> Array:
+    """Return which shares of gaps are closed, or of penetrations pushed out."""
+    return np.where(gaps < 0, _PUSHED_OUT * (gaps < -_AT_REST), 1.0)
 
 
 def closing_by(near: Near) -> AskedBy:
     """Return how `closing_velocities` change; where a gap is zero, as where it is open."""
-    shrinks = np.where(near.gaps < 0, _PUSHED_OUT, 1.0)
     bends = np.full(len(near.gaps), 1 / near.dt)
-    return AskedBy.nothing(near)._replace(gaps=shrinks / near.dt, bends=bends)
+    return AskedBy.nothing(near)._replace(gaps=_shares(near.gaps) / near.dt, bends=bends)
