@@ -13,7 +13,6 @@
 # make contact-peers  contact in MuJoCo, Drake and Newton's Kamino beside ours (10 minutes)
 # make native    build the compiled core (minutes; objects are used again) and install it into .venv, and into .venv3 if
 #                that is there
-# make native-bench   build and run the C++ timing program (about 7 minutes), write demo/native.json
 
 PYTHON ?= python3
 VENV   := .venv
@@ -31,7 +30,7 @@ export OMP_NUM_THREADS := 1
 export PIP_RETRIES ?= 10
 export PIP_DEFAULT_TIMEOUT ?= 120
 
-.PHONY: test test3 test-kernels test-numerics docs demo wheel native native-bench peers contact-peers control-peers stress stress-slice style clean
+.PHONY: test test3 test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -90,11 +89,6 @@ $(VENVN)/ready: native/pyproject.toml
 	$(VENVN)/bin/python $(PIP) "scikit-build-core>=0.10" "nanobind>=2.4" "libpinocchio==4.1.0" "cmeel-eigen==3.4.1" \
 	    "cmake>=3.22" ninja
 	touch $@
-
-native-bench: $(VENV)/ready
-	mkdir -p demo
-	$(BIN)/python $(PIP) cmeel-eigen
-	$(BIN)/python benchmarks/native/run.py --output demo/native.json
 
 peers: $(VENV)/ready
 	$(BIN)/python benchmarks/peers/run.py --folder $(PEERS)

@@ -13,10 +13,11 @@ from shared import all_scenes, robot
 import condyn_pin as cp
 from condyn_pin._core import timing
 from condyn_pin._core._pin import HAS_LCABA
+from condyn_pin._core.constrained_aba import missing_constrained_aba
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import Times, interleaved
 from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
-from condyn_pin.study.bench import BY_HAND, Effort, bench_scene
+from condyn_pin.study.bench import BY_HAND, Effort, bench, bench_scene
 from condyn_pin.study.bench_table import BenchRow, BenchTable
 from condyn_pin.study.by_hand import METHODS, by_hand
 
@@ -140,28 +141,28 @@ def test_json_has_no_nan_and_keeps_every_field(tmp_path):
     assert repr(again) == repr(table())  # NaN is unlike itself
 
 
-def test_native_rows_are_merged_and_compared_with_the_native_dense_method(tmp_path):
-    row = {"scene": "s", "mu": 0.0, "iterations": None, "p95_us": 9.0, "error": None,
-           "dynamics_error": 1e-12, "constraint_error": None}  # fmt: skip
-    us = {"aba": 2.0, "dense": 10.0, "constrainedABA": 5.0}
-    rows = [row | {"method": method, "median_us": x} for method, x in us.items()]
-    path = tmp_path / "native.json"
-    path.write_text(json.dumps({"compiler": "c++", "rows": rows}))
-    merged = table().with_native(path)
-    assert merged.machine["native compiler"] == "c++"
-    found = {r.method: r for r in merged.rows if r.origin == "C++"}
-    assert {name: r.bare_us for name, r in found.items()} == us
-    assert math.isnan(found["aba"].to_dense)
-    assert math.isnan(found["aba"].error)
-    assert (found["dense"].to_dense, found["constrainedABA"].to_dense) == (1.0, 2.0)
-
-
-@pytest.mark.parametrize("text", ["", "[]", "{}", '{"rows": [{}]}'])
-def test_a_file_that_is_no_native_result_is_refused(tmp_path, text):
-    path = tmp_path / "native.json"
-    path.write_text(text)
-    with pytest.raises(cp.InvalidArgument, match="make native-bench"):
-        table().with_native(path)
+@pytest.mark.skipif(
+    bool(missing_constrained_aba()),
+    reason="condyn_pin_native is not installed: `make native` builds it",
+)
+@pytest.mark.parametrize("name", ["talos", "four_bar"])
+def test_native_rows_are_those_of_python_without_it(name):
+    """The same equations and settings: the same error, and a time against dense in C++."""
+    found = bench((name,), effort=Effort(states=2, rounds=2, repeats=1), native=True)
+    assert found.machine["C++ compiler"]
+    for scene in {row.scene for row in found.rows}:
+        here = [row for row in found.rows if row.scene == scene]
+        python = {row.method: row for row in here if row.origin == "python"}
+        in_cpp = {row.method: row for row in here if row.origin == "C++"}
+        assert all(row.bare_us > 0.0 for row in in_cpp.values())
+        assert ("constrainedABA" in in_cpp) == (name == "talos")
+        assert {"ABA, unconstrained", "Proximal", "Dense KKT, Eigen LDLT"} <= in_cpp.keys()
+        assert math.isnan(in_cpp["ABA, unconstrained"].to_dense)
+        dense = [row.to_dense for method, row in in_cpp.items() if method.startswith("Dense")]
+        assert max(dense) == pytest.approx(1.0, rel=0.5)  # medians of ratios, of two rounds
+        for method in ("constrainedABA", "PV", "LCABA", "Proximal"):
+            if method in in_cpp:
+                assert in_cpp[method].error < max(1e-9, 10 * python[method].error)
 
 
 def test_standard_scenes_of_every_robot():

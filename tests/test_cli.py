@@ -260,7 +260,6 @@ MISTAKES = {
     "export pendulum --mjcf p.xml": "'pivot' carries 1 kg",
     "export four_bar --friction 0.7 --mjcf b.xml": "four_bar has no ready-made contacts",
     "export four_bar --mjcf no/such/b.xml": "there is no folder no/such",
-    "bench four_bar --quick --native no.json": "make native-bench",
     "bench four_bar --quick --plot b.foo": ".png, .svg, .pdf",
     "bench four_bar --solvers nulspace": "did you mean 'nullspace'",
     "bench four_bar --quick --csv no/such/b.csv": "there is no folder no/such",

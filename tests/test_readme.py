@@ -91,8 +91,13 @@ def test_x_dense_is_against_the_fastest_of_the_dense():
         least = min(row["acceleration_us"] for row in by_hand)
         assert all(row["acceleration_us"] < 1.15 * least + 4.0 for row in ours)
     native = [row for row in saved if row["origin"] == "C++"]
-    assert {row["to_dense"] for row in native if row["method"].startswith("dense")} == {1.0}
-    assert any(row["to_dense"] > 1.5 for row in native if "constrainedABA" in row["method"])
+    for scene in {row["scene"] for row in native}:
+        here = [row for row in native if row["scene"] == scene]
+        dense = [row["to_dense"] for row in here if row["method"].startswith("Dense")]
+        assert max(dense) == pytest.approx(1.0, abs=0.02)
+    fast = [row["to_dense"] for row in native if row["method"] == "constrainedABA"]
+    assert min(fast) > 1.0
+    assert max(fast) > 1.5
 
 
 def test_beside_mujoco_no_answer_is_less_accurate_than_asked_for():
@@ -154,7 +159,8 @@ def test_sentences_say_what_the_committed_results_say():
         words, ("README.md", "docs/how-to-choose-a-solver.md", "docs/simulators.md")
     )
     times: dict[str, dict[str, float]] = {}
-    bench = json.loads((RESULTS / "bench.json").read_text())["rows"]
+    saved = json.loads((RESULTS / "bench.json").read_text())["rows"]
+    bench = [row for row in saved if row["origin"] == "python"]
     for row in bench:
         times.setdefault(row["scene"], {})[row["method"]] = row["acceleration_us"]
     slowest = max(each["Proximal"] / each["LCABA"] for each in times.values())

@@ -225,16 +225,3 @@ def test_a_table_of_something_else_is_not_lost(tmp_path):
             with pytest.raises(cp.InvalidArgument, match=r"mine\.csv: no table of `condyn lab"):
                 write_maps([], path, "4.1.0")
             assert path.read_text(encoding="utf-8") == text
-
-
-@pytest.mark.parametrize(
-    "text",
-    ["[]", "{}", '{"rows": [1]}', "[" * 100_000,
-     '{"rows": [{}], "scenes": [1]}', '{"rows": 3, "scenes": {"a": 1}}',
-     '{"rows": [{"scene": "a", "method": "b", "mu": 1e999}]}'],
-)  # fmt: skip
-def test_native_times_that_are_none_are_refused(text, tmp_path):
-    path = tmp_path / "a.json"
-    path.write_text(text, encoding="utf-8")
-    with pytest.raises(cp.InvalidArgument, match="not a result of benchmarks/native"):
-        bench([]).with_native(path)

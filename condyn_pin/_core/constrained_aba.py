@@ -25,6 +25,13 @@ def constrained_aba() -> Any:
 
 
 @cache
+def compiled_lcaba() -> Any:
+    """Return the calls of Pinocchio 4.1, compiled to be timed beside; MissingExtra if not there."""
+    constrained_aba()  # says what is missing
+    return import_module("condyn_pin_native._lcaba")
+
+
+@cache
 def missing_constrained_aba() -> str:
     """Return what is missing, and what installs it; nothing where it is there."""
     try:

@@ -5,7 +5,7 @@ A scene crosses the border as numbers: what is compiled has a Pinocchio of its o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,6 +37,8 @@ class CompiledMethod:
         What ends the iterations: the method says of what.
     limit : int
         Of iterations.
+    module : module, optional
+        Where it is compiled; `constrained_aba` by default.
     """
 
     def __init__(
@@ -49,10 +51,12 @@ class CompiledMethod:
         mu: float,
         accuracy: float,
         limit: int,
+        module: Any = None,
     ) -> None:
-        numbers = _of_model(model) | _of_constraints(constraints, drift)
+        module = module or constrained_aba()
+        numbers = _of_model(model, module.joints) | _of_constraints(constraints, drift)
         settings = {"mu": float(mu), "accuracy": float(accuracy), "limit": int(limit)}
-        self.bound = constrained_aba().Bound(name, **numbers, **settings)
+        self.bound = module.Bound(name, **numbers, **settings)
         self.iterations, self._nv = 0, int(model.nv)
         self._rows = sum(c.size for c in constraints)
 
@@ -77,9 +81,9 @@ class CompiledMethod:
         return lam
 
 
-def _of_model(model: Any) -> dict[str, Any]:
+def _of_model(model: Any, compiled: Collection[str]) -> dict[str, Any]:
     """Return everything about a model that the equations read, for any joint that is compiled."""
-    compiled, q = constrained_aba().joints, pin.neutral(model)
+    q = pin.neutral(model)
     subspaces = np.zeros((model.njoints - 1, 6, 2))
     for S, joint in zip(subspaces, list(model.joints)[1:], strict=True):
         if joint.shortname() not in compiled:

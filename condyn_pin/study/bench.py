@@ -15,8 +15,8 @@ from math import inf, isfinite, nan
 
 import numpy as np
 
-from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
+from condyn_pin._core.machine import machine
 from condyn_pin._core.parameters import check_called
 from condyn_pin._core.timing import Call, Times, interleaved
 from condyn_pin._core.tolerances import SOLVED
@@ -24,12 +24,15 @@ from condyn_pin.dynamics.catalogue import standard_scenes
 from condyn_pin.dynamics.choice import untaken
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.constrained_aba import ConstrainedABA
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.solvers.pv import PV
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import Interrupted
 from condyn_pin.io.load import load_robot
+from condyn_pin.study.bench_compiled import CPP, compiled_by, compiled_methods, fastest_dense
 from condyn_pin.study.bench_table import BenchRow, BenchTable
 from condyn_pin.study.by_hand import by_hand
 from condyn_pin.study.case import Case, measure_errors, prepare
@@ -42,6 +45,9 @@ BY_HAND = "by hand"  # in place of a status
 ROBOTS = ("talos", "cassie", "solo12", "four_bar")
 
 Progress = Callable[[str, int, int], None]
+
+# What a sample need not last longer than beside batches, which answer all states in a call [s].
+_ENOUGH = 1e-3
 
 
 def silent(what: str, done: int, total: int) -> None:
@@ -66,23 +72,29 @@ def bench(
     *,
     solvers: Sequence[Solver] = (),
     effort: Effort = FULL,
+    native: bool = False,
     progress: Progress = silent,
 ) -> BenchTable:
     """Time some methods on the standard scenes of some robots.
 
     On each scene those solvers are timed that take it, by default LCABA, proximal and dense KKT,
-    and the equations written by hand (`condyn_pin.study.by_hand`). Progress is called with (scene,
+    and the equations written by hand (`condyn_pin.study.by_hand`). With `native` these come beside
+    `ConstrainedABA`, `PV` and what is compiled, timed in C++ in the same rounds; MissingExtra where
+    it is not installed. Progress is called with (scene,
     round, rounds). Ctrl-C raises `Interrupted` with the scenes that were measured before.
     """
     check_called("progress", progress, "scene, round, rounds")
     rows: list[BenchRow] = []
+    where = machine() | (compiled_by() if native else {})
     try:
         for name in robots:
             for label, scene in standard_scenes(load_robot(name)).items():
-                rows += bench_scene(label, scene, solvers=solvers, effort=effort, progress=progress)
+                rows += bench_scene(
+                    label, scene, solvers=solvers, effort=effort, native=native, progress=progress
+                )
     except KeyboardInterrupt as stop:
-        raise Interrupted(BenchTable(tuple(rows))) from stop
-    return BenchTable(tuple(rows))
+        raise Interrupted(BenchTable(tuple(rows), where)) from stop
+    return BenchTable(tuple(rows), where)
 
 
 @dataclass(frozen=True)
@@ -100,33 +112,41 @@ def bench_scene(
     *,
     solvers: Sequence[Solver] = (),
     effort: Effort,
+    native: bool = False,
     progress: Progress = silent,
 ) -> list[BenchRow]:
     """Time some methods on one scene."""
     case = prepare(label, scene, AccelerationMeasure(), SampledStates(effort.states), SOLVED)
-    chosen = [s for s in solvers or _solvers(scene) if not untaken(scene, s)]
+    asked = solvers or [*_solvers(scene), *([ConstrainedABA(), PV()] if native else [])]
+    chosen = [s for s in asked if not untaken(scene, s)]
     damping = _damping(scene)
+    compiled = compiled_methods(case, damping) if native else []
     written = {_named(name, damping): call for name, call in by_hand(scene, damping).items()}
     candidates = [
         _unconstrained(case),
         *(_solver(case, solver) for solver in chosen),
         *(_equations(case, method, call) for method, call in written.items()),
     ]
-    calls = {(i, what): call for i, c in enumerate(candidates) for what, call in c.calls.items()}
+    calls: dict[tuple[int, str], Call] = {
+        (i, what): call for i, c in enumerate(candidates) for what, call in c.calls.items()
+    } | {(i, CPP): method.call for i, method in enumerate(compiled)}
     done = iter(range(1, effort.rounds + 1))
     times = interleaved(
         calls,
         case.states,
         rounds=effort.rounds,
         repeats=effort.repeats,
+        enough=_ENOUGH if native else inf,
         tick=lambda: progress(label, next(done), effort.rounds),
     )
     plain = [times[i, "once"] for i, c in enumerate(candidates) if c.is_dense and c.calls]
     dense = min(plain, key=lambda spent: spent.median, default=None)
+    in_cpp = {i: times[i, CPP] for i, _ in enumerate(compiled)}
+    dense_in_cpp = fastest_dense(compiled, in_cpp)
     return [
         _timed(c.row, {what: times[i, what] for what in c.calls}, dense)
         for i, c in enumerate(candidates)
-    ]
+    ] + [method.timed(in_cpp[i], dense_in_cpp) for i, method in enumerate(compiled)]
 
 
 def _unconstrained(case: Case) -> _Candidate:
@@ -186,8 +206,8 @@ def _timed(row: BenchRow, times: Mapping[str, Times], dense: Times | None) -> Be
 
 
 def _solvers(scene: Scene) -> list[Solver]:
-    solvers: list[Solver] = [LCABA()] if _pin.HAS_LCABA else []
-    solvers += [Proximal(), DenseKKT()]
+    kinds: tuple[type[Solver], ...] = (LCABA, Proximal, DenseKKT)
+    solvers = [kind() for kind in kinds if not kind.missing()]
     if damping := _damping(scene):
         solvers.append(DenseKKT(mu=damping))
     return solvers

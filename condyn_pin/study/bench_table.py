@@ -4,11 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from math import nan
-from pathlib import Path
-from typing import Any, ClassVar
+from typing import ClassVar
 
-from condyn_pin._core.files.text import parse_json, read_text
-from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.tables import Columns, Measurements, Record, number
 
 
@@ -29,14 +26,14 @@ class BenchRow(Record):
     solve_to_bare: float = nan
     # The time of the fastest dense method over this method's: how many times faster it is. Dense
     # are `DenseKKT` and the equations by hand, solved by numpy, by LAPACK's sysv and by Pinocchio's
-    # contact Cholesky; in C++ that program's own dense method.
+    # contact Cholesky; in C++ the whole matrix by Eigen's LDLT and its blocks by LLT.
     to_dense: float = nan
     error: float = nan  # worst of a against Reference, relative to the larger of |a| and gravity
     dynamics_error: float = nan  # worst residual [N, N m]
     constraint_error: float = nan  # [m/s^2, rad/s^2]
     iterations: int = 0
     status: str = ""  # how many states ended with which; "by hand" where nothing says one
-    origin: str = "python"  # or "C++" for rows of the native program
+    origin: str = "python"  # or "C++", for what is compiled: then `bare_us` is its time
 
 
 @dataclass(frozen=True)
@@ -58,6 +55,10 @@ class BenchTable(Measurements[BenchRow]):
         ("status", lambda r: r.status),
     )
 
+    def of_origin(self, origin: str) -> BenchTable:
+        """Return the rows of Python, or of C++."""
+        return BenchTable(tuple(r for r in self.rows if r.origin == origin), self.machine)
+
     def by_scene(self) -> dict[str, BenchTable]:
         """Return the table of each scene, by its title: label, rows and rank."""
         found = {}
@@ -66,43 +67,3 @@ class BenchTable(Measurements[BenchRow]):
             sizes = next((f": {row.rows} rows, rank {row.rank}" for row in rows if row.rows), "")
             found[scene + sizes] = BenchTable(rows, self.machine)
         return found
-
-    def with_native(self, path: str | Path) -> BenchTable:
-        """Return the table with the rows that `benchmarks/native` wrote to a json file."""
-        try:
-            native = parse_json(read_text(path))
-            sizes = {scene["scene"]: scene for scene in dict(native).get("scenes", ())}
-            dense = {r["scene"]: r["median_us"] for r in native["rows"] if r["method"] == "dense"}
-            rows = tuple(
-                _native_row(row, sizes.get(row["scene"], {}), dense.get(row["scene"]))
-                for row in native["rows"]
-            )
-        except (OSError, ArithmeticError, AttributeError, LookupError, TypeError, ValueError) as e:
-            raise InvalidArgument(
-                f"{path}: not a result of benchmarks/native ({e}); `make native-bench` writes one"
-            ) from e
-        said = {f"native {key}": str(x) for key, x in native.items() if isinstance(x, str)}
-        return BenchTable(self.rows + rows, self.machine | said)
-
-
-# What the native program times beside constrained forward dynamics.
-_OTHER_QUESTIONS = ("aba", "computeConstraintDynamicsDerivatives")
-
-
-def _native_row(row: dict[str, Any], size: dict[str, Any], dense: float | None) -> BenchRow:
-    floats = {key: nan if value is None else value for key, value in row.items()}
-    is_compared = row["method"] not in _OTHER_QUESTIONS
-    return BenchRow(
-        scene=row["scene"],
-        method=f"{row['method']}, mu {row['mu']:g}" if row["mu"] else row["method"],
-        rows=int(size.get("rows", 0)),
-        rank=int(size.get("rank", 0)),
-        bare_us=float(floats["median_us"]),
-        bare_p95_us=float(floats["p95_us"]),
-        to_dense=dense / floats["median_us"] if dense and is_compared else nan,
-        error=float(floats["error"]),
-        dynamics_error=float(floats["dynamics_error"]),
-        constraint_error=float(floats["constraint_error"]),
-        iterations=int(row["iterations"] or 0),
-        origin="C++",
-    )

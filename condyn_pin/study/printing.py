@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from typing import Any
 
 from rich.console import Console
 from rich.table import Table as Grid
 
 from condyn_pin._core.printing import print_whole
-from condyn_pin.study.bench_table import BenchTable
+from condyn_pin.study.bench_table import BenchRow, BenchTable
 from condyn_pin.study.row import ALONE, Row
 from condyn_pin.study.table import Table
-from condyn_pin.study.tables import Measurements
+from condyn_pin.study.tables import Measurements, number
 
 
 def print_columns(
@@ -69,7 +69,9 @@ def failures(rows: tuple[Row, ...]) -> list[str]:
 def print_bench(table: BenchTable, console: Console) -> None:
     """Print a table of every scene, and what its columns mean."""
     for title, part in table.by_scene().items():
-        print_columns(part, console, title=title, left=("method",))
+        print_columns(part.of_origin("python"), console, title=title, left=("method",))
+        if in_cpp := part.of_origin("C++").rows:
+            _print_in_cpp(part, in_cpp, console)
     machine = table.machine
     console.print(
         "bare: Pinocchio's call; a: Workspace.acceleration, median and p95; solve: with its errors "
@@ -81,3 +83,28 @@ def print_bench(table: BenchTable, console: Console) -> None:
         markup=False,
         soft_wrap=True,
     )
+    if "C++ compiler" in machine:
+        console.print(
+            "C++: all states in a call, without Python in between, time of one; the settings are "
+            "those of Python. x dense: against the fastest that is dense in C++.\n"
+            f"{machine['C++ compiler']}, headers of {machine['C++ headers']}.",
+            highlight=False,
+            markup=False,
+            soft_wrap=True,
+        )
+
+
+def _print_in_cpp(table: BenchTable, in_cpp: Sequence[BenchRow], console: Console) -> None:
+    """Print what is compiled, a row a method, and the same of Python where there is one."""
+    shown = Grid(title="in C++, and the same in Python", title_justify="left")
+    for heading in ("method", "C++", "x dense", "error of a", "Python", "x dense", "error of a"):
+        shown.add_column(heading, justify="left" if heading == "method" else "right")
+    python = {row.method: row for row in table.rows if row.origin == "python"}
+    for row in in_cpp:
+        twin = python.get(row.method)
+        cells = [number(row.bare_us, ".1f"), number(row.to_dense, ".2f"), number(row.error, ".0e")]
+        if twin:
+            us = twin.acceleration_us if twin.rows else twin.bare_us
+            cells += [number(us, ".1f"), number(twin.to_dense, ".2f"), number(twin.error, ".0e")]
+        shown.add_row(row.method, *cells)
+    print_whole(shown, console)

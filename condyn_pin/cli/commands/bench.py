@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -34,7 +33,7 @@ def bench(
     csv: arg.Csv = None,
     as_json: arg.TableJson = None,
     plot: arg.Plot = None,
-    native: Annotated[Path | None, typer.Option(help="Merge a `make native-bench`.")] = None,
+    native: Annotated[bool, typer.Option("--native", help="Time C++ beside, if compiled.")] = False,
     solvers: SolversToBench = "",
 ) -> None:
     """Time ABA, LCABA, proximal and dense KKT, with their errors, on the same states.
@@ -44,17 +43,16 @@ def bench(
     from condyn_pin.cli.words import solvers_of
     from condyn_pin.study.bench import FULL, QUICK, ROBOTS
     from condyn_pin.study.bench import bench as run
-    from condyn_pin.study.bench_table import BenchTable
     from condyn_pin.study.printing import print_bench
 
     chosen, effort = solvers_of(solvers), QUICK if quick else FULL
-    beside = BenchTable((), {}).with_native(native) if native else BenchTable((), {})
     check_written(csv, as_json)
     check_picture(plot)
     table, stopped = until_stopped(
-        lambda progress: run(robots or ROBOTS, solvers=chosen, effort=effort, progress=progress)
+        lambda progress: run(
+            robots or ROBOTS, solvers=chosen, effort=effort, native=native, progress=progress
+        )
     )
-    table = BenchTable(table.rows + beside.rows, table.machine | beside.machine)
     print_bench(table, for_people(as_json))
     write_table(table, csv=csv, as_json=as_json)
     if plot and table.rows:

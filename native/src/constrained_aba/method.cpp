@@ -11,13 +11,17 @@ namespace
 using Make = MethodPtr (*)(const Scene &, const Settings &);
 
 const std::vector<std::pair<std::string, Make>> methods{
+#if PINOCCHIO_MAJOR_VERSION >= 4
+  {"pinocchio::lcaba", make_lcaba},
+#else
   {"ConstrainedABA", make_constrained_aba},
   {"PV", make_pv},
-  {"pinocchio::aba", make_aba},
   {"pinocchio::constrainedABA", make_pinocchios_constrained_aba},
-  {"pinocchio::constraintDynamics", make_constraint_dynamics},
   {"Dense KKT, Eigen LDLT", make_dense_ldlt},
   {"Dense KKT, blocks of Eigen LLT", make_dense_blocks},
+#endif
+  {"pinocchio::aba", make_aba},
+  {"pinocchio::constraintDynamics", make_constraint_dynamics},
 };
 
 } // namespace

@@ -50,6 +50,8 @@ MethodPtr make_method(const std::string & name, const Scene & scene, const Setti
 /// Refuses loops: the recursions of Popov and Vereshchagin hold bodies at the world alone.
 void check_with_world(const Scene & scene, const std::string & name);
 
+// Those of Pinocchio 3.9 alone, and of 4.1 alone, are named in method.cpp.
+MethodPtr make_lcaba(const Scene & scene, const Settings & settings);
 MethodPtr make_aba(const Scene & scene, const Settings & settings);
 MethodPtr make_constrained_aba(const Scene & scene, const Settings & settings);
 MethodPtr make_pinocchios_constrained_aba(const Scene & scene, const Settings & settings);

@@ -174,7 +174,7 @@ private:
 } // namespace
 } // namespace condyn
 
-NB_MODULE(_constrained_aba, m)
+NB_MODULE(CONDYN_MODULE, m)
 {
   using condyn::Bound;
   m.attr("pinocchio") = PINOCCHIO_VERSION;

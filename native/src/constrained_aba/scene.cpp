@@ -56,21 +56,22 @@ const std::map<std::string, std::function<JointModel(const Subspace &)>> kinds{
   {"JointModelRX", plain<Revolute<0>>},
   {"JointModelRY", plain<Revolute<1>>},
   {"JointModelRZ", plain<Revolute<2>>},
-  {"JointModelRUBX", plain<Unbounded<0>>},
-  {"JointModelRUBY", plain<Unbounded<1>>},
-  {"JointModelRUBZ", plain<Unbounded<2>>},
   {"JointModelPX", plain<Prismatic<0>>},
   {"JointModelPY", plain<Prismatic<1>>},
   {"JointModelPZ", plain<Prismatic<2>>},
   {"JointModelFreeFlyer", plain<JointModelFreeFlyerTpl<double, 0>>},
-  {"JointModelPlanar", plain<JointModelPlanarTpl<double, 0>>},
   {"JointModelSpherical", plain<JointModelSphericalTpl<double, 0>>},
-  {"JointModelSphericalZYX", plain<JointModelSphericalZYXTpl<double, 0>>},
-  {"JointModelTranslation", plain<JointModelTranslationTpl<double, 0>>},
   {"JointModelRevoluteUnaligned", about<JointModelRevoluteUnalignedTpl<double, 0>>},
-  {"JointModelRevoluteUnboundedUnaligned", about<JointModelRevoluteUnboundedUnalignedTpl<double, 0>>},
   {"JointModelPrismaticUnaligned",
    [](const Subspace & S) -> JointModel { return JointModelPrismaticUnalignedTpl<double, 0>(linear(S)); }},
+#if PINOCCHIO_MAJOR_VERSION < 4
+  {"JointModelRUBX", plain<Unbounded<0>>},
+  {"JointModelRUBY", plain<Unbounded<1>>},
+  {"JointModelRUBZ", plain<Unbounded<2>>},
+  {"JointModelPlanar", plain<JointModelPlanarTpl<double, 0>>},
+  {"JointModelSphericalZYX", plain<JointModelSphericalZYXTpl<double, 0>>},
+  {"JointModelTranslation", plain<JointModelTranslationTpl<double, 0>>},
+  {"JointModelRevoluteUnboundedUnaligned", about<JointModelRevoluteUnboundedUnalignedTpl<double, 0>>},
   {"JointModelHX", screw<Helical<0>>},
   {"JointModelHY", screw<Helical<1>>},
   {"JointModelHZ", screw<Helical<2>>},
@@ -82,6 +83,7 @@ const std::map<std::string, std::function<JointModel(const Subspace &)>> kinds{
    [](const Subspace & S) -> JointModel {
      return JointModelUniversalTpl<double, 0>(angular(S, 0), angular(S, 1));
    }},
+#endif
 };
 
 } // namespace

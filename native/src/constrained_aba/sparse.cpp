@@ -38,7 +38,11 @@ public:
   {
     for (const auto & constraint : scene.constraints)
       datas_.emplace_back(constraint);
+#if PINOCCHIO_MAJOR_VERSION >= 4
+    pinocchio::initConstraintDynamics(model, data_, scene.constraints, datas_);
+#else
     pinocchio::initConstraintDynamics(model, data_, scene.constraints);
+#endif
   }
 
   int solve(const In & q, const In & v, const In & tau, Out a) override
