@@ -43,8 +43,8 @@ class Problem:
 def problem(seed: int) -> Problem:
     """Return the problem of a seed."""
     rng = np.random.default_rng([20260, seed])
-    model = _tree(rng)
-    q = _configuration(model, rng)
+    model = tree(rng)
+    q = configuration(model, rng)
     data = model.createData()
     pin.framesForwardKinematics(model, data, q)
     constraints = _constraints(model, data, q, rng)
@@ -114,16 +114,17 @@ def _joint(rng: Random, root: bool) -> Any:
     if pick == 7:
         return pin.JointModelEllipsoid(*rng.uniform(0.05, 0.5, size=3))
     if pick == 8:
-        made = pin.JointModelComposite(_simple(rng), _placement(rng))
+        made = pin.JointModelComposite(_simple(rng), placement(rng))
         for _ in range(int(rng.integers(1, 3))):
-            made.addJoint(_simple(rng), _placement(rng))
+            made.addJoint(_simple(rng), placement(rng))
         return made
     if pick == 13 or (root and pick == 12):
         return pin.JointModelFreeFlyer()
     return _simple(rng)
 
 
-def _placement(rng: Random) -> Any:
+def placement(rng: Random) -> Any:
+    """Return a place, turned more often than not."""
     turn = pin.exp3(rng.normal(size=3)) if rng.random() < 0.7 else np.eye(3)
     return pin.SE3(turn, rng.normal(scale=0.3, size=3))
 
@@ -137,7 +138,7 @@ def _inertia(rng: Random, spread: float) -> Any:
     return pin.Inertia(mass, rng.normal(scale=0.15, size=3), turn @ np.diag(moments) @ turn.T)
 
 
-def _tree(rng: Random) -> Any:
+def tree(rng: Random) -> Any:
     """Return a tree whose joints come depth-first, with a frame on each body."""
     model = pin.Model()
     spread = float(rng.choice(SPREADS))
@@ -145,10 +146,10 @@ def _tree(rng: Random) -> Any:
     for i in range(count):
         while len(path) > 1 and rng.random() < 0.25:
             path.pop()
-        joint = model.addJoint(path[-1], _joint(rng, len(path) == 1), _placement(rng), f"joint{i}")
+        joint = model.addJoint(path[-1], _joint(rng, len(path) == 1), placement(rng), f"joint{i}")
         model.appendBodyToJoint(joint, _inertia(rng, spread), pin.SE3.Identity())
         path.append(joint)
-        model.addFrame(pin.Frame(f"body{i}", joint, 0, _placement(rng), pin.FrameType.OP_FRAME))
+        model.addFrame(pin.Frame(f"body{i}", joint, 0, placement(rng), pin.FrameType.OP_FRAME))
     if rng.random() < 0.3:
         model.armature = rng.uniform(0.0, 0.3, size=model.nv)
     pick = rng.random()
@@ -159,7 +160,8 @@ def _tree(rng: Random) -> Any:
     return model
 
 
-def _configuration(model: Any, rng: Random) -> Array:
+def configuration(model: Any, rng: Random) -> Array:
+    """Return a configuration, now and then one near the neutral."""
     q = pin.integrate(model, pin.neutral(model), rng.normal(size=model.nv))
     if rng.random() < 0.1:
         q = pin.integrate(model, pin.neutral(model), 1e-3 * rng.normal(size=model.nv))
@@ -215,14 +217,14 @@ def _loops(frames: _Frames, kind: Any, name: str, rng: Random) -> list[cp.constr
         return []
     axis = "xyz"[int(rng.integers(3))]
     e = np.eye(3)["xyz".index(axis)]
-    place = frames.data.oMi[frames.any(False)] * _placement(rng)
+    place = frames.data.oMi[frames.any(False)] * placement(rng)
     other = {
         "ball": pin.SE3(pin.exp3(rng.normal(size=3)), np.zeros(3)),
         "weld": pin.SE3.Identity(),
         "hinge": pin.SE3(pin.exp3(rng.normal() * e), np.zeros(3)),
         "slider": pin.SE3(np.eye(3), rng.normal(scale=0.3) * e),
         "planar": pin.SE3(pin.exp3(rng.normal(size=3)), rng.normal(scale=0.3) * e),
-        "rod": _placement(rng),
+        "rod": placement(rng),
     }[kind]
     a, b = frames.add(one, place), frames.add(two, place * other)
     length = None
@@ -242,7 +244,7 @@ def _loops(frames: _Frames, kind: Any, name: str, rng: Random) -> list[cp.constr
 
 def _contact(frames: _Frames, name: str, rng: Random) -> cp.constraints.Constraint:
     joint = frames.any(False)
-    place = frames.data.oMi[joint] * _placement(rng)
+    place = frames.data.oMi[joint] * placement(rng)
     frame, axis = frames.add(joint, place), "xyz"[int(rng.integers(3))]
     anchored = rng.random() < 0.5
     seven = tuple(pin.SE3ToXYZQUAT(place)) if anchored else None
@@ -261,7 +263,7 @@ def _contact(frames: _Frames, name: str, rng: Random) -> cp.constraints.Constrai
 
 def _rolling(frames: _Frames, name: str, rng: Random) -> cp.constraints.Constraint:
     joint = frames.any(False)
-    frame = frames.add(joint, frames.data.oMi[joint] * _placement(rng))
+    frame = frames.add(joint, frames.data.oMi[joint] * placement(rng))
     normal, radius = tuple(_axis(rng)), float(rng.uniform(0.05, 0.5))
     axis: Any = "xyz"[int(rng.integers(3))]
     pick = int(rng.integers(3))

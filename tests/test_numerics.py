@@ -190,6 +190,8 @@ def test_ok_is_no_lie_near_a_singular_configuration(solver, angle, moving):
     """A parallelogram nearly flat: lam grows as 1/angle, and a jumps at zero."""
     bar = cp.model.four_bar(ground=0.6, crank=0.3, coupler=0.6, rocker=0.3)
     scene = cp.Scene(bar, bar.loops)
+    if not solver.takes_loops:
+        return
     q = angle * np.array([1.0, -1.0, 1.0])
     v = moving * np.array([1.0, -1.0, 1.0])
     tau = np.array([5.0, -2.0, 1.0])

@@ -46,6 +46,7 @@ SCRIPTS = {
     "contact_gradients": lambda script: script.load(),
     "contact_four_bar": lambda script: script.load(),
     "falls": lambda script: script.load(),
+    "campaign_held": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
 }
 
 

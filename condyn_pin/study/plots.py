@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from condyn_pin.study.table import Table
 
 # As many markers as may be, and another number of lines, tell the methods apart without colour.
-_MARKERS = ("s", "o", "^", "d", "v", "P", "X", "<", ">", "p", "h")
+_MARKERS = ("s", "o", "^", "d", "v", "P", "X", "<", ">", "p", "h", "*", "D")
 _LINES = ("-", "--", "-.")
 _FIRST = ("proximal", "lcaba", "densekkt")  # the colours that `condyn bench` gives them
 _LAST = ("reference",)  # it judges, and is seldom drawn
