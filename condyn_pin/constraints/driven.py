@@ -20,8 +20,9 @@ from typing import Any, ClassVar, Self
 import numpy as np
 
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin.constraints.along import check_along
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.path import Along, check_along
+from condyn_pin.constraints.path import Along
 from condyn_pin.constraints.protocols import Machine
 from condyn_pin.constraints.rows.any_bound import AnyBound, Drive
 from condyn_pin.errors import InvalidArgument, InvalidConstraint

@@ -19,7 +19,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.path import along_at
+from condyn_pin.constraints.along import along_at
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.many import MANY, ManyGaps
 from condyn_pin.dynamics.scene import Scene

@@ -13,9 +13,9 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.parameters import check_called
+from condyn_pin.constraints.along import check_along
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
-from condyn_pin.constraints.path import check_along
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.errors import CondynError, InvalidArgument
