@@ -224,6 +224,15 @@ def test_convex_problems_with_masses_and_friction_wide_apart(seed, solver):
     assert natural(problem, solve_contact(problem, solver).lam) < 1e-8
 
 
+def test_what_hardly_moves_is_still():
+    """Relative to 1e-313 m/s nothing is a number."""
+    whole = random(5, cones=2, half_lines=2, intervals=2)
+    small = replace(whole, g=whole.g * 1e-313)
+    for solver in EXACT:
+        found = solve_contact(small, solver)
+        assert np.abs(found.sigma).max() < 1e-300
+
+
 def test_rounding_proves_nothing_infeasible():
     """Bodies that stop do not go through each other."""
     found = solve_contact(bodies(517, law="ccp"), throw=False)

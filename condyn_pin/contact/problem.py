@@ -34,7 +34,7 @@ Law = Literal["ncp", "ccp"]
 Level = Literal["impulse", "acceleration"]
 
 # Velocities below are none: numbers relative to them, or their squares, are not numbers [m/s].
-_STILL = 1e-150
+STILL = 1e-150
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -143,7 +143,7 @@ class ContactProblem:
         diagonal = self.G.diagonal() if self.R is None else self.G.diagonal() + self.R
         stiff = sum(diagonal.tolist()) / max(len(self.g), 1)
         speed = max(map(abs, self.g.tolist()), default=0.0)
-        return stiff or 1.0, 1.0 if speed < _STILL else speed
+        return stiff or 1.0, 1.0 if speed < STILL else speed
 
     def velocities(self, lam: Array) -> Array:
         """Return sigma = G lam + g + R lam (m,)."""

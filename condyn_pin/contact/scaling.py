@@ -16,7 +16,7 @@ from math import frexp
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.problem import STILL, ContactProblem
 
 # Ratio of how far impulses move contacts from which each has its own S. Feet of a robot are closer;
 # with one S, bodies of 1 kg on others of 1 t take ADMM ten times the iterations, and Newton stalls.
@@ -49,7 +49,8 @@ def _normalised_by_contact(problem: ContactProblem) -> tuple[ContactProblem, Arr
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
     S = _by_contact(problem, G.diagonal())
     g = problem.g * S
-    w = _power_of_two(float(np.abs(g).max()) or 1.0)
+    fast = float(np.abs(g).max())
+    w = 1.0 if fast < STILL else _power_of_two(fast)
     limits = problem.limits / S[problem.sets.parts[2]] / w
     made = problem.replaced(G=G * np.multiply.outer(S, S), g=g / w, limits=limits, R=None)
     return made, S * w

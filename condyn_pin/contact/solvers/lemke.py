@@ -94,7 +94,8 @@ def turned(problem: ContactProblem, lam: Array, width: float, sides: int) -> Att
     cones = problem.sets.parts[0]
     L, S = (each[cones].reshape(-1, 3) for each in (lam, problem.velocities(lam)))
     # friction points against the slip, and where nothing slides it points anywhere
-    slides = np.hypot(S[:, 0], S[:, 1]) * problem.scale[0] > np.hypot(L[:, 0], L[:, 1]) * _STILL
+    moved = np.hypot(L[:, 0], L[:, 1]) * problem.scale[0]
+    slides = np.hypot(S[:, 0], S[:, 1]) > moved * _STILL
     t = np.where(slides[:, None], -S[:, :2], L[:, :2])
     first = np.arctan2(t[:, 1], t[:, 0])[:, None]
     fan = width * np.linspace(-0.5, 0.5, 5)
