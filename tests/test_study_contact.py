@@ -14,10 +14,22 @@ from condyn_pin._core.parameters import Call, read_call
 from condyn_pin.cli.main import app
 from condyn_pin.contact import ADMM, PGS, SAP, Lemke, SemismoothNewton
 from condyn_pin.dynamics import Proximal
-from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle, contact_problem
+from condyn_pin.simulation import (
+    ActiveSet,
+    Anitescu,
+    EventLocated,
+    Kappa,
+    Moreau,
+    Randomised,
+    Softened,
+    SoftStep,
+    StewartTrinkle,
+    contact_problem,
+)
 from condyn_pin.study import (
     ContactMeasure,
     GivenStates,
+    GradientMeasure,
     SampledStates,
     Study,
     Table,
@@ -234,3 +246,61 @@ def test_condyn_simulate_puts_a_robot_onto_its_feet_and_view_shows_it(tmp_path):
     assert run("view", str(motion), "--html", str(page), "--light", "--cones").exit_code == 0
     assert "contact that sticks" in page.read_text(encoding="utf-8")
     assert "forces that friction can give" in page.read_text(encoding="utf-8")
+
+
+# Routes to derivatives
+
+
+def slopes(scene, q, v, *routes, **options):
+    """Rows of routes, by name and parameters, of one motion."""
+    measure, states = GradientMeasure(**options), GivenStates("one", [(q, v, 0 * v)])
+    rows = Study({"it": scene}, routes, states=states, measure=measure).run(timed=False).rows
+    return {row.short.partition(", dt=")[0]: row for row in rows}
+
+
+def test_routes_are_compared_by_the_slope_of_a_bounce():
+    ball = cp.model.free_ball(mass=1.0, radius=0.05)
+    floor = c.FrictionalContact("ball", c.Ball(0.05), friction=0.2, restitution=0.8)
+    scene = cp.Scene(ball, contacts=[floor])
+    q, v = scene.state()
+    q[2] = 0.55
+    routes = ActiveSet(), EventLocated(), Randomised(10, 1e-4), Softened()
+    rows = slopes(scene, q, v, *routes, duration=0.6, dt=1e-2, wrt=["q", "v"])
+    assert rows["EventLocated()"].error_worst < 1e-7
+    assert rows["EventLocated()"].constraint_error < 1e-9
+    assert rows["ActiveSet()"].error_worst > 0.1  # a step of fixed length knows no time of impact
+    drawn = rows["Randomised(samples=10, sigma=0.0001)"]
+    assert 0 < drawn.dynamics_error < drawn.error_worst
+
+
+def test_routes_are_compared_where_a_box_slides_and_stops():
+    q, v, _ = slide().of(box())[0]
+    rows = slopes(box(), q, v, ActiveSet(), Kappa(1e-2), Kappa(1e-6), duration=0.25, dt=1e-2)
+    assert rows["ActiveSet()"].error_worst < 0.1  # it stops in the middle of a step
+    off = [rows[f"Kappa(kappa={kappa})"].constraint_error for kappa in ("0.01", "1e-06")]
+    assert off[1] < 0.1 * off[0]  # the ends of smooth steps
+
+
+def test_a_route_that_takes_no_such_steps_is_refused_by_name():
+    q, v, _ = slide().of(box())[0]
+    rows = slopes(box(), q, v, EventLocated(), Softened(), integrator=SoftStep())
+    assert rows["EventLocated()"].said == "1 refused"
+    assert "convex" in rows["EventLocated()"].note
+    measure = GradientMeasure(integrator=Anitescu(contact=SAP()), wrt=["q"])
+    row = Study({"box": box()}, [Kappa(1e-3)], states=slide(), measure=measure)
+    row = row.run(timed=False).rows[0]
+    assert (measured_as(row), solver_of(row)) == (measure, Kappa(1e-3))
+    for wrong, said in (
+        ({"dt": 0}, "dt = 0"), ({"wrt": ["mass"]}, "some of q, v, tau"),
+        ({"dt": 1.0}, "at most the duration"), ({"integrator": cp.RungeKutta4()}, "with contacts"),
+    ):  # fmt: skip
+        with pytest.raises(cp.InvalidArgument, match=said):
+            GradientMeasure(**wrong)
+
+
+def test_condyn_trade_prints_a_table_of_routes():
+    said = run("trade", "solo12", "--measure", "gradients", "--states", "1", "--quick", "--solvers",
+               "activeset,kappa", "--dt", "5e-3")  # fmt: skip
+    assert said.exit_code == 0, said.stderr
+    assert "solo12 on its feet, gradients: " in said.stdout
+    assert "of 4 rows" in said.stdout  # ActiveSet, and Kappa with three kappas

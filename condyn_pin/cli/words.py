@@ -161,7 +161,9 @@ def measures_of(
         chosen["dt"] = [_number("--dt", each) for each in names_in(dt)]
     known = {f.name for f in fields(measure)}  # type: ignore[arg-type]
     for key in chosen.keys() - known:
-        raise InvalidArgument(f"--{key} says nothing of {name}; it is of trajectory or contact")
+        raise InvalidArgument(
+            f"--{key} says nothing of {name}; it is of trajectory, contact or gradients"
+        )
     return sweep(measure, **chosen) if chosen else (measure,)
 
 

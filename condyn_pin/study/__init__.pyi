@@ -9,6 +9,7 @@ from .measures.base import Measure as Measure
 from .measures.contact import ContactMeasure as ContactMeasure
 from .measures.derivatives import DerivativeMeasure as DerivativeMeasure
 from .measures.forces import ForceMeasure as ForceMeasure
+from .measures.gradients import GradientMeasure as GradientMeasure
 from .measures.trajectory import TrajectoryMeasure as TrajectoryMeasure
 from .mujoco.cross_check import CrossCheck as CrossCheck
 from .mujoco.cross_check import TermCheck as TermCheck

@@ -1,6 +1,7 @@
 """Method: what a study measures, a frozen value whose fields are its parameters.
 
-Solvers of `SOLVERS` and contact solvers of `CONTACT_SOLVERS` are; a measure says which it asks.
+Solvers of `SOLVERS`, contact solvers of `CONTACT_SOLVERS` and routes of `ROUTES` are; a measure
+says which it asks.
 """
 
 from __future__ import annotations
@@ -12,10 +13,11 @@ from typing import Any, ClassVar, Protocol
 from condyn_pin._core.parameters import Grid
 from condyn_pin.contact.solvers import CONTACT_SOLVERS
 from condyn_pin.dynamics.solvers import SOLVERS
+from condyn_pin.simulation.routes import ROUTES
 
 
 class Method(Protocol):
-    """A solver, or a contact solver."""
+    """A solver, a contact solver, or a route to derivatives through contact."""
 
     title: ClassVar[str]  # what tables show
     sweeps: ClassVar[tuple[Grid, ...]]  # values of parameters that are worth a look
@@ -27,7 +29,7 @@ Methods = Mapping[str, type[Method]]  # a registry
 def method_named(name: str) -> type[Method] | None:
     """Return the class of a name in any registry; None if there is none."""
     lower = name.lower()
-    known: Methods = {**SOLVERS, **CONTACT_SOLVERS}
+    known: Methods = {**SOLVERS, **CONTACT_SOLVERS, **ROUTES}
     return known.get(lower)
 
 

@@ -35,23 +35,23 @@ PANEL = "Measure"
 Measure = Annotated[
     str,
     typer.Option(
-        help="The quantity whose error counts: acceleration, forces, derivatives, contact or "
-        "trajectory.",
+        help="The quantity whose error counts: acceleration, forces, derivatives, contact, "
+        "trajectory or gradients.",
         autocompletion=arg.names_of("study", "MEASURES"),
     ),
 ]
 Swept = Annotated[
     str,
     typer.Option(
-        help="Comma-separated names of `condyn solvers`, or of contact solvers, all parameters "
-        "turned; all by default.",
+        help="Comma-separated names of `condyn solvers`, of contact solvers or of routes, all "
+        "parameters turned; all by default.",
         autocompletion=arg.solver_names,
     ),
 ]
 
 Steps = Annotated[
     str | None,
-    typer.Option(help="Steps of a trajectory or a contact problem, comma-separated [s]."),
+    typer.Option(help="Steps of trajectory, contact or gradients, comma-separated [s]."),
 ]
 Error = Annotated[
     float | None, typer.Option(help="Choose the fastest solver with no larger error.")

@@ -28,6 +28,7 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.parameters import Grid
 from condyn_pin._core.registry import enter
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.scene import Scene
@@ -50,6 +51,7 @@ class Route(ABC):
     title: ClassVar[str]  # what tables show
     cost: ClassVar[str]
     use: ClassVar[str]  # when to take it
+    sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

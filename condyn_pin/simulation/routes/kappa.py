@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.parameters import Grid
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
@@ -82,6 +83,8 @@ class Kappa(LawRoute):
     title: ClassVar[str] = "kappa"
     cost: ClassVar[str] = "as ActiveSet, and 10 to 40 steps of Newton's method"
     use: ClassVar[str] = "in optimisers that begin far away: smooth, and with a slope in stick"
+
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"kappa": (1e-2, 1e-4, 1e-6)},)
 
     kappa: float = 1e-4
 

@@ -10,6 +10,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.parameters import Grid
 from condyn_pin.contact.modes import MODES
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
@@ -53,6 +54,8 @@ class Randomised(Route):
     title: ClassVar[str] = "randomised"
     cost: ClassVar[str] = "6 steps for each sample"
     use: ClassVar[str] = "as a reference that knows no modes; where the step jumps"
+
+    sweeps: ClassVar[tuple[Grid, ...]] = ({"sigma": (1e-3, 1e-2)},)
 
     samples: int = 200
     sigma: float = 1e-3  # [m, rad, m/s, rad/s]

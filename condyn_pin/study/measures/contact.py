@@ -85,12 +85,7 @@ class ContactMeasure(Measure):
 
     def scenes_of(self, robot: Robot) -> Mapping[str, Scene]:
         """Return the robot with its loops on its feet, with a friction of 0.7."""
-        feet = robot.frictional_contacts(_FRICTION)
-        if not feet:
-            raise InvalidArgument(
-                f"{robot.name} has no feet: hand in a Scene with contacts in place of its name"
-            )
-        return {f"{robot.name} on its feet": Scene(robot, robot.loops, feet)}
+        return feet_on_the_floor(robot)
 
     def open(self, scene: Scene, method: ContactSolver) -> ContactBench:
         """Return a contact solver that has seen no problem yet."""
@@ -154,6 +149,16 @@ class ContactMeasure(Measure):
 
     def _gravity(self, scene: Scene) -> float:
         return float(np.linalg.norm(scene.robot.model.gravity.linear))
+
+
+def feet_on_the_floor(robot: Robot) -> Mapping[str, Scene]:
+    """Return a robot with its loops on its feet, by label, with a friction of 0.7."""
+    feet = robot.frictional_contacts(_FRICTION)
+    if not feet:
+        raise InvalidArgument(
+            f"{robot.name} has no feet: hand in a Scene with contacts in place of its name"
+        )
+    return {f"{robot.name} on its feet": Scene(robot, robot.loops, feet)}
 
 
 def _goal(solver: ContactSolver) -> float:
