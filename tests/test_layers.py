@@ -5,6 +5,7 @@ from __future__ import annotations
 import functools
 import subprocess
 import sys
+import warnings
 from dataclasses import replace
 
 import jax
@@ -324,6 +325,10 @@ def test_an_action_is_a_step_in_the_tangent():
     wanted = central(moved, 1e-6)
     found = Fx @ np.concatenate([dq, dv]) + Fu @ du
     assert np.abs(found - wanted).max() < 1e-5 * np.abs(wanted).max()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        with pytest.raises(cp.SolveFailed, match="is not finite"):
+            action.step(x, 1e300 * u)
     with pytest.raises(cp.InvalidArgument, match="dt = 0"):
         cp.layers.Action(scene, dt=0)
     with pytest.raises(cp.InvalidArgument, match="route = 'kappa'"):

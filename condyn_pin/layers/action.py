@@ -96,7 +96,8 @@ class Action:
         SolveFailed
             If the contacts have no answer.
         """
-        return np.concatenate(self._map.answer(*self._state(x, u)))
+        with np.errstate(all="ignore"):  # what is not finite is refused
+            return np.concatenate(self._map.answer(*self._state(x, u)))
 
     @one_blas_thread
     def derivatives(self, x: ArrayLike, u: ArrayLike) -> tuple[Array, Array]:
