@@ -542,3 +542,37 @@ def test_what_no_motion_takes_is_named():
     in_jax, of = moving("lands", 2, cp.layers.jax_simulate)
     with refused(cp.InvalidArgument, match="first derivatives only"):
         jax.hessian(lambda v: in_jax(of[0], v, *of[2:])[1].sum())(of[1])
+
+
+@pytest.mark.parametrize("make", ["step", "simulate"])
+def test_numbers_that_are_none_are_named(make):
+    scene, how, (q, v), p = motions()["lands"]
+    tau = np.zeros((2, 6)) if make == "simulate" else np.zeros(6)
+    layer = getattr(cp.layers, f"torch_{make}")(scene, dt=2e-3, **how)
+    for i, name in enumerate(("q", "v", "tau", "friction", "restitution")):
+        inputs = tensors((q, v, tau, *p), False)
+        inputs[i][..., 0] = float("nan")
+        with pytest.raises(cp.InvalidArgument, match=rf"{name}\[.*0\] = nan"):
+            layer(*inputs)
+
+
+@pytest.mark.parametrize("root", [*CURVED, "cassie"])
+def test_motions_of_curved_joints_and_loops(root):
+    """By torques and inertias, and by every number of q where no loop has to be closed."""
+    rng, free = np.random.default_rng(0), root != "cassie"
+    scene = cp.Scene(limb(root)) if free else scenes()["cassie, loops"]
+    layer = cp.layers.torch_simulate(scene, dt=1e-3, wrt=["inertias"])
+    nv, pi = scene.robot.nv, weights(scene.robot)
+    at = tensors((*scene.sample(rng), rng.normal(size=(3, nv)), pi), False)
+    along = [rng.normal(size=x.shape) for x in at]
+    along[3] = 0.01 * pi * along[3]
+    if not free:
+        along[0], along[1] = 0 * along[0], 0 * along[1]
+    along = tensors(along, False)
+    _, found = torch.func.jvp(layer, tuple(at), tuple(along))
+
+    def end(t):
+        return torch.cat(layer(*(x + t * d for x, d in zip(at, along, strict=True)))).numpy()
+
+    wanted = central(end, 1e-5)
+    assert np.abs(torch.cat(found).numpy() - wanted).max() < 1e-6 * np.abs(wanted).max()

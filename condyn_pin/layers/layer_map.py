@@ -19,7 +19,7 @@ from math import prod
 
 import numpy as np
 
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.errors import InvalidArgument
 
@@ -116,6 +116,8 @@ class LayerMap(ABC):
         self, one: Callable[..., Sequence[Array]], arrays: Sequence[Array], shapes: Sequence[Shape]
     ) -> tuple[Array, ...]:
         """Return what `one` gives for each state, arrays of these `shapes`, stacked."""
+        for name, array in zip(self.inputs, arrays, strict=False):
+            finite(name, array, array.shape)
         first = next(iter(self.inputs.values()))
         leading = arrays[0].shape[: arrays[0].ndim - len(first)]
         count = prod(leading)

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -103,7 +103,6 @@ def _owners(scene: Scene, contacts: Sequence[int]) -> Array:
 
 def _weighing(robot: Robot, inertias: Array) -> Robot:
     """Return the robot with other inertial parameters (bodies, 10); InvalidModel if none has."""
-    finite("inertias", inertias, inertias.shape)
     model = pin.Model(robot.unedited)
     for i, pi in enumerate(inertias, start=1):
         if pi.any():

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.layers.configurations import Configurations
@@ -97,9 +97,6 @@ class RunMap(LayerMap):
     def _begun(self, q: Array, v: Array, tau: Array, *p: Array) -> tuple[Pair, Chain, Array]:
         """Return the start of one motion, its steps, and what its start is in the tangent."""
         steps, route = self._parameters.steps(p, self._dt)
-        finite("q", q, q.shape)
-        finite("v", v, v.shape)
-        finite("tau", tau, tau.shape)
         unit, lengths = self._space.unit(q)
         chain = Chain(route, steps, len(tau), tau)
         return (unit, v), chain, self._space.steps(unit, lengths)
