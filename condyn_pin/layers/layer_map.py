@@ -126,11 +126,8 @@ class LayerMap(ABC):
             for each in arrays
         ]
         out = [np.empty((count, *shape)) for shape in shapes]
-        with (
-            self._lock,
-            one_blas_thread,
-            np.errstate(all="ignore"),
-        ):  # what is not finite is refused
+        quiet = np.errstate(all="ignore")  # what is not finite is refused
+        with self._lock, one_blas_thread, quiet:
             for i in range(count):
                 found = one(*(each[i] for each in rows))
                 for array, part in zip(out, found, strict=True):

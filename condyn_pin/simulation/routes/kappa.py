@@ -18,9 +18,9 @@ from condyn_pin.simulation.routes.barrier import Barrier
 from condyn_pin.simulation.routes.base import LawRoute
 from condyn_pin.simulation.routes.law import Law
 
-# How far above the floor contacts of `Moreau` take part, of how far what rests is above it: there
-# they push by a tenth of the weight of what rests on them, times kappa for any that is further.
-_HOVERS: Final = 10.0
+# How far above the floor contacts of `Moreau` take part, in kappa g dt^2. What rests on one contact
+# hovers at one of these, on n of them at n; at a hundred a contact has 1 % of the weight to push.
+_HOVERS: Final = 100.0
 
 _G: Final = 9.81  # [m/s^2]
 
@@ -72,7 +72,7 @@ class Kappa(LawRoute):
     The step that is differentiated has other impulses than the one that was taken: `q` and `v` of
     the result are its own end. No mode is needed, and there is a slope everywhere. What rests is
     kappa g dt^2 above the floor; `Moreau`, whose contacts take part at a gap of zero, has them take
-    part up to ten times that, and sigma_n is gap / dt more.
+    part up to a hundred times that, and sigma_n is gap / dt more.
 
     References
     ----------

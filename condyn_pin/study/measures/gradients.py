@@ -14,12 +14,14 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parameters import read_call
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.event_driven import EventDriven
 from condyn_pin.simulation.integrators.moreau import Moreau
 from condyn_pin.simulation.outcome import uninterrupted
+from condyn_pin.simulation.plan import check_scheme
 from condyn_pin.simulation.routes import ROUTES, Route
 from condyn_pin.simulation.routes.base import linear_steps
 from condyn_pin.simulation.routes.chain import Chain
@@ -132,8 +134,8 @@ class GradientMeasure(Measure):
 
     def open(self, scene: Scene, method: Route) -> RouteBench:
         """Return a route and a scene; InvalidArgument if the route takes no such steps."""
-        self.integrator.check(linear_steps(scene, Moreau(), self.dt).system.contacts)
-        method.scheme(self.integrator)
+        check_scheme(scene, self.integrator)
+        method.scheme(self.integrator)  # refuses what it cannot take
         return RouteBench(scene, method)
 
     def truth(self, scene: Scene, state: State) -> Array:
@@ -177,7 +179,7 @@ class GradientMeasure(Measure):
         q, v, tau = state
         steps = linear_steps(scene, route.scheme(self.integrator), self.duration / self._steps)
         chain, n = Chain(route, steps, self._steps, np.tile(tau, (self._steps, 1))), len(v)
-        dq, dv, dtau = _directions(scene, self.duration, self.wrt, q)
+        dq, dv, dtau = _directions(scene, self.duration, tuple(self.wrt), q.tobytes())
         x = np.vstack((dq, dv))
         for of in chain.forward((q, v)):
             A = np.vstack(of.matrices)
@@ -188,13 +190,14 @@ class GradientMeasure(Measure):
         return scaled
 
 
-def _directions(scene: Scene, duration: float, wrt: Sequence[str], q: Array) -> list[Array]:
+@lru_cache(maxsize=1000)
+def _directions(scene: Scene, duration: float, wrt: tuple[str, ...], at: bytes) -> list[Array]:
     """Return random directions of q, v and tau (nv, directions) each; zero if not in `wrt`."""
-    rng, n = np.random.default_rng(0), scene.robot.nv
-    model = scene.robot.model
-    M = pin.crba(model, model.createData(), q)
+    rng, n, q = np.random.default_rng(0), scene.robot.nv, np.frombuffer(at)
+    workspace = Workspace(scene.bilateral)
+    M = pin.crba(workspace.model, workspace.model.createData(), q)
     sizes = {"q": duration * np.ones(n), "v": np.ones(n), "tau": np.diag(M) / duration}
-    J = linear_steps(scene, Moreau(), duration).system.equations.jacobian(q)
+    J = workspace.jacobian(q)
     found = []
     for part in _PARTS:
         drawn = rng.normal(size=(n, _DIRECTIONS)) * (part in wrt)
@@ -228,7 +231,7 @@ def _slopes(
         return np.concatenate((moved / duration, one[1] - other[1]))
 
     still, columns = np.zeros(n), []
-    for along in zip(*(x.T for x in _directions(scene, duration, wrt, start[0])), strict=True):
+    for along in zip(*(x.T for x in _directions(scene, duration, wrt, q)), strict=True):
         up, down = (end(*(s * _H * x for x in along)) for s in (1, -1))
         columns.append(between(up, down) / (2 * _H))
     columns.append(between(end(still, still, still), (start[0], 0 * start[1])))
