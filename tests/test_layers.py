@@ -576,3 +576,30 @@ def test_motions_of_curved_joints_and_loops(root):
 
     wanted = central(end, 1e-5)
     assert np.abs(torch.cat(found).numpy() - wanted).max() < 1e-6 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("label", ["four-bar", "solo12, feet"])
+def test_solves_by_what_bodies_weigh(label):
+    """Of both libraries and both modes, against differences."""
+    scene = scenes()[label]
+    of, pi = state(scene), weights(scene.robot)
+    layer = cp.layers.torch_solve(scene, wrt=["inertias"])
+    in_jax = cp.layers.jax_solve(scene, wrt=["inertias"])
+    along = 0.01 * pi * np.random.default_rng(5).normal(size=pi.shape)
+    steps = [*(np.zeros_like(x) for x in of), along]
+    at, moved = (tuple(tensors(each, False)) for each in ((*of, pi), steps))
+    _, found = torch.func.jvp(layer, at, moved)
+
+    def end(t):
+        return np.concatenate([x.numpy() for x in layer(*at[:3], at[3] + t * moved[3])])
+
+    wanted, size = central(end, 1e-3), 1e-7
+    assert np.abs(torch.cat(found).numpy() - wanted).max() < size * np.abs(wanted).max()
+    _, by_jax = jax.jvp(in_jax, (*of, pi), tuple(steps))
+    assert np.abs(np.concatenate(by_jax) - wanted).max() < size * np.abs(wanted).max()
+    leaf = torch.tensor(pi, requires_grad=True)
+    a, lam = layer(*at[:3], leaf)
+    (a.sum() + lam.sum()).backward()
+    assert float((leaf.grad * moved[3]).sum()) == pytest.approx(wanted.sum(), rel=1e-6)
+    with pytest.raises(cp.InvalidArgument, match="inertias"):
+        cp.layers.torch_solve(scene, wrt=["friction"])

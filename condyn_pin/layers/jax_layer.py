@@ -24,15 +24,19 @@ _ACTIVE_SET: Final = ActiveSet()
 
 
 def jax_solve(
-    scene: Scene, *, solver: Solver | None = None, drift: Baumgarte | None = None
+    scene: Scene,
+    *,
+    solver: Solver | None = None,
+    drift: Baumgarte | None = None,
+    wrt: Sequence[str] = (),
 ) -> Layer:
     """Return `torch_solve` for arrays of jax, with `jax.jvp` and `jax.jacfwd` too.
 
     Parameters
     ----------
     scene : Scene
-    solver, drift : optional
-        As in `solve`.
+    solver, drift, wrt : optional
+        As in `torch_solve`.
 
     Returns
     -------
@@ -51,7 +55,7 @@ def jax_solve(
     Cost: a callback, and a solve for each state; where derivatives are asked for, with all their
     matrices.
     """
-    return _layer(SolveMap(scene, solver, drift))
+    return _layer(SolveMap(scene, solver, drift, wrt))
 
 
 def jax_step(

@@ -86,7 +86,7 @@ class Parameters:
                 else:
                     route = replace(route, **solref)
             else:
-                scene = replace(scene, robot=_weighing(scene.robot, value))
+                scene = replace(scene, robot=weighing(scene.robot, value))
         return Made(replace(scene, contacts=tuple(contacts)), scheme, route)
 
 
@@ -101,8 +101,11 @@ def _owners(scene: Scene, contacts: Sequence[int]) -> Array:
     return owners
 
 
-def _weighing(robot: Robot, inertias: Array) -> Robot:
-    """Return the robot with other inertial parameters (bodies, 10); InvalidModel if none has."""
+def weighing(robot: Robot, inertias: Array) -> Robot:
+    """Return the robot with other inertial parameters (bodies, 10).
+
+    InvalidModel if no body has them.
+    """
     model = pin.Model(robot.unedited)
     for i, pi in enumerate(inertias, start=1):
         if pi.any():

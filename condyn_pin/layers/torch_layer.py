@@ -24,28 +24,36 @@ _ACTIVE_SET: Final = ActiveSet()
 
 
 def torch_solve(
-    scene: Scene, *, solver: Solver | None = None, drift: Baumgarte | None = None
+    scene: Scene,
+    *,
+    solver: Solver | None = None,
+    drift: Baumgarte | None = None,
+    wrt: Sequence[str] = (),
 ) -> Layer:
     """Return `solve` as a function of tensors, through which torch differentiates.
 
-    (a, lam) = f(q, v, tau),    M da - J^T dlam = dtau - r_q dq - r_v dv,    J da = -s_q dq - s_v dv
+    (a, lam) = f(q, v, tau, pi),
+    M da - J^T dlam = dtau - r_q dq - r_v dv - Y dpi,    J da = -s_q dq - s_v dv
 
     Parameters
     ----------
     scene : Scene
     solver, drift : optional
         As in `solve`.
+    wrt : sequence of {"inertias"}
+        What else it is a function of.
 
     Returns
     -------
     Layer
-        Of q, v and tau (..., nv); returns a (..., nv) and lam (..., m), the smallest one where rows
-        are redundant.
+        Of q, v, tau (..., nv) and what `wrt` names; returns a (..., nv) and lam (..., m), the
+        smallest one where rows are redundant.
 
     Raises
     ------
     InvalidArgument
-        By the layer: if a tensor is of another dtype, on another device, or has a wrong size.
+        If `wrt` names anything else; by the layer, if a tensor is of another dtype, on another
+        device, or has a wrong size.
     MissingExtra
         If torch is not installed.
     SolveFailed
@@ -59,7 +67,7 @@ def torch_solve(
     ----------
     Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. RSS, 2018.
     """
-    return _layer(SolveMap(scene, solver, drift))
+    return _layer(SolveMap(scene, solver, drift, wrt))
 
 
 def torch_step(
