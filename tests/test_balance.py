@@ -278,3 +278,31 @@ def test_what_is_wrong_is_named():
     unsized = cp.Scene(block(), [cp.SurfaceContact("float", name="sole")])
     with pytest.raises(cp.InvalidArgument, match="half_length or half_width is not set"):
         support_polygon(unsized, Q)
+
+
+# Capturability
+
+
+def stops(v: float, d: float, h: float, mu: float) -> bool:
+    """Whether the inverted pendulum, braked as well as it can be, turns back before the edge."""
+    c, dt = 0.0, 1e-5
+    while v > 0 and c < d:
+        a = G / h * (c - min(d, c + mu * h))
+        c, v = c + dt * v + a * dt**2 / 2, v + dt * a
+    return c < d
+
+
+@pytest.mark.parametrize(("d", "h", "mu"), [(0.1, 0.9, np.inf), (0.1, 0.9, 0.05), (0.25, 0.2, 0.7)])
+def test_a_pendulum_stops_from_speeds_below_the_capturable_one(d, h, mu):
+    speed = cp.control.capturable_speed(d, h, friction=mu)
+    assert stops(0.998 * speed, d, h, mu)
+    assert not stops(1.002 * speed, d, h, mu)
+
+
+def test_what_no_friction_and_no_reach_leave_is_nothing():
+    assert cp.control.capturable_speed(0.1, 1.0, friction=0.0) == 0.0
+    assert cp.control.capturable_speed(-0.1, 1.0) == 0.0
+    assert cp.control.capturable_speed(0.1, 0.9) == pytest.approx(0.1 * np.sqrt(G / 0.9))
+    for wrong in ({"height": 0.0}, {"reach": np.nan}, {"friction": -0.1}, {"friction": np.nan}):
+        with pytest.raises(cp.InvalidArgument, match=next(iter(wrong))):
+            cp.control.capturable_speed(**{"reach": 0.1, "height": 1.0, **wrong})

@@ -525,6 +525,49 @@ def test_a_reference_may_be_a_function_of_time():
         assert np.allclose(jacobian @ out.a, wanted, atol=2e-3)
 
 
+def test_one_joint_follows_numbers_and_paths():
+    scene, q, v = solo()
+    ways = (
+        lambda t: (0.1, 0.2, 3.0),
+        lambda t: (np.array([0.1]), np.array([0.2]), np.array([3.0])),
+        minimum_jerk(0.1, 0.1, 1.0),
+        minimum_jerk([0.1], [0.1], 1.0),
+    )
+    for way, wanted in zip(ways, (6.0, 6.0, 1.0, 1.0), strict=True):
+        task = JointTask("FL_HAA", reference=way, kp=100.0, kd=10.0, weight=np.inf)
+        out = Controller(scene, [task], cones=OCTAGON).solve(np.r_[q[:7], 0.09, q[8:]], v, 0.5)
+        assert out.a[6] == pytest.approx(wanted, abs=1e-9), way
+
+
+def test_a_reference_that_is_wrong_is_named_by_its_task():
+    scene, q, v = solo()
+    wrong = {
+        "sway": CenterOfMass(reference=lambda t: (q[:2], q[:3], q[:3]), name="sway"),
+        "rest": Posture(reference=lambda t: (q[:3], v, v), name="rest"),
+        "turn": Orientation("base_link", reference=lambda t: (np.eye(2), 0, 0), name="turn"),
+    }
+    for name, task in wrong.items():
+        with pytest.raises(cp.InvalidArgument, match=rf"{name}: reference\(0.3\).* needed"):
+            Controller(scene, [task], cones=OCTAGON).solve(q, v, 0.3)
+
+
+def test_contacts_that_may_open_are_not_left_out_in_silence():
+    scene, q, v = solo()
+    made = scene.robot
+    floor = cp.Scene(made, contacts=made.frictional_contacts(friction=0.7))
+    controller = Controller(scene, STAND, cones=OCTAGON)
+    for wrong in (
+        lambda: Controller(floor, STAND, cones=OCTAGON),
+        lambda: controller.use(floor),
+    ):
+        with pytest.raises(
+            cp.errors.UnsupportedConstraint, match=r"4 contacts may open.*scene\.closed"
+        ):
+            wrong()
+    out = Controller(floor.closed(), STAND, cones=OCTAGON).solve(q, v)
+    assert np.abs(out.tau - controller.solve(q, v).tau).max() < 1e-9
+
+
 def test_a_minimum_jerk_way_is_smooth_and_at_rest_at_both_ends():
     start, end = np.array([0.1, -0.2, 0.9]), np.array([0.3, 0.1, 0.8])
     way = minimum_jerk(start, end, 0.5, begin=0.2)
@@ -771,6 +814,12 @@ def test_what_is_wrong_is_named():
         (lambda: Controller(scene, STAND, qp="proxqp", **good), "qp = 'proxqp'"),
         (lambda: Controller(scene, STAND, limits=3, **good), "limits = 3"),
         (lambda: Controller(scene, STAND, regularisation=0.0, **good), "many answers"),
+        (lambda: Controller(scene.robot, STAND, **good), "scene = Robot: a Scene is needed"),
+        (lambda: Controller(scene, STAND, drift=3, **good), "drift = 3: Baumgarte"),
+        (
+            lambda: Controller(scene, STAND, **good).use(cassie()[0]),
+            "scene: cassie, .* needs a Controller of its own",
+        ),
         (lambda: Controller(scene, STAND, rigid=["FL_KFE"], **good), "has a motor"),
         (lambda: Controller(scene, STAND, rigid="FL_KFE", **good), "a list of names is needed"),
         (lambda: at_rate(STAND, 1e-3), "a Controller is needed"),

@@ -9,6 +9,7 @@ from .answer import Give as Give
 from .at_rate import at_rate as at_rate
 from .balancing import Balance as Balance
 from .balancing import balance as balance
+from .capturability import capturable_speed as capturable_speed
 from .control_limits import ControlLimits as ControlLimits
 from .controller import Controller as Controller
 from .distribution import DISTRIBUTIONS as DISTRIBUTIONS

@@ -34,7 +34,7 @@ from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgram
 from condyn_pin.control.tasks.base import Task
 from condyn_pin.control.verdict import verdict
-from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven, check_scene
 from condyn_pin.errors import InvalidArgument
 
 _KEPT = 16  # programs of contacts and tasks that a controller switches between
@@ -86,6 +86,8 @@ class Controller(OneThread):
     ------
     InvalidArgument
         If a cone does not fit its contact or a task the scene, or two tasks share a name.
+    UnsupportedConstraint
+        If contacts of the scene may open: `scene.closed()` has those that it is to count on.
     UnknownName
         If a name does not exist.
     MissingExtra
@@ -116,6 +118,7 @@ class Controller(OneThread):
         regularisation: float = 1e-5,
         rigid: Sequence[str] = (),
     ) -> None:
+        check_scene(scene)
         check_accuracy("regularisation", regularisation)
         if regularisation == 0:
             raise InvalidArgument("regularisation = 0: the program may then have many answers")
@@ -124,6 +127,8 @@ class Controller(OneThread):
         limits = ControlLimits() if limits is None else limits
         if not isinstance(limits, ControlLimits):
             raise InvalidArgument(f"limits = {limits!r}: ControlLimits(...) is needed")
+        if not isinstance(drift, Baumgarte | None):
+            raise InvalidArgument(f"drift = {drift!r}: Baumgarte(alpha, beta) or None is needed")
         stiff = checked("rigid", rigid, scene.robot.joints, "joint")
         self._settings = _Settings(
             cones, qp, limits, actuation, drift, float(regularisation), stiff
@@ -134,6 +139,7 @@ class Controller(OneThread):
     def _set_up(self, scene: Scene, tasks: Sequence[Task] | Hierarchy, cones: Cones) -> None:
         settings = self._settings
         check_not_driven(scene, "a controller")
+        check_bilateral(scene)
         self.actuation = motors_of(scene, settings.actuation)
         self.scene = scene
         self.tasks = tasks if isinstance(tasks, Hierarchy) else check_tasks(tasks)
@@ -168,6 +174,8 @@ class Controller(OneThread):
             The same by default.
         """
         check_scene(scene)
+        if scene.robot is not self.scene.robot and scene.robot.model != self.scene.robot.model:
+            raise InvalidArgument(f"scene: {scene.robot.name} needs a Controller of its own")
         wanted = self.tasks if tasks is None else tasks
         wanted = wanted if isinstance(wanted, Hierarchy) else check_tasks(wanted)
         self._siblings.setdefault((self.scene, self.tasks), self)

@@ -24,8 +24,8 @@ def minimum_jerk(
 
     Parameters
     ----------
-    start, end : (n,) array_like
-        Such as two points of the world [m].
+    start, end : (n,) array_like or float
+        Such as two points of the world [m], or two angles of a joint [rad].
     duration : float
         [s]
     begin : float
@@ -47,7 +47,9 @@ def minimum_jerk(
     Journal of Neuroscience 5, 1985.
     """
     size = np.size(start)
-    here, there = finite("start", start, size), finite("end", end, size)
+    here, there = (
+        finite(name, np.atleast_1d(value), size) for name, value in (("start", start), ("end", end))
+    )
     check_positive("time [s]", duration=duration)
     since = float(finite("begin", begin, ()))
     return MinimumJerk(tuple(here.tolist()), tuple(there.tolist()), float(duration), since)

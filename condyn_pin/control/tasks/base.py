@@ -173,9 +173,13 @@ class Tracking(Task):
                 raise InvalidArgument(
                     f"{self.name}: reference({t:g}) = {shown(found)}: (x, v, a) is needed"
                 )
-            x_r = self._value(found[0])
-            v_r, a_r = (finite(f"{self.name}: reference({t:g})", y, size) for y in found[1:])
-            return np.asarray(a_r + kp * error(x_r)(x) + kd * (v_r - v))
+            what = f"{self.name}: reference({t:g})"
+            v_r, a_r = (finite(what, np.atleast_1d(y), size) for y in found[1:])
+            try:
+                left = error(self._value(found[0]))
+            except InvalidArgument as fault:  # it speaks of a reference that is no function
+                raise InvalidArgument(f"{what}: {fault}") from fault
+            return np.asarray(a_r + kp * left(x) + kd * (v_r - v))
 
         return follow
 

@@ -42,7 +42,8 @@ class JointTask(Tracking):
         return self.joint
 
     def _value(self, reference: Any) -> Any:
-        return float(finite("reference", reference, ()))
+        one = reference[0] if np.shape(reference) == (1,) else reference  # that of a path
+        return float(finite("reference", one, ()))
 
     def bind(self, scene: Scene, home: Home) -> BoundTask:
         """Return it at work on a scene; by default the joint stays where it is at `home`."""
