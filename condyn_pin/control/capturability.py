@@ -45,6 +45,11 @@ def capturable_speed(
     gravity : float
         [m/s^2]
 
+    Returns
+    -------
+    float
+        The speed [m/s]; zero where nothing is left to reach, or without friction.
+
     Raises
     ------
     InvalidArgument
