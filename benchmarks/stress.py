@@ -1,4 +1,4 @@
-"""Put every method through every extreme; write results/stress.{csv,json,png}, README, docs.
+"""Put every method through every extreme; write results/stress*.{csv,json,png}, README, docs.
 
     python benchmarks/stress.py [--seeds 2]
 
@@ -21,12 +21,19 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import marks
 
-from condyn_pin._core._pin import HAS_LCABA, VERSION_TEXT
+from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin._core.machine import machine
 from condyn_pin.lab.extremes.base import EXTREMES
 from condyn_pin.lab.extremes.stress import stress, tasks
-from condyn_pin.lab.extremes.stress_plot import save_maps
-from condyn_pin.lab.extremes.stress_table import counts, maps, write_csv
+from condyn_pin.lab.extremes.stress_plot import save_maps, save_overview
+from condyn_pin.lab.extremes.stress_table import (
+    Map,
+    counts,
+    maps,
+    maps_of_csv,
+    read_csv,
+    write_csv,
+)
 from condyn_pin.lab.extremes.verdict import Outcome, Verdict
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -79,7 +86,39 @@ def markdown(runs: Mapping[str, Any]) -> str:
 
 def pages(runs: Mapping[str, Any]) -> dict[str, dict[str, str]]:
     """Return the blocks of README and docs."""
-    return {marks.README: {"stress": essence(runs)}, marks.RESULTS: {"stress": markdown(runs)}}
+    return {
+        marks.README: {"stress": essence(runs)},
+        marks.RESULTS: {"stress": markdown(runs), "stress_maps": links(drawn(max(runs)))},
+    }
+
+
+def pictures(found: Sequence[Map]) -> dict[str, Sequence[Map]]:
+    """Return which maps are in which picture, eight in each."""
+    parts = [found[i : i + 8] for i in range(0, len(found), 8)]
+    return {f"stress_{number}.png": part for number, part in enumerate(parts, start=1)}
+
+
+def links(found: Sequence[Map]) -> str:
+    """Return the links to the pictures, by the families that are in each."""
+    parts = (
+        f"[{', '.join(each.family for each in part)}](../benchmarks/results/{name})"
+        for name, part in pictures(found).items()
+    )
+    return ";\n".join(parts) + "."
+
+
+def drawn(version: str) -> list[Map]:
+    """Return the maps of the committed results that are drawn."""
+    rows = read_csv(RESULTS / "stress.csv")
+    return [each for each in maps_of_csv(rows, version) if each.robot in DRAWN]
+
+
+def draw(version: str) -> None:
+    """Draw the overview, and the maps of severity."""
+    found, note = drawn(version), f"Pinocchio {version}; "
+    save_overview(found, RESULTS / "stress.png", note)
+    for name, part in pictures(found).items():
+        save_maps(part, RESULTS / name, note)
 
 
 def load(path: Path) -> dict[str, Any]:
@@ -104,14 +143,12 @@ def main() -> int:
         run = summary(outcomes, arguments.seeds)
         found = maps(outcomes)
         write_csv(found, RESULTS / "stress.csv", VERSION_TEXT)
-        if HAS_LCABA:
-            drawn = [each for each in found if each.robot in DRAWN]
-            save_maps(drawn, RESULTS / "stress.png", f"Pinocchio {VERSION_TEXT}; ")
         runs = dict(sorted((load(RESULTS / "stress.json") | {VERSION_TEXT: run}).items()))
         text = json.dumps(runs, indent=1)
         (RESULTS / "stress.json").write_text(text + "\n", encoding="utf-8")
         print(f"{len(outcomes)} cases of {len(EXTREMES)} families in {monotonic() - start:.0f} s")
     runs = load(RESULTS / "stress.json")
+    draw(max(runs))
     marks.write(pages(runs))
     print(markdown(runs))
     return bad

@@ -189,7 +189,7 @@ def test_picture_has_a_mark_for_every_method_and_a_line_for_aba():
     rows = bench_scene("four_bar loops", all_scenes()["four_bar loops"], effort=TINY)
     ax = plots.draw_bench(BenchTable(tuple(rows), machine()), "four_bar loops")
     labels = [text.get_text() for text in ax.get_legend().get_texts()]
-    assert "Dense KKT: 2 singular".replace("2 ", "") in " ".join(labels)
+    assert "Dense KKT: singular" in ax.texts[0].get_text()
     assert "Proximal" in labels
     drawn = {line.get_label(): line for line in ax.get_lines()}
     proximal = next(row for row in rows if row.method == "Proximal")

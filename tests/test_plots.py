@@ -15,7 +15,7 @@ mpl.use("Agg")
 
 @pytest.fixture
 def ax():
-    from matplotlib.figure import Figure  # of no backend, so that nothing is left open
+    from matplotlib.figure import Figure
 
     return Figure().subplots()
 
@@ -95,3 +95,77 @@ def test_sparsity_shows_what_is_not_zero(ax):
     assert np.array_equal(seen[:n, 2 * n :], np.abs(d.da_dtau) > 1e-12 * largest)
     assert not seen[:n, n : 2 * n].any()  # at rest, and without damping, nothing depends on v
     assert seen.any(axis=1).all()
+
+
+# Linear RGB as three kinds of colour-blind eyes see it (Machado, Oliveira and Fernandes 2009).
+EYES = {
+    "all": np.eye(3),
+    "no green": [[0.367, 0.861, -0.228], [0.280, 0.673, 0.047], [-0.012, 0.043, 0.969]],
+    "no red": [[0.152, 1.053, -0.205], [0.115, 0.786, 0.099], [-0.004, -0.048, 1.052]],
+    "no blue": [[1.256, -0.077, -0.179], [-0.078, 0.931, 0.148], [0.005, 0.691, 0.304]],
+}
+
+
+def lab(colour: str, eyes: str) -> np.ndarray:
+    """A colour in CIELAB, in which distances are what eyes tell apart."""
+    x = np.array([int(colour[i : i + 2], 16) / 255 for i in (1, 3, 5)])
+    linear = np.where(x <= 0.04045, x / 12.92, ((x + 0.055) / 1.055) ** 2.4)
+    seen = np.clip(np.array(EYES[eyes]) @ linear, 0.0, 1.0)
+    to_xyz = [[0.4125, 0.3576, 0.1804], [0.2127, 0.7152, 0.0722], [0.0193, 0.1192, 0.9503]]
+    xyz = np.array(to_xyz) @ seen / [0.9505, 1.0, 1.0888]
+    f = np.where(xyz > 0.008856, np.cbrt(xyz), 7.787 * xyz + 16 / 116)
+    return np.array([116 * f[1] - 16, 500 * (f[0] - f[1]), 200 * (f[1] - f[2])])
+
+
+@pytest.mark.parametrize("eyes", EYES)
+def test_colours_of_methods_are_told_apart_by_all_eyes(eyes):
+    from condyn_pin.study.plots import style
+
+    colours = [style(name)["color"] for name in cp.dynamics.SOLVERS]
+    assert len(set(colours)) == len(colours) >= 10
+    seen = [lab(colour, eyes) for colour in colours]
+    apart = [np.linalg.norm(a - b) for i, a in enumerate(seen) for b in seen[:i]]
+    assert min(apart) > 15.0  # 2.3 is what can just be told apart, side by side
+
+
+def test_a_picture_of_several_scenes_has_one_legend(tmp_path, monkeypatch):
+    from condyn_pin.study import plots
+
+    table = cp.Study(["four_bar", "pendulum"], [cp.DenseKKT(), cp.dynamics.NullSpace()]).run()
+    drawn = []
+    monkeypatch.setattr(plots, "write_figure", lambda figure, path: drawn.append(figure))
+    plots.save_trade(table, tmp_path / "t.png")
+    (figure,) = drawn
+    (legend,) = figure.legends
+    assert all(ax.get_legend() is None for ax in figure.axes)
+    words = [text.get_text() for text in legend.get_texts()]
+    assert len(set(words)) == len(words)
+    assert {"Null space", "Pareto front", "status ok promises"} <= set(words)
+
+
+def test_the_overview_counts_what_the_file_says():
+    from pathlib import Path
+
+    from matplotlib.figure import Figure
+
+    from condyn_pin.lab.extremes.stress_plot import overview
+    from condyn_pin.lab.extremes.stress_table import Cell, maps_of_csv, read_csv
+
+    path = Path(__file__).parent.parent / "benchmarks" / "results" / "stress.csv"
+    rows = read_csv(path)
+    found = [each for each in maps_of_csv(rows, "4.1.0") if each.robot in ("", "cassie")]
+    for each in found:
+        for cell in each.cells.values():
+            assert str(Cell.parse(str(cell))) == str(cell)
+    ax = overview(found, Figure().subplots())
+    said = iter(text.get_text() for text in ax.texts)
+    for each in found:
+        for method in each.methods:
+            column = [
+                row[method]
+                for row in rows
+                if (row["pinocchio"], row["family"], row["robot"])
+                == ("4.1.0", each.family, each.robot)
+            ]
+            right = sum(text.startswith("ok ") for text in column)
+            assert next(said) == f"{right}/{len(column)}"

@@ -14,6 +14,11 @@ from condyn_pin._core.files.beside import written_beside
 COLOURS: Final = (
     "#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000", "#7F7F7F",
 )  # fmt: skip
+# Methods of studies: no two are alike to colour-blind eyes either (`tests/test_plots.py`).
+METHOD_COLOURS: Final = (
+    "#0072B2", "#D55E00", "#009E73", "#40004B", "#B2DF8A", "#E69F00", "#9E0142", "#662506",
+    "#B0B0B0", "#56B4E9", "#3B3B98", "#8000E0",
+)  # fmt: skip
 DASHES: Final = ("-", "--", "-.", ":")
 
 # Colour and marker of the main methods by their titles, and of any other.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from condyn_pin._core.plot_style import COLOURS, METHODS, OTHER, finished, write_figure
+from condyn_pin._core.plot_style import METHOD_COLOURS, METHODS, OTHER, finished, write_figure
 from condyn_pin._core.plots import axes, panels
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.solvers import SOLVERS
@@ -42,18 +42,36 @@ def save_panels(
     columns: int,
     note: str = "",
     machine: Mapping[str, str] | None = None,
+    one_legend: bool = False,
 ) -> None:
     """Draw into the panels of one picture, each of a size [inch]; a note has the machine's words.
 
-    The ending of `path` says which format.
+    With `one_legend` a legend below them has what is in any of them, where they have the same
+    methods. The ending of `path` says which format.
     """
     figure, places = panels(len(draw), width=size[0], height=size[1], columns=columns)
     for one, ax in zip(draw, places, strict=False):
         one(ax)
+    if one_legend:
+        _share_legend(figure, places, min(columns, len(draw)))
     if note:
         words = {"processor": "", "pinocchio": ""} | dict(machine or {})
         figure.suptitle(note.format_map(words), fontsize=8)
     write_figure(figure, path)
+
+
+def _share_legend(figure: Any, places: Sequence[Any], columns: int) -> None:
+    """Put what the legends of panels say below them, once."""
+    entries: dict[str, Any] = {}
+    for ax in places:
+        handles, labels = ax.get_legend_handles_labels()
+        entries |= dict(zip(labels, handles, strict=True))
+        if legend := ax.get_legend():
+            legend.remove()
+    figure.legend(
+        entries.values(), entries, loc="outside lower center", ncols=2 * columns, fontsize=8,
+        frameon=False,
+    )  # fmt: skip
 
 
 def _in_microseconds(ax: Any, x: str, y: str, title: str) -> Any:
@@ -72,6 +90,7 @@ def draw_bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
     """Draw error against time of every method on one scene, on `ax` or new axes; return them."""
     ax = axes(ax)
     rows = [row for row in table.rows if row.scene == scene and row.origin == "python"]
+    weights: dict[str, None] = {}
     for row in rows:
         looks = (look for key, look in METHODS.items() if row.method.startswith(key))
         colour, marker = next(looks, OTHER)
@@ -81,11 +100,15 @@ def draw_bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
         elif isfinite(row.error):
             hollow = "none" if "inaccurate" in row.status else colour
             error = max(row.error, _FLOOR)
-            ax.plot(time, error, marker, color=colour, mfc=hollow, ms=7, label=row.method)
+            method, _, damped = row.method.partition(", mu")
+            ax.plot(time, error, marker, color=colour, mfc=hollow, ms=7, label=method)
+            weights |= {f"by hand and dense: mu{damped}": None} if damped else {}
     ax.axhline(SOLVED, color="0.6", lw=0.8, ls="--")
     for row in rows:
         if row.rows and not isfinite(row.error):
-            ax.plot([], [], " ", label=f"{row.method}: {row.status.split(' ', 1)[1]}")
+            _remark(ax, f"{row.method}: {row.status.split(' ', 1)[1]}")
+    for weight in weights:
+        _remark(ax, weight)
     ax.set(xlim=(1.0, 300.0), ylim=(_FLOOR / 3, 1.0))
     (title,) = BenchTable(tuple(rows), {}).by_scene()
     return _in_microseconds(ax, "time of a [us]", "error of a", title)
@@ -96,7 +119,9 @@ def save_bench(table: BenchTable, path: str | Path) -> None:
     scenes = dict.fromkeys(row.scene for row in table.rows if row.origin == "python")
     note = "{processor}, Pinocchio {pinocchio}; dashed: what status ok promises"
     draw = [partial(draw_bench, table, scene) for scene in scenes]
-    save_panels(draw, path, size=(4.2, 3.4), columns=3, note=note, machine=table.machine)
+    save_panels(
+        draw, path, size=(4.0, 3.2), columns=3, note=note, machine=table.machine, one_legend=True
+    )
 
 
 # Studies
@@ -108,7 +133,7 @@ def style(name: str) -> dict[str, str]:
     known = [*_FIRST, *others, *_LAST]
     i = known.index(name.lower()) if name.lower() in known else len(known)
     return {
-        "color": COLOURS[i % len(COLOURS)],
+        "color": METHOD_COLOURS[i % len(METHOD_COLOURS)],
         "marker": _MARKERS[i % len(_MARKERS)],
         "ls": _LINES[i % len(_LINES)],
     }
@@ -165,11 +190,25 @@ def _draw_method(ax: Any, name: str, rows: Sequence[Row]) -> None:
         if points := _points([row for row in rows if row.comparable and row.ok is not hollow]):
             fill = "white" if hollow else look["color"]
             ax.plot(*zip(*points, strict=True), **mark, mfc=fill, alpha=0.5)
-    label = rows[0].method + _failed(rows)
+    failed = _failed(rows)
     if line := _points(pareto_front(rows)):
+        label = rows[0].method
         ax.plot(*zip(*line, strict=True), **look, lw=1.2, ms=5, mfc="none", label=label)
+        _remark(ax, f"{label}{failed}" if failed else "")
     else:
-        ax.plot([], [], " ", label=label)
+        ax.plot([], [], " ", label=rows[0].method + failed)
+
+
+def _remark(ax: Any, text: str) -> None:
+    """Add a line to what a panel says in its corner."""
+    said = [each for each in ax.texts if each.get_gid() == "remarks"]
+    if text and said:
+        said[0].set_text(f"{said[0].get_text()}\n{text}")
+    elif text:
+        ax.text(
+            0.02, 0.02, text, transform=ax.transAxes, fontsize=6, ha="left", va="bottom",
+            gid="remarks",
+        )  # fmt: skip
 
 
 def _failed(rows: Sequence[Row]) -> str:
@@ -188,4 +227,6 @@ def save_trade(table: Table, path: str | Path) -> None:
         raise InvalidArgument("the table has no rows: nothing to draw")
     note = "{processor}, Pinocchio {pinocchio}; hollow: said to be inaccurate"
     draw = [partial(work_precision, table, *question) for question in questions]
-    save_panels(draw, path, size=(5.4, 3.6), columns=3, note=note, machine=table.machine)
+    save_panels(
+        draw, path, size=(4.0, 3.4), columns=3, note=note, machine=table.machine, one_legend=True
+    )

@@ -58,9 +58,50 @@ def severity_map(found: Map, ax: Any = None) -> Any:
     return ax
 
 
-def save_maps(found: Sequence[Map], path: str | Path, note: str) -> None:
-    """Draw every map into one picture; the ending of `path` says which format."""
-    columns = min(4, len(found))
+def overview(found: Sequence[Map], ax: Any = None) -> Any:
+    """Draw all families in one picture: how many severities each method answers rightly.
+
+    A line a family, a column a method: severities that are ok, of all; dark where there are few. An
+    X is a defect. Drawn on `ax` or new axes, which are returned.
+    """
+    ax = axes(ax)
+    methods = list(dict.fromkeys(method for each in found for method in each.methods))
+    shares = np.full((len(found), len(methods)), np.nan)
+    for i, each in enumerate(found):
+        for j, method in enumerate(methods):
+            cells = [c for (_, name), c in each.cells.items() if name == method]
+            if not cells:
+                continue
+            right = sum(cell.worst is Verdict.OK for cell in cells)
+            shares[i, j] = right / len(cells)
+            text = "X" if any(cell.worst.defect for cell in cells) else f"{right}/{len(cells)}"
+            dark = shares[i, j] < 0.5
+            ax.text(
+                j, i, text, ha="center", va="center", fontsize=_SMALL, color="w" if dark else "k"
+            )
+    ax.imshow(shares, aspect="auto", cmap="cividis", vmin=0.0, vmax=1.0)
+    ax.set_xticks(range(len(methods)), methods, rotation=35, ha="left")
+    ax.set_yticks(range(len(found)), [each.label for each in found])
+    ax.tick_params(
+        labelsize=_SMALL, length=0, top=True, bottom=False, labeltop=True, labelbottom=False
+    )
+    return ax
+
+
+def save_overview(found: Sequence[Map], path: str | Path, note: str) -> None:
+    """Draw the overview into a picture; the ending of `path` says which format."""
+    figure, (ax,) = panels(1, width=7.2, height=0.9 + 0.19 * len(found), columns=1)
+    overview(found, ax)
+    figure.supxlabel(
+        f"{note}severities answered rightly, of all; the rest was refused or said to be inaccurate",
+        fontsize=8,
+    )
+    write_figure(figure, path, dpi=130)
+
+
+def save_maps(found: Sequence[Map], path: str | Path, note: str, *, columns: int = 2) -> None:
+    """Draw every map into one picture, so many side by side; the ending says which format."""
+    columns = min(columns, len(found))
     figure, places = panels(len(found), width=4.6, height=3.1, columns=columns, above=0.8)
     for ax, each in zip(places, found, strict=False):
         severity_map(each, ax)

@@ -37,6 +37,12 @@ class Cell:
         names = "/".join(verdict.name.lower() for verdict in self.verdicts)
         return f"{names} {self.error:.0e}"
 
+    @staticmethod
+    def parse(text: str) -> Cell:
+        """Return the cell of its text, `str` of it."""
+        names, _, error = text.rpartition(" ")
+        return Cell(tuple(Verdict[name.upper()] for name in names.split("/")), float(error))
+
 
 @dataclass(frozen=True)
 class Map:
@@ -125,6 +131,26 @@ def read_csv(path: str | Path) -> list[dict[str, str]]:
         if not {key for key, value in row.items() if isinstance(value, str)} >= _NEEDED:
             raise InvalidArgument(f"{path}: no table of `condyn lab stress`; choose another file")
     return rows
+
+
+def maps_of_csv(rows: Iterable[dict[str, str]], pinocchio: str) -> list[Map]:
+    """Return the maps of lines of `read_csv`, those of one Pinocchio."""
+    groups: dict[tuple[str, str], list[dict[str, str]]] = {}
+    for row in rows:
+        if row["pinocchio"] == pinocchio:
+            groups.setdefault((row["family"], row["robot"]), []).append(row)
+    found = []
+    for (family, robot), its in groups.items():
+        severities = [float(row["severity"]) for row in its]
+        methods = tuple(key for key in its[0] if key not in _NEEDED and any(r[key] for r in its))
+        cells = {
+            (severity, method): Cell.parse(row[method])
+            for severity, row in zip(severities, its, strict=True)
+            for method in methods
+            if row[method]
+        }
+        found.append(Map(family, robot, tuple(severities), methods, cells))
+    return found
 
 
 def short(number: float, digits: int = 6) -> str:
