@@ -17,7 +17,7 @@ from warnings import warn
 
 import lazy_loader
 
-__version__ = "0.2.0"
+__version__ = "0.3.0"
 
 _public, _listed, __all__ = lazy_loader.attach_stub(__name__, __file__)
 

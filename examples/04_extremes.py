@@ -27,8 +27,8 @@ def ask(name: str, severity: float, solver: cp.dynamics.Solver) -> tuple[cp.lab.
     return verdict, error
 
 
-# A family is a hard question by severity, from tame to absurd. Every answer is judged: it is right,
-# it says that it is inaccurate or singular, it is refused by name, or it is wrong without a word.
+# A family is a hard case whose severity grows, from easy to absurd. Every answer is judged: right;
+# reported as inaccurate or singular; refused; or wrong but reported as ok.
 worst, wrong = 0.0, 0
 for name in ("parallelogram", "mass_ratio", "light_rod", "near_points", "straight_knee"):
     severities = cp.lab.EXTREMES[name].severities[:: 3 if quick else 1]

@@ -172,7 +172,7 @@ def test_a_plan_without_a_place_is_refused_before_it_is_measured(tmp_path, monke
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
     monkeypatch.setattr("condyn_pin.study.tuning.choose", lambda *a, **k: pytest.fail("measured"))
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
-    with pytest.raises(cp.InvalidArgument, match=r"the plan has no place.*XDG_CACHE_HOME"):
+    with pytest.raises(cp.InvalidArgument, match=r"the plan cannot be saved.*XDG_CACHE_HOME"):
         cp.study.tune(scene)
     done = CliRunner().invoke(app, ["trade", "--tune", "four_bar"])
     assert isinstance(done.exception, cp.InvalidArgument)

@@ -43,7 +43,7 @@ def check_iterations(max_iterations: int) -> None:
     if not is_whole(max_iterations) or not 1 <= max_iterations <= _MOST_ITERATIONS:
         raise InvalidArgument(
             f"max_iterations = {shown(max_iterations)}: a whole number from 1 to "
-            f"{_MOST_ITERATIONS} is needed (with 0 Pinocchio returns a wrong answer without a word)"
+            f"{_MOST_ITERATIONS} is needed (with 0 Pinocchio returns a wrong answer and no warning)"
         )
 
 

@@ -40,9 +40,9 @@ robot.toml.
 **Exit codes**
 
     0     the answer
-    1     an answer that is not ok: singular, inaccurate, loops left open
-    2     a question that cannot be answered; a line on stderr says what would do
-    3     a defect of this program; the same with --debug shows where
+    1     the answer is not ok: singular, inaccurate, loops left open
+    2     the command cannot be run as given; a line on stderr says what would work
+    3     a bug in condyn_pin; add --debug to see where
     130   interrupted; what was measured is kept
 
 **Output**: with `--json` there is json on stdout and nothing else; options that take a path write a
@@ -117,7 +117,7 @@ def main() -> None:
         if isinstance(error, (CondynError, OSError)):  # the second: a disk that is full
             _end(str(error), _CANNOT)
         _end(
-            f"{type(error).__name__}: {error}; this should not happen: the same line with "
+            f"{type(error).__name__}: {error}; this is a bug: the same line with "
             "--debug shows where",
             _UNEXPECTED,
         )

@@ -27,7 +27,7 @@ class ControlStatus(Enum):
     )
     INFEASIBLE = (
         "rows contradict each other, which an elastic program confirms: `infeasible` names those "
-        "that have to give, how much at least, and what stands against them"
+        "that have to be relaxed, by how much at least, and what they conflict with"
     )
     UNSOLVED = (
         "the rows do not contradict each other, and no solver found the answer: another qp, or "

@@ -164,11 +164,11 @@ def _locked(robot: Robot) -> Iterator[str]:
 
 
 def _gaps(robot: Robot) -> Iterator[str]:
-    """Say which loops are open at the first posture, or where the file draws the model."""
+    """Say which loops are open at the first posture, or at the zero configuration of the file."""
     if not robot.loops:
         return
     name, q = next(iter(robot.postures.items()), ("", pin.neutral(robot.model)))
-    where = f"at the posture {name!r}" if name else "where the file draws the model"
+    where = f"at the posture {name!r}" if name else "at the zero configuration of the file"
     bounds = bind(robot, robot.loops)
     violation = Equations(robot.model, bounds).violation(np.array(q))
     for bound in bounds:

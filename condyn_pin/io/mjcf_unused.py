@@ -29,7 +29,7 @@ def not_read(mj: Any) -> Iterator[str]:
     }
     listed = [f"{n} {what}" for what, n in counts.items() if n]
     if listed:
-        yield f"parts of the compiled model that are not read: {', '.join(listed)}"
+        yield f"in the file and not used: {', '.join(listed)}"
     for poly in ("jnt_stiffnesspoly", "dof_dampingpoly"):
         if np.any(getattr(mj, poly, 0)):
             yield f"{poly}: springs and dampers are linear here"

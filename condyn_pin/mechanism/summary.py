@@ -97,7 +97,7 @@ class Summary:
             "redundant rows": redundant,
             "singular values": "{:.3g} ... {:.3g} 1/sqrt(kg)".format(*self.singular_values),
             "condition of M": f"{self.condition:.1e}",
-            "Delassus matrix": f"condition {self.delassus_condition:.1e}, zeros left out",
+            "Delassus matrix": f"condition {self.delassus_condition:.1e} of its nonzero part",
             "source": self.source or "unknown",
             "licence": self.licence or "unknown",
         }

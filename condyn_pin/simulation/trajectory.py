@@ -206,7 +206,7 @@ class Trajectory:
         Raises
         ------
         InvalidArgument
-            If the file is missing, or is none of a trajectory.
+            If the file is missing, or not a saved trajectory.
         """
         from condyn_pin.simulation.files import load
 

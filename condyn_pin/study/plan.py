@@ -141,7 +141,7 @@ def check_folder() -> None:
 
 def _no_place(why: str) -> InvalidArgument:
     return InvalidArgument(
-        f"the plan has no place: {why}; set XDG_CACHE_HOME to a folder that can be written to, "
+        f"the plan cannot be saved: {why}; set XDG_CACHE_HOME to a folder that can be written to, "
         "or pass save=False"
     )
 

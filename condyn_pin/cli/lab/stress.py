@@ -62,7 +62,7 @@ def stress(
     csv: arg.Csv = None,
     as_json: arg.AsJson = False,
 ) -> None:
-    """Put cases from tame to absurd to every method; exits with 1 if an answer is wrong unsaid.
+    """Test every method on hard cases; exits with 1 if an answer is wrong but reported as ok.
 
     Ctrl-C keeps the cases that were put.
     """
