@@ -5,6 +5,7 @@
 # make test-numerics  the numerical tests with two kernels that are not this processor's own (minutes)
 # make docs      build the documentation, run its notebook, check that it needs no network
 # make demo      set up, run `condyn bench talos cassie`, write demo/bench.{csv,json,png}
+# make dist      build wheel and sdist into dist/, and check them as PyPI would
 # make wheel     build the wheel and prove it in a clean environment, outside the checkout
 # make stress    every method on every hard question, on both Pinocchios (minutes); writes results
 # make stress-slice  a minute of that, mixed
@@ -30,7 +31,7 @@ export OMP_NUM_THREADS := 1
 export PIP_RETRIES ?= 10
 export PIP_DEFAULT_TIMEOUT ?= 120
 
-.PHONY: test test3 test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
+.PHONY: dist test test3 test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -71,6 +72,12 @@ wheel: $(VENV)/ready
 	cd / && $(CURDIR)/$(VENVW)/bin/condyn bench talos --quick
 	$(VENVW)/bin/python $(PIP) "$$(ls dist/*.whl)[view]"
 	cd / && $(CURDIR)/$(VENVW)/bin/condyn view cassie --posture standing --png $(CURDIR)/dist/cassie.png
+
+dist: $(VENV)/ready
+	rm -rf dist
+	$(BIN)/python $(PIP) "twine>=5"
+	$(BIN)/python -m build --outdir dist . > /dev/null
+	$(BIN)/python -m twine check --strict dist/*
 
 stress: $(VENV)/ready $(VENV3)/ready
 	$(VENV3)/bin/python benchmarks/stress.py
