@@ -34,8 +34,8 @@ from condyn_pin.simulation.integrators.base import Integrator, Order
 _NEAR = 1e-3
 
 # Share of a penetration that a step takes back, and how deep one is that stays [m, rad]: what steps
-# leave of a gap that they close is 1e-11. Pushed out, that would slide against dry friction, or push
-# redundant contacts against each other, with impulses up to the limits of friction.
+# leave of a gap that they close is 1e-11. Pushed out, that would slide against dry friction, or
+# push redundant contacts against each other, with impulses up to the limits of friction.
 _PUSHED_OUT, _AT_REST = 0.2, 1e-9
 
 
