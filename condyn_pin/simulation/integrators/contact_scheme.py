@@ -38,6 +38,9 @@ _NEAR = 1e-3
 # push redundant contacts against each other, with impulses up to the limits of friction.
 _PUSHED_OUT, _AT_REST = 0.2, 1e-9
 
+# Gaps that are rounding [m, rad].
+_TOUCHES = 1e-13
+
 
 class Near(NamedTuple):
     """The contacts that take part in a step, as a scheme sees them.
@@ -209,15 +212,12 @@ def allowed_gaps(gaps: Array) -> Array:
 
     A penetration of up to a nanometre stays.
     """
-    return np.asarray(_shares(gaps) * gaps)
-
-
-def _shares(gaps: Array) -> Array:
-    """Return which shares of gaps are closed, or of penetrations pushed out."""
-    return np.where(gaps < 0, _PUSHED_OUT * (gaps < -_AT_REST), 1.0)
+    open_or_touching = np.where(gaps > _TOUCHES, gaps, 0.0)
+    return np.where(gaps < -_AT_REST, _PUSHED_OUT * gaps, open_or_touching)
 
 
 def closing_by(near: Near) -> AskedBy:
     """Return how `closing_velocities` change; where a gap is zero, as where it is open."""
+    shares = np.where(near.gaps < 0, _PUSHED_OUT * (near.gaps < -_AT_REST), 1.0)
     bends = np.full(len(near.gaps), 1 / near.dt)
-    return AskedBy.nothing(near)._replace(gaps=_shares(near.gaps) / near.dt, bends=bends)
+    return AskedBy.nothing(near)._replace(gaps=shares / near.dt, bends=bends)
