@@ -9,11 +9,10 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
-from typing import Any, Final
+from typing import Any
 
+from condyn_pin._core.compiled import BUILD
 from condyn_pin.errors import MissingExtra
-
-BUILD: Final = "pip install ./native, in a checkout of condyn_pin, builds it in some minutes"
 
 
 @cache

@@ -38,7 +38,7 @@ class ConstrainedABA(ArticulatedSolver):
         Proximal weight [1/kg]. Rounding of inertias scaled by 1/mu ends up in a. By default
         measured on the scene, as that of `LCABA`: the fastest of seven that is accurate.
     max_iterations : int
-        Upper limit on the sweeps over the tree; Talos on two feet takes 4.
+        Upper limit on the sweeps over the tree; Talos on two feet takes up to 6.
     absolute_accuracy : float, optional
         Iterate until |J a + gamma - a_ref|_inf is below this [m/s^2]. By default a tenth of what
         a status of ok allows on the scene.
