@@ -27,7 +27,7 @@ SPREAD = 0.2  # [rad, m]
 def main() -> None:
     """Print a line for every robot with loops."""
     print("{processor}, Python {python}, Pinocchio {pinocchio}, {date}".format(**machine()))
-    for load in cp.available_robots().values():
+    for load in cp.io.available_robots().values():
         robot = load()
         if not robot.loops:
             continue

@@ -134,7 +134,7 @@ def catalogue(robots: Sequence[str] = ()) -> dict[str, cp.Scene]:
     """Return the standard scenes of every robot, or of some, that have constraints."""
     return {
         label: scene
-        for name in robots or cp.available_robots()
+        for name in robots or cp.io.available_robots()
         for label, scene in standard_scenes(cp.load_robot(name)).items()
         if scene.rows
     }

@@ -145,7 +145,7 @@ def _others(path: Path, solvers: str) -> tuple[list[dict[str, str]], dict[str, s
 def main() -> int:
     """Run, write the table, and say whether every ok is one."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("robots", nargs="*", default=list(cp.available_robots()))
+    parser.add_argument("robots", nargs="*", default=list(cp.io.available_robots()))
     parser.add_argument("--states", type=int, default=1000)
     parser.add_argument("--solvers", default="all", help="names of `condyn solvers`, with commas")
     parser.add_argument("--csv", type=Path, default=RESULTS)

@@ -78,7 +78,7 @@ def print_first_solves() -> None:
         f"{'first solve of a new scene':30}{'createData':>12}{'Workspace':>12}{'solve':>12}"
         f"{'warm':>12}{'first / warm':>14}"
     )
-    for name in cp.available_robots():
+    for name in cp.io.available_robots():
         for label, scene in standard_scenes(cp.load_robot(name)).items():
             kept: list[object] = []  # memory that was used before is quicker to have
             made = median_time(lambda s=scene, k=kept: k.append(s.robot.model.createData()), 5)

@@ -37,7 +37,6 @@ from .dynamics.workspace import Workspace as Workspace
 from .errors import CondynError as CondynError
 from .errors import InvalidArgument as InvalidArgument
 from .errors import SolveFailed as SolveFailed
-from .io.load import available_robots as available_robots
 from .io.load import load_robot as load_robot
 from .model.robot import Robot as Robot
 from .simulation.batch.simulation import simulate_batch as simulate_batch

@@ -49,7 +49,7 @@ def ask(record: Record) -> None:
 
 def scenes() -> dict[str, cp.Scene]:
     """Every robot with its loops, and with its contacts; and constraints of every kind."""
-    robots = {name: cp.load_robot(name) for name in cp.available_robots()}
+    robots = {name: cp.load_robot(name) for name in cp.io.available_robots()}
     found = {}
     for name, robot in robots.items():
         found[f"{name} loops"] = cp.Scene(robot, robot.loops)

@@ -24,7 +24,7 @@ def robot(name: str) -> cp.Robot:
 def all_scenes() -> dict[str, cp.Scene]:
     """Every standard scene of every robot, and a few that are hard on purpose."""
     scenes = {}
-    for name in cp.available_robots():
+    for name in cp.io.available_robots():
         scenes |= standard_scenes(robot(name))
     talos, bar = robot("talos"), robot("four_bar")
     left, right = talos.contacts

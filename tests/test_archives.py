@@ -87,7 +87,7 @@ def test_every_joint_comes_back_to_the_bit():
         assert not lost
 
 
-@pytest.mark.parametrize("name", cp.available_robots())
+@pytest.mark.parametrize("name", cp.io.available_robots())
 def test_every_robot_comes_back_to_the_bit(name):
     model = robot(name).model
     again, _ = model_of(*model_words(model))

@@ -21,7 +21,7 @@ from condyn_pin.lab.extremes.base import with_inertias
 from condyn_pin.mechanism.closed_chains import chains_of
 
 CLOSED_CHAINS = [
-    n for n in ("cassie", "four_bar", "stewart", "delta") if n in cp.available_robots()
+    n for n in ("cassie", "four_bar", "stewart", "delta") if n in cp.io.available_robots()
 ]
 GROUND, CRANK, COUPLER, ROCKER = 0.7, 0.3, 0.8, 0.6  # of four_bar() [m]
 

@@ -573,4 +573,4 @@ def test_severities_are_numbers_that_can_be_written():
         for severity in family.severities:
             again = float(repr(severity))
             assert again == severity or (math.isnan(again) and math.isnan(severity))
-    assert set(ROBOTS) <= set(cp.available_robots())
+    assert set(ROBOTS) <= set(cp.io.available_robots())

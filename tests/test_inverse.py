@@ -124,7 +124,7 @@ def test_talos_stands_by_itself():
 
 MECHANISMS = sorted(
     {"cassie", "delta", "five_bar", "four_bar", "parallelogram", "stewart"}
-    & set(cp.available_robots())
+    & set(cp.io.available_robots())
 )
 
 

@@ -120,7 +120,7 @@ REFUSED = {
 
 SCENES = {
     label: scene
-    for name in cp.available_robots()
+    for name in cp.io.available_robots()
     if name not in REFUSED
     for label, scene in scenes_of(name).items()
 }

@@ -74,7 +74,7 @@ each_robot = pytest.mark.parametrize("name", ROBOTS)
 
 
 def test_every_robot_has_figures_here():
-    assert set(ROBOTS) == set(cp.available_robots())
+    assert set(ROBOTS) == set(cp.io.available_robots())
 
 
 @each_robot

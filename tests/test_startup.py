@@ -18,7 +18,7 @@ from condyn_pin.dynamics.catalogue import standard_scenes
 
 SCENES = {
     label: scene
-    for name in cp.available_robots()
+    for name in cp.io.available_robots()
     for label, scene in standard_scenes(robot(name)).items()
 }
 # What analyses a scene, and never a solve of it.

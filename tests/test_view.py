@@ -117,7 +117,7 @@ def test_gaps_are_coloured_by_their_length():
 # What is drawn
 
 
-@pytest.mark.parametrize("name", cp.available_robots())
+@pytest.mark.parametrize("name", cp.io.available_robots())
 def test_every_robot_can_be_seen(name):
     robot = cp.load_robot(name)
     found = drawing(robot, robot.postures.get("standing", pin.neutral(robot.model)))

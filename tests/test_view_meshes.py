@@ -33,7 +33,7 @@ def is_as_plainly_read(path):
     )
 
 
-@pytest.mark.parametrize("name", cp.available_robots())
+@pytest.mark.parametrize("name", cp.io.available_robots())
 def test_meshes_have_the_area_and_the_bounds_of_their_files(name):
     assert [path.name for path in files(name) if not is_as_plainly_read(path)] == []
 
