@@ -467,8 +467,9 @@ def test_torch_and_jax_have_one_motion(label):
 
     run = cp.simulate(scene, *of[:2], held, duration=1e-2, dt=2e-3, integrator=how["integrator"],
                       close_start=scene.rows > 0)  # fmt: skip
-    assert np.abs(end[0].detach().numpy() - run.q[-1]).max() < 1e-12
-    assert np.abs(end[1].detach().numpy() - run.v[-1]).max() < 1e-9
+    # contacts are solved to 1e-8 there, and polished here
+    assert np.abs(end[0].detach().numpy() - run.q[-1]).max() < 1e-9
+    assert np.abs(end[1].detach().numpy() - run.v[-1]).max() < 1e-7
 
 
 def test_a_motion_is_the_sweep_of_trajectory_derivatives():
