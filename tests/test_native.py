@@ -21,6 +21,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.choice import default_solver
+from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.errors import MissingExtra, UnsupportedBackend
 
 try:
@@ -34,6 +35,11 @@ pytestmark = pytest.mark.skipif(
 
 # What differs where the compiler, or Pinocchio, is another one: rounding.
 ROUNDED = 1e-12
+# Products with an inverse lose what cancels in them: 2e-11 of the largest entry on Cassie off its
+# loops, 5e-15 on Talos.
+DIFFERENTIATED = 1e-10
+# Motions carry rounding on, step by step.
+MOVED = 1e-9
 N = 12
 
 # Every kind that the core has rows for; others are refused.
@@ -237,3 +243,230 @@ def test_the_workspace_of_another_scene_has_another_core():
     before = workspace.compiled
     workspace.use(cp.Scene(cassie, [*cassie.loops, *cassie.contacts]))
     assert workspace.compiled is not before
+
+
+@pytest.mark.parametrize("label", TAKEN)
+def test_derivatives_are_those_of_python(label):
+    """Of lam too where rows are redundant: those of the smallest lam."""
+    scene, states = all_scenes()[label], batch_of(label)
+    wanted = cp.simulation.derivatives_batch(scene, *states)
+    found = cp.simulation.derivatives_batch(scene, *states, executor=cp.Native(threads=2))
+    assert_derivatives(found, wanted)
+
+
+def assert_derivatives(
+    found: cp.simulation.BatchDerivatives, wanted: cp.simulation.BatchDerivatives
+) -> None:
+    np.testing.assert_array_equal(found.solution.statuses, wanted.solution.statuses)
+    for name in BLOCKS:
+        one, two = getattr(found, name), getattr(wanted, name)
+        assert np.isfinite(one).all()
+        for i in range(len(two)):
+            size = np.abs(two[i]).max(initial=0.0) or 1.0
+            assert np.abs(one[i] - two[i]).max(initial=0.0) <= DIFFERENTIATED * size, (name, i)
+
+
+@pytest.mark.parametrize("label", OPEN)
+def test_derivatives_with_gains_off_the_constraints(label):
+    scene, (q, v, tau) = all_scenes()[label], batch_of(label)
+    rng = np.random.default_rng(0)
+    off = np.array(
+        [pin.integrate(scene.robot.model, x, 1e-3 * rng.normal(size=v.shape[1])) for x in q]
+    )
+    drift = cp.Baumgarte(3.0, 20.0)
+    wanted = cp.simulation.derivatives_batch(scene, off, v, tau, drift=drift)
+    found = cp.simulation.derivatives_batch(
+        scene, off, v, tau, drift=drift, executor=cp.Native(threads=1)
+    )
+    assert_derivatives(found, wanted)
+
+
+def test_methods_of_derivatives_that_it_has_not_are_refused():
+    scene, states = all_scenes()["solo12 contacts"], batch_of("solo12 contacts", 2)
+    with pytest.raises(UnsupportedBackend, match="pinocchio"):
+        cp.simulation.derivatives_batch(
+            scene, *states, method="pinocchio", executor=cp.Native(threads=1)
+        )
+
+
+def starts(label: str, count: int = 5) -> tuple[cp.Scene, np.ndarray, np.ndarray, np.ndarray]:
+    """States at which a motion begins, with torques that move it."""
+    scene = all_scenes()[label]
+    q, v, tau = batch_of(label, count)
+    return scene, q, 0.3 * v, 0.1 * tau
+
+
+STEPS = {
+    "semi-implicit": cp.SemiImplicitEuler(),
+    "semi-implicit, explicit forces": cp.SemiImplicitEuler(implicit=False),
+    "linearly implicit midpoint": cp.simulation.LinearlyImplicitMidpoint(),
+    "implicit midpoint": cp.simulation.ImplicitMidpoint(),
+    "Runge-Kutta 4": cp.RungeKutta4(),
+}
+DRIFTS = {
+    "none": cp.simulation.NoDrift(),
+    "Baumgarte": cp.Baumgarte.critical(60.0),
+    "post": cp.simulation.PostStabilization(),
+    "post, every third": cp.simulation.PostStabilization(every=3),
+}
+
+
+@pytest.mark.parametrize("drift", DRIFTS)
+@pytest.mark.parametrize("steps", STEPS)
+@pytest.mark.parametrize("label", ["cassie loops", "four_bar loops", "solo12 contacts"])
+def test_motions_are_those_of_python(label, steps, drift):
+    """With springs, damping and armature on Cassie, contacts that are anchored on Solo."""
+    scene, q, v, tau = starts(label)
+    how = {"duration": 0.02, "dt": 2e-4, "integrator": STEPS[steps], "drift": DRIFTS[drift]}
+    wanted = cp.simulate_batch(scene, q, v, tau, **how, record=7)
+    found = cp.simulate_batch(scene, q, v, tau, **how, record=7, executor=cp.Native(threads=2))
+    assert_moved_alike(found, wanted, bits=steps != "Runge-Kutta 4")
+    for name, its in wanted.samples.arrays.items():
+        same_bits = steps != "Runge-Kutta 4"
+        assert_near(found.samples.arrays[name], its, name, bits=same_bits)
+
+
+def assert_near(found: np.ndarray, wanted: np.ndarray, name: str, *, bits: bool) -> None:
+    if bits and pin.__version__ == HEADERS:
+        np.testing.assert_array_equal(found, wanted, err_msg=name)
+    size = max(1.0, float(np.nanmax(np.abs(wanted), initial=0.0)))
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=MOVED * size, err_msg=name)
+
+
+def assert_moved_alike(
+    found: cp.simulation.BatchTrajectory, wanted: cp.simulation.BatchTrajectory, *, bits: bool
+) -> None:
+    np.testing.assert_array_equal(found.statuses, wanted.statuses)
+    assert list(found.reasons) == list(wanted.reasons)
+    assert_near(found.q, wanted.q, "q", bits=bits)
+    assert_near(found.v, wanted.v, "v", bits=bits)
+    np.testing.assert_array_equal(found.t, wanted.t)
+    for name in ("violation", "constraint_velocity", "energy_error"):
+        one, two = getattr(found, name), getattr(wanted, name)
+        np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-9, err_msg=name)
+
+
+def test_motions_without_samples_are_measured_as_in_python():
+    scene, q, v, tau = starts("cassie loops", 9)
+    how = {"duration": 0.2, "dt": 1e-3, "integrator": cp.simulation.LinearlyImplicitMidpoint()}
+    wanted = cp.simulate_batch(scene, q, v, tau, **how)
+    found = cp.simulate_batch(scene, q, v, tau, **how, executor=cp.Native(threads=2))
+    assert found.samples is None
+    assert_moved_alike(found, wanted, bits=True)
+    assert found.run_times.min() > 0
+
+
+def test_motions_that_break_down_or_cannot_begin_say_what_python_says():
+    scene, q, v, tau = starts("cassie loops", 4)
+    v[1] *= 1e4  # it turns too far in a step, or is lost
+    q[2] = pin.integrate(scene.robot.model, q[2], np.full(v.shape[1], 0.05))  # open loops
+    how = {"duration": 0.05, "dt": 1e-3}  # the damping of its rods is too stiff for Runge-Kutta 4
+    wanted = cp.simulate_batch(scene, q, v, tau, **how, record=5)
+    found = cp.simulate_batch(scene, q, v, tau, **how, record=5, executor=cp.Native(threads=2))
+    assert wanted.counts.get("failed", 0) + wanted.counts.get("diverged", 0) > 1
+    np.testing.assert_array_equal(found.statuses, wanted.statuses)
+    assert list(found.reasons) == list(wanted.reasons)
+    np.testing.assert_array_equal(np.isfinite(found.samples.t), np.isfinite(wanted.samples.t))
+
+
+def test_a_motion_of_the_core_is_a_trajectory_like_any_other():
+    scene, q, v, tau = starts("solo12 contacts", 2)
+    run = cp.simulate_batch(scene, q, v, tau, duration=0.01, record=1, executor=cp.Native())[1]
+    wanted = cp.simulate(scene, q[1], v[1], tau[1], duration=0.01)
+    assert_near(run.q, wanted.q, "q", bits=False)
+    assert_near(run.energy.total, wanted.energy.total, "energy", bits=False)
+    assert run.status is wanted.status
+
+
+@pytest.mark.parametrize(
+    ("more", "word"),
+    [
+        ({"integrator": cp.simulation.StormerVerlet()}, "StormerVerlet"),
+        ({"drift": cp.simulation.Projection()}, "Projection"),
+        ({"forces": [cp.AppliedForce("base_link", (1.0, 0.0, 0.0))]}, "forces"),
+        ({"solver": cp.DenseKKT()}, "DenseKKT"),
+    ],
+)
+def test_motions_that_the_core_does_not_take_are_refused_or_left_to_python(more, word):
+    scene, q, v, tau = starts("solo12 contacts", 2)
+    how = {"duration": 0.005, **more}
+    with pytest.raises(UnsupportedBackend, match=word):
+        cp.simulate_batch(scene, q, v, tau, **how, executor=cp.Native(threads=1))
+    native = cp.Native(threads=1, where_possible=True)
+    found = cp.simulate_batch(scene, q, v, tau, **how, executor=native)
+    wanted = cp.simulate_batch(scene, q, v, tau, **how)
+    np.testing.assert_array_equal(found.q, wanted.q)
+
+
+def test_torques_that_are_a_function_are_left_to_python():
+    scene = cp.Scene(robot("solo12"))
+    q, v = (x[None] for x in scene.state("standing"))
+    with pytest.raises(UnsupportedBackend, match="function"):
+        cp.simulate_batch(scene, q, v, _no_torque, duration=0.01, executor=cp.Native())
+
+
+def _no_torque(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+    return 0.0 * v
+
+
+@pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar hinge"])
+def test_a_workspace_of_the_core_answers_one_state_as_python_does(label):
+    scene, states = all_scenes()[label], batch_of(label, 3)
+    native, python = cp.Workspace(scene, native=True), cp.Workspace(scene)
+    for state in zip(*states, strict=True):
+        found, wanted = native.solve(*state), python.solve(*state)
+        assert_near(found.a, wanted.a, "a", bits=True)
+        assert_near(found.lam, wanted.lam, "lam", bits=label != "four_bar hinge")
+        assert (found.status, found.scene) == (wanted.status, wanted.scene)
+        if pin.__version__ == HEADERS:
+            assert found.iterations == wanted.iterations
+        assert found.error_bound == pytest.approx(wanted.error_bound, abs=1e-12)
+        one, two = native.derivatives(*state), python.derivatives(*state)
+        for name in BLOCKS:
+            size = np.abs(getattr(two, name)).max()
+            assert np.abs(getattr(one, name) - getattr(two, name)).max() <= DIFFERENTIATED * size
+        along = [np.ones(scene.robot.nv)] * 3
+        for left, right in zip(one.jvp(*along), two.jvp(*along), strict=True):
+            np.testing.assert_allclose(left, right, rtol=1e-8, atol=1e-8 * np.abs(right).max())
+        back = np.ones(scene.robot.nv), np.ones(scene.rows)
+        for left, right in zip(one.vjp(*back), two.vjp(*back), strict=True):
+            np.testing.assert_allclose(left, right, rtol=1e-8, atol=1e-8 * np.abs(right).max())
+        for left, right in zip(one.by_gravity(), two.by_gravity(), strict=True):
+            np.testing.assert_allclose(left, right, rtol=1e-8, atol=1e-8 * np.abs(right).max())
+
+
+def test_a_workspace_says_of_a_hard_state_what_python_says():
+    scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts", 1)
+    native, python = cp.Workspace(scene, native=True), cp.Workspace(scene)
+    for state in ((q[0], 1e160 * v[0], tau[0]), (q[0], v[0], np.full(len(v[0]), np.inf))):
+        errors = []
+        for workspace in (native, python):
+            with pytest.raises((cp.SolveFailed, cp.InvalidArgument)) as raised:
+                workspace.solve(*state)
+            errors.append(type(raised.value))
+        assert errors[0] is errors[1]
+
+
+def test_a_workspace_refuses_or_leaves_what_the_core_does_not_take():
+    scene, states = all_scenes()["solo12 contacts"], batch_of("solo12 contacts", 1)
+    with pytest.raises(UnsupportedBackend, match="DenseKKT"):
+        cp.Workspace(scene, cp.DenseKKT(), native=True)
+    workspace = cp.Workspace(scene, cp.DenseKKT(), native="where possible")
+    state = [x[0] for x in states]
+    wanted = cp.solve(scene, *state, solver=cp.DenseKKT())
+    np.testing.assert_array_equal(workspace.solve(*state).a, wanted.a)
+    with pytest.raises(cp.InvalidArgument, match="native = 3"):
+        cp.Workspace(scene, native=3)
+    again = pickle.loads(pickle.dumps(cp.Workspace(scene, native=True)))
+    assert again.native is True
+    push = [cp.AppliedForce("base_link", (1.0, 0.0, 0.0))]
+    native = cp.Workspace(scene, native=True)
+    for more, word in (({"forces": push}, "forces"), ({"forces": push, "method": "kkt"}, "forces")):
+        verb = native.derivatives if "method" in more else native.solve
+        with pytest.raises(UnsupportedBackend, match=word):
+            verb(*state, **more)
+    with pytest.raises(UnsupportedBackend, match="pinocchio"):
+        native.derivatives(*state, method="pinocchio")
+    willing = cp.Workspace(scene, native="where possible")
+    pushed = willing.solve(*state, forces=push)
+    np.testing.assert_array_equal(pushed.a, cp.solve(scene, *state, forces=push).a)

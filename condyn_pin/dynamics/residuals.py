@@ -41,6 +41,7 @@ against the largest torque in the equation of a joint as well (`Verifier`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, sqrt
@@ -153,8 +154,14 @@ class ErrorEstimator:
         `dynamics` and `largest` are those of `Equations.errors`; `e` bounds |e|_inf, where it was
         computed.
         """
+        return self.judge(self.weights.dot(dynamics), largest, tau, e)
+
+    def judge(
+        self, weighted: float, largest: Sequence[float], tau: Array, e: float | None = None
+    ) -> tuple[Residuals, bool]:
+        """Return the same from the product of the weights with `dynamics`."""
         max_dynamics, max_a, violation, velocity, constraint, max_lam = largest
-        e_M = self.weights.dot(dynamics) + self.per_row * constraint
+        e_M = weighted + self.per_row * constraint
         error = float(self.largest_weight * e_M)
         scale = max_a if max_a > self.gravity else self.gravity
         if e is not None:  # relative to the exact a, which may be smaller by as much

@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from functools import cached_property, partial
 from threading import get_ident
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -28,7 +28,7 @@ from condyn_pin.dynamics.scene import Scene, check_bilateral, check_moment, chec
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.verifier import Verifier, failure
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, UnsupportedBackend
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.compiled.core import CompiledCore
@@ -54,6 +54,9 @@ class Workspace(Memory):
         What `default_solver` says by default: `Proximal()`, where it takes all constraints.
     drift : Baumgarte, optional
         What a_ref is; zero by default.
+    native : bool or "where possible"
+        Whether `solve` and `derivatives` are those of the compiled core (`Native`): the same
+        answers in less time. What it does not take is refused, or done by Python.
 
     Attributes
     ----------
@@ -79,9 +82,12 @@ class Workspace(Memory):
     _solved_by = 0  # the thread that has called `acceleration` last
 
     def __init__(
-        self, scene: Scene, solver: Solver | None = None, *, drift: Baumgarte | None = None
-    ) -> None:
+        self, scene: Scene, solver: Solver | None = None, *, drift: Baumgarte | None = None,
+        native: bool | Literal["where possible"] = False,
+    ) -> None:  # fmt: skip
         check_scene(scene)
+        if native not in (False, True, "where possible"):
+            raise InvalidArgument(f"native = {native!r}: False, True or 'where possible' is needed")
         if not isinstance(solver, Solver | None):
             raise InvalidArgument(
                 f"solver = {solver!r}: a solver object is needed, such as Proximal() or LCABA()"
@@ -90,6 +96,7 @@ class Workspace(Memory):
             raise InvalidArgument(f"drift = {drift!r}: Baumgarte(alpha, beta) or None is needed")
         check_bilateral(scene)
         check_moment(scene)
+        self.native = native
         super().__init__(scene, drift)
         equations = self.analysed(scene)
         self.solver = default_solver(scene) if solver is None else solver
@@ -117,6 +124,16 @@ class Workspace(Memory):
         self.hold(scene, equations)
         self.bound = self.solver.start(self)  # also what a simulation calls in a step
         self._verifier = Verifier(self, self.bound)
+        self.core = self._compiled_or_none() if self.native else None
+
+    def _compiled_or_none(self) -> CompiledCore | None:
+        """Return what answers in compiled code."""
+        try:
+            return self.compiled
+        except UnsupportedBackend:
+            if self.native is True:
+                raise
+            return None
 
     def __repr__(self) -> str:
         settings = self.proximal_settings
@@ -245,6 +262,13 @@ class Workspace(Memory):
             check_accuracy_of_a(accuracy)
         q_, v_, tau_ = self._arguments.accept(q, v, tau)
         load: Load | None = None
+        if self.core:
+            if forces is _NO_FORCES:
+                found = self.core.one(q_, v_, tau_, accuracy)
+                if found is not None:
+                    return found
+            elif self.native is True:
+                self.core.check(forces)
         self._solved_by = get_ident()
         start = perf_counter()
         if forces is not _NO_FORCES:
@@ -292,4 +316,5 @@ class Workspace(Memory):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own: Pinocchio 4 crashes on a copied Data
-        return partial(Workspace, drift=self.drift), (self.scene, self.solver)
+        made = partial(Workspace, drift=self.drift, native=self.native)
+        return made, (self.scene, self.solver)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from math import isfinite
+from typing import Final
 
 import numpy as np
 
@@ -11,13 +12,13 @@ from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 from condyn_pin.simulation.stiffness import stiff_damping, stiff_springs
 
 # A velocity beyond this is no motion of a machine [rad/s, m/s].
-_LOST = 1e10
+LOST: Final = 1e10
 
 
 def is_lost(v: Array) -> bool:
     """Whether a velocity is none of a machine."""
     speed = float(np.abs(v).max(initial=0.0))
-    return not (isfinite(speed) and speed < _LOST)
+    return not (isfinite(speed) and speed < LOST)
 
 
 def hint_of(simulator: HybridSimulator, q0: Array) -> str:

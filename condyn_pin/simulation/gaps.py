@@ -20,6 +20,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.system import System
@@ -59,13 +60,20 @@ class Gaps(ABC):
 
 def gaps_of(system: System, metric: str) -> Gaps:
     """Return the gaps of a system, from what its solver leaves behind if that closes them."""
-    solver = system.workspace.solver
-    if metric == "mass" and isinstance(solver, Proximal) and system.scene.rows:
-        nominal, mu = system.scene.nominal, solver.weight(system.scene.nominal)
-        smallest = float(nominal.singular_values[nominal.rank - 1]) ** 2 if nominal.rank else 0.0
-        if solver.mu is None or mu <= _LEFT * smallest:
-            return SolvedGaps(system, mu)
+    workspace, solver = system.workspace, system.workspace.solver
+    if metric == "mass" and isinstance(solver, Proximal) and uses_the_solver(workspace, solver):
+        return SolvedGaps(system, solver.weight(workspace.scene.nominal))
     return FactorisedGaps(system, metric)
+
+
+def uses_the_solver(workspace: Workspace, solver: Proximal) -> bool:
+    """Whether what the solver of a workspace leaves behind closes its gaps."""
+    scene = workspace.scene
+    if not scene.rows:
+        return False
+    nominal, mu = scene.nominal, solver.weight(scene.nominal)
+    smallest = float(nominal.singular_values[nominal.rank - 1]) ** 2 if nominal.rank else 0.0
+    return solver.mu is None or mu <= _LEFT * smallest
 
 
 class SolvedGaps(Gaps):

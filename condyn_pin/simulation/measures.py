@@ -163,15 +163,15 @@ def drive_power(scene: Scene, t: Array, lam: Array) -> Array:
 
 
 def work(t: Array, power: Array) -> Array:
-    """Return the integral of power over t, zero at the first sample.
+    """Return the integral of power (k, ...) over t (k,), zero at the first sample.
 
     By a cubic spline through the samples: of order 4 where the power is smooth. NaN where a run was
     lost and its power overflows.
     """
     if not np.isfinite(power).all():
-        return np.full(len(t), np.nan)
+        return np.full(power.shape, np.nan)
     if len(t) < 2 or not power.any():
-        return np.zeros(len(t))
+        return np.zeros(power.shape)
     if len(t) <= _FEW:
         return np.asarray(_integrals(t.tobytes()).dot(power))
     return _integral(t, power)

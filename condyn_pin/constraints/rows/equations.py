@@ -105,7 +105,7 @@ class Equations:
         ]
 
     @cached_property
-    def _least(self) -> float:
+    def least(self) -> float:
         """What |J|^2 is at least, if J is more than rounding; to find it, `data` is written to."""
         # of all places of a machine it is least near the origin of the world
         P = self.cancellation(pin.neutral(self.model))
@@ -113,7 +113,7 @@ class Equations:
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
-        least = self._least  # before data holds the state
+        least = self.least  # before data holds the state
         M, h, J, gamma = self.parts(q, v)
         return Terms(M, h, more_than(least, J), gamma, self.a_ref())
 
@@ -150,7 +150,7 @@ class Equations:
 
     def position_level(self, q: Array) -> tuple[Array, Array]:
         """Return c(q) (m,) and J (m, nv)."""
-        least = self._least  # before data holds the state
+        least = self.least  # before data holds the state
         self.motion(q, self._still, self._still)
         return self._c.copy(), more_than(least, self._raw_jacobian())
 
@@ -282,4 +282,4 @@ class Equations:
 
     def drop_roundoff_rows(self, J: Array) -> Array:
         """Return J (m, nv), or zeros where J is numerically zero."""
-        return more_than(self._least, J)
+        return more_than(self.least, J)

@@ -14,14 +14,16 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import axes
+from condyn_pin._core.joints import axes, indices
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
 from condyn_pin.constraints.rows.couplings import Coupled
+from condyn_pin.dynamics.derivatives.kkt import is_ill
 from condyn_pin.dynamics.solvers.proximal import Proximal
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
+    from condyn_pin.model.robot import Robot
 
 # Kinds of joints that are compiled.
 JOINTS: Final = (
@@ -67,6 +69,18 @@ def of_model(model: Any) -> dict[str, Any]:
         "joints": np.array(rows, float).reshape(-1, 28),
         "gravity": np.array(model.gravity.linear),
         "armature": np.array(model.armature),
+        "damping": np.array(model.damping, float),
+    }
+
+
+def of_springs(robot: Robot) -> dict[str, Any]:
+    """Return the springs of the joints: stiffness and reference, and where q and v hold each."""
+    chosen = [spring for spring in robot.springs if spring.stiffness]
+    at_q, at_v = indices(robot.model, [spring.joint for spring in chosen])
+    numbers = [[spring.stiffness, spring.reference] for spring in chosen]
+    return {
+        "springs": np.array(numbers, float).reshape(-1, 2),
+        "of_springs": np.column_stack([at_q, at_v]).astype(np.int32),
     }
 
 
@@ -92,7 +106,7 @@ def of_constraints(workspace: Workspace) -> dict[str, Any]:
 
 
 def of_solver(workspace: Workspace) -> dict[str, Any]:
-    """Return what `Proximal` iterates with, and what judges it."""
+    """Return what `Proximal` iterates with, and what its answers are judged by."""
     solver, nominal = workspace.solver, workspace.scene.nominal
     assert isinstance(solver, Proximal)
     mu, accuracy, limit, patient, _ = solver.iteration(nominal)
@@ -100,6 +114,7 @@ def of_solver(workspace: Workspace) -> dict[str, Any]:
     return {
         "weights": np.ascontiguousarray(nominal.estimator.weights),
         "open_squared": (0.1 * tolerances.CLOSED) ** 2,
+        "rank": np.array([nominal.dependent, workspace.equations.least, is_ill(nominal)], float),
         "proximal": np.array([solver.absolute_accuracy, accuracy, mu, limit, patient, *better]),
     }
 

@@ -7,19 +7,29 @@ the state is answered by Python: what is hard is looked at in one place only.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
+from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.dynamics.compiled import arrays
+from condyn_pin.dynamics.compiled.derivatives import CompiledDerivatives
+from condyn_pin.dynamics.derivatives.differences import BLOCKS
+from condyn_pin.dynamics.residuals import Residuals
+from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.verifier import LOOSE
 from condyn_pin.errors import UnsupportedBackend
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
+
+State = tuple[Array, Array, Array]
+Outputs = dict[str, NDArray[Any]]
 
 # Columns of the sizes of an answer, as the core has them.
 _DYNAMICS, _A, _VIOLATION, _VELOCITY, _CONSTRAINT, _LAM, _WEIGHTED, _EXACT = range(8)
@@ -28,13 +38,21 @@ _DYNAMICS, _A, _VIOLATION, _VELOCITY, _CONSTRAINT, _LAM, _WEIGHTED, _EXACT = ran
 _LARGEST = 1e100
 
 
-def refuse(reasons: Any) -> None:
+def refuse(reasons: Iterable[str]) -> None:
     """Raise `UnsupportedBackend` if there are reasons."""
     for reason in reasons:
         raise UnsupportedBackend(
             f"the compiled core does not take this: {reason}; leave it to Python, "
             "Native(where_possible=True) does where it must"
         )
+
+
+def untaken_beside(forces: Sequence[AppliedForce], method: str = "kkt") -> Iterator[str]:
+    """Yield what the core does not take beside a scene and its solver."""
+    if forces:
+        yield f"forces = {forces!r}: it has no forces from outside"
+    if method != "kkt":
+        yield f"method = {method!r}: its derivatives are those of 'kkt'"
 
 
 class CompiledCore:
@@ -45,24 +63,92 @@ class CompiledCore:
         self._workspace = workspace
         self.core = compiled().Core(
             **arrays.of_model(workspace.model),
+            **arrays.of_springs(workspace.scene.robot),
             **arrays.of_constraints(workspace),
             **arrays.of_solver(workspace),
         )
 
+    def check(self, forces: Sequence[AppliedForce] = (), method: str = "kkt") -> None:
+        """Refuse what it does not take beside a state."""
+        refuse(untaken_beside(applied_forces(forces), method))
+
     def solve(
-        self, q: Array, v: Array, tau: Array, outputs: dict[str, NDArray[Any]], *,
-        accuracy: float | None, threads: int,
-    ) -> NDArray[np.intp]:  # fmt: skip
+        self, state: State, outputs: Outputs, *, accuracy: float | None, threads: int
+    ) -> NDArray[np.intp]:
         """Fill the outputs of a `BatchSolution`; return the rows that are left to Python.
 
-        q (k, nq), v (k, nv), tau (k, nv) or (nv,). The rows that are not returned are ok.
+        The others are ok. `state` is q (k, nq), v (k, nv) and tau, (k, nv) or (nv,).
         """
+        return self._answer(self.core.solve, state, outputs, accuracy, threads=threads)
+
+    def differentiate(
+        self, state: State, outputs: Outputs, *, accuracy: float | None, threads: int
+    ) -> NDArray[np.intp]:
+        """Fill the outputs of a `BatchDerivatives`; return the rows that are left to Python."""
+        blocks = [outputs[name] for name in BLOCKS]
+        work = self.core.differentiate
+        return self._answer(work, state, outputs, accuracy, threads=threads, blocks=blocks)
+
+    def one(self, q: Array, v: Array, tau: Array, accuracy: float) -> Solution | None:
+        """Return the solution of one state; None where it is left to Python."""
+        workspace, nominal = self._workspace, self._workspace.scene.nominal
+        a, lam = np.empty(workspace.model.nv), np.empty(workspace.scene.rows)
+        *largest, weighted, exact, iterations, seconds = self.core.solve_one(q, v, tau, a, lam)
+        estimator, pivots = nominal.estimator, nominal.pivots
+        residuals, doubtful = estimator.judge(weighted, largest, tau)
+        size = max(largest[_A], estimator.gravity)
+        clear = (
+            not doubtful
+            and exact == 1.0
+            and largest[_A] < _LARGEST
+            and residuals.bound <= accuracy
+            and residuals.dynamics <= estimator.unheard * size
+            and pin.isNormalized(workspace.model, q, LOOSE)
+            and not (pivots.may_fall and not pivots.holds(residuals.bound, self._mass(q)))
+        )
+        if not clear:
+            return None
+        return Solution(
+            a, lam, residuals, Status.OK, iterations, seconds, workspace.scene, q.copy(), ()
+        )
+
+    def derivatives(
+        self, q: Array, v: Array, tau: Array, accuracy: float
+    ) -> CompiledDerivatives | None:
+        """Return the derivatives at one state; None where it is left to Python."""
+        workspace = self._workspace
+        n, m = workspace.model.nv, workspace.scene.rows
+        outputs: Outputs = {
+            "a": np.zeros((1, n)), "lam": np.zeros((1, m)), "residuals": np.zeros((1, 5)),
+            "statuses": np.zeros(1, np.int8), "iterations": np.zeros(1, np.int32),
+            "solve_times": np.zeros(1),
+        }  # fmt: skip
+        by_q, by_v, by_tau = np.zeros((3, n + m, n))
+        blocks = by_q[:n], by_v[:n], by_tau[:n], by_q[n:], by_v[n:], by_tau[n:]
+        outputs |= {name: block[None] for name, block in zip(BLOCKS, blocks, strict=True)}
+        state = q[None], v[None], tau[None]
+        if self.differentiate(state, outputs, accuracy=accuracy, threads=0).size:
+            return None
+        solution = Solution(
+            outputs["a"][0], outputs["lam"][0], Residuals(*outputs["residuals"][0].tolist()),
+            Status.OK, int(outputs["iterations"][0]), float(outputs["solve_times"][0]),
+            workspace.scene, q.copy(), (),
+        )  # fmt: skip
+        return CompiledDerivatives(workspace, solution, v, (by_q, by_v, by_tau))
+
+    def _mass(self, q: Array) -> Array:
+        return self._workspace.equations.mass(q)
+
+    def _answer(
+        self, work: Callable[..., None], state: State, outputs: Outputs, accuracy: float | None,
+        **more: Any,
+    ) -> NDArray[np.intp]:  # fmt: skip
         accuracy = self._workspace.solver.accuracy if accuracy is None else accuracy
-        tau = arrays.contiguous(tau, len(q))
-        sizes = np.zeros((len(q), 8))
-        self.core.solve(
+        q, v, tau = state
+        tau, sizes = arrays.contiguous(tau, len(q)), np.zeros((len(q), 8))
+        work(
             q, v, tau, a=outputs["a"], lam=outputs["lam"], sizes=sizes,
-            iterations=outputs["iterations"], times=outputs["solve_times"], threads=threads,
+            iterations=outputs["iterations"], times=outputs["solve_times"], **more,
         )  # fmt: skip
         outputs["residuals"][:], clear = self._judged(q, tau, sizes, accuracy)
         outputs["statuses"][:] = 0
@@ -82,7 +168,7 @@ class CompiledCore:
         clear &= sizes[:, _DYNAMICS] <= estimator.unheard * size
         if pivots.may_fall:
             for i in np.flatnonzero(clear & (bound > 0.0)):
-                clear[i] = pivots.holds(bound[i], self._workspace.equations.mass(q[i]))
+                clear[i] = pivots.holds(bound[i], self._mass(q[i]))
         columns = [_DYNAMICS, _CONSTRAINT, _VIOLATION, _VELOCITY]
         return np.column_stack([sizes[:, columns], bound]), clear
 

@@ -48,8 +48,14 @@ def differentiate(
             "solves others; use Proximal()"
         )
     q_, v_, tau_ = workspace.scene.robot.arguments.accept(q, v, tau)
-    solution = workspace.solve(q_, v_, tau_, forces=forces, accuracy=accuracy)
-    found = METHODS[method](workspace, solution, v_, tau_)
+    found: Derivatives | None = None
+    if workspace.core and workspace.native is True:
+        workspace.core.check(forces, method)
+    if workspace.core and method == "kkt" and not forces:
+        found = workspace.core.derivatives(q_, v_, tau_, accuracy or workspace.solver.accuracy)
+    if found is None:
+        solution = workspace.solve(q_, v_, tau_, forces=forces, accuracy=accuracy)
+        found = METHODS[method](workspace, solution, v_, tau_)
     if check:
-        check_derivatives(found, DifferenceDerivatives(workspace, solution, v_, tau_))
+        check_derivatives(found, DifferenceDerivatives(workspace, found.solution, v_, tau_))
     return found

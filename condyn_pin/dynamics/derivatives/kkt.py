@@ -20,7 +20,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.held_and_free import held_and_free
+from condyn_pin._core.linalg.held_and_free import HeldAndFree, held_and_free
 from condyn_pin._core.linalg.mass_factor import inverse_factor
 from condyn_pin._core.one_thread import of_workspace
 from condyn_pin.dynamics.derivatives.base import Derivatives
@@ -47,16 +47,35 @@ class KktDerivatives(Derivatives):
     """
 
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
-        super().__init__(solution)
-        self._linearisation = linearisation = workspace.linearisation
-        q = solution.q
-        self._of = of = linearisation.at(q, v, solution.a, solution.lam)
-        if solution.applied:
-            of.rhs[: self._n, : self._n] += load_partial(workspace.loads, q, solution.applied)
-        equations = workspace.equations
-        J = equations.drop_roundoff_rows(of.J)
-        self._motions = held_and_free(inverse_factor(equations.mass(q)), J, tolerances.RANK)
+        self._hold(workspace, solution, v)
+        self._factored  # noqa: B018 - at once, while the workspace is whose asked
+
+    def _hold(self, workspace: Workspace, solution: Solution, v: Array) -> None:
+        """Keep what the derivatives are formed from: of this scene, whatever comes after it."""
+        Derivatives.__init__(self, solution)
         self._workspace, self._v = workspace, v
+        self._equations, self._linearisation = workspace.equations, workspace.linearisation
+
+    @cached_property
+    @of_workspace
+    def _factored(self) -> tuple[Array, HeldAndFree]:
+        """What a step of q and v leaves to solve (nv + m, 2 nv), and what solves it."""
+        q, solution = self.solution.q, self.solution
+        of = self._linearisation.at(q, self._v, solution.a, solution.lam)
+        if solution.applied:
+            loads = self._workspace.loads
+            of.rhs[: self._n, : self._n] += load_partial(loads, q, solution.applied)
+        J = self._equations.drop_roundoff_rows(of.J)
+        factor = inverse_factor(self._equations.mass(q))
+        return of.rhs, held_and_free(factor, J, tolerances.RANK)
+
+    @property
+    def _rhs(self) -> Array:
+        return self._factored[0]
+
+    @property
+    def _motions(self) -> HeldAndFree:
+        return self._factored[1]
 
     @cached_property
     @of_workspace
@@ -116,14 +135,14 @@ class KktDerivatives(Derivatives):
         return self._motions.solve(-r, -s)
 
     def _form(self) -> tuple[Array, Array, Array]:
-        n, rhs = self._n, self._of.rhs
+        n, rhs = self._n, self._rhs
         by_state = np.concatenate(self._motions.solve(rhs[:n], rhs[n:]))
         by_tau = np.concatenate(self._motions.pushed())
         return by_state[:, :n], by_state[:, n:], by_tau
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
         n = self._n
-        x = self._of.rhs.dot(np.concatenate([dq, dv]))
+        x = self._rhs.dot(np.concatenate([dq, dv]))
         da, dlam = self._motions.solve(x[:n] + dtau, x[n:])
         if dq.any() and self._null is not None:
             dlam += self._null @ dq
@@ -132,7 +151,7 @@ class KktDerivatives(Derivatives):
     def _backward(self, da: Array, dlam: Array) -> tuple[Array, Array, Array]:
         n = self._n
         by_tau, forced = self._motions.solve(da, -dlam)  # the transpose, but for signs
-        by_state = by_tau.dot(self._of.rhs[:n]) - forced.dot(self._of.rhs[n:])
+        by_state = by_tau.dot(self._rhs[:n]) - forced.dot(self._rhs[n:])
         if dlam.any() and self._null is not None:
             by_state[:n] += dlam @ self._null
         return by_state[:n], by_state[n:], by_tau

@@ -6,9 +6,11 @@ batches: the core works on the rows of a chunk with its threads.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,12 +18,13 @@ from numpy.typing import NDArray
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin._core.parallel.native import Native
 from condyn_pin._core.parallel.transports import Kernel, Messages
-from condyn_pin.dynamics.compiled.core import CompiledCore, refuse
+from condyn_pin.dynamics.compiled.core import refuse
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import UnsupportedBackend
 
-# Work of a core on the rows of a chunk, with some threads; it returns those that it leaves.
-Work = Callable[[CompiledCore, Arrays, Arrays, int], NDArray[np.intp]]
+# What the core of a workspace does to the rows of a chunk with some threads; it returns those that
+# it leaves.
+Work = Callable[[Workspace, Arrays, Arrays, int], NDArray[np.intp]]
 
 
 @dataclass(frozen=True)
@@ -31,13 +34,10 @@ class CompiledRows:
     work: Work
     python: Kernel
     threads: int
-    reasons: tuple[str, ...] = field(default=())  # why the core takes none of it
 
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
         """Fill the outputs; return what there is to say of rows."""
-        if self.reasons:
-            return self.python(workspace, inputs, outputs)
-        left = self.work(workspace.compiled, inputs, outputs, self.threads)
+        left = self.work(workspace, inputs, outputs, self.threads)
         if not left.size:
             return {}
         some = {name: x if x.ndim == 1 else x[left] for name, x in inputs.items()}
@@ -48,25 +48,52 @@ class CompiledRows:
         return {int(left[i]): text for i, text in words.items()}
 
 
-def by_whom(
-    executor: Executor | Native | None, work: Work, python: Kernel, reasons: Iterator[str],
-    workspace: Callable[[], Workspace],
-) -> tuple[Kernel, Executor | None]:  # fmt: skip
-    """Return the kernel of a batch, and the executor whose workers run it.
+class Workers(NamedTuple):
+    """Who does the work of a batch: by which kernel, where, and how many rows at a time."""
+
+    kernel: Kernel
+    executor: Executor | None
+    chunk: int | None
+
+
+def workers(
+    executor: Executor | Native | None, work: Work, python: Kernel, *, reasons: Iterable[str],
+    untaken: Callable[[], Iterable[str]], chunk: int | None, most: int,
+) -> Workers:  # fmt: skip
+    """Return who does the work of a batch.
+
+    Parameters
+    ----------
+    executor : Executor or Native or None
+        As the user has it.
+    work, python : callable
+        What the core does, and what Python does.
+    reasons : iterable of str
+        Why the core does not take the batch, if there are any.
+    untaken : callable
+        Returns why it does not take the workspace; asked where there is no other reason.
+    chunk : int or None
+        As the user has it.
+    most : int
+        Rows that are handed to the threads of this process at a time, unless there is a `chunk`.
 
     Raises
     ------
     UnsupportedBackend
-        If the core does not take it, for one of the `reasons` or those of the workspace.
+        If the core does not take it.
     """
     if not isinstance(executor, Native):
-        return python, executor
-    found = []
+        return Workers(python, executor, chunk)
     try:
-        refuse(reasons)
-        workspace().compiled  # noqa: B018 - what it does not take is refused before the work
-    except UnsupportedBackend as error:
+        refuse(chain(reasons, _later(untaken)))
+    except UnsupportedBackend:
         if not executor.where_possible:
             raise
-        found.append(str(error))
-    return CompiledRows(work, python, executor.at_work, tuple(found)), executor.executor
+        return Workers(python, executor.executor, chunk)
+    if executor.executor is None and chunk is None:
+        chunk = most * executor.at_work
+    return Workers(CompiledRows(work, python, executor.at_work), executor.executor, chunk)
+
+
+def _later(untaken: Callable[[], Iterable[str]]) -> Iterable[str]:
+    yield from untaken()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Executor
 from dataclasses import replace
 from functools import partial
@@ -13,11 +13,16 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin._core.parallel.native import Native
 from condyn_pin._core.parallel.rows import Rows
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.dynamics.compiled import arrays
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.simulation.batch.compiled import workers
+from condyn_pin.simulation.batch.compiled_motions import MovedRows, untaken, untaken_rows
 from condyn_pin.simulation.batch.inputs import check_states, split
 from condyn_pin.simulation.batch.motions import Motions
 from condyn_pin.simulation.batch.recipe import Recipe
@@ -34,6 +39,9 @@ _APART: Final = 10
 # A chunk that takes about a tenth of a second, for steps of some microseconds a solve.
 _SOLVES: Final = 10_000
 
+# Motions a thread of the compiled core that it is handed at a time.
+_MOTIONS: Final = 16
+
 
 def simulate_batch(
     scene: Scene,
@@ -49,7 +57,7 @@ def simulate_batch(
     drift: Drift | None = None,
     solver: Solver | None = None,
     record: int | None = None,
-    executor: Executor | None = None,
+    executor: Executor | Native | None = None,
     chunk: int | None = None,
     progress: Progress = silent,
 ) -> BatchTrajectory:
@@ -92,7 +100,7 @@ def simulate_batch(
         As in `solve_batch`; its ``done`` is the BatchTrajectory of what was simulated.
     Interrupted
         After Ctrl-C; its ``table`` is the same.
-    UnknownName, UnsupportedConstraint, StaleModel
+    UnknownName, UnsupportedConstraint, StaleModel, UnsupportedBackend
         As in `solve_batch`.
 
     Notes
@@ -108,13 +116,29 @@ def simulate_batch(
     every = max(planned.steps // _LOOKS, _APART) if record is None else record
     given: ArrayLike = 0.0 if function is not None else TAU  # type: ignore[assignment]
     q, v, tau = check_states(scene.robot.model, Q0, V0, given, suffix="0")
-    _, of_rows, more = split(scene.robot, forces, len(q), functions=True)
+    applied, of_rows, more = split(scene.robot, forces, len(q), functions=True)
     motions = replace(motions, every=every, forces=of_rows, contacts=tuple(scene.contacts))
     most = max(1, int(_SOLVES / planned.steps / max(planned.integrator.solves_per_step, 1)))
-    rows = Rows(motions, Recipe(scene.bilateral.at(0.0), solver), executor, chunk, most, progress)
+    held = scene.bilateral.at(0.0)
+    recipe = Recipe(held, solver)
+    if isinstance(executor, Native):  # whose workspace is that of the motions
+        recipe = Recipe(held, solver or default_solver(held), planned.drift.rows)
+    moved = MovedRows(planned.integrator, planned.drift, planned.dt, planned.steps, every)
+    kernel, executor, chunk = workers(
+        executor, moved, motions, reasons=untaken(planned, bool(applied)),
+        untaken=lambda: untaken_by_core(recipe.workspace(), planned.drift), chunk=chunk,
+        most=_MOTIONS,
+    )  # fmt: skip
+    rows = Rows(kernel, recipe, executor, chunk, most, progress)
     kinds = kinds_of(scene, 0 if record is None else len(range(0, planned.steps, every)) + 1)
     inputs = {"q0": q, "v0": v, "tau0": tau} | more
     return rows.fill(len(q), inputs, kinds, partial(_batch, planned, begun))
+
+
+def untaken_by_core(workspace: Workspace, drift: Drift) -> Iterator[str]:
+    """Yield what the compiled core does not take of a workspace that is to move."""
+    yield from arrays.untaken(workspace)
+    yield from untaken_rows(workspace, drift)
 
 
 def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import partial
 from math import nan
@@ -21,7 +21,8 @@ from condyn_pin._core.parallel.transports import Messages
 from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.dynamics.compiled.core import CompiledCore
+from condyn_pin.dynamics.compiled.arrays import untaken
+from condyn_pin.dynamics.compiled.core import untaken_beside
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import Scene, check_scene
@@ -29,7 +30,7 @@ from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import SolveFailed, unknown_name
-from condyn_pin.simulation.batch.compiled import by_whom
+from condyn_pin.simulation.batch.compiled import workers
 from condyn_pin.simulation.batch.inputs import RowForces, check_states, split
 from condyn_pin.simulation.batch.recipe import Recipe
 from condyn_pin.simulation.batch.solution import STATUSES, BatchDerivatives, BatchSolution
@@ -113,10 +114,11 @@ def solve_batch(
     applied, of_rows, more = split(scene.robot, forces, count)
     recipe = Recipe(scene, solver, drift)
     python = partial(_answer_rows, None, accuracy, of_rows)
-    kernel, workers = by_whom(
-        executor, partial(_solve, accuracy), python, _untaken(applied), recipe.workspace
-    )
-    rows = Rows(kernel, recipe, workers, chunk, 1000, progress)
+    kernel, executor, chunk = workers(
+        executor, partial(_by_core, False, accuracy), python, reasons=untaken_beside(applied),
+        untaken=lambda: untaken(recipe.workspace()), chunk=chunk, most=2000,
+    )  # fmt: skip
+    rows = Rows(kernel, recipe, executor, chunk, 1000, progress)
     batch = partial(_batch, scene, inputs["q"], applied, start)
     return rows.fill(count, inputs | more, _of_solution(scene), batch)
 
@@ -132,7 +134,7 @@ def derivatives_batch(
     drift: Baumgarte | None = None,
     method: str = "kkt",
     accuracy: float | None = None,
-    executor: Executor | None = None,
+    executor: Executor | Native | None = None,
     chunk: int | None = None,
     progress: Progress = silent,
 ) -> BatchDerivatives:
@@ -156,7 +158,7 @@ def derivatives_batch(
 
     Raises
     ------
-    InvalidArgument, WorkersLost, UnsupportedConstraint, StaleModel
+    InvalidArgument, WorkersLost, UnsupportedConstraint, StaleModel, UnsupportedBackend
         As in `solve_batch` and `derivatives`. States that are not ok raise nothing.
     Interrupted
         As in `solve_batch`, with a BatchDerivatives.
@@ -170,8 +172,14 @@ def derivatives_batch(
         raise unknown_name("method", str(method), METHODS)
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
     applied, of_rows, more = split(scene.robot, forces, count)
-    kernel = partial(_answer_rows, method, accuracy, of_rows)
-    rows = Rows(kernel, Recipe(scene, solver, drift), executor, chunk, 100, progress)
+    recipe = Recipe(scene, solver, drift)
+    python = partial(_answer_rows, method, accuracy, of_rows)
+    kernel, executor, chunk = workers(
+        executor, partial(_by_core, True, accuracy), python,
+        reasons=untaken_beside(applied, method), untaken=lambda: untaken(recipe.workspace()),
+        chunk=chunk, most=500,
+    )  # fmt: skip
+    rows = Rows(kernel, recipe, executor, chunk, 100, progress)
     kinds = _of_solution(scene) | _of_derivatives(scene)
     batch = partial(_derivatives, scene, inputs["q"], applied, start)
     return rows.fill(count, inputs | more, kinds, batch)
@@ -233,18 +241,19 @@ def _answer_rows(
     return {}
 
 
-def _untaken(applied: tuple[AppliedForce, ...]) -> Iterator[str]:
-    """Yield what the compiled core does not take of a batch."""
-    if applied:
-        yield f"forces = {applied!r}: it has no forces from outside"
-
-
-def _solve(
-    accuracy: float | None, core: CompiledCore, inputs: Arrays, outputs: Arrays, threads: int
+def _by_core(
+    differentiates: bool,
+    accuracy: float | None,
+    workspace: Workspace,
+    inputs: Arrays,
+    outputs: Arrays,
+    threads: int,
 ) -> NDArray[np.intp]:
-    """Solve some rows by the compiled core; return those that are left."""
+    """Answer some rows by the compiled core; return those that are left."""
+    core = workspace.compiled
+    work = core.differentiate if differentiates else core.solve
     state = inputs["q"], inputs["v"], inputs["tau"]
-    return core.solve(*state, outputs, accuracy=accuracy, threads=threads)
+    return work(state, outputs, accuracy=accuracy, threads=threads)
 
 
 def _put(outputs: Arrays, i: int, solution: Solution) -> None:

@@ -70,7 +70,8 @@ Core::Core(
   const std::vector<std::string> & kinds, const Integers & parents, const Table & joints, const List & gravity,
   const List & armature, const IntegerTable & constraints, const Table & of_constraints,
   const IntegerTable & plain, const Table & of_plain, const Table & to_scene, const List & drift,
-  const List & weights, double open_squared, const List & proximal)
+  const List & weights, double open_squared, const List & proximal, const List & rank,
+  const List & damping, const Table & springs, const IntegerTable & of_springs)
 {
   want(gravity.size() == 3 && drift.size() == 2, "gravity, drift");
   scene_.model = make_model(joint_specs(kinds, parents, joints), vector(gravity), vector(armature));
@@ -80,55 +81,176 @@ Core::Core(
   want(scene_.weights.size() == scene_.model.nv, "weights");
   scene_.open_squared = open_squared;
   scene_.proximal = proximal_plan(proximal);
+  want(rank.size() == 3, "rank");
+  rank_ = {bool(rank.data()[0]), rank.data()[1], bool(rank.data()[2])};
+  const int nq = scene_.model.nq, nv = scene_.model.nv;
+  want(int(damping.size()) == nv && springs.shape(0) == of_springs.shape(0), "damping, springs");
+  want(springs.shape(1) == 2 && of_springs.shape(1) == 2, "springs");
+  scene_.passive.d = vector(damping);
+  scene_.passive.k.resize(springs.shape(0)), scene_.passive.rest.resize(springs.shape(0));
+  for (std::size_t s = 0; s < springs.shape(0); ++s)
+  {
+    scene_.passive.k[s] = row(springs, s)[0], scene_.passive.rest[s] = row(springs, s)[1];
+    const int at_q = of_springs.data()[2 * s], at_v = of_springs.data()[2 * s + 1];
+    want(0 <= at_q && at_q < nq && 0 <= at_v && at_v < nv, "place of a spring");
+    scene_.passive.at_q.push_back(at_q), scene_.passive.at_v.push_back(at_v);
+  }
   add_constraints(scene_, constraint_specs(constraints, of_constraints), plain_specs(plain, of_plain));
 }
 
-void Core::check(const Table & Q, const Table & V, const Table & TAU) const
+void Core::check(const States & states, const Answers & answers) const
 {
-  const std::size_t n = Q.shape(0), nv = scene_.model.nv;
-  want(Q.shape(1) == std::size_t(scene_.model.nq) && V.shape(1) == nv && TAU.shape(1) == nv, "width of q, v or tau");
-  want(V.shape(0) == n && TAU.shape(0) == n, "number of v or tau");
+  const std::size_t n = states.q.shape(0), nv = scene_.model.nv;
+  want(states.q.shape(1) == std::size_t(scene_.model.nq) && states.v.shape(1) == nv && states.tau.shape(1) == nv,
+       "width of q, v or tau");
+  want(states.v.shape(0) == n && states.tau.shape(0) == n, "number of v or tau");
+  want(answers.a.shape(0) == n && answers.a.shape(1) == nv, "a");
+  want(answers.lam.shape(0) == n && answers.lam.shape(1) == std::size_t(scene_.rows), "lam");
+  want(answers.sizes.shape(0) == n && answers.sizes.shape(1) == 8, "sizes");
+  want(answers.iterations.size() == n && answers.times.size() == n, "iterations or times");
 }
 
 void Core::prepare(int threads)
 {
-  if (threads < 1)
+  if (threads < 0)
     throw std::invalid_argument("threads");
-  while (int(workers_.size()) < threads)
+  while (int(workers_.size()) < std::max(threads, 1))
     workers_.push_back(std::make_unique<Worker>(scene_));
 }
 
-void Core::solve(
-  const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a, const Array<double, 2> & lam,
-  const Array<double, 2> & sizes, const Array<int, 1> & iterations, const Array<double, 1> & times, int threads)
+const VectorXd & Core::answer(Worker & own, std::size_t i, const States & states, const Answers & answers) const
 {
-  check(Q, V, TAU);
-  const std::size_t n = Q.shape(0), nv = scene_.model.nv;
-  want(a.shape(0) == n && a.shape(1) == nv && lam.shape(0) == n && lam.shape(1) == std::size_t(scene_.rows), "a or lam");
-  want(sizes.shape(0) == n && sizes.shape(1) == 8 && iterations.size() == n && times.size() == n, "sizes");
+  own.q = row(states.q, i), own.v = row(states.v, i), own.tau = row(states.tau, i);
+  const auto begun = std::chrono::steady_clock::now();
+  const VectorXd & a = own.solver.acceleration(own.q, own.v, own.tau);
+  answers.times.data()[i] = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+  const VectorXd lam = own.solver.scene_forces();
+  const Sizes s = own.proof(own.q, own.v, own.tau, a, lam);
+  row(answers.a, i) = a;
+  row(answers.lam, i) = lam;
+  answers.iterations.data()[i] = own.solver.iterations;
+  row(answers.sizes, i) << s.dynamics, s.a, s.violation, s.velocity, s.constraint, s.lam, s.weighted,
+    own.solver.is_exact() ? 1.0 : 0.0;
+  return a;
+}
+
+namespace
+{
+/// What a row says of which nothing is known: who asked looks at it by itself.
+void give_up(const Answers & answers, std::size_t i)
+{
+  row(answers.sizes, i).setConstant(std::numeric_limits<double>::quiet_NaN());
+}
+} // namespace
+
+void Core::solve(const States & states, const Answers & answers, int threads)
+{
+  check(states, answers);
+  prepare(threads);
+  std::atomic<bool> stop{false};
+  nb::gil_scoped_release released;
+  share(states.q.shape(0), threads, stop, [&](int worker, std::size_t i) {
+    try
+    {
+      answer(*workers_[worker], i, states, answers);
+    }
+    catch (...)
+    {
+      give_up(answers, i);
+    }
+  });
+}
+
+Eigen::Matrix<double, 10, 1> Core::solve_one(
+  const List & q, const List & v, const List & tau, const Array<double, 1> & a, const Array<double, 1> & lam)
+{
+  const std::size_t nv = scene_.model.nv;
+  want(q.size() == std::size_t(scene_.model.nq) && v.size() == nv && tau.size() == nv, "q, v or tau");
+  want(a.size() == nv && lam.size() == std::size_t(scene_.rows), "a or lam");
+  prepare(1);
+  Worker & own = *workers_[0];
+  own.q = vector(q), own.v = vector(v), own.tau = vector(tau);
+  const auto begun = std::chrono::steady_clock::now();
+  const VectorXd & found = own.solver.acceleration(own.q, own.v, own.tau);
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+  const VectorXd forces = own.solver.scene_forces();
+  const Sizes s = own.proof(own.q, own.v, own.tau, found, forces);
+  Out(a.data(), nv) = found;
+  Out(lam.data(), scene_.rows) = forces;
+  Eigen::Matrix<double, 10, 1> sizes;
+  sizes << s.dynamics, s.a, s.violation, s.velocity, s.constraint, s.lam, s.weighted,
+    own.solver.is_exact() ? 1.0 : 0.0, double(own.solver.iterations), seconds;
+  return sizes;
+}
+
+void Core::differentiate(
+  const States & states, const Answers & answers, const std::vector<Array<double, 3>> & blocks, int threads)
+{
+  check(states, answers);
+  const std::size_t n = states.q.shape(0), nv = scene_.model.nv;
+  want(blocks.size() == 6, "number of blocks");
+  for (int k = 0; k < 6; ++k)
+    want(blocks[k].shape(0) == n && blocks[k].shape(1) == (k < 3 ? nv : std::size_t(scene_.rows))
+           && blocks[k].shape(2) == nv, "a block");
   prepare(threads);
   std::atomic<bool> stop{false};
   nb::gil_scoped_release released;
   share(n, threads, stop, [&](int worker, std::size_t i) {
     Worker & own = *workers_[worker];
-    auto found = row(sizes, i);
     try
     {
-      own.q = row(Q, i), own.v = row(V, i), own.tau = row(TAU, i);
-      const auto begun = std::chrono::steady_clock::now();
-      const VectorXd & answer = own.solver.acceleration(own.q, own.v, own.tau);
-      times.data()[i] = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
-      const VectorXd forces = own.solver.scene_forces();
-      const Sizes s = own.proof(own.q, own.v, own.tau, answer, forces);
-      row(a, i) = answer;
-      row(lam, i) = forces;
-      iterations.data()[i] = own.solver.iterations;
-      found << s.dynamics, s.a, s.violation, s.velocity, s.constraint, s.lam, s.weighted,
-        own.solver.is_exact() ? 1.0 : 0.0;
+      const VectorXd & a = answer(own, i, states, answers);
+      if (!own.derivatives)
+        own.derivatives = std::make_unique<Derivatives>(scene_, rank_);
+      double * out[6];
+      for (int k = 0; k < 6; ++k)
+        out[k] = blocks[k].data() + i * nv * blocks[k].shape(1);
+      const VectorXd lam = row(answers.lam, i);
+      if (!a.allFinite() || !(*own.derivatives)(own.q, own.v, a, lam, out))
+        give_up(answers, i);
     }
-    catch (...) // its row says so: who asked looks at it by itself
+    catch (...)
     {
-      found.setConstant(std::numeric_limits<double>::quiet_NaN());
+      give_up(answers, i);
+    }
+  });
+}
+
+void Core::simulate(const States & states, const MotionPlan & plan, const Motions & motions, int threads)
+{
+  const std::size_t n = states.q.shape(0), nq = scene_.model.nq, nv = scene_.model.nv;
+  want(plan.steps > 0 && plan.every > 0 && plan.dt > 0, "plan");
+  const std::size_t kept = (plan.steps + plan.every - 1) / plan.every + 1, answers = plan.with_answers ? kept : 0;
+  want(states.q.shape(1) == nq && states.v.shape(1) == nv && states.tau.shape(1) == nv, "width of q, v or tau");
+  want(states.v.shape(0) == n && states.tau.shape(0) == n, "number of v or tau");
+  const auto fits = [&](const Array<double, 3> & x, std::size_t rows, std::size_t width) {
+    return x.shape(0) == n && x.shape(1) == rows && x.shape(2) == width;
+  };
+  want(motions.t.shape(0) == n && motions.t.shape(1) == kept, "t");
+  want(fits(motions.q, kept, nq) && fits(motions.v, kept, nv) && fits(motions.measures, kept, 4), "samples");
+  want(fits(motions.a, answers, nv) && fits(motions.lam, answers, scene_.rows), "samples of answers");
+  want(motions.done.size() == n && motions.times.size() == n, "done or times");
+  prepare(threads);
+  std::atomic<bool> stop{false};
+  nb::gil_scoped_release released;
+  share(n, threads, stop, [&](int worker, std::size_t i) {
+    Worker & own = *workers_[worker];
+    motions.done.data()[i] = 0;
+    try
+    {
+      if (!own.mover)
+        own.mover = std::make_unique<Mover>(scene_);
+      own.q = row(states.q, i), own.v = row(states.v, i), own.tau = row(states.tau, i);
+      const Samples samples{
+        motions.t.data() + i * kept, motions.q.data() + i * kept * nq, motions.v.data() + i * kept * nv,
+        motions.a.data() + i * answers * nv, motions.lam.data() + i * answers * scene_.rows,
+        motions.measures.data() + i * kept * 4};
+      const auto begun = std::chrono::steady_clock::now();
+      motions.done.data()[i] = own.mover->run(plan, own.q, own.v, own.tau, samples, stop);
+      motions.times.data()[i] = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+    }
+    catch (...) // given up: Python makes it again, and says why
+    {
     }
   });
 }

@@ -1,6 +1,8 @@
 // Core: a scene and its solver, and the memory of the threads that work on it.
 #pragma once
 #include "arrays.hpp"
+#include "derivatives.hpp"
+#include "motion.hpp"
 #include "proof.hpp"
 #include "proximal.hpp"
 #include <memory>
@@ -12,9 +14,34 @@ struct Worker
 {
   Proximal solver;
   Proof proof;
+  std::unique_ptr<Derivatives> derivatives; // made when they are first asked for
+  std::unique_ptr<Mover> mover;
   VectorXd q, v, tau;
 
   explicit Worker(const Scene & scene) : solver(scene), proof(scene) {}
+};
+
+/// States, a row each.
+struct States
+{
+  Table q, v, tau;
+};
+
+/// Answers, a row a state.
+struct Answers
+{
+  Array<double, 2> a, lam, sizes; // sizes: those of `Sizes`, and whether the rows were exact
+  Array<int, 1> iterations;
+  Array<double, 1> times; // [s]
+};
+
+/// Motions, a row each: their samples, with a and lam or without rows for them.
+struct Motions
+{
+  Array<double, 2> t;
+  Array<double, 3> q, v, a, lam, measures;
+  Array<int, 1> done; // 1, or 0 for a motion that was given up
+  Array<double, 1> times; // [s]
 };
 
 class Core
@@ -25,19 +52,31 @@ public:
     const std::vector<std::string> & kinds, const Integers & parents, const Table & joints, const List & gravity,
     const List & armature, const IntegerTable & constraints, const Table & of_constraints,
     const IntegerTable & plain, const Table & of_plain, const Table & to_scene, const List & drift,
-    const List & weights, double open_squared, const List & proximal);
+    const List & weights, double open_squared, const List & proximal,
+    const List & rank, const List & damping, const Table & springs, const IntegerTable & of_springs);
   Core(const Core &) = delete; // its workers hold references to its scene
 
-  void solve(
-    const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a, const Array<double, 2> & lam,
-    const Array<double, 2> & sizes, const Array<int, 1> & iterations, const Array<double, 1> & times, int threads);
+  void solve(const States & states, const Answers & answers, int threads);
+
+  /// One state, in the calling thread: returns its sizes, with iterations and seconds behind them.
+  Eigen::Matrix<double, 10, 1> solve_one(
+    const List & q, const List & v, const List & tau, const Array<double, 1> & a, const Array<double, 1> & lam);
+
+  /// da/dq, da/dv, da/dtau, dlam/dq, dlam/dv, dlam/dtau as well, each with a matrix a state.
+  void differentiate(
+    const States & states, const Answers & answers, const std::vector<Array<double, 3>> & blocks, int threads);
+
+  void simulate(const States & states, const MotionPlan & plan, const Motions & motions, int threads);
 
 private:
-  void check(const Table & Q, const Table & V, const Table & TAU) const;
+  void check(const States & states, const Answers & answers) const;
   /// The memory of so many threads; made when it is first asked for.
   void prepare(int threads);
+  /// Answers one state; returns its a, in the memory of the worker.
+  const VectorXd & answer(Worker & own, std::size_t i, const States & states, const Answers & answers) const;
 
   Scene scene_;
+  Rank rank_;
   std::vector<std::unique_ptr<Worker>> workers_;
 };
 } // namespace condyn

@@ -15,10 +15,50 @@ NB_MODULE(_core, m)
   nb::class_<Core>(m, "Core")
     .def(nb::init<const std::vector<std::string> &, const Integers &, const Table &, const List &, const List &,
                   const IntegerTable &, const Table &, const IntegerTable &, const Table &, const Table &,
-                  const List &, const List &, double, const List &>(),
+                  const List &, const List &, double, const List &, const List &, const List &, const Table &,
+                  const IntegerTable &>(),
          nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,
          "of_constraints"_a, "plain"_a, "of_plain"_a, "to_scene"_a, "drift"_a, "weights"_a, "open_squared"_a,
-         "proximal"_a)
-    .def("solve", &Core::solve, "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "a"_a, "lam"_a, "sizes"_a, "iterations"_a,
-         "times"_a, "threads"_a);
+         "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a)
+    .def(
+      "solve",
+      [](Core & core, const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a,
+         const Array<double, 2> & lam, const Array<double, 2> & sizes, const Array<int, 1> & iterations,
+         const Array<double, 1> & times, int threads) {
+        core.solve({Q, V, TAU}, {a, lam, sizes, iterations, times}, threads);
+      },
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "a"_a, "lam"_a, "sizes"_a, "iterations"_a, "times"_a, "threads"_a)
+    .def(
+      "solve_one",
+      [](Core & core, const List & q, const List & v, const List & tau, const Array<double, 1> & a,
+         const Array<double, 1> & lam) {
+        const auto x = core.solve_one(q, v, tau, a, lam);
+        return nb::make_tuple(x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], int(x[8]), x[9]);
+      },
+      "q"_a, "v"_a, "tau"_a, "a"_a, "lam"_a)
+    .def(
+      "differentiate",
+      [](Core & core, const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a,
+         const Array<double, 2> & lam, const Array<double, 2> & sizes, const Array<int, 1> & iterations,
+         const Array<double, 1> & times, const std::vector<Array<double, 3>> & blocks, int threads) {
+        core.differentiate({Q, V, TAU}, {a, lam, sizes, iterations, times}, blocks, threads);
+      },
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "a"_a, "lam"_a, "sizes"_a, "iterations"_a, "times"_a, "blocks"_a,
+      "threads"_a)
+    .def(
+      "simulate",
+      [](Core & core, const Table & Q, const Table & V, const Table & TAU, int integrator, double dt, int steps,
+         int every, int correct_every, bool with_answers, const List & limits, const Array<double, 2> & t,
+         const Array<double, 3> & q, const Array<double, 3> & v, const Array<double, 3> & a,
+         const Array<double, 3> & lam, const Array<double, 3> & measures, const Array<int, 1> & done,
+         const Array<double, 1> & times, int threads) {
+        want(limits.size() == 4 && 0 <= integrator && integrator <= int(Integrator::runge_kutta_4), "plan");
+        const double * x = limits.data();
+        const MotionPlan plan{
+          Integrator(integrator), dt, steps, every, correct_every, with_answers, x[0], x[1], x[2], x[3]};
+        core.simulate({Q, V, TAU}, plan, {t, q, v, a, lam, measures, done, times}, threads);
+      },
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "integrator"_a, "dt"_a, "steps"_a, "every"_a, "correct_every"_a,
+      "with_answers"_a, "limits"_a, "t"_a, "q"_a, "v"_a, "a"_a, "lam"_a, "measures"_a, "done"_a, "times"_a,
+      "threads"_a);
 }

@@ -23,13 +23,13 @@ const VectorXd & Proximal::acceleration(const VectorXd & q, const VectorXd & v, 
 {
   pinocchio::constraintDynamics(model, data, q, v, tau, constraints, datas, settings_);
   iterations = settings_.iter;
-  reweighted = false;
+  reweighted_ = false;
   if (scene.proximal.patient && !(settings_.relative_residual <= settings_.relative_accuracy))
     if (auto finer = better())
     {
       pinocchio::constraintDynamics(model, data, q, v, tau, constraints, datas, *finer);
       iterations += finer->iter;
-      reweighted = true;
+      reweighted_ = true;
     }
   lam = data.lambda_c;
   return data.ddq;
@@ -57,6 +57,14 @@ std::optional<pinocchio::ProximalSettings> Proximal::better()
 VectorXd Proximal::scene_forces() const
 {
   return scene.to_scene.size() ? VectorXd(scene.to_scene * lam) : lam;
+}
+
+void Proximal::solve_in_place(MatrixXd & rhs)
+{
+  if (reweighted_)
+    data.constraint_chol.compute(model, data, constraints, datas, settings_.mu);
+  reweighted_ = false;
+  data.constraint_chol.solveInPlace(rhs);
 }
 
 bool Proximal::is_exact() const

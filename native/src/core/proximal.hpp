@@ -19,6 +19,10 @@ public:
   const VectorXd & acceleration(const VectorXd & q, const VectorXd & v, const VectorXd & tau);
 
   VectorXd scene_forces() const;
+
+  /// Solves [[-mu 1, J], [J^T, M]] x = rhs in place, by the factor that the last acceleration left.
+  void solve_in_place(MatrixXd & rhs);
+
   /// Whether what stands for other rows is closed, so that it is exact.
   bool is_exact() const;
 
@@ -29,11 +33,11 @@ public:
   std::vector<RigidData> datas;
   VectorXd lam;
   int iterations = 0;
-  bool reweighted = false; // whether the factor in `data` is that of another weight
 
 private:
   std::optional<pinocchio::ProximalSettings> better();
 
   pinocchio::ProximalSettings settings_;
+  bool reweighted_ = false; // whether the factor in `data` is that of another weight
 };
 } // namespace condyn

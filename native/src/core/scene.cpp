@@ -61,6 +61,8 @@ void add_constraints(
       want(valid(c.joint1) && valid(c.joint2), "joints of a constraint");
     for (int row : c.selection)
       want(0 <= row && row < 6, "selection of a constraint");
+    if (!c.anchored && c.kind == Kind::held)
+      scene.unanchored.push_back(int(scene.constraints.size()));
     scene.constraints.push_back(c);
     scene.rows += c.size;
   }
@@ -76,6 +78,7 @@ void add_constraints(
     scene.plain_specs.push_back(c);
     scene.plain_rows += c.rows;
   }
+  want(scene.unanchored.empty() || scene.plain.empty() || plain.size() == constraints.size(), "plain");
   const bool same = scene.to_scene.size() == 0;
   want(same ? scene.rows == scene.plain_rows || plain.empty()
             : scene.to_scene.rows() == scene.rows && scene.to_scene.cols() == scene.plain_rows,

@@ -39,11 +39,12 @@ struct ProximalPlan
   double weak, strong, least, harmless;
 };
 
-/// tau = -d v - k (q - rest), one spring a coordinate at most.
+/// tau = -d v - k (q - rest), the sum of all springs on a coordinate.
 struct Passive
 {
-  VectorXd d, k, rest;
-  std::vector<int> at_q; // where q holds each coordinate of v; -1 for none
+  VectorXd d; // by coordinate
+  VectorXd k, rest; // by spring
+  std::vector<int> at_q, at_v; // where q and v hold its joint
 };
 
 struct Scene
@@ -52,6 +53,7 @@ struct Scene
   std::vector<Constraint> constraints;
   std::vector<Rigid> plain; // the same as Pinocchio takes them
   std::vector<PlainSpec> plain_specs;
+  std::vector<int> unanchored; // constraints that a motion anchors where it begins
   MatrixXd to_scene; // lam of the scene from that of `plain`; empty where they are the same
   int rows = 0, plain_rows = 0;
   double kp = 0, kd = 0; // a_ref = -kd J v - kp c

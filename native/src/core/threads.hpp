@@ -11,12 +11,19 @@
 namespace condyn
 {
 /// Calls work(worker, i) for all i < n; who is free takes the next few. To be called without the GIL.
+/// Without threads the calling one does it.
 ///
 /// The calling thread looks for signals: after one, no further row is begun, `stop` says so to the
 /// rows in work, and the exception of Python is thrown. `work` may throw nothing.
 template<typename Work>
 void share(std::size_t n, int threads, std::atomic<bool> & stop, Work work)
 {
+  if (threads == 0)
+  {
+    for (std::size_t i = 0; i < n; ++i)
+      work(0, i);
+    return;
+  }
   std::atomic<std::size_t> next{0};
   const std::size_t chunk = std::max<std::size_t>(1, std::min<std::size_t>(64, n / (8 * threads)));
   std::mutex mutex;

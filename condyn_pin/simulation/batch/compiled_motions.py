@@ -1,0 +1,144 @@
+"""Motions by the compiled core: which it takes, and what becomes of its samples.
+
+It steps, and measures samples; energies are balanced here, for all motions at once. A motion that
+it gives up, for whatever reason, is made again by Python, which says why.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.drift import Drift
+from condyn_pin.dynamics.compiled.arrays import contiguous
+from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.workspace import LARGEST, Workspace
+from condyn_pin.simulation.breakdown import LOST
+from condyn_pin.simulation.drift.no_drift import NoDrift
+from condyn_pin.simulation.drift.post_stabilization import PostStabilization
+from condyn_pin.simulation.gaps import uses_the_solver
+from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
+from condyn_pin.simulation.integrators.midpoint import ImplicitMidpoint, LinearlyImplicitMidpoint
+from condyn_pin.simulation.manifold import Manifold
+from condyn_pin.simulation.measures import Energy, work
+from condyn_pin.simulation.outcome import RunStatus
+from condyn_pin.simulation.passive import Passive
+from condyn_pin.simulation.plan import Plan
+
+# Integrators by their number there.
+_INTEGRATORS: Final[dict[Integrator, int]] = {
+    SemiImplicitEuler(): 0,
+    SemiImplicitEuler(implicit=False): 1,
+    LinearlyImplicitMidpoint(): 2,
+    ImplicitMidpoint(): 3,
+    RungeKutta4(): 4,
+}
+
+
+def untaken(plan: Plan, forces: bool) -> Iterator[str]:
+    """Yield what the core does not take of a plan, in words."""
+    if plan.scene.contacts:
+        yield f"contact {plan.scene.contacts[0].name!r} may open and slide"
+    if plan.tau.constant is None or forces:
+        yield "TAU is a function, or there are forces: it has constant torques alone"
+    if plan.integrator not in _INTEGRATORS:
+        known = ", ".join(dict.fromkeys(type(each).__name__ for each in _INTEGRATORS))
+        yield f"integrator = {plan.integrator!r}: it has {known}"
+    if not isinstance(plan.drift, NoDrift | Baumgarte | PostStabilization):
+        yield f"drift = {plan.drift!r}: it has NoDrift, Baumgarte and PostStabilization"
+    if plan.scene.robot.spring_dampers:
+        yield "the robot has springs between frames"
+
+
+def untaken_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
+    """Yield what it does not take of the constraints, beside what no solve by it takes."""
+    found = workspace.pinocchio_constraints
+    for name in found.approximated:
+        yield f"constraint {name!r} stands for two points, which steps leave a little open"
+    moved = len(found.constraints) != len(workspace.bounds) or any(
+        c.placement1 != b.placement1  # type: ignore[attr-defined]
+        for c, b in zip(found.constraints, workspace.bounds, strict=True)
+    )
+    for bound in workspace.bounds:
+        if moved and not bound.anchored:
+            yield f"constraint {bound.name!r} has no anchor, and is taken together with others"
+    if isinstance(drift, PostStabilization):
+        solver = workspace.solver
+        own = isinstance(solver, Proximal) and uses_the_solver(workspace, solver)
+        if drift.metric != "mass" or not own:
+            yield f"drift = {drift!r}: it corrects by the factor of a solve, in the metric of M"
+
+
+@dataclass(frozen=True)
+class MovedRows:
+    """What the core does to some states of a `simulate_batch`."""
+
+    integrator: Integrator
+    drift: Drift
+    dt: float  # [s]
+    steps: int
+    every: int
+
+    def __call__(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> NDArray[np.intp]:
+        """Fill the outputs; return the rows that are left to Python."""
+        model, count = workspace.model, len(inputs["q0"])
+        kept, nv = len(range(0, self.steps, self.every)) + 1, workspace.model.nv
+        answers = kept if "samples_a" in outputs else 0
+        q0 = np.array([normalised(model, "q", q) for q in inputs["q0"]]).reshape(count, -1)
+        tau = contiguous(inputs["tau0"], count)
+        found = {
+            "t": np.zeros((count, kept)),
+            "q": np.zeros((count, kept, model.nq)),
+            "v": np.zeros((count, kept, nv)),
+            "a": np.zeros((count, answers, nv)),
+            "lam": np.zeros((count, answers, workspace.scene.rows)),
+            "measures": np.zeros((count, kept, 4)),
+        }
+        done = np.zeros(count, np.int32)
+        corrects = self.drift.every if isinstance(self.drift, PostStabilization) else 0
+        reach = Manifold(model).reach
+        workspace.compiled.core.simulate(
+            q0, inputs["v0"], tau, integrator=_INTEGRATORS[self.integrator], dt=self.dt,
+            steps=self.steps, every=self.every, correct_every=corrects, with_answers=answers > 0,
+            limits=np.array([tolerances.NEARLY_CLOSED / 10, LARGEST, LOST, reach]),
+            **found, done=done, times=outputs["run_times"], threads=threads,
+        )  # fmt: skip
+        _put(outputs, np.flatnonzero(done), found, tau, workspace)
+        return np.flatnonzero(done == 0)
+
+
+def _put(
+    outputs: Arrays, ok: NDArray[np.intp], found: dict[str, Any], tau: Array, workspace: Workspace
+) -> None:
+    """Put the motions that went to their end into their rows."""
+    if not ok.size:
+        return
+    t, q, v, a, lam, measures = (found[name][ok] for name in found)
+    outputs["t"][ok], outputs["q"][ok], outputs["v"][ok] = t[:, -1], q[:, -1], v[:, -1]
+    outputs["statuses"][ok] = tuple(RunStatus).index(RunStatus.FINISHED)
+    violation, slip, kinetic, potential = np.moveaxis(measures, 2, 0)
+    outputs["violation"][ok] = violation.max(axis=1)
+    outputs["constraint_velocity"][ok] = slip.max(axis=1)
+    passive = Passive.of(workspace.scene.robot)
+    power = np.einsum("ni,nki->kn", tau[ok], v), -passive.dissipation(q, v).T
+    energy = Energy(
+        kinetic.T, potential.T, passive.energy(q).T, *(work(t[0], each) for each in power),
+        *np.zeros((2, *kinetic.T.shape)),
+    )  # fmt: skip
+    outputs["energy_error"][ok] = np.abs(energy.error).max(axis=0)
+    if "samples_t" in outputs:
+        samples = {"t": t, "q": q, "v": v, "a": a, "lam": lam, "tau": tau[ok, None]}
+        for name, its in samples.items():
+            outputs[f"samples_{name}"][ok] = its

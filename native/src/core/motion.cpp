@@ -1,0 +1,322 @@
+#include "motion.hpp"
+#include <pinocchio/algorithm/joint-configuration.hpp>
+#include <pinocchio/algorithm/kinematics.hpp>
+
+namespace condyn
+{
+Mover::Mover(const Scene & scene)
+: scene_(scene), solver_(scene_), data_(scene_.model), rows_(scene_.rows), q1_(scene_.model.nq)
+{
+  const Model & model = scene_.model;
+  for (int i = 1; i < model.njoints; ++i)
+  {
+    if (model.parents[i] == 0)
+      roots_.push_back(model.idx_vs[i]);
+    curved_ = curved_ || model.nvs[i] > 1;
+  }
+  for (auto * x : {&tau_, &a_, &a_middle_, &middle_v_, &along_})
+    x->setZero(model.nv);
+  middle_q_.setZero(model.nq);
+}
+
+bool Mover::run(
+  const MotionPlan & plan, VectorXd & q, VectorXd & v, const VectorXd & tau, const Samples & samples,
+  const std::atomic<bool> & stop)
+{
+  plan_ = plan, samples_ = samples, applied_ = tau;
+  if (!begin(q, v))
+    return false;
+  int row = 0;
+  double t = 0;
+  for (int k = 0; k < plan.steps; ++k)
+  {
+    if (stop || (k % plan.every == 0 && !sample(row++, t, q, v, false)))
+      return false;
+    if (turns_too_far(v) || !step(q, v) || turns_too_far(v))
+      return false;
+    known_ = false;
+    if (plan.correct_every && (k + 1) % plan.correct_every == 0 && !correct(q, v))
+      return false;
+    t = (k + 1) * plan.dt;
+  }
+  return sample(row, t, q, v, true) && v.cwiseAbs().maxCoeff() < plan.lost;
+}
+
+/// Gets everything ready at a first state; false where it does not satisfy the constraints clearly.
+bool Mover::begin(VectorXd & q, VectorXd & v)
+{
+  const Passive & passive = scene_.passive;
+  const bool semi = plan_.integrator == Integrator::semi_implicit;
+  const double ahead = semi ? plan_.dt : plan_.dt / 2;
+  inertia_ = ahead * passive.d;
+  VectorXd stiffness = VectorXd::Zero(passive.d.size());
+  for (Eigen::Index s = 0; s < passive.k.size(); ++s)
+    stiffness[passive.at_v[s]] += passive.k[s];
+  inertia_ += ahead * ahead * stiffness;
+  heavy_ = scene_.model.armature + inertia_;
+  const bool anything = passive.d.any() || passive.k.any();
+  first_ = semi && anything ? Inertia::heavy : Inertia::plain;
+  drag_ = semi && anything ? plan_.dt : 0.0;
+  known_ = begun_ = false;
+  a_middle_.setZero();
+  anchor(q);
+  pinocchio::forwardKinematics(scene_.model, data_, q, v, a_middle_);
+  rows_.evaluate(scene_, data_, q, v, a_middle_);
+  const auto largest = [](const VectorXd & x) { return x.size() ? x.cwiseAbs().maxCoeff() : 0.0; };
+  return std::max(largest(rows_.c), largest(rows_.velocity)) < plan_.closed;
+}
+
+/// Gives contacts without an anchor the place where they are at q.
+void Mover::anchor(const VectorXd & q)
+{
+  if (scene_.unanchored.empty())
+    return;
+  pinocchio::forwardKinematics(scene_.model, data_, q);
+  for (int i : scene_.unanchored)
+  {
+    Constraint & c = scene_.constraints[i];
+    c.placement2 = data_.oMi[c.joint1] * c.placement1;
+    c.anchored = true;
+    scene_.plain_specs[i].anchored = true;
+    solver_.constraints[i].joint2_placement = c.placement2;
+    solver_.constraints[i].m_baumgarte_parameters.Kp = scene_.kp;
+  }
+}
+
+/// The torques applied with those of springs and damping: -(d + drag k) v - k (q - rest).
+void Mover::torque(const VectorXd & q, const VectorXd & v, double drag)
+{
+  const Passive & passive = scene_.passive;
+  VectorXd & pull = along_;
+  pull = passive.d;
+  if (drag != 0)
+  {
+    VectorXd & stiffness = tau_;
+    stiffness.setZero();
+    for (Eigen::Index s = 0; s < passive.k.size(); ++s)
+      stiffness[passive.at_v[s]] += passive.k[s];
+    pull += drag * stiffness;
+  }
+  pull = pull.cwiseProduct(v).eval();
+  for (Eigen::Index s = 0; s < passive.k.size(); ++s)
+    pull[passive.at_v[s]] += passive.k[s] * (q[passive.at_q[s]] - passive.rest[s]);
+  tau_ = applied_ - pull;
+}
+
+bool Mover::solve(const VectorXd & q, const VectorXd & v, VectorXd & a, Inertia inertia)
+{
+  solver_.model.armature = inertia == Inertia::heavy ? heavy_ : scene_.model.armature;
+  a = solver_.acceleration(q, v, tau_);
+  for (int i : roots_) // what is not finite anywhere is not finite there
+    if (!(std::abs(a[i]) < plan_.largest))
+      return false;
+  return true;
+}
+
+bool Mover::acceleration(const VectorXd & q, const VectorXd & v, VectorXd & a, double drag, Inertia inertia)
+{
+  torque(q, v, drag);
+  return solve(q, v, a, inertia);
+}
+
+void Mover::move(VectorXd & q, const VectorXd & along)
+{
+  pinocchio::integrate(scene_.model, q, along, q1_);
+  q.swap(q1_);
+}
+
+bool Mover::step(VectorXd & q, VectorXd & v)
+{
+  const double h = plan_.dt;
+  switch (plan_.integrator)
+  {
+  case Integrator::semi_implicit:
+  case Integrator::explicit_forces:
+    if (!known_ && !acceleration(q, v, a_, drag_, first_))
+      return false;
+    v += h * a_;
+    along_ = h * v;
+    move(q, along_);
+    return true;
+  case Integrator::linear_midpoint:
+    if (!begun_)
+    {
+      begun_ = true;
+      if (!improve(q, v))
+        return false;
+    }
+    if (!improve(q, v))
+      return false;
+    break;
+  case Integrator::implicit_midpoint:
+    if ((!known_ && !acceleration(q, v, a_, 0.0, Inertia::plain)) || !iterate(q, v))
+      return false;
+    break;
+  case Integrator::runge_kutta_4: return runge_kutta(q, v);
+  }
+  along_ = h * (v + h / 2 * a_middle_);
+  move(q, along_);
+  v += h * a_middle_;
+  return true;
+}
+
+/// One iteration for the acceleration in the middle of the step.
+bool Mover::improve(const VectorXd & q, const VectorXd & v)
+{
+  const double half = plan_.dt / 2;
+  middle_v_ = v + half * a_middle_;
+  along_ = half * middle_v_;
+  pinocchio::integrate(scene_.model, q, along_, middle_q_);
+  torque(middle_q_, middle_v_, 0.0);
+  tau_ += inertia_.cwiseProduct(a_middle_);
+  return solve(middle_q_, middle_v_, a_middle_, Inertia::heavy);
+}
+
+/// Iterates until what is left no longer halves in two iterations, as `fixed_point_iteration` does.
+bool Mover::iterate(const VectorXd & q, const VectorXd & v)
+{
+  const double size = std::max({1.0, plan_.reach, q.cwiseAbs().maxCoeff()});
+  const double small = 1e-11 * size, rounding = 1e-15 * size, h = plan_.dt;
+  double two_before = INFINITY, before = INFINITY;
+  a_middle_ = a_;
+  for (int count = 0; count < 60; ++count)
+  {
+    const VectorXd last = a_middle_;
+    if (!improve(q, v))
+      return false;
+    const double left = h * h * (a_middle_ - last).cwiseAbs().maxCoeff();
+    if (left <= rounding || (before < small && !(left < two_before / 2)))
+      return true;
+    two_before = before, before = left;
+    if (!std::isfinite(left))
+      return false;
+  }
+  return before < small;
+}
+
+bool Mover::runge_kutta(VectorXd & q, VectorXd & v)
+{
+  const double h = plan_.dt, half = h / 2, sixth = h / 6;
+  VectorXd a2, a3, a4, r2(v.size()), r3(v.size()), r4(v.size()), theta, stage;
+  if (!known_ && !acceleration(q, v, a_, 0.0, Inertia::plain))
+    return false;
+  const auto slope = [&](VectorXd & r, VectorXd & a) {
+    rate(theta, stage, r);
+    pinocchio::integrate(scene_.model, q, theta, middle_q_);
+    return acceleration(middle_q_, stage, a, 0.0, Inertia::plain);
+  };
+  theta = half * v, stage = v + half * a_;
+  if (!slope(r2, a2))
+    return false;
+  theta = half * r2, stage = v + half * a2;
+  if (!slope(r3, a3))
+    return false;
+  theta = h * r3, stage = v + h * a3;
+  if (!slope(r4, a4))
+    return false;
+  theta = sixth * (v + 2.0 * (r2 + r3) + r4);
+  move(q, theta);
+  v += sixth * (a_ + 2.0 * (a2 + a3) + a4);
+  return true;
+}
+
+/// theta' = Jr(theta)^-1 v of q (+) theta: only joints that turn about more than one axis.
+void Mover::rate(const VectorXd & theta, const VectorXd & v, VectorXd & out) const
+{
+  const Model & model = scene_.model;
+  out = v;
+  for (int j = 1; curved_ && j < model.njoints; ++j)
+  {
+    const int i = model.idx_vs[j];
+    if (model.nvs[j] == 6)
+    {
+      SE3::Matrix6 J;
+      pinocchio::Jlog6(pinocchio::exp6(Motion(theta.segment<6>(i))), J);
+      out.segment<6>(i).noalias() = J * v.segment<6>(i);
+    }
+    else if (model.nvs[j] == 3)
+    {
+      Matrix3d J;
+      pinocchio::Jlog3(pinocchio::exp3(theta.segment<3>(i)), J);
+      out.segment<3>(i).noalias() = J * v.segment<3>(i);
+    }
+  }
+}
+
+/// Whether a body turns further in a step than one chart goes.
+bool Mover::turns_too_far(const VectorXd & v) const
+{
+  const Model & model = scene_.model;
+  if (!curved_ || !(v.squaredNorm() > M_PI * M_PI / (plan_.dt * plan_.dt)))
+    return false;
+  for (int j = 1; j < model.njoints; ++j)
+    if (model.nvs[j] > 1 && !(v.segment<3>(model.idx_vs[j] + model.nvs[j] - 3).norm() * plan_.dt <= M_PI))
+      return true;
+  return false;
+}
+
+/// One Newton step back to the constraints; the acceleration of the look counts for what it leads to.
+bool Mover::correct(VectorXd & q, VectorXd & v)
+{
+  if (!acceleration(q, v, a_, drag_, first_))
+    return false;
+  gaps_.setZero(scene_.plain_rows + scene_.model.nv, 2);
+  int row = 0;
+  for (std::size_t k = 0; k < solver_.constraints.size(); ++k)
+  {
+    const auto & spec = scene_.plain_specs[k];
+    if (spec.anchored)
+      gaps_.col(0).segment(row, spec.rows) = solver_.datas[k].contact_placement_error.toVector().head(spec.rows);
+    gaps_.col(1).segment(row, spec.rows) = solver_.datas[k].contact_velocity_error.toVector().head(spec.rows);
+    row += spec.rows;
+  }
+  solver_.solve_in_place(gaps_);
+  along_ = -gaps_.col(0).tail(scene_.model.nv);
+  move(q, along_);
+  v -= gaps_.col(1).tail(scene_.model.nv);
+  known_ = true;
+  return true;
+}
+
+/// Keeps a state; the last one has the answer without what acts ahead.
+bool Mover::sample(int row, double t, const VectorXd & q, const VectorXd & v, bool last)
+{
+  const Model & model = scene_.model;
+  const bool known = known_ && !(last && first_ == Inertia::heavy);
+  if (!known && (plan_.with_answers || last))
+  {
+    if (!acceleration(q, v, a_, last ? 0.0 : drag_, last ? Inertia::plain : first_))
+      return false;
+    known_ = !last;
+  }
+  samples_.t[row] = t;
+  Out(samples_.q + std::size_t(row) * model.nq, model.nq) = q;
+  Out(samples_.v + std::size_t(row) * model.nv, model.nv) = v;
+  if (plan_.with_answers)
+  {
+    Out(samples_.a + std::size_t(row) * model.nv, model.nv) = a_;
+    Out(samples_.lam + std::size_t(row) * scene_.rows, scene_.rows) = solver_.scene_forces();
+  }
+  measure(row, q, v);
+  return true;
+}
+
+/// Writes violation, slip, kinetic and potential energy.
+void Mover::measure(int row, const VectorXd & q, const VectorXd & v)
+{
+  const Model & model = scene_.model;
+  pinocchio::forwardKinematics(model, data_, q, v);
+  rows_.evaluate(scene_, data_, q, v, v);
+  double kinetic = v.cwiseAbs2().dot(model.armature) / 2, potential = 0;
+  for (int i = 1; i < model.njoints; ++i)
+  {
+    const auto & Y = model.inertias[i];
+    kinetic += Y.vtiv(data_.v[i]) / 2;
+    potential -= Y.mass() * (data_.oMi[i].act(Y.lever())).dot(model.gravity.linear());
+  }
+  double * out = samples_.measures + 4 * std::size_t(row);
+  out[0] = rows_.c.size() ? rows_.c.cwiseAbs().maxCoeff() : 0.0;
+  out[1] = rows_.velocity.size() ? rows_.velocity.cwiseAbs().maxCoeff() : 0.0;
+  out[2] = kinetic, out[3] = potential;
+}
+} // namespace condyn

@@ -1,0 +1,93 @@
+// Motions: steps of an integrator, the correction of a drift scheme behind each, and samples.
+//
+//   semi-implicit Euler    v1 = v + h a(q, v),    q1 = q (+) h v1
+//   midpoint               a_m at (q (+) h/2 v_m, v_m), v_m = v + h/2 a_m;    v1 = v + h a_m
+//     linearly implicit      one iteration that begins with the a_m of the step before
+//     implicit               iterations to the last digit
+//   Runge-Kutta 4          in the coordinates theta of a step, q (+) theta, theta' = Jr(theta)^-1 v
+//
+// Springs and damping at the end of a step are inertia, h D + h^2 K (`condyn_pin/simulation/implicit.py`).
+// One Newton step back to the constraints, with the factor that a solve leaves behind:
+//
+//   [ -mu 1  J ] [ . ]     [ c  J v ]
+//   [  J^T   M ] [ d ] = - [ 0   0  ],    q (+) d_1,    v + d_2
+//
+// A motion that cannot go on is given up: Python makes it again, and says why.
+#pragma once
+#include "proximal.hpp"
+#include "rows.hpp"
+#include <atomic>
+
+namespace condyn
+{
+enum class Integrator { semi_implicit, explicit_forces, linear_midpoint, implicit_midpoint, runge_kutta_4 };
+
+struct MotionPlan
+{
+  Integrator integrator;
+  double dt; // [s]
+  int steps, every; // which sample is kept
+  int correct_every; // 0: never
+  bool with_answers; // whether a and lam of samples are asked for
+  double closed; // gap [m, rad] and slip at the start that are closed without a doubt
+  double largest; // acceleration, and
+  double lost; // velocity of no machine [rad/s, m/s]
+  double reach; // how far joints may be from the world's origin, all shifts at zero [m]
+};
+
+/// Where a motion writes its samples, a row each.
+struct Samples
+{
+  double *t, *q, *v, *a, *lam; // a and lam may be null
+  double * measures; // violation, slip, kinetic and potential energy of each
+};
+
+/// One thread's memory for motions of a scene.
+class Mover
+{
+public:
+  explicit Mover(const Scene & scene);
+  Mover(const Mover &) = delete; // its solver refers to its scene
+
+  /// Moves q and v to their end; false where Python has to say why that cannot be.
+  bool run(
+    const MotionPlan & plan, VectorXd & q, VectorXd & v, const VectorXd & tau, const Samples & samples,
+    const std::atomic<bool> & stop);
+
+private:
+  enum class Inertia { plain, heavy };
+
+  bool begin(VectorXd & q, VectorXd & v);
+  void anchor(const VectorXd & q);
+  bool step(VectorXd & q, VectorXd & v);
+  bool improve(const VectorXd & q, const VectorXd & v);
+  bool iterate(const VectorXd & q, const VectorXd & v);
+  bool runge_kutta(VectorXd & q, VectorXd & v);
+  bool correct(VectorXd & q, VectorXd & v);
+  bool sample(int row, double t, const VectorXd & q, const VectorXd & v, bool last);
+  void measure(int row, const VectorXd & q, const VectorXd & v);
+
+  bool acceleration(const VectorXd & q, const VectorXd & v, VectorXd & a, double drag, Inertia inertia);
+  bool solve(const VectorXd & q, const VectorXd & v, VectorXd & a, Inertia inertia);
+  void torque(const VectorXd & q, const VectorXd & v, double drag);
+  bool turns_too_far(const VectorXd & v) const;
+  void rate(const VectorXd & theta, const VectorXd & v, VectorXd & out) const;
+  void move(VectorXd & q, const VectorXd & along);
+
+  Scene scene_; // its own: contacts are anchored where each motion begins
+  Proximal solver_;
+  Data data_;
+  Rows rows_;
+  std::vector<int> roots_; // where v begins for each joint on the world
+  bool curved_ = false; // whether a joint turns about more than one axis
+
+  MotionPlan plan_;
+  Samples samples_;
+  VectorXd applied_, tau_, heavy_, inertia_, a_, a_middle_, middle_q_, middle_v_, along_, q1_;
+  double drag_ = 0; // what springs ahead add to the damping [s]
+  Inertia first_ = Inertia::plain; // of the solve that a step begins with
+  bool known_ = false; // whether a_ is that of the state already
+  bool begun_ = false; // whether a_middle_ is that of a step
+  MatrixXd gaps_;
+};
+} // namespace condyn
