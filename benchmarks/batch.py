@@ -21,6 +21,7 @@ import os
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
+import importlib.util
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -115,6 +116,11 @@ def answers(
     )  # fmt: skip
 
 
+def compiled(call: Callable[..., Any], *given: Any, executor: Any) -> Any:
+    """Call a verb with the compiled core: one thread for this process, two for two others."""
+    return call(*given, executor=cp.Native(threads=1 if executor is None else WORKERS))
+
+
 def measure(count: int, rounds: int) -> tuple[list[Answers], tuple[list[Motions], float]]:
     """Return all rows, and the error of what motions are judged by [m, rad]."""
     talos, cassie = cp.load_robot("talos"), cp.load_robot("cassie")
@@ -126,7 +132,14 @@ def measure(count: int, rounds: int) -> tuple[list[Answers], tuple[list[Motions]
             found.append(answers(f"talos, two feet, {name}", solve, stance, count, pool, rounds))
         found.append(answers("cassie, loops", cp.solve_batch, loops, count, pool, rounds))
         name, few = "talos, two feet, derivatives", count // 20
-        found.append(answers(name, cp.simulation.derivatives_batch, stance, few, pool, rounds))
+        slopes = cp.simulation.derivatives_batch
+        found.append(answers(name, slopes, stance, few, pool, rounds))
+        if importlib.util.find_spec("condyn_pin_native"):
+            solve = partial(compiled, cp.solve_batch)
+            found.append(answers("talos, two feet, compiled", solve, stance, count, pool, rounds))
+            found.append(answers("cassie, loops, compiled", solve, loops, count, pool, rounds))
+            name, slopes = f"{name}, compiled", partial(compiled, slopes)
+            found.append(answers(name, slopes, stance, few, pool, rounds))
         return found, motions(loops, pool, min(rounds, 3))  # each takes a minute
 
 
@@ -138,10 +151,11 @@ def pairs(saved: dict[str, Any]) -> list[tuple[Motions, Motions | None]]:
 
 def essence(saved: dict[str, Any]) -> str:
     """Return in two sentences what the tables say."""
-    rows = [Answers(**row) for row in saved["answers"] if "derivatives" not in row["name"]]
+    of_python = [row for row in saved["answers"] if "compiled" not in row["name"]]
+    rows = [Answers(**row) for row in of_python if "derivatives" not in row["name"]]
     ratios, states = [row.ratio for row in rows], rows[0].states
     times = [mine.simulated / row.simulated if mine else 0.0 for row, mine in pairs(saved)]
-    slopes = next(row["ratio"] for row in saved["answers"] if "derivatives" in row["name"])
+    slopes = next(row["ratio"] for row in of_python if "derivatives" in row["name"])
     return (
         f"Two processes on two cores solve {states} states {min(ratios):.2f} to {max(ratios):.2f} "
         f"times as fast as one (derivatives: {slopes:.2f}).\n"

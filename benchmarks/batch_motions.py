@@ -93,7 +93,7 @@ def moving(scene: cp.Scene) -> tuple[np.ndarray, np.ndarray]:
     return np.tile(q, (MOTIONS, 1)), np.array(some)
 
 
-def ours(scene: cp.Scene, integrator: Any, drift: Any, dt: float, pool: Executor | None) -> float:
+def ours(scene: cp.Scene, integrator: Any, drift: Any, dt: float, pool: Any) -> float:
     """Return steps a second of `simulate_batch`."""
     found = cp.simulate_batch(
         scene, *moving(scene), duration=DURATION, dt=dt, integrator=integrator, drift=drift,
@@ -157,6 +157,14 @@ def judge_theirs(
     return gap, np.array(ends)
 
 
+def workers(pool: Executor) -> list[tuple[str, Any, Any]]:
+    """Return who does the work on one core and on two: Python, and the compiled core if built."""
+    found: list[tuple[str, Any, Any]] = [("", None, pool)]
+    if importlib.util.find_spec("condyn_pin_native"):
+        found.append((", compiled", cp.Native(threads=1), cp.Native(threads=WORKERS)))
+    return found
+
+
 def ways(scene: cp.Scene, pool: Executor) -> list[Way]:
     """Return the ways to simulate: ours, and those of MuJoCo where it is installed."""
     found = []
@@ -171,11 +179,12 @@ def ways(scene: cp.Scene, pool: Executor) -> list[Way]:
                 cp.simulation.PostStabilization() if closed else cp.Baumgarte.critical(gain / dt)
             )
             run = partial(ours, scene, integrator, drift, dt)
-            found.append(Way(
-                "condyn_pin", f"{integrator.title}, {drift.title}", dt,
-                partial(run, None), partial(run, pool),
-                partial(judge_ours, scene, integrator, drift, dt),
-            ))  # fmt: skip
+            judge = partial(judge_ours, scene, integrator, drift, dt)
+            for by, one, two in workers(pool):
+                name = f"{integrator.title}, {drift.title}{by}"
+                found.append(
+                    Way("condyn_pin", name, dt, partial(run, one), partial(run, two), judge)
+                )
     if not importlib.util.find_spec("mujoco"):
         return found
     for integrator, setting, dt in (

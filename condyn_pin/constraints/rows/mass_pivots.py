@@ -27,16 +27,19 @@ _SHARE: Final = 1e-2
 
 
 class MassPivots:
-    """The pivots of a robot that may fall, to `least` at any q, from the `nominal` ones."""
+    """The pivots of a robot that may fall, to `least` at any q, from the `nominal` ones.
+
+    `watched` are their numbers, and `nominal` those of them alone.
+    """
 
     def __init__(self, least: Array, nominal: Array) -> None:
-        self._watched = np.flatnonzero(~(least > _SHARE * nominal))
-        self._nominal = nominal[self._watched]
+        self.watched = np.flatnonzero(~(least > _SHARE * nominal))
+        self.nominal = nominal[self.watched]
 
     @property
     def may_fall(self) -> bool:
         """Whether there is any such pivot."""
-        return bool(self._watched.size)
+        return bool(self.watched.size)
 
     def holds(self, bound: float, M: Array) -> bool:
         """Whether a bound from the nominal state is not worth another look in M (nv, nv)."""
@@ -47,7 +50,7 @@ class MassPivots:
 
         Accelerations are off by 1 over it times what an estimate at the nominal state says.
         """
-        least = float((pivots(M)[self._watched] / self._nominal).min(initial=1.0))
+        least = float((pivots(M)[self.watched] / self.nominal).min(initial=1.0))
         return 0.0 if isnan(least) else least
 
 

@@ -18,7 +18,6 @@ from condyn_pin._core.joints import axes, indices
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
 from condyn_pin.constraints.rows.couplings import Coupled
-from condyn_pin.dynamics.derivatives.kkt import is_ill
 from condyn_pin.dynamics.solvers.proximal import Proximal
 
 if TYPE_CHECKING:
@@ -114,7 +113,9 @@ def of_solver(workspace: Workspace) -> dict[str, Any]:
     return {
         "weights": np.ascontiguousarray(nominal.estimator.weights),
         "open_squared": (0.1 * tolerances.CLOSED) ** 2,
-        "rank": np.array([nominal.dependent, workspace.equations.least, is_ill(nominal)], float),
+        "watched": nominal.pivots.watched.astype(np.int32),
+        "nominal_pivots": np.ascontiguousarray(nominal.pivots.nominal),
+        "rank": np.array([nominal.dependent, workspace.equations.least], float),
         "proximal": np.array([solver.absolute_accuracy, accuracy, mu, limit, patient, *better]),
     }
 

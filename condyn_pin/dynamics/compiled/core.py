@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
@@ -32,7 +33,7 @@ State = tuple[Array, Array, Array]
 Outputs = dict[str, NDArray[Any]]
 
 # Columns of the sizes of an answer, as the core has them.
-_DYNAMICS, _A, _VIOLATION, _VELOCITY, _CONSTRAINT, _LAM, _WEIGHTED, _EXACT = range(8)
+_DYNAMICS, _A, _VIOLATION, _VELOCITY, _CONSTRAINT, _LAM, _WEIGHTED, _EXACT, _PIVOTS = range(9)
 
 # No acceleration of a machine, as in `Workspace`.
 _LARGEST = 1e100
@@ -93,8 +94,10 @@ class CompiledCore:
         """Return the solution of one state; None where it is left to Python."""
         workspace, nominal = self._workspace, self._workspace.scene.nominal
         a, lam = np.empty(workspace.model.nv), np.empty(workspace.scene.rows)
-        *largest, weighted, exact, iterations, seconds = self.core.solve_one(q, v, tau, a, lam)
-        estimator, pivots = nominal.estimator, nominal.pivots
+        *largest, weighted, exact, left, iterations, seconds = self.core.solve_one(
+            q, v, tau, a, lam
+        )
+        estimator = nominal.estimator
         residuals, doubtful = estimator.judge(weighted, largest, tau)
         size = max(largest[_A], estimator.gravity)
         clear = (
@@ -104,7 +107,7 @@ class CompiledCore:
             and residuals.bound <= accuracy
             and residuals.dynamics <= estimator.unheard * size
             and pin.isNormalized(workspace.model, q, LOOSE)
-            and not (pivots.may_fall and not pivots.holds(residuals.bound, self._mass(q)))
+            and residuals.bound <= tolerances.SOLVED * left
         )
         if not clear:
             return None
@@ -136,16 +139,13 @@ class CompiledCore:
         )  # fmt: skip
         return CompiledDerivatives(workspace, solution, v, (by_q, by_v, by_tau))
 
-    def _mass(self, q: Array) -> Array:
-        return self._workspace.equations.mass(q)
-
     def _answer(
         self, work: Callable[..., None], state: State, outputs: Outputs, accuracy: float | None,
         **more: Any,
     ) -> NDArray[np.intp]:  # fmt: skip
         accuracy = self._workspace.solver.accuracy if accuracy is None else accuracy
         q, v, tau = state
-        tau, sizes = arrays.contiguous(tau, len(q)), np.zeros((len(q), 8))
+        tau, sizes = arrays.contiguous(tau, len(q)), np.zeros((len(q), 9))
         work(
             q, v, tau, a=outputs["a"], lam=outputs["lam"], sizes=sizes,
             iterations=outputs["iterations"], times=outputs["solve_times"], **more,
@@ -159,16 +159,14 @@ class CompiledCore:
     ) -> tuple[Array, NDArray[np.bool_]]:
         """Return the residuals (k, 5), and whether each answer is ok without a doubt (k,)."""
         nominal = self._workspace.scene.nominal
-        estimator, pivots = nominal.estimator, nominal.pivots
+        estimator = nominal.estimator
         largest, slip, forces = (sizes[:, i] for i in (_A, _CONSTRAINT, _LAM))
         bound, doubtful = estimator.prove_many(largest, slip, forces, sizes[:, _WEIGHTED], tau)
         clear = (sizes[:, _EXACT] == 1.0) & (sizes[:, _A] < _LARGEST) & ~doubtful
         clear &= (bound <= accuracy) & self._normalised(q)
         size = np.maximum(sizes[:, _A], estimator.gravity)
         clear &= sizes[:, _DYNAMICS] <= estimator.unheard * size
-        if pivots.may_fall:
-            for i in np.flatnonzero(clear & (bound > 0.0)):
-                clear[i] = pivots.holds(bound[i], self._mass(q[i]))
+        clear &= bound <= tolerances.SOLVED * sizes[:, _PIVOTS]
         columns = [_DYNAMICS, _CONSTRAINT, _VIOLATION, _VELOCITY]
         return np.column_stack([sizes[:, columns], bound]), clear
 

@@ -71,7 +71,8 @@ Core::Core(
   const List & armature, const IntegerTable & constraints, const Table & of_constraints,
   const IntegerTable & plain, const Table & of_plain, const Table & to_scene, const List & drift,
   const List & weights, double open_squared, const List & proximal, const List & rank,
-  const List & damping, const Table & springs, const IntegerTable & of_springs)
+  const List & damping, const Table & springs, const IntegerTable & of_springs, const Integers & watched,
+  const List & nominal_pivots)
 {
   want(gravity.size() == 3 && drift.size() == 2, "gravity, drift");
   scene_.model = make_model(joint_specs(kinds, parents, joints), vector(gravity), vector(armature));
@@ -81,11 +82,16 @@ Core::Core(
   want(scene_.weights.size() == scene_.model.nv, "weights");
   scene_.open_squared = open_squared;
   scene_.proximal = proximal_plan(proximal);
-  want(rank.size() == 3, "rank");
-  rank_ = {bool(rank.data()[0]), rank.data()[1], bool(rank.data()[2])};
+  want(rank.size() == 2, "rank");
+  rank_ = {bool(rank.data()[0]), rank.data()[1]};
   const int nq = scene_.model.nq, nv = scene_.model.nv;
   want(int(damping.size()) == nv && springs.shape(0) == of_springs.shape(0), "damping, springs");
   want(springs.shape(1) == 2 && of_springs.shape(1) == 2, "springs");
+  want(watched.size() == nominal_pivots.size(), "pivots");
+  scene_.watched.assign(watched.data(), watched.data() + watched.size());
+  scene_.nominal_pivots = vector(nominal_pivots);
+  for (int i : scene_.watched)
+    want(0 <= i && i < nv, "pivots");
   scene_.passive.d = vector(damping);
   scene_.passive.k.resize(springs.shape(0)), scene_.passive.rest.resize(springs.shape(0));
   for (std::size_t s = 0; s < springs.shape(0); ++s)
@@ -106,7 +112,7 @@ void Core::check(const States & states, const Answers & answers) const
   want(states.v.shape(0) == n && states.tau.shape(0) == n, "number of v or tau");
   want(answers.a.shape(0) == n && answers.a.shape(1) == nv, "a");
   want(answers.lam.shape(0) == n && answers.lam.shape(1) == std::size_t(scene_.rows), "lam");
-  want(answers.sizes.shape(0) == n && answers.sizes.shape(1) == 8, "sizes");
+  want(answers.sizes.shape(0) == n && answers.sizes.shape(1) == 9, "sizes");
   want(answers.iterations.size() == n && answers.times.size() == n, "iterations or times");
 }
 
@@ -130,7 +136,7 @@ const VectorXd & Core::answer(Worker & own, std::size_t i, const States & states
   row(answers.lam, i) = lam;
   answers.iterations.data()[i] = own.solver.iterations;
   row(answers.sizes, i) << s.dynamics, s.a, s.violation, s.velocity, s.constraint, s.lam, s.weighted,
-    own.solver.is_exact() ? 1.0 : 0.0;
+    own.solver.is_exact() ? 1.0 : 0.0, own.solver.pivots_left();
   return a;
 }
 
@@ -161,7 +167,7 @@ void Core::solve(const States & states, const Answers & answers, int threads)
   });
 }
 
-Eigen::Matrix<double, 10, 1> Core::solve_one(
+Eigen::Matrix<double, 11, 1> Core::solve_one(
   const List & q, const List & v, const List & tau, const Array<double, 1> & a, const Array<double, 1> & lam)
 {
   const std::size_t nv = scene_.model.nv;
@@ -177,9 +183,9 @@ Eigen::Matrix<double, 10, 1> Core::solve_one(
   const Sizes s = own.proof(own.q, own.v, own.tau, found, forces);
   Out(a.data(), nv) = found;
   Out(lam.data(), scene_.rows) = forces;
-  Eigen::Matrix<double, 10, 1> sizes;
+  Eigen::Matrix<double, 11, 1> sizes;
   sizes << s.dynamics, s.a, s.violation, s.velocity, s.constraint, s.lam, s.weighted,
-    own.solver.is_exact() ? 1.0 : 0.0, double(own.solver.iterations), seconds;
+    own.solver.is_exact() ? 1.0 : 0.0, own.solver.pivots_left(), double(own.solver.iterations), seconds;
   return sizes;
 }
 

@@ -30,7 +30,7 @@ struct States
 /// Answers, a row a state.
 struct Answers
 {
-  Array<double, 2> a, lam, sizes; // sizes: those of `Sizes`, and whether the rows were exact
+  Array<double, 2> a, lam, sizes; // sizes: `Sizes`, whether the rows were exact, and what is left of pivots
   Array<int, 1> iterations;
   Array<double, 1> times; // [s]
 };
@@ -53,13 +53,14 @@ public:
     const List & armature, const IntegerTable & constraints, const Table & of_constraints,
     const IntegerTable & plain, const Table & of_plain, const Table & to_scene, const List & drift,
     const List & weights, double open_squared, const List & proximal,
-    const List & rank, const List & damping, const Table & springs, const IntegerTable & of_springs);
+    const List & rank, const List & damping, const Table & springs, const IntegerTable & of_springs, const Integers & watched,
+    const List & nominal_pivots);
   Core(const Core &) = delete; // its workers hold references to its scene
 
   void solve(const States & states, const Answers & answers, int threads);
 
   /// One state, in the calling thread: returns its sizes, with iterations and seconds behind them.
-  Eigen::Matrix<double, 10, 1> solve_one(
+  Eigen::Matrix<double, 11, 1> solve_one(
     const List & q, const List & v, const List & tau, const Array<double, 1> & a, const Array<double, 1> & lam);
 
   /// da/dq, da/dv, da/dtau, dlam/dq, dlam/dv, dlam/dtau as well, each with a matrix a state.

@@ -42,53 +42,32 @@ bool Derivatives::operator()(
 {
   const int n = scene_.model.nv, m = scene_.rows;
   linearise(q, v, a, lam);
-  M_ = data_.M.selfadjointView<Eigen::Upper>();
-  const Eigen::LLT<MatrixXd> llt(M_);
+  const Eigen::LLT<MatrixXd, Eigen::Upper> llt(data_.M);
   if (llt.info() != Eigen::Success || (m && !(J_.squaredNorm() > rank_.least)))
     return false;
   L_ = llt.matrixL();
-  MatrixXd L_inv = MatrixXd::Identity(n, n);
-  llt.matrixL().solveInPlace(L_inv);
-  M_inv_.setZero(n, n);
-  M_inv_.selfadjointView<Eigen::Lower>().rankUpdate(L_inv.transpose());
-  M_inv_.triangularView<Eigen::StrictlyUpper>() = M_inv_.transpose();
-  Y_.noalias() = M_inv_ * J_.transpose();
   null_.resize(0, 0);
   if (m && (rank_.dependent || !independent()) && !minimum_norm(q, lam))
     return false;
-  left_.resize(n + m, m ? K_.cols() : 0);
+  MatrixXd x = rhs_.topRows(n), z; // y, and then da
+  L_.triangularView<Eigen::Lower>().solveInPlace(x);
   if (m)
-    left_.topRows(n).noalias() = Y_ * K_, left_.bottomRows(m) = K_;
-  MatrixXd by_state = solve(rhs_), by_tau(n + m, n);
-  by_tau.noalias() = -left_ * left_.topRows(n).transpose();
-  by_tau.topRows(n) += M_inv_;
-  if (rank_.ill)
   {
-    const auto left_over = [&](const MatrixXd & x, MatrixXd answer) {
-      MatrixXd left = x;
-      left.topRows(n) -= M_ * answer.topRows(n) - J_.transpose() * answer.bottomRows(m);
-      left.bottomRows(m) -= J_ * answer.topRows(n);
-      return MatrixXd(answer + solve(left));
-    };
-    by_state = left_over(rhs_, by_state);
-    by_tau = left_over(MatrixXd::Identity(n + m, n), by_tau);
+    z.noalias() = -Q_.transpose() * x;
+    z.leftCols(2 * n).noalias() += B_inverse_ * rhs_.bottomLeftCorner(m, 2 * n);
+    x.noalias() += Q_ * z;
+    z = B_inverse_.transpose() * z; // dlam
   }
+  L_.triangularView<Eigen::Lower>().transpose().solveInPlace(x);
   if (null_.size())
-    by_state.bottomRows(m).leftCols(n) += null_;
-  const auto put = [&](int i, const auto & part) { Eigen::Map<RowMajor>(out[i], part.rows(), part.cols()) = part; };
-  put(0, by_state.topLeftCorner(n, n)), put(1, by_state.topRightCorner(n, n)), put(2, by_tau.topRows(n));
-  put(3, by_state.bottomLeftCorner(m, n)), put(4, by_state.bottomRightCorner(m, n)), put(5, by_tau.bottomRows(m));
-  return by_state.allFinite() && by_tau.allFinite();
-}
-
-MatrixXd Derivatives::solve(const MatrixXd & x) const
-{
-  const int n = scene_.model.nv, m = scene_.rows;
-  MatrixXd along = -left_.topRows(n).transpose() * x.topRows(n), answer(n + m, x.cols());
-  along.noalias() += left_.bottomRows(m).transpose() * x.bottomRows(m);
-  answer.noalias() = left_ * along;
-  answer.topRows(n).noalias() += M_inv_ * x.topRows(n);
-  return answer;
+    z.leftCols(n) += null_;
+  for (int k = 0; k < 3; ++k)
+  {
+    Eigen::Map<RowMajor>(out[k], n, n) = x.middleCols(k * n, n);
+    if (m)
+      Eigen::Map<RowMajor>(out[3 + k], m, n) = z.middleCols(k * n, n);
+  }
+  return x.allFinite() && z.allFinite();
 }
 
 void Derivatives::linearise(const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam)
@@ -100,8 +79,9 @@ void Derivatives::linearise(const VectorXd & q, const VectorXd & v, const Vector
   pinocchio::forwardKinematics(scene_.model, data_, q);
   add_wrenches(scene_, data_, lam, on_joint_, of_couplings);
   pinocchio::computeRNEADerivatives(scene_.model, data_, q, v, a, on_joint_);
-  rhs_.setZero(n + m, 2 * n), J_.setZero(m, n);
-  rhs_.topLeftCorner(n, n) = -data_.dtau_dq, rhs_.topRightCorner(n, n) = -data_.dtau_dv;
+  rhs_.setZero(n + m, 3 * n), J_.setZero(m, n);
+  rhs_.topLeftCorner(n, n) = -data_.dtau_dq, rhs_.block(0, n, n, n) = -data_.dtau_dv;
+  rhs_.topRightCorner(n, n).setIdentity();
   for (std::size_t i = 0; i < scene_.constraints.size(); ++i)
     write(i, lam);
 }
@@ -116,7 +96,7 @@ void Derivatives::write(std::size_t i, const VectorXd & lam)
   {
     J_(k.first, k.v_a) = 1.0, J_(k.first, k.v_b) = -k.length;
     rhs_.row(n + k.first).head(n) = -kp * J_.row(k.first);
-    rhs_.row(n + k.first).tail(n) = -kd * J_.row(k.first);
+    rhs_.row(n + k.first).segment(n, n) = -kd * J_.row(k.first);
     return;
   }
   const Linearised of(k, data_, k.sign * lam.segment(k.first, k.size));
@@ -149,29 +129,32 @@ void Derivatives::write(std::size_t i, const VectorXd & lam)
       rhs_(columns[b], columns[c]) += turned(b, c);
 }
 
-/// K = U^-1 of J M^-1 J^T = U^T U, unless a pivot is rounding.
+/// By L^-1 J^T = Q R, unless a pivot of R is rounding.
 bool Derivatives::independent()
 {
-  const MatrixXd G = J_ * Y_;
-  const Eigen::LLT<MatrixXd, Eigen::Upper> llt(G);
-  if (llt.info() != Eigen::Success)
+  const int n = int(L_.rows()), m = int(J_.rows());
+  if (m > n)
     return false;
-  const VectorXd pivots = llt.matrixLLT().diagonal();
-  const double rounding = eps * M_inv_.diagonal().maxCoeff() * J_.squaredNorm();
+  MatrixXd A = J_.transpose();
+  L_.triangularView<Eigen::Lower>().solveInPlace(A);
+  const Eigen::HouseholderQR<MatrixXd> qr(A);
+  const VectorXd pivots = qr.matrixQR().diagonal().cwiseAbs();
+  const double largest = scene_.weights.maxCoeff(); // squared, the largest of M^-1: what J M^-1 J^T is rounded by
+  const double rounding = eps * largest * largest * J_.squaredNorm();
   const double least = std::max(rank_tolerance * pivots.maxCoeff(), std::sqrt(noise * rounding));
   if (!(pivots.minCoeff() > least))
     return false;
-  K_.setIdentity(G.rows(), G.cols());
-  llt.matrixU().solveInPlace(K_);
+  Q_ = qr.householderQ() * MatrixXd::Identity(n, m);
+  B_inverse_ = qr.matrixQR().topRows(m).triangularView<Eigen::Upper>().transpose().solve(MatrixXd::Identity(m, m));
   return true;
 }
 
-/// K, and what keeps lam the smallest as the rows turn.
+/// With pivots on the columns, and what keeps lam the smallest as the rows turn.
 bool Derivatives::minimum_norm(const VectorXd & q, const VectorXd & lam)
 {
-  const int m = scene_.rows;
+  const int n = int(L_.rows()), m = scene_.rows;
   MatrixXd A = J_.transpose();
-  L_.triangularView<Eigen::Lower>().solveInPlace(A); // the transpose of J L^-T
+  L_.triangularView<Eigen::Lower>().solveInPlace(A);
   const Eigen::ColPivHouseholderQR<MatrixXd> qr(A);
   const VectorXd pivots = qr.matrixR().diagonal().cwiseAbs();
   int rank = 0;
@@ -180,17 +163,15 @@ bool Derivatives::minimum_norm(const VectorXd & q, const VectorXd & lam)
       ++rank;
     else if (!(pivot < nothing_below * pivots[0]))
       return false;
+  Q_ = qr.householderQ() * MatrixXd::Identity(n, rank);
   const MatrixXd R = qr.matrixR().topRows(rank).triangularView<Eigen::Upper>();
-  const MatrixXd B = qr.colsPermutation() * R.transpose();
-  const Eigen::HouseholderQR<MatrixXd> of_range(B);
-  const MatrixXd Q2 = of_range.householderQ() * MatrixXd::Identity(m, rank);
-  const MatrixXd R2 = of_range.matrixQR().topRows(rank).triangularView<Eigen::Upper>();
-  K_ = R2.triangularView<Eigen::Upper>().solve(Q2.transpose()).transpose(); // B (B^T B)^-1 = Q2 R2^-T
+  const MatrixXd B = qr.colsPermutation() * R.transpose(); // of full column rank: Q2 R2
+  const Eigen::HouseholderQR<MatrixXd> of_rows(B);
+  const MatrixXd Q2 = of_rows.householderQ() * MatrixXd::Identity(m, rank);
+  B_inverse_ = of_rows.matrixQR().topRows(rank).triangularView<Eigen::Upper>().solve(MatrixXd(Q2.transpose()));
   // lam = J w, with the smallest w: J = B W^T
-  const MatrixXd Q1 = qr.householderQ() * MatrixXd::Identity(A.rows(), rank);
-  const MatrixXd W = L_.triangularView<Eigen::Lower>() * Q1;
-  const VectorXd along = R2.triangularView<Eigen::Upper>().solve(VectorXd(Q2.transpose() * lam));
-  const VectorXd w = W * (W.transpose() * W).llt().solve(along);
+  const MatrixXd W = L_.triangularView<Eigen::Lower>() * Q_;
+  const VectorXd w = W * (W.transpose() * W).llt().solve(B_inverse_ * lam);
   const MatrixXd turned = turning(q, w);
   null_ = turned - Q2 * (Q2.transpose() * turned);
   return true;

@@ -1,13 +1,13 @@
-// Derivatives of an answer by the implicit function theorem, as `KktDerivatives` in Python:
+// Derivatives of an answer by the implicit function theorem, in the metric of M as `MinimumNorm` in Python:
 //
-//   M da - J^T dlam = dtau - r_q dq - r_v dv,        J da = -s_q dq - s_v dv
+//   M da - J^T dlam = r,    J da = s,    r = dtau - r_q dq - r_v dv,    s = -s_q dq - s_v dv
 //
-//   [ M  -J^T ]^-1   [ M^-1  0 ]   [ Y K ]
-//   [ J    0  ]    = [  0    0 ] + [  K  ] [ -(Y K)^T  K^T ],    Y = M^-1 J^T,    K K^T = (J Y)^+
+//   M = L L^T,    J L^-T = B Q^T,    y = L^-1 r,    z = B^+ s - Q^T y
+//   L^T da = y + Q z,    dlam = B^+T z
 //
-// Where rows are independent K is U^-1 of J Y = U^T U. Where they are not, with pivots on the columns
-// of J L^-T = B Q^T of full rank, K = B (B^T B)^-1; and dlam is that of the smallest lam: with N the
-// left null space of J and lam = J w, N^T dlam = N^T (dJ w).
+// with Q of orthonormal columns and B of full rank: R^T of L^-1 J^T = Q R where rows are independent, and
+// with pivots on the columns where they are not. There dlam is that of the smallest lam: with N the left
+// null space of J and lam = J w, N^T dlam = N^T (dJ w).
 #pragma once
 #include "partials.hpp"
 
@@ -18,7 +18,6 @@ struct Rank
 {
   bool dependent; // whether there are redundant rows
   double least; // |J|^2 of a J that is more than rounding
-  bool ill; // whether M is so badly conditioned that each product is corrected
 };
 
 class Derivatives
@@ -36,8 +35,6 @@ private:
   bool independent();
   bool minimum_norm(const VectorXd & q, const VectorXd & lam);
   MatrixXd turning(const VectorXd & q, const VectorXd & w);
-  /// The inverse times x, with the products of `rhs` apart.
-  MatrixXd solve(const MatrixXd & x) const;
 
   const Scene & scene_;
   const Rank rank_;
@@ -45,6 +42,8 @@ private:
   Forces on_joint_;
   std::vector<std::vector<int>> columns_; // of each constraint: the coordinates that move a side of it
   std::vector<std::vector<char>> moves1_, moves2_; // and which
-  MatrixXd rhs_, J_, M_, M_inv_, L_, Y_, K_, left_, null_;
+  MatrixXd rhs_, J_; // r above s, by q, v and tau
+  MatrixXd L_, Q_, null_;
+  MatrixXd B_inverse_; // B^+ (rank, m)
 };
 } // namespace condyn

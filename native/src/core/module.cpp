@@ -16,10 +16,10 @@ NB_MODULE(_core, m)
     .def(nb::init<const std::vector<std::string> &, const Integers &, const Table &, const List &, const List &,
                   const IntegerTable &, const Table &, const IntegerTable &, const Table &, const Table &,
                   const List &, const List &, double, const List &, const List &, const List &, const Table &,
-                  const IntegerTable &>(),
+                  const IntegerTable &, const Integers &, const List &>(),
          nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,
          "of_constraints"_a, "plain"_a, "of_plain"_a, "to_scene"_a, "drift"_a, "weights"_a, "open_squared"_a,
-         "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a)
+         "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a, "watched"_a, "nominal_pivots"_a)
     .def(
       "solve",
       [](Core & core, const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a,
@@ -33,7 +33,7 @@ NB_MODULE(_core, m)
       [](Core & core, const List & q, const List & v, const List & tau, const Array<double, 1> & a,
          const Array<double, 1> & lam) {
         const auto x = core.solve_one(q, v, tau, a, lam);
-        return nb::make_tuple(x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], int(x[8]), x[9]);
+        return nb::make_tuple(x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], int(x[9]), x[10]);
       },
       "q"_a, "v"_a, "tau"_a, "a"_a, "lam"_a)
     .def(

@@ -67,6 +67,16 @@ void Proximal::solve_in_place(MatrixXd & rhs)
   data.constraint_chol.solveInPlace(rhs);
 }
 
+double Proximal::pivots_left() const
+{
+  // M is the last block of a matrix U D U^T: the last entries of D are its pivots
+  const auto pivots = data.constraint_chol.D.tail(model.nv);
+  double left = 1.0;
+  for (std::size_t i = 0; i < scene.watched.size(); ++i)
+    left = std::min(left, pivots[scene.watched[i]] / scene.nominal_pivots[i]);
+  return left;
+}
+
 bool Proximal::is_exact() const
 {
   for (std::size_t k = 0; k < constraints.size(); ++k)

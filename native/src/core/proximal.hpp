@@ -23,6 +23,8 @@ public:
   /// Solves [[-mu 1, J], [J^T, M]] x = rhs in place, by the factor that the last acceleration left.
   void solve_in_place(MatrixXd & rhs);
 
+  /// What is left of the pivots of M that are watched: the least of their shares of the nominal ones.
+  double pivots_left() const;
   /// Whether what stands for other rows is closed, so that it is exact.
   bool is_exact() const;
 

@@ -169,7 +169,9 @@ inline void add_wrenches(
     }
     Vector6d six = Vector6d::Zero();
     Force one(Force::Zero()), two(Force::Zero());
-    const SE3 between = (data.oMi[k.joint1] * k.placement1).actInv(data.oMi[k.joint2] * k.placement2);
+    SE3 between = SE3::Identity();
+    if (k.kind != Kind::held)
+      between = (data.oMi[k.joint1] * k.placement1).actInv(data.oMi[k.joint2] * k.placement2);
     const Matrix3d & R = between.rotation();
     if (k.kind == Kind::rod)
     {

@@ -58,6 +58,8 @@ struct Scene
   int rows = 0, plain_rows = 0;
   double kp = 0, kd = 0; // a_ref = -kd J v - kp c
   VectorXd weights; // of the residuals
+  std::vector<int> watched; // pivots of M that may fall
+  VectorXd nominal_pivots; // of the watched
   double open_squared; // |gap|^2 above which what is approximated is not exact
   ProximalPlan proximal;
   Passive passive;
