@@ -19,6 +19,7 @@ from shared import all_scenes, robot
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled
+from condyn_pin._core.tolerances import FORCES, SOLVED
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
@@ -33,11 +34,16 @@ pytestmark = pytest.mark.skipif(
     reason="the compiled core is not installed: make native",
 )
 
-# What differs where the compiler, or Pinocchio, is another one: rounding.
-ROUNDED = 1e-12
+SAME = pin.__version__ == HEADERS
+
+# What differs where forces are summed in another order: rounding. Another Pinocchio rounds
+# otherwise where an iteration ends, and answers agree to what a status of ok promises: of a, and
+# of lam.
+ROUNDED = 1e-12 if SAME else SOLVED
+FORCED = 1e-12 if SAME else FORCES
 # Products with an inverse lose what cancels in them: 2e-11 of the largest entry on Cassie off its
 # loops, 5e-15 on Talos.
-DIFFERENTIATED = 1e-10
+DIFFERENTIATED = 1e-10 if SAME else SOLVED
 # Motions carry rounding on, step by step.
 MOVED = 1e-9
 N = 12
@@ -61,13 +67,14 @@ def batch_of(label: str, count: int = N, seed: int = 5) -> tuple[np.ndarray, ...
 
 def assert_same(found: np.ndarray, wanted: np.ndarray, name: str, bits: bool = True) -> None:
     """To the bit, or relative to the largest of each row."""
-    if bits and pin.__version__ == HEADERS:
+    if bits and SAME:
         np.testing.assert_array_equal(found, wanted, err_msg=name)
         return
     assert found.shape == wanted.shape
     for one, two in zip(found, wanted, strict=True):
         size = max(1.0, float(np.abs(two).max(initial=0.0)))
-        np.testing.assert_allclose(one, two, rtol=0, atol=ROUNDED * size)
+        atol = size * (FORCED if name == "lam" else ROUNDED)
+        np.testing.assert_allclose(one, two, rtol=0, atol=atol, err_msg=name)
 
 
 @pytest.mark.parametrize("label", TAKEN)
@@ -80,7 +87,7 @@ def test_solutions_are_those_of_python(label):
     assert_same(found.lam, wanted.lam, "lam", bits=own_rows)
     np.testing.assert_array_equal(found.statuses, wanted.statuses)
     assert found.ok
-    if pin.__version__ == HEADERS:
+    if SAME:
         np.testing.assert_array_equal(found.iterations, wanted.iterations)
     # residuals are rounding, relative to what they are a difference of
     size = np.abs(wanted.a).max() * scene.robot.mass
@@ -327,7 +334,7 @@ def test_motions_are_those_of_python(label, steps, drift):
 
 
 def assert_near(found: np.ndarray, wanted: np.ndarray, name: str, *, bits: bool) -> None:
-    if bits and pin.__version__ == HEADERS:
+    if bits and SAME:
         np.testing.assert_array_equal(found, wanted, err_msg=name)
     size = max(1.0, float(np.nanmax(np.abs(wanted), initial=0.0)))
     np.testing.assert_allclose(found, wanted, rtol=0, atol=MOVED * size, err_msg=name)
@@ -415,12 +422,12 @@ def test_a_workspace_of_the_core_answers_one_state_as_python_does(label):
     native, python = cp.Workspace(scene, native=True), cp.Workspace(scene)
     for state in zip(*states, strict=True):
         found, wanted = native.solve(*state), python.solve(*state)
-        assert_near(found.a, wanted.a, "a", bits=True)
-        assert_near(found.lam, wanted.lam, "lam", bits=label != "four_bar hinge")
+        assert_same(found.a[None], wanted.a[None], "a")
+        assert_same(found.lam[None], wanted.lam[None], "lam", bits=label != "four_bar hinge")
         assert (found.status, found.scene) == (wanted.status, wanted.scene)
-        if pin.__version__ == HEADERS:
+        if SAME:
             assert found.iterations == wanted.iterations
-        assert found.error_bound == pytest.approx(wanted.error_bound, abs=1e-12)
+        assert found.error_bound == pytest.approx(wanted.error_bound, abs=ROUNDED)
         one, two = native.derivatives(*state), python.derivatives(*state)
         for name in BLOCKS:
             size = np.abs(getattr(two, name)).max()
