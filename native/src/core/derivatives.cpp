@@ -169,9 +169,9 @@ bool Derivatives::minimum_norm(const VectorXd & q, const VectorXd & lam)
   const Eigen::HouseholderQR<MatrixXd> of_rows(B);
   const MatrixXd Q2 = of_rows.householderQ() * MatrixXd::Identity(m, rank);
   B_inverse_ = of_rows.matrixQR().topRows(rank).triangularView<Eigen::Upper>().solve(MatrixXd(Q2.transpose()));
-  // lam = J w, with the smallest w: J = B W^T
-  const MatrixXd W = L_.triangularView<Eigen::Lower>() * Q_;
-  const VectorXd w = W * (W.transpose() * W).llt().solve(B_inverse_ * lam);
+  // lam = J w, with the smallest w in the metric of M
+  VectorXd w = Q_ * (B_inverse_ * lam);
+  L_.triangularView<Eigen::Lower>().transpose().solveInPlace(w);
   const MatrixXd turned = turning(q, w);
   null_ = turned - Q2 * (Q2.transpose() * turned);
   return true;

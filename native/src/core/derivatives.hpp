@@ -7,7 +7,7 @@
 //
 // with Q of orthonormal columns and B of full rank: R^T of L^-1 J^T = Q R where rows are independent, and
 // with pivots on the columns where they are not. There dlam is that of the smallest lam: with N the left
-// null space of J and lam = J w, N^T dlam = N^T (dJ w).
+// null space of J and lam = J w, w the smallest in the metric of M, N^T dlam = N^T (dJ w).
 #pragma once
 #include "partials.hpp"
 
