@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.path import Along
+from condyn_pin.constraints.rows.compiled_rows import CompiledRows
 from condyn_pin.errors import InvalidArgument
 
 
@@ -98,6 +99,10 @@ class AnyBound(ABC):
     def meets(self) -> bool:
         """Whether the origins of its two frames belong at one place."""
         return False
+
+    def compiled(self) -> CompiledRows | None:
+        """Return its rows as the compiled core has them; None if it has no such rows."""
+        return None
 
     @abstractmethod
     def moved(self, joints: Sequence[int]) -> Self:

@@ -18,6 +18,15 @@ from numpy.typing import NDArray
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.any_bound import Drive, OnFrames
+from condyn_pin.constraints.rows.compiled_rows import (
+    BALL,
+    CUT,
+    HELD,
+    ROD,
+    WELD,
+    CompiledRows,
+    placement,
+)
 
 _AXES: Final = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -110,6 +119,26 @@ class Bound(OnFrames):
         """A name for each row: the constraint's and the axis."""
         axes = [_AXES[i] for i in self.selection] or ["length"]
         return tuple(f"{self.name}.{axis}" for axis in axes)
+
+    def compiled(self) -> CompiledRows | None:
+        """Return its rows as the compiled core has them; None where they follow a path."""
+        if self.drive:
+            return None
+        if self.is_held:
+            how = HELD
+        elif self.is_rod:
+            how = ROD
+        else:
+            how = {POINT: BALL, FRAME: WELD}.get(self.selection, CUT)
+        chosen = sum(1 << row for row in self.selection)
+        slider = self.size == 5 and not self.is_hinge
+        integers = [
+            how, self.rows.start, self.size, self.joint1, self.joint2, chosen, self.anchored,
+            self.axis, self.is_hinge, slider, 0, 0, 0, 0,
+        ]  # fmt: skip
+        length = self.length if self.is_rod else 0.0
+        placed = [*placement(self.placement1), *placement(self.placement2)]
+        return CompiledRows(integers, [*placed, self.sign, length, 0.0])
 
     def whole(self, lam: Array) -> Array:
         """Return the force with the components that the kind does not transmit: they are zero.

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
 from condyn_pin.constraints.rows.any_bound import AnyBound, Drive
+from condyn_pin.constraints.rows.compiled_rows import COUPLING, STILL, CompiledRows
 from condyn_pin.errors import InvalidArgument
 
 
@@ -57,6 +58,14 @@ class Coupled(AnyBound):
     def is_scalar(self) -> bool:
         """True: it acts along joints."""
         return True
+
+    def compiled(self) -> CompiledRows | None:
+        """Return its row as the compiled core has it; None where it follows a path."""
+        if self.drive:
+            return None
+        places = [*self.configuration, *self.velocity]
+        integers = [COUPLING, self.rows.start, 1, 0, 0, 0, True, 0, False, False, *places]
+        return CompiledRows(integers, [*STILL, *STILL, 1.0, self.ratio, self.offset])
 
     def moved(self, joints: Sequence[int]) -> Coupled:
         """Return it as it is: it knows columns, and they are the same."""

@@ -15,9 +15,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes, indices
-from condyn_pin.constraints.rows.any_bound import AnyBound
-from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
-from condyn_pin.constraints.rows.couplings import Coupled
+from condyn_pin.constraints.rows.compiled_rows import placement
 from condyn_pin.dynamics.solvers.proximal import Proximal
 
 if TYPE_CHECKING:
@@ -31,9 +29,6 @@ JOINTS: Final = (
     *("JointModelFreeFlyer", "JointModelSpherical"),
 )
 
-# How rows are evaluated, by their number there.
-HELD, BALL, WELD, CUT, ROD, COUPLING = range(6)
-
 
 def untaken(workspace: Workspace) -> Iterator[str]:
     """Yield what the core does not take of a workspace, in words."""
@@ -46,7 +41,7 @@ def untaken(workspace: Workspace) -> Iterator[str]:
         if joint.id and joint.shortname() not in JOINTS:
             yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"
     for bound in workspace.bounds:
-        if not isinstance(bound, Bound | Coupled):
+        if bound.compiled() is None:
             yield f"constraint {bound.name!r}: it has no rows for a {type(bound).__name__}"
 
 
@@ -60,7 +55,7 @@ def of_model(model: Any) -> dict[str, Any]:
             linear, angular = axes(joint, q)[:, 0].reshape(2, 3)
             axis = angular if angular.any() else linear
         kinds.append(joint.shortname())
-        placed = _placement(model.jointPlacements[i])
+        placed = placement(model.jointPlacements[i])
         rows.append([*axis, *placed, Y.mass, *Y.lever, *Y.inertia.ravel()])
     return {
         "kinds": kinds,
@@ -86,10 +81,10 @@ def of_springs(robot: Robot) -> dict[str, Any]:
 def of_constraints(workspace: Workspace) -> dict[str, Any]:
     """Return the rows of the scene, and the constraints that Pinocchio has in their place."""
     found = workspace.pinocchio_constraints
-    rows = [_rows(bound) for bound in workspace.bounds]
+    rows = [made for bound in workspace.bounds if (made := bound.compiled())]
     plain = [
         ([c.size, c.joint1, c.joint2, c.anchored, c.approximates],
-         [*_placement(c.placement1), *_placement(c.placement2)])
+         [*placement(c.placement1), *placement(c.placement2)])
         for c in found.constraints
     ]  # fmt: skip
     drift, none = workspace.drift, np.zeros((0, 0))
@@ -118,38 +113,6 @@ def of_solver(workspace: Workspace) -> dict[str, Any]:
         "rank": np.array([nominal.dependent, workspace.equations.least], float),
         "proximal": np.array([solver.absolute_accuracy, accuracy, mu, limit, patient, *better]),
     }
-
-
-def _rows(bound: AnyBound) -> tuple[list[int], list[float]]:
-    first, size = bound.rows.start, bound.size
-    still = _placement(pin.SE3.Identity())
-    if isinstance(bound, Coupled):
-        places = [*bound.configuration, *bound.velocity]
-        ints = [COUPLING, first, size, 0, 0, 0, True, 0, False, False, *places]
-        return ints, [*still, *still, 1.0, bound.ratio, bound.offset]
-    assert isinstance(bound, Bound)
-    assert list(bound.selection) == sorted(bound.selection)
-    mask = sum(1 << row for row in bound.selection)
-    slider = size == 5 and not bound.is_hinge
-    ints = [
-        _kind(bound), first, size, bound.joint1, bound.joint2, mask, bound.anchored, bound.axis,
-        bound.is_hinge, slider, 0, 0, 0, 0,
-    ]  # fmt: skip
-    length = bound.length if bound.is_rod else 0.0
-    placed = [*_placement(bound.placement1), *_placement(bound.placement2)]
-    return ints, [*placed, bound.sign, length, 0.0]
-
-
-def _kind(bound: Bound) -> int:
-    if bound.is_held:
-        return HELD
-    if bound.is_rod:
-        return ROD
-    return {POINT: BALL, FRAME: WELD}.get(bound.selection, CUT)
-
-
-def _placement(M: Any) -> list[float]:
-    return [*M.rotation.ravel(), *M.translation]
 
 
 def contiguous(x: Array, count: int) -> Array:

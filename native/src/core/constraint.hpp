@@ -4,7 +4,7 @@
 
 namespace condyn
 {
-/// How its rows are evaluated; the numbers are those of `condyn_pin/dynamics/compiled/arrays.py`.
+/// How its rows are evaluated; the numbers are those of `condyn_pin/constraints/rows/compiled_rows.py`.
 enum class Kind { held, ball, weld, cut, rod, coupling, rolled };
 
 struct Constraint
