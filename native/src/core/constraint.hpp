@@ -5,7 +5,7 @@
 namespace condyn
 {
 /// How its rows are evaluated; the numbers are those of `condyn_pin/constraints/rows/compiled_rows.py`.
-enum class Kind { held, ball, weld, cut, rod, coupling, rolled };
+enum class Kind { held, ball, weld, cut, rod, coupling };
 
 struct Constraint
 {
@@ -13,12 +13,12 @@ struct Constraint
   int first, size; // rows among those of the scene
   int joint1, joint2;
   SE3 placement1, placement2; // of c1 and c2 on them
-  std::vector<int> selection; // of the six rows of the slip, or the three of what rolls
+  std::vector<int> selection; // of the six rows of the slip
   bool anchored;
   double sign; // +1 if lam acts on joint 1
-  int axis; // that a hinge turns about, and the axle of a wheel; -1 for a ball that rolls
+  int axis; // that a hinge turns about
   bool is_hinge, is_slider;
-  double length; // of a rod, the radius of what rolls [m]; the ratio of a coupling
+  double length; // of a rod [m]; the ratio of a coupling
   double offset; // of a coupling
   int q_a, q_b, v_a, v_b; // where q and v hold the joints of a coupling
 

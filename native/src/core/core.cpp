@@ -28,7 +28,7 @@ std::vector<Constraint> constraint_specs(const IntegerTable & ints, const Table 
   {
     const int * k = ints.data() + 14 * i;
     const double * x = row(numbers, i).data();
-    want(0 <= k[0] && k[0] <= int(Kind::rolled), "kind of a constraint");
+    want(0 <= k[0] && k[0] <= int(Kind::coupling), "kind of a constraint");
     Constraint c{};
     c.kind = Kind(k[0]), c.first = k[1], c.size = k[2], c.joint1 = k[3], c.joint2 = k[4];
     for (int bit = 0; bit < 6; ++bit)

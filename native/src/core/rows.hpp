@@ -50,7 +50,6 @@ struct Rows
       case Kind::weld: weld(k, data); break;
       case Kind::cut: cut(k, data); break;
       case Kind::rod: rod(k, data); break;
-      case Kind::rolled: break;
       case Kind::coupling:
         c[k.first] = q[k.q_a] - k.length * q[k.q_b] - k.offset;
         velocity[k.first] = v[k.v_a] - k.length * v[k.v_b];
