@@ -351,7 +351,7 @@ def test_load_robot_refuses_names_and_paths(name, text):
 @pytest.mark.parametrize("root_joint", ["fixed", "free_flyer"])
 def test_load_robot_refuses_a_root_joint_for_what_says_it_itself(root_joint):
     assert_refused(
-        lambda: cp.load_robot("talos", root_joint=root_joint), "only a URDF and an SDF take it"
+        lambda: cp.load_robot("talos", root_joint=root_joint), "it is for a URDF or an SDF"
     )
 
 

@@ -56,9 +56,6 @@ ROBOTS = {
     "free_ball": Figures(7, 6, 1.0, 0, 0, 0, 6),
     "free_box": Figures(7, 6, 1.0, 0, 0, 0, 6),
     "painleve_rod": Figures(3, 3, 1.0, 0, 0, 0, 3),
-    "car": Figures(4, 4, 1010.0, 0, 0, 0, 4),
-    "ackermann": Figures(2, 2, 20.0, 1, 1, 1, 1),
-    "compass_walker": Figures(4, 4, 20.0, 0, 0, 0, 4),
 }
 
 # Height of the contact frames at each posture: a sole is on the ground, a ball its radius above [m]

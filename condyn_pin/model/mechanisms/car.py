@@ -9,11 +9,10 @@ from condyn_pin._core.parameters import check_count
 from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.constraints.knife_edge import KnifeEdge
 from condyn_pin.constraints.loop import Loop
-from condyn_pin.model.mechanisms.base import LICENCE, mechanism, source
+from condyn_pin.model.mechanisms.base import LICENCE, source
 from condyn_pin.model.robot import Robot
 
 
-@mechanism
 def car(*, trailers: int = 0, wheelbase: float = 2.5, hitch: float = 2.0) -> Robot:
     """Return a car on a level plane, by one wheel an axle, with trailers on its rear axle.
 
@@ -91,7 +90,6 @@ def car(*, trailers: int = 0, wheelbase: float = 2.5, hitch: float = 2.0) -> Rob
     )
 
 
-@mechanism
 def ackermann(*, wheelbase: float = 2.5, track: float = 1.4, arm: float = 0.15) -> Robot:
     """Return the trapezoid that steers two front wheels: kingpins, arms and a tie rod.
 

@@ -8,11 +8,10 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite
 from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.constraints.point_contact import PointContact
-from condyn_pin.model.mechanisms.base import LICENCE, mechanism, source
+from condyn_pin.model.mechanisms.base import LICENCE, source
 from condyn_pin.model.robot import Robot
 
 
-@mechanism
 def compass_walker(
     *, slope: float = 0.05, length: float = 1.0, hip: float = 10.0, leg: float = 5.0
 ) -> Robot:
