@@ -87,6 +87,7 @@ stress-slice: $(VENV)/ready
 	$(BIN)/condyn lab stress --seconds 60
 
 native: $(VENV)/ready $(VENVN)/ready
+	rm -f build/native/*.whl  # of an older version
 	$(VENVN)/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir build/native ./native
 	for python in $(wildcard $(VENV3)/bin/python) $(BIN)/python; do \
 	    $$python $(PIP) --no-deps --force-reinstall build/native/*.whl; done

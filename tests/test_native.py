@@ -9,6 +9,7 @@ import os
 import pickle
 import signal
 import threading
+from collections.abc import Iterator
 from dataclasses import replace
 from time import sleep
 
@@ -218,6 +219,15 @@ def test_other_threads_of_python_go_on_meanwhile():
     assert ticks > 5
 
 
+@pytest.fixture
+def ctrl_c() -> Iterator[None]:
+    """Python's own handler: workers that a test runs in its own process leave Ctrl-C ignored."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
+    yield
+    signal.signal(signal.SIGINT, before)
+
+
+@pytest.mark.usefixtures("ctrl_c")
 def test_ctrl_c_ends_a_batch_and_keeps_what_was_done():
     scene, (q, v, tau) = (
         all_scenes()["cassie loops + contacts"],
