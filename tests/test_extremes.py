@@ -300,6 +300,17 @@ def test_a_row_that_is_only_rounding_is_no_row(solver, severity):
         pytest.fail(f"{solver} is right at {severity} and does not say so")
 
 
+@pytest.mark.parametrize("mu", [1e-3, 1e-4, 1e-5, 1e-6])
+@pytest.mark.parametrize("seed", range(6))
+def test_a_force_along_a_row_that_does_not_count_is_an_error(mu, seed):
+    """Rows of a stretched leg contradict each other, and lam grows from iteration to iteration."""
+    case = EXTREMES["straight_knee"].case(1e-12, seed)
+    solution = cp.solve(case.scene, case.q, case.v, case.tau, solver=cp.Proximal(mu), throw=False)
+    error = min(error_of(case, solution.a, right) for right in right_answers(case))
+    assert error <= 1.01 * solution.error_bound + 1e-12
+    assert not solution.status.ok or error <= 1e-8
+
+
 @pytest.mark.parametrize(
     "solver", [cp.Proximal(), cp.dynamics.NullSpace(), cp.dynamics.Reference()]
 )

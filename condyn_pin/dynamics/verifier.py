@@ -142,7 +142,8 @@ class Verifier:
         estimator = ErrorEstimator(factors, P, nominal.gravity, nominal.weight)
         r, s = equations.residuals(q, v, tau, a, lam, load)
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
-        missing = estimator.missing(r, s, v, a)
+        # a row that does not count carries no force: where one was found along it, it is missing
+        missing = estimator.missing(r + terms.J.T @ factors.left_out(lam), s, v, a)
         residuals, _ = estimator.prove(dynamics, largest, _torques(tau, load), missing)
         scale = max(largest[1], nominal.gravity)
         rounded = estimator.rounding_of(np.abs(lam) @ P)

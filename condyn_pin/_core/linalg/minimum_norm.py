@@ -76,6 +76,11 @@ class MinimumNorm:
         z = ((U.T @ s).T / S).T - self.V.T @ y
         return dtrtrs(self.L.T, y + self.V @ z)[0], U @ (z.T / S).T
 
+    def left_out(self, lam: Array) -> Array:
+        """Return the part of lam (m,) along combinations of rows that count as redundant."""
+        U = self.U[:, : self.rank]
+        return np.asarray(lam - U @ (U.T @ lam))
+
     def closing(self, c: Array) -> Array:
         """Return the least move (nv,) in the metric of M that takes c (m,) back: J dq = -c."""
         along = c.dot(self.U[:, : self.rank]) / -self.S[: self.rank]
