@@ -54,10 +54,11 @@ def markdown(table: BenchTable) -> str:
             )
             lines.append("| " + " | ".join(cells) + " |")
     meaning = (
-        "a: `Workspace.acceleration`, median. x dense: times faster than the fastest of dense KKT "
-        "and what is by hand. By hand: Pinocchio's terms and the solver that is named, without "
-        "guard, condition or proof. Error: worst of 20 closed states, in motion and at rest, with "
-        "and without torques, against `Reference`, relative to the larger of abs(a) and gravity."
+        "a: `Workspace.acceleration`, median. x dense: times faster than the fastest dense method, "
+        "dense KKT or by hand. By hand: Pinocchio's terms and the solver that is named, without "
+        "guards, condition number or checks. Error: worst of 20 closed states, in motion and at "
+        "rest, with and without torques, against `Reference`, relative to the larger of abs(a) "
+        "and gravity."
     )
     return "\n".join([*lines, "", _where(table), meaning])
 
@@ -66,7 +67,7 @@ def essence(table: BenchTable) -> str:
     """Return the README's table: a row a scene, ours beside the fastest that is by hand."""
     lines = [
         "| scene | rows, rank | `LCABA` | `Proximal`, default | over bare call | best dense by "
-        "hand | x | `solve`, proved |",
+        "hand | x | `solve`, verified |",
         "|---|---|---|---|---|---|---|---|",
     ]
     rows = [row for row in table.rows if row.origin == "python" and row.rows]
@@ -90,8 +91,8 @@ def essence(table: BenchTable) -> str:
     meaning = (
         "Median time of `Workspace.acceleration`, and the worst error of a at 20 closed states "
         "against `Reference`, relative to the larger of abs(a) and gravity. By hand: Pinocchio's "
-        "terms, then LAPACK or Pinocchio's Cholesky, without guard or proof. x: its time over that "
-        "of `Proximal`."
+        "terms, then LAPACK or Pinocchio's Cholesky, without guards or checks. x: its time over "
+        "that of `Proximal`."
     )
     return "\n".join([*lines, "", _where(table), meaning, *_in_cpp(table)])
 

@@ -172,8 +172,8 @@ def test_sentences_say_what_the_committed_results_say():
     by_hand = min(row["acceleration_us"] for row in legs if row["status"] == "by hand")
     assert (
         f"legs take {one['acceleration_us']:.0f} us in a hot loop, {one['to_bare']:.2f} times "
-        f"Pinocchio's bare call; the best dense solve by hand takes {by_hand:.0f} us. With the "
-        f"proof it is {one['solve_us']:.0f} us"
+        f"Pinocchio's bare call; the best dense solve written by hand takes {by_hand:.0f} us. "
+        f"`solve`, which also verifies the answer, takes {one['solve_us']:.0f} us"
     ) in text
 
     rows = json.loads((RESULTS / "peers.json").read_text())["rows"]
