@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import pickle
 from dataclasses import replace
 from math import sqrt
 
@@ -473,6 +474,24 @@ def test_contacts_between_bodies(ground):
     assert "open" not in now.modes.values()
     by_q, by_v, by_tau = misses(scene, q, v, np.zeros(n), HARD[0], ActiveSet(), (1e-6, 1e-4, 1e-3))
     assert max(by_q, by_v, by_tau) < 1e-7
+
+
+def test_derivatives_of_a_step_solve_no_contact_problem_again(monkeypatch):
+    """The step keeps what it has found, whatever steps come after it: the same bits."""
+    scene, q = solo()
+    v = np.random.default_rng(3).normal(size=18)
+    now = cp.step(scene, q, 0.1 * v, dt=DT)
+    first = now.derivatives()
+    for speed in (0.2, 0.3):
+        cp.step(scene, q, speed * v, dt=DT, throw=False)
+    monkeypatch.setattr(cp.contact.ADMM, "attempt", None)
+    monkeypatch.setattr(cp.contact.ADMM, "at_once", None)
+    for again in (now, pickle.loads(pickle.dumps(now))):
+        found = again.derivatives()
+        assert all(map(np.array_equal, found.matrices, first.matrices))
+        assert found.modes == first.modes
+    with pytest.raises(TypeError):
+        cp.step(scene, q, 0.1 * v, dt=DT)
 
 
 def test_what_a_step_does_not_depend_on_is_refused():

@@ -14,6 +14,7 @@ from functools import cached_property
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, Indices
 
@@ -62,6 +63,16 @@ class ContactSets:
         k = len(self.friction)
         singles = self.half_lines + len(self.limits)
         return np.concatenate([np.repeat(np.arange(k), 3), k + np.arange(singles)])
+
+    @cached_property
+    def of_cones(self) -> Indices:
+        """The three rows of each cone (k, 3)."""
+        return np.arange(3 * len(self.friction)).reshape(-1, 3)
+
+    @cached_property
+    def ice(self) -> NDArray[np.bool_]:
+        """Which cones have no friction (k,)."""
+        return np.asarray(self.friction == 0)
 
     @cached_property
     def coefficients(self) -> list[float]:

@@ -204,6 +204,7 @@ class _Memory:
             dynamics_error=dynamics, constraint_error=slip, violation=violation,
             penetration=float(np.maximum(-gaps, 0.0).max(initial=0.0)), energy_lost=0.0 - work,
             dt=self._dt, scene=self._scene, integrator=self.asked[2], start=start,
+            _taken=self._steps.last,
         )  # fmt: skip
 
     def _hold(self, tau: float | ArrayLike, forces: Sequence[AppliedForce]) -> Array:

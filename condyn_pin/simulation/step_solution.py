@@ -15,6 +15,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.contact_columns import forces_of
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.tried import Taken
 from condyn_pin.simulation.step_start import StepStart
 
 if TYPE_CHECKING:
@@ -76,6 +77,7 @@ class StepSolution:
     scene: Scene
     integrator: ContactScheme
     start: StepStart
+    _taken: Taken  # the step as it was posed and answered, for its derivatives
 
     @one_blas_thread
     def derivatives(
@@ -105,14 +107,17 @@ class StepSolution:
 
         Notes
         -----
-        The step is taken again. Cost: `Route.cost`.
+        A route that takes other steps, such as `Softened`, takes this one again. Cost:
+        `Route.cost`.
         """
         from condyn_pin.simulation.routes import ActiveSet, Route  # they are made of steps
 
         chosen = ActiveSet() if route is None else route
         if not isinstance(chosen, Route):
             raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
-        return chosen.differentiate(self.scene, self.integrator, self.dt, self.start, wrt)
+        return chosen.differentiate(
+            self.scene, self.integrator, self.dt, self.start, wrt, taken=self._taken
+        )
 
     @property
     def status(self) -> ContactStatus:

@@ -73,6 +73,8 @@ class MinimumNorm:
         dtrtrs = lapack().dtrtrs
         U, S = self.U[:, : self.rank], self.S[: self.rank]
         y = dtrtrs(self.L.T, r, trans=1)[0]  # LAPACK reads columns: L^T is no copy
+        if not self.rank:
+            return dtrtrs(self.L.T, y)[0], np.zeros_like(s)
         z = ((U.T @ s).T / S).T - self.V.T @ y
         return dtrtrs(self.L.T, y + self.V @ z)[0], U @ (z.T / S).T
 

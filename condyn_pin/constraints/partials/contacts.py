@@ -53,41 +53,54 @@ class ContactTurning:
             pin.computeJointJacobians(self._model, self._data, q)
             self._over_planes.go(self._data)
 
+    def by_q(self, velocities: Sequence[Array], lam: Array) -> tuple[Array, Array]:
+        """Return how rows turn: J w by q of each w, and J^T lam by q.
+
+        Parameters
+        ----------
+        velocities : sequence of (nv,) array
+            All w, which stay.
+        lam : (rows,) array
+            It stays too.
+
+        Returns
+        -------
+        slips : (count, rows, nv) array
+        pulls : (nv, nv) array
+        """
+        n, m, W = self._model.nv, self._candidates.rows, np.array(velocities)
+        if not self._moves:
+            return np.zeros((len(W), m, n)), np.zeros((n, n))
+        if self._over_planes is None:
+            return self._differenced(W, lam)
+        return self._with_still(self._over_planes.slips(W)), self._over_planes.pulls(lam)
+
     def slips(self, w: Array) -> Array:
         """Return J w by q (rows, nv), w (nv,) fixed."""
-        n, m = self._model.nv, self._candidates.rows
-        if not self._moves:
-            return np.zeros((m, n))
         if self._over_planes is None:
-            return self._differenced(w, np.zeros(m))[0]
-        by_q = self._over_planes.slips(w)
-        still = m - len(by_q)  # stops and dry friction
-        return np.concatenate((by_q, np.zeros((still, n)))) if still else by_q
+            return np.asarray(self.by_q((w,), np.zeros(self._candidates.rows))[0][0])
+        return np.asarray(self._with_still(self._over_planes.slips(w[None]))[0])
 
-    def pulls(self, lam: Array) -> Array:
-        """Return J^T lam by q (nv, nv), lam (rows,) fixed."""
-        n = self._model.nv
-        if not self._moves:
-            return np.zeros((n, n))
-        if self._over_planes is None:
-            return self._differenced(np.zeros(n), lam)[1]
-        return self._over_planes.pulls(lam)
+    def _with_still(self, of_cones: Array) -> Array:
+        """Return the same with the rows of stops and dry friction, which stay."""
+        still = self._candidates.rows - of_cones.shape[1]
+        return np.pad(of_cones, ((0, 0), (0, still), (0, 0))) if still else of_cones
 
-    def _differenced(self, w: Array, lam: Array) -> tuple[Array, Array]:
-        m = self._candidates.rows
+    def _differenced(self, W: Array, lam: Array) -> tuple[Array, Array]:
+        (count, n), m = W.shape, len(lam)
 
         def turned(step: Array) -> Array:
             at = pin.integrate(self._model, self._q, step)
             pin.computeJointJacobians(self._model, self._data, at)
             J = self._candidates.evaluate(self._data, at)[1]
-            return np.concatenate((J.dot(w), lam.dot(J)))
+            return np.concatenate(((W @ J.T).ravel(), lam.dot(J)))
 
-        by_q = np.zeros((m + len(w), len(w)))
-        for i, along in enumerate(np.eye(len(w))):
+        by_q = np.zeros((count * m + n, n))
+        for i, along in enumerate(np.eye(n)):
             for k, weight in enumerate(_WEIGHTS, start=1):
                 change = turned(k * _H * along) - turned(-k * _H * along)
                 by_q[:, i] += weight / _H * change
-        return by_q[:m], by_q[m:]
+        return by_q[: count * m].reshape(count, m, n), by_q[count * m :]
 
 
 class _OverPlanes:
@@ -127,8 +140,8 @@ class _OverPlanes:
             S[:3] - _skew(p) @ S[3:]
         )  # (k, 3, nv), the middles if all coordinates move them
 
-    def slips(self, w: Array) -> Array:
-        """Return J w by q (3 k, nv).
+    def slips(self, W: Array) -> Array:
+        """Return J w by q for all w in the rows of W (count, 3 k, nv).
 
         With V_0 the velocity of what carries the joint of a coordinate, v_P and w_b those of the
         body at P and its turning, w_g that of the ground, and F = (d, P x d), a coordinate that
@@ -136,19 +149,19 @@ class _OverPlanes:
 
             F . (V_0 x S) + (v_P x d + radius n x (d x w_b)) . S_a - (d x w_g) . (S_l + S_a x p)
         """
-        S, d, n = self._S, self._d, self._S.shape[1]
-        moved = S * w
-        V = self._body @ moved.T
-        turning = _skew(V[:, 3:])
-        v_P = V[:, :3] + (turning @ self._P[:, :, None])[:, :, 0]
+        S, d, (count, n), k = self._S, self._d, W.shape, len(self._d)
+        moved = S * W[:, None]  # (count, 6, nv)
+        V = self._body @ moved.swapaxes(1, 2)  # (count, k, 6)
+        turning = _skew(V[..., 3:])
+        v_P = V[..., :3] + (turning @ self._P[:, :, None])[..., 0]
         about = d @ (_skew(v_P) + turning @ self._radial)
-        by_q = self._F.reshape(-1, 6).dot(_crossed(moved @ self._below.T, S))
-        by_q -= about.reshape(-1, 3).dot(S[3:])
-        by_q = by_q.reshape(-1, 3, n)
+        by_q = self._F.reshape(-1, 6) @ _crossed(moved @ self._below.T, S)
+        by_q -= about.reshape(count, -1, 3) @ S[3:]
+        by_q = by_q.reshape(count, k, 3, n)
         if self._grounds_move:
-            by_q -= d @ _skew(self._ground @ moved[3:].T) @ self._reach
+            by_q -= d @ _skew(self._ground @ moved[:, 3:].swapaxes(1, 2)) @ self._reach
         by_q *= self._moves[:, None]
-        return np.asarray(by_q.reshape(-1, n))
+        return np.asarray(by_q.reshape(count, -1, n))
 
     def pulls(self, lam: Array) -> Array:
         """Return J^T lam by q (nv, nv).
@@ -175,19 +188,19 @@ class _OverPlanes:
 
 
 def _skew(a: Array) -> Array:
-    """Return the matrices (k, 3, 3) with a x b = skew(a) b."""
-    return (a @ _EPSILON).reshape(-1, 3, 3)
+    """Return the matrices (..., 3, 3) with a x b = skew(a) b."""
+    return (a @ _EPSILON).reshape(*a.shape[:-1], 3, 3)
 
 
 def _crossed(V: Array, S: Array) -> Array:
-    """Return V x S of columns of motions (6, n); V x* S of wrenches, their moments first.
+    """Return V x S of columns of motions (..., 6, n); V x* S of wrenches, their moments first.
 
     omega x S_l, omega x S_a and V_l x S_a, all at once.
     """
-    products = V.take(_V_YZX, axis=0) * S.take(_S_ZXY, axis=0)
-    products -= V.take(_V_ZXY, axis=0) * S.take(_S_YZX, axis=0)
-    products[:3] += products[6:]
-    return np.asarray(products[:6])
+    products = V.take(_V_YZX, axis=-2) * S.take(_S_ZXY, axis=-2)
+    products -= V.take(_V_ZXY, axis=-2) * S.take(_S_YZX, axis=-2)
+    products[..., :3, :] += products[..., 6:, :]
+    return np.asarray(products[..., :6, :])
 
 
 # a @ _EPSILON has the nine entries of skew(a)

@@ -31,6 +31,7 @@ class Chosen:
             self.normals = np.concatenate((np.arange(2, 3 * k, 3), 3 * k + np.arange(stops)))
         self.restitution = np.zeros(k + stops)
         self.restitution[:k] = candidates.restitution[active[:cones]]
+        self.cones = _all_or(active[:cones])
         self.friction = candidates.friction[active[:cones]]
         self.half_lines = int(stops)
         self.limits = candidates.limits[active[lines:]] * dt  # [N s]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import compress
 from math import hypot, inf
 from typing import ClassVar, NamedTuple
 
@@ -56,26 +58,34 @@ class ActiveSet(LawRoute):
 
     def law(self, problem: ContactProblem, lam: Array, size: float) -> Law:
         """Return the polished impulses of a problem, and the law of each mode."""
-        lam = polished(problem, lam)
-        modes = contact_modes(problem, lam, 100 * tolerances.CONTACT_POLISHED)
-        of = _in_modes(problem, lam, modes)
-        distance = margin(problem, lam, problem.velocities(lam), modes)
-        return Law(lam, of.by_sigma, of.by_lam, of.by_friction, distance)
+        lam, modes, equations = polished(problem, lam)
+        of = equations.at(lam)
+        distance = margin(problem, lam, of.sigma, modes)
+        return Law(lam, of.by_sigma, of.by_lam, of.by_friction, distance, modes=modes)
 
 
-def polished(problem: ContactProblem, lam: Array) -> Array:
+class Polished(NamedTuple):
+    """Impulses to rounding, the mode of each contact, and the equations that go with it."""
+
+    lam: Array
+    modes: Modes
+    equations: InModes
+
+
+def polished(problem: ContactProblem, lam: Array) -> Polished:
     """Return impulses to rounding; SolveFailed if Newton's method does not find them."""
-    if not len(lam) or natural_residual(problem, lam) <= tolerances.CONTACT_POLISHED:
-        return lam
-    for newton in (_within_modes, _of_the_natural_map):
-        found = newton(problem, lam)
-        if natural_residual(problem, found) <= tolerances.CONTACT_POLISHED:
-            return found
-    attempt, natural = attempt_contact(
-        problem, SemismoothNewton(), found, tolerances.CONTACT_POLISHED
-    )
+    good = tolerances.CONTACT_POLISHED
+    if not len(lam) or natural_residual(problem, lam) <= good:
+        return _read(problem, lam)
+    within = _within_modes(problem, lam)
+    if natural_residual(problem, within.lam) <= good:
+        return within
+    found = refine(problem, lam, _STEPS).lam
+    if natural_residual(problem, found) <= good:
+        return _read(problem, found)
+    attempt, natural = attempt_contact(problem, SemismoothNewton(), found, good)
     if natural <= _GOOD_ENOUGH:
-        return attempt.lam
+        return _read(problem, attempt.lam)
     raise SolveFailed(
         f"contacts {', '.join(problem.names)}: the natural residual stays at {natural:.1e}, and "
         f"modes are read at {_GOOD_ENOUGH:g}; take Kappa(), which needs none",
@@ -83,62 +93,86 @@ def polished(problem: ContactProblem, lam: Array) -> Array:
     )
 
 
-def _within_modes(problem: ContactProblem, lam: Array) -> Array:
+def _read(problem: ContactProblem, lam: Array) -> Polished:
+    """Return polished impulses with the modes that they have."""
+    modes = contact_modes(problem, lam, 100 * tolerances.CONTACT_POLISHED)
+    return Polished(lam, modes, InModes(problem, modes))
+
+
+def _within_modes(problem: ContactProblem, lam: Array) -> Polished:
     """Return the end of one step of Newton's method in the modes that impulses seem to have."""
-    of = _in_modes(problem, lam, contact_modes(problem, lam))
+    modes = contact_modes(problem, lam)
+    equations = InModes(problem, modes)
+    of = equations.at(lam)
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
-    return lam - least(of.by_sigma @ G + of.by_lam, of.left)
+    return Polished(lam - least(of.by_sigma.dot(G) + of.by_lam, of.left), modes, equations)
 
 
-def _of_the_natural_map(problem: ContactProblem, lam: Array) -> Array:
-    """Return the end of Newton's method whatever the modes are."""
-    return refine(problem, lam, _STEPS).lam
+class Equations(NamedTuple):
+    """The equations of contacts in their modes at one lam, and how they change."""
 
-
-class _Equations(NamedTuple):
-    """The equations of contacts in their modes, and how they change."""
-
+    sigma: Array  # (m,)
     left: Array  # (m,), what impulses leave of them
     by_sigma: Array  # (m, m)
     by_lam: Array  # (m, m)
     by_friction: Array  # (m, k)
 
 
-def _in_modes(problem: ContactProblem, lam: Array, modes: Modes) -> _Equations:
-    """Return the equations of all contacts, each in the mode that it has."""
-    mu, sets = problem.friction, problem.sets
-    k, sigma, held = len(mu), problem.velocities(lam), (modes == STICK)[sets.blocks]
-    left, by_friction = np.where(held, sigma, lam), np.zeros((problem.rows, k))
-    by_sigma, by_lam = np.diag(1.0 * held), np.diag(1.0 * ~held)
-    # ice holds nothing
-    i = np.flatnonzero((modes[:k] == SLIDE) | ((modes[:k] == STICK) & (mu == 0)))
-    if len(i):
-        own = 3 * i[:, None] + np.arange(3)
-        of = _sliding(lam[own], sigma[own], mu[i, None], problem.law == "ccp")
-        left[own], by_friction[own, i[:, None]] = of.left, of.by_friction
-        square = own[:, :, None], own[:, None]
-        by_sigma[square], by_lam[square] = of.by_sigma, of.by_lam
-    return _Equations(left, by_sigma, by_lam, by_friction)
+class InModes:
+    """The equations of the contacts of a problem, each in the mode that it has."""
+
+    def __init__(self, problem: ContactProblem, modes: Modes) -> None:
+        k, sticks, sets = len(problem.friction), modes == STICK, problem.sets
+        self._problem, self._held = problem, sticks[sets.blocks]
+        self._slides = (modes[:k] == SLIDE) | (sticks[:k] & sets.ice)  # ice holds nothing
+        self._sliding = self._slides.nonzero()[0]
+        self._own = sets.of_cones[self._slides]
+        self._square = self._own[:, :, None], self._own[:, None]
+
+    def at(self, lam: Array) -> Equations:
+        """Return what impulses leave of the equations, and their partials."""
+        problem, held, own, square = self._problem, self._held, self._own, self._square
+        sigma, m = problem.velocities(lam), problem.rows
+        left = np.where(held, sigma, lam)
+        by_sigma, by_lam = np.zeros((2, m, m))
+        by_sigma.flat[:: m + 1], by_lam.flat[:: m + 1] = held, ~held
+        by_friction = np.zeros((m, len(problem.friction)))
+        if len(problem.limits):  # what slides has its limit
+            dry = problem.sets.parts[2]
+            left[dry] += ~held[dry] * np.copysign(problem.limits, sigma[dry])
+        if len(own):
+            rows = np.array([*self._rows(lam.tolist(), sigma.tolist())])  # (slides, 3, 8)
+            left[own], by_friction[own, self._sliding[:, None]] = rows[:, :, 0], rows[:, :, 7]
+            by_sigma[square], by_lam[square] = rows[:, :, 1:4], rows[:, :, 4:7]
+        return Equations(sigma, left, by_sigma, by_lam, by_friction)
+
+    def _rows(self, l: list[float], s: list[float]) -> Iterator[_Rows]:  # noqa: E741
+        """Yield the equations of all contacts that slide; in a ccp they lift off."""
+        (t1, t2, n), mu = self._problem.sets.axes, self._problem.sets.coefficients
+        each = zip(mu, l[t1], l[t2], l[n], s[t1], s[t2], s[n], strict=True)
+        lifts = float(self._problem.law == "ccp")
+        return (_sliding(lifts, *numbers) for numbers in compress(each, self._slides))
 
 
-def _sliding(lam: Array, sigma: Array, mu: Array, is_convex: bool) -> _Equations:
-    """Return the equations of k contacts that slide, three rows and three columns each.
+_Rows = tuple[tuple[float, ...], ...]
 
-    With s' = (1 - s s^T) sigma_t' / |sigma_t|. What stands without friction has any s.
+
+def _sliding(
+    lifts: float, mu: float, l1: float, l2: float, ln: float, v1: float, v2: float, vn: float
+) -> _Rows:
+    """Return the three equations of a contact that slides: what is left, and its partials.
+
+    Those by sigma, by lam and by mu, with s' = (1 - s s^T) sigma_t' / |sigma_t|. What stands
+    without friction has any s. It `lifts` off, 1, or does not, 0.
     """
-    slip = np.hypot(sigma[:, :1], sigma[:, 1:2])
-    moving = np.where(slip > 0, slip, 1.0)
-    s, l_n = sigma[:, :2] / moving, lam[:, 2:]
-    left, by_friction = np.empty_like(lam), np.zeros_like(lam)
-    by_sigma, by_lam = np.zeros((2, len(lam), 3, 3))
-    left[:, :2], left[:, 2] = lam[:, :2] + mu * l_n * s, sigma[:, 2]
-    across = np.eye(2) - s[:, :, None] * s[:, None]
-    by_sigma[:, :2, :2], by_sigma[:, 2, 2] = (mu * l_n / moving)[:, :, None] * across, 1.0
-    by_lam[:, :2, :2], by_lam[:, :2, 2], by_friction[:, :2] = np.eye(2), mu * s, l_n * s
-    if is_convex:
-        left[:, 2:] -= mu * slip
-        by_sigma[:, 2, :2], by_friction[:, 2] = -mu * s, -slip[:, 0]
-    return _Equations(left, by_sigma, by_lam, by_friction)
+    slip, lift = hypot(v1, v2), lifts * mu
+    x, y = (v1 / slip, v2 / slip) if slip else (0.0, 0.0)
+    w = mu * ln / slip if slip else 0.0
+    return (
+        (l1 + mu * ln * x, w * y * y, -w * x * y, 0.0, 1.0, 0.0, mu * x, ln * x),
+        (l2 + mu * ln * y, -w * x * y, w * x * x, 0.0, 0.0, 1.0, mu * y, ln * y),
+        (vn - lift * slip, -lift * x, -lift * y, 1.0, 0.0, 0.0, 0.0, -lifts * slip),
+    )
 
 
 def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Modes) -> float:

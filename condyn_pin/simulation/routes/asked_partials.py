@@ -16,27 +16,28 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.law import Law
+from condyn_pin.simulation.routes.row_partials import RowPartials
+from condyn_pin.simulation.routes.starts import Start
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.routes.linear_steps import LinearSteps, Start
+    from condyn_pin.simulation.routes.linear_steps import LinearSteps
 
 
-def asked_partials(steps: LinearSteps, posed: Posed, law: Law, start: Start, bends: Array) -> Array:
-    """Return what a scheme adds to sigma by all columns (m, columns), at fixed impulses.
-
-    `bends` (k, columns) is how the bends of paths change.
-    """
-    chosen, near, columns = posed.chosen, posed.near, steps.columns
+def asked_partials(
+    steps: LinearSteps, posed: Posed, law: Law, start: Start, rows: RowPartials
+) -> Array:
+    """Return what a scheme adds to sigma by all columns (m, columns), at fixed impulses."""
+    near, columns = posed.near, steps.columns
     J_c, by = posed.J_c, steps.scheme.asked_by(near)
     added = columns.empty(len(J_c))
     gaps = posed.J_n @ start.at  # (k, columns)
-    added[near.normals] += by.gaps[:, None] * gaps + by.bends[:, None] * bends
+    added[near.normals] += by.gaps[:, None] * gaps + by.bends[:, None] * rows.bends
     if by.before.any():
-        slips = steps.turning.slips(posed.v)
-        before = J_c @ start.v + slips[chosen.rows] @ start.at
-        added += by.before[:, None] * before
-    cones = len(chosen.friction)
-    added[2 : 3 * cones : 3, steps.restitution(posed)] += np.diag(by.restitution[:cones])
+        assert rows.before is not None  # a scheme that lets rebound closes no gaps
+        added += by.before[:, None] * (J_c @ start.v + rows.before @ start.at)
+    if steps.scheme.takes_restitution:
+        cones = len(posed.chosen.friction)
+        added[2 : 3 * cones : 3, steps.restitution(posed)] += np.diag(by.restitution[:cones])
     added[:, columns.solref] += by.solref
     if posed.problem.R is not None:
         added += law.lam[:, None] * _softer(steps, posed, by, gaps, start)

@@ -7,9 +7,9 @@ make of kinks and jumps.
 1. Add one file to this folder with one frozen dataclass that inherits from `Route`. Its fields are
    its parameters, each with a default and a unit. It registers itself in `ROUTES`.
 2. Set `title`, `cost` and `use`: when to take it.
-3. Write `at(steps, t, q, v)`, which returns `StepDerivatives`. If the end of its step is not that
-   of the scheme, write `step` too, and `scheme` if it takes steps of another one; `parameters` if
-   it has derivatives by others than the scheme takes.
+3. Write `at(steps, t, q, v, taken)`, which returns `StepDerivatives`. If the end of its step is not
+   that of the scheme, write `step` too, and `scheme` if it takes steps of another one; `parameters`
+   if it has derivatives by others than the scheme takes.
 4. A route that only has another law of the contacts inherits from `LawRoute`, and writes only
    `law(problem, lam, size)`: impulses, and the law linearised at them (`Law`). All else, how the
    problem changes with q, v and tau and how the end of the step follows, is that of `LinearSteps`.
@@ -34,6 +34,7 @@ from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.tried import Taken
 from condyn_pin.simulation.routes.columns import PARAMETERS
 from condyn_pin.simulation.routes.inertia_partials import InertiaPartials
 from condyn_pin.simulation.routes.law import Law
@@ -73,8 +74,13 @@ class Route(ABC):
         return (*found, "inertias")
 
     @abstractmethod
-    def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
-        """Return the end of a step of `steps` from a state, and how it changes."""
+    def at(
+        self, steps: LinearSteps, t: float, q: Array, v: Array, taken: Taken | None = None
+    ) -> StepDerivatives:
+        """Return the end of a step of `steps` from a state, and how it changes.
+
+        `taken` is the same step, if it is at hand: nothing has to be solved again.
+        """
 
     def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of the same step of `steps`, without derivatives."""
@@ -82,13 +88,16 @@ class Route(ABC):
 
     def differentiate(
         self, scene: Scene, scheme: ContactScheme, dt: float, start: StepStart,
-        wrt: Sequence[str] = (),
+        wrt: Sequence[str] = (), taken: Taken | None = None,
     ) -> StepDerivatives:  # fmt: skip
-        """Return how the end of a step of a `scheme` changes with its `start`, and by `wrt`."""
-        names = check_parameters(self, scheme, wrt)
-        steps = linear_steps(scene, self.scheme(scheme), dt, inertias="inertias" in names)
+        """Return how the end of a step of a `scheme` changes with its `start`, and by `wrt`.
+
+        `taken` is the step, if it is at hand.
+        """
+        names, own = check_parameters(self, scheme, wrt), self.scheme(scheme)
+        steps = linear_steps(scene, own, dt, inertias="inertias" in names)
         steps.system.applied.hold(start.tau, start.forces)
-        return self.at(steps, 0.0, start.q, start.v)
+        return self.at(steps, 0.0, start.q, start.v, taken if own is scheme else None)
 
 
 class LawRoute(Route, ABC):
@@ -107,10 +116,12 @@ class LawRoute(Route, ABC):
             (m g dt) (g dt) of the robot and the step [J].
         """
 
-    def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
+    def at(
+        self, steps: LinearSteps, t: float, q: Array, v: Array, taken: Taken | None = None
+    ) -> StepDerivatives:
         """Return the end of a step of `steps` from a state, and how it changes."""
         with np.errstate(all="ignore"):  # what is not finite is refused
-            ended = steps.end(t, q, v, partial(self.law, size=steps.size))
+            ended = steps.end(t, q, v, partial(self.law, size=steps.size), taken)
             return differentiated(self, steps, ended)
 
     def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:

@@ -17,6 +17,7 @@ from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.moreau import Moreau
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.integrators.tried import Taken
 from condyn_pin.simulation.routes.active_set import ActiveSet
 from condyn_pin.simulation.routes.base import Route
 from condyn_pin.simulation.routes.linear_steps import Ended, LinearSteps
@@ -75,7 +76,9 @@ class EventLocated(Route):
             )
         return Moreau(contact=scheme.contact)
 
-    def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
+    def at(
+        self, steps: LinearSteps, t: float, q: Array, v: Array, taken: Taken | None = None
+    ) -> StepDerivatives:
         """Return the end of a step of `steps` from a state, and how it changes."""
         parts = _Parts(steps)
         with np.errstate(all="ignore"):  # what is not finite is refused

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.contact.modes import Modes
 
 # Singular values of a law that redundant contacts leave, relative to the largest.
 _REDUNDANT: Final = 1e-10
@@ -33,6 +34,8 @@ class Law(NamedTuple):
         How far the nearest contact is from another mode, in units of the problem [1].
     by_size : (m,) array, optional
         By (m g dt) (g dt) of the robot and the step, of a law whose smoothness goes with it [1/J].
+    modes : (contacts,) array of int, optional
+        Of a law that is made of them.
     """
 
     lam: Array
@@ -41,6 +44,7 @@ class Law(NamedTuple):
     by_friction: Array
     margin: float
     by_size: Array | None = None
+    modes: Modes | None = None
 
 
 def least(A: Array, b: Array) -> Array:

@@ -21,7 +21,6 @@ from typing import NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
-from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.partials.contacts import ContactTurning
@@ -31,18 +30,19 @@ from condyn_pin.dynamics.derivatives.linearised import Linearisation, Linearised
 from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.simulation.integrators.closings import Closing
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.path_ends import next_path
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.integrators.tried import Taken
 from condyn_pin.simulation.routes.asked_partials import asked_partials
 from condyn_pin.simulation.routes.columns import Columns
+from condyn_pin.simulation.routes.end_partials import moved
 from condyn_pin.simulation.routes.floating_partials import FloatingPartials
 from condyn_pin.simulation.routes.inertia_partials import InertiaPartials
 from condyn_pin.simulation.routes.law import Law, least
 from condyn_pin.simulation.routes.row_partials import row_partials
-from condyn_pin.simulation.routes.torque_partials import torque_partials
+from condyn_pin.simulation.routes.starts import Start, Starts
 from condyn_pin.simulation.system import System
 
 
@@ -82,9 +82,10 @@ class LinearSteps:
         self.inertias, self.asked = inertias, (scheme, dt, inertias is not None)
         weighed = inertias.size if inertias else 0
         self.columns = Columns(scene.robot.nv, self.system.contacts.cones, weighed)
-        self._share = 0.5 * dt if scheme.at_midpoint else dt
+        self.share = 0.5 * dt if scheme.at_midpoint else dt  # from `at` to the end [s]
         bounds = self.system.equations.bounds
-        self._placed = np.array([row for b in bounds for row in b.positioned], dtype=np.int_)
+        self.placed = np.array([row for b in bounds for row in b.positioned], dtype=np.int_)
+        self._starts = Starts(self.system, scheme, dt, self.partials, self.columns)
 
     @property
     def linearisation(self) -> Linearisation:
@@ -97,18 +98,24 @@ class LinearSteps:
         return Linearisation(weightless(self.system.model), self.scene.bilateral.bounds)
 
     def end(
-        self, t: float, q: Array, v: Array, law: Callable[[ContactProblem, Array], Law]
-    ) -> Ended:
-        """Return the end of a step from a state, with its derivatives by a `law` of contacts."""
-        self.steps.attempt(t, q, v)
-        start = self._start(t, q, v)
+        self, t: float, q: Array, v: Array, law: Callable[[ContactProblem, Array], Law],
+        taken: Taken | None = None,
+    ) -> Ended:  # fmt: skip
+        """Return the end of a step from a state, with its derivatives by a `law` of contacts.
+
+        `taken` is the step, if it is at hand.
+        """
+        if taken is None:
+            self.steps.attempt(t, q, v)
+            taken = self.steps.last
+        start = self._starts.at(t, q, v)
         along = start.v
-        for posed, _, attempt, _ in self.steps.last.tried:
+        for posed, _, attempt, _ in taken.tried:
             found = law(posed.problem, attempt.lam)
             v1 = posed.condensed.velocity(found.lam)
             dv1 = self._velocity(posed, found, v1, start, along)
             along = next_path(posed, along, dv1)
-        return self._moved(posed, found, v1, dv1, start)
+        return Ended(*moved(self, posed, v1, dv1, start), posed, found)
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of a step of the scheme."""
@@ -122,26 +129,10 @@ class LinearSteps:
         self.steps.attempt(t, q, v)
         posed, _, attempt, _ = self.steps.last.tried[-1]
         v1 = posed.condensed.velocity(law(posed.problem, attempt.lam).lam)
-        moved = self.floating.integrate(posed.at, self._share * v1)
+        moved = self.floating.integrate(posed.at, self.share * v1)
         return self.steps.closings.closed(posed.condensed.factors, moved), self.floating.turned(
-            v1, self._share
+            v1, self.share
         )
-
-    def _start(self, t: float, q: Array, v: Array) -> Start:
-        """Return how q and v of the equations, and the torques, change with those of the step."""
-        n, columns = len(v), self.columns
-        at, moving, pulled = (columns.empty() for _ in range(3))
-        if self.scheme.at_midpoint:
-            half = 0.5 * self.dt
-            at[:, columns.q], by_move = self.partials.integrate(q, half * v)
-            at[:, columns.v] = half * by_move
-            moving[:, columns.v] = self.partials.turned(v, half)
-        else:
-            at[:, columns.q] = moving[:, columns.v] = np.eye(n)
-        by_q, by_v = torque_partials(self.system, t, q, v, self.dt)
-        pulled[:, columns.q], pulled[:, columns.v] = by_q, by_v
-        pulled[:, columns.tau] = np.eye(n)
-        return Start(at, moving, pulled)
 
     def _velocity(self, posed: Posed, law: Law, v1: Array, start: Start, along: Array) -> Array:
         """Return v+ by all columns (nv, columns), in the axes of the step.
@@ -156,7 +147,7 @@ class LinearSteps:
         rows = row_partials(self, posed, law.lam, v1, start, along)
         f = self._balance(of, posed, v1, start, start.v) + rows.pulls
         dv0, _ = posed.condensed.factors.solve(f, self._slip(of, posed, posed.v, v1, start))
-        dsigma = J_c @ dv0 + rows.slips + asked_partials(self, posed, law, start, rows.bends)
+        dsigma = J_c @ dv0 + rows.slips + asked_partials(self, posed, law, start, rows)
         R = posed.problem.R
         G = posed.problem.G if R is None else posed.problem.G + np.diag(R)
         A = law.by_sigma @ G + law.by_lam
@@ -260,55 +251,8 @@ class LinearSteps:
         return off / max(speed, self._falls)
 
     def _friction(self, posed: Posed) -> Indices:
-        return self.columns.friction[posed.chosen.active[: self.columns.cones]]
+        return self.columns.friction[posed.chosen.cones]
 
     def restitution(self, posed: Posed) -> Indices:
         """Return the columns of the restitution of the cones that take part."""
-        return self.columns.restitution[posed.chosen.active[: self.columns.cones]]
-
-    def _moved(self, posed: Posed, law: Law, v1: Array, dv1: Array, start: Start) -> Ended:
-        """Return the configuration and the velocity after the step, in its own axes."""
-        rest, partials = self._share, self.partials
-        by_at, by_move = partials.integrate(posed.at, rest * v1)
-        dq = by_at @ start.at + rest * by_move @ dv1
-        moved = self.floating.integrate(posed.at, rest * v1)
-        way = self.steps.closings.way(posed.condensed.factors, moved)
-        if posed.condensed.factors.rank and len(self._placed):
-            for part in [part for part in way if part.end is not part.begin] or way:
-                of_step = part.factors is posed.condensed.factors
-                at, d_at = (posed.at, start.at) if of_step else (part.begin, dq)
-                dq = self._closed(part, dq, at, d_at)
-        dv = partials.turned(v1, rest) @ dv1
-        return Ended(way[-1].end, self.floating.turned(v1, rest), dq, dv, posed, law)
-
-    def _closed(self, part: Closing, dq: Array, at: Array, d_at: Array) -> Array:
-        """Return dq behind a move x = M^-1 J_b^T y, M and J_b of `at`, with c(end) = 0.
-
-        Of moves that others follow that leaves out squares of gaps. c of a row without a place is 0
-        anywhere: the moves leave it where the step has led.
-        """
-        factors, model = part.factors, self.system.model
-        x = np.asarray(pin.difference(model, part.begin, part.end))
-        U, S, r = factors.U, factors.S, factors.rank
-        y = U[:, :r] @ ((factors.V.T @ (factors.L.T @ x)) / S[:r])
-        of = self.weightless.at(at, np.zeros(len(x)), x, y)
-        left = of.rhs[: len(x), : len(x)] @ d_at
-        if self.inertias:
-            left[:, self.columns.inertias] -= self.inertias.momenta(at, x)
-        turned = factors.solve_mass(left)
-        by_q, by_x = pin.dIntegrate(model, part.begin, x)
-        dq = by_q @ dq + by_x @ turned
-        J1 = self.system.equations.jacobian(part.end)
-        Z = by_x @ np.asarray(dtrtrs(factors.L.T, factors.V)[0])  # (nv, rank)
-        opened = np.zeros((len(J1), dq.shape[1]))
-        opened[self._placed] = J1[self._placed] @ dq
-        back = np.linalg.lstsq(J1 @ Z, opened, rcond=tolerances.RANK)[0]
-        return np.asarray(dq - Z @ back)
-
-
-class Start(NamedTuple):
-    """How the start of the equations changes with all columns (nv, columns) each."""
-
-    at: Array  # where M, h and J are taken
-    v: Array  # the velocity before
-    pulled: Array  # torques, as they act at the end of the step
+        return self.columns.restitution[posed.chosen.cones]

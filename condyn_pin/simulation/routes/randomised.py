@@ -14,6 +14,7 @@ from condyn_pin._core.parameters import Grid
 from condyn_pin.contact.modes import MODES
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.tried import Taken
 from condyn_pin.simulation.routes.base import Route
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
 from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, made
@@ -75,7 +76,9 @@ class Randomised(Route):
         """Return nothing: states and torques are varied, the scene is not."""
         return ()
 
-    def at(self, steps: LinearSteps, t: float, q: Array, v: Array) -> StepDerivatives:
+    def at(
+        self, steps: LinearSteps, t: float, q: Array, v: Array, taken: Taken | None = None
+    ) -> StepDerivatives:
         """Return the end of a step of `steps` from a state, and how it changes."""
         n, columns, rng = len(v), steps.columns, np.random.default_rng(self.seed)
         tau = steps.system.applied

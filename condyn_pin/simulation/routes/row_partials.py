@@ -19,9 +19,10 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.derivatives.carried import slope
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.routes.starts import Start
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.routes.linear_steps import LinearSteps, Start
+    from condyn_pin.simulation.routes.linear_steps import LinearSteps
 
 
 class RowPartials(NamedTuple):
@@ -30,6 +31,7 @@ class RowPartials(NamedTuple):
     slips: Array  # (m, columns), J_c v+
     pulls: Array  # (nv, columns), J_c^T lam
     bends: Array  # (k, columns)
+    before: Array | None = None  # (m, nv), J_c v by q; not where they are taken at the end
 
 
 def row_partials(
@@ -41,14 +43,15 @@ def row_partials(
     all_lam = np.zeros(len(posed.J))
     all_lam[posed.chosen.rows] = lam
     steps.turning.go(posed.at)
-    slips, pulls = steps.turning.slips(v1), steps.turning.pulls(all_lam)
+    of_all, pulls = steps.turning.by_q((v1, posed.v), all_lam)
+    after, before = of_all[:, posed.chosen.rows]
     return RowPartials(
-        slips[posed.chosen.rows] @ start.at, pulls @ start.at, _bends(steps, posed, start, along)
+        after @ start.at, pulls @ start.at, _bends(steps, posed, start, along, before), before
     )
 
 
-def _bends(steps: LinearSteps, posed: Posed, start: Start, along: Array) -> Array:
-    """Return how the bends along the velocity before change, `steps.turning` being at `at`."""
+def _bends(steps: LinearSteps, posed: Posed, start: Start, along: Array, before: Array) -> Array:
+    """Return how the bends along the velocity before change."""
     dt, system, chosen, v = steps.dt, steps.system, posed.chosen, posed.v
     bends = np.zeros((len(posed.near.bends), start.at.shape[1]))
     k = chosen.contact_points
@@ -58,7 +61,7 @@ def _bends(steps: LinearSteps, posed: Posed, start: Start, along: Array) -> Arra
     there = steps.floating.integrate(posed.at, dt * v)
     pin.computeJointJacobians(system.model, data, there)
     J_end = system.contacts.evaluate(data, there)[1][chosen.rows][normals]
-    J_n, turned = (rows[chosen.rows][normals] for rows in (posed.J, steps.turning.slips(v)))
+    J_n, turned = posed.J[chosen.rows][normals], before[normals]
     by_at, by_move = steps.partials.integrate(posed.at, dt * v)
     bends[:k] = (J_end @ by_at - J_n - dt * turned) @ start.at
     bends[:k] += dt * (J_end @ by_move - J_n) @ along

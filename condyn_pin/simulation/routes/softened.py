@@ -71,7 +71,7 @@ class Softened(LawRoute):
 
     def law(self, problem: ContactProblem, lam: Array, size: float) -> Law:
         """Return the impulses of a problem, and their natural map linearised."""
-        lam = polished(problem, lam)
+        lam = polished(problem, lam).lam
         sets, m = problem.sets, problem.rows
         sigma = problem.velocities(lam)
         rho = 1.0 / problem.scale[0]

@@ -10,9 +10,11 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin.contact.modes import MODES, OPEN, contact_modes
+from condyn_pin.contact.modes import MODES, OPEN, Modes, contact_modes
+from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.routes.columns import Columns
+from condyn_pin.simulation.routes.law import Law
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.routes.base import Route
@@ -181,7 +183,13 @@ def modes_of(steps: LinearSteps, ended: Ended) -> dict[str, str]:
     chosen, problem = ended.posed.chosen, ended.posed.problem
     modes = np.full(len(chosen.active), OPEN)
     if problem.rows:
-        still = 100 * tolerances.CONTACT_POLISHED
-        modes[chosen.active] = contact_modes(problem, ended.law.lam, still)
-    names = steps.system.contacts.names
-    return dict(zip(names, (MODES[code] for code in modes), strict=True))
+        modes[chosen.active] = _found(problem, ended.law)
+    codes = modes.tolist()
+    return dict(zip(steps.system.contacts.names, (MODES[code] for code in codes), strict=True))
+
+
+def _found(problem: ContactProblem, law: Law) -> Modes:
+    """Return the modes of the contacts that take part."""
+    if law.modes is not None:
+        return law.modes
+    return contact_modes(problem, law.lam, 100 * tolerances.CONTACT_POLISHED)
