@@ -623,6 +623,16 @@ SCENES: dict[str, Case] = {
     ),
     "posture": (asked("talos", "state", "half_siting"), "did you mean 'half_sitting'"),
     **each("posture", (3, ["half_sitting"], {}), lambda x: scene("talos").state(x), "posture = "),
+    "posture by joints": (
+        asked("four_bar", "state", {"crank": 0.3}), r"scene.assemble\(robot.configuration\(",
+    ),
+    "q by joints": (
+        asked("four_bar", "assemble", {"crank": 0.3}), r"^q: .*robot.configuration\(\{joint: value",
+    ),
+    "tau by joints": (
+        lambda: cp.solve(scene("four_bar"), np.zeros(3), np.zeros(3), {"crank": 1.0}),
+        r"^tau: .*robot.joint_vector\(\{joint: value",
+    ),
     "assemble size": (asked("four_bar", "assemble", [0.0]), r"q has shape \(1,\)"),
     "assemble word": (asked("four_bar", "assemble", "closed"), "^q: "),
     "assemble complex": (asked("four_bar", "assemble", [1, 2, 3j]), "^q: .*complex"),

@@ -409,11 +409,18 @@ def test_every_kind_of_constraint_can_be_in_a_file():
     assert {named(kind.__name__) for kind in ours} == ours
 
 
+def test_energies_are_shown_in_a_line():
+    energy = cp.simulate(*bar(), duration=0.01).energy
+    assert repr(energy).startswith(f"Energy(11 samples, {energy.total[0]:.6g} J to ")
+    assert "\n" not in repr(energy)
+
+
 def test_csv(tmp_path):
     found = cp.simulate(*bar(), duration=0.01)
     found.to_csv(tmp_path / "run.csv")
     with (tmp_path / "run.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(found)
-    assert float(rows[5]["q1"]) == found.q[5, 1]
+    second = found.scene.robot.model.names[2]
+    assert float(rows[5][f"q {second}"]) == found.q[5, 1]
     assert float(rows[5]["kinetic [J]"]) == found.energy.kinetic[5]

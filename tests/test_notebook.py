@@ -171,7 +171,24 @@ def test_pandas_has_the_numbers():
     )
 
 
+def test_a_motion_is_a_data_frame_with_its_joints_by_name():
+    if "CI" not in os.environ:
+        pytest.importorskip("pandas")
+    run = swinging()
+    frame = run.to_pandas()
+    joint = run.scene.robot.model.names[2]
+    assert frame.index.name == "t [s]"
+    assert frame.index.tolist() == run.t.tolist()
+    assert frame[f"v {joint}"].tolist() == run.v[:, 1].tolist()
+    assert frame["kinetic [J]"].tolist() == run.energy.kinetic.tolist()
+    fall = falling()
+    assert fall.to_pandas()["q root_joint[2]"].tolist() == fall.q[:, 2].tolist()
+    assert fall.to_pandas()["tau root_joint[5]"].tolist() == fall.tau[:, 5].tolist()
+
+
 def test_without_pandas_the_remedy_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(cp.errors.MissingExtra, match=r"pip install 'condyn_pin\[pandas\]'"):
         table().to_pandas()
+    with pytest.raises(cp.errors.MissingExtra, match=r"pip install 'condyn_pin\[pandas\]'"):
+        swinging().to_pandas()

@@ -308,7 +308,7 @@ def test_all_that_is_not_read_is_listed(read):
     )
     assert (
         "elements that are not read: 1 <calibration>, 1 <collision>, 1 <foo>, 1 <gazebo>, "
-        "1 <safety_controller>, 2 <visual>"
+        "1 <safety_controller>"
     ) in robot.unused
     assert "attributes that are not read: 1 spring_stiffness of <dynamics>" in robot.unused
 

@@ -500,6 +500,24 @@ def test_an_arrow_says_the_largest_force_of_the_run(monkeypatch):
     assert all(text.startswith(f"{largest:.3g} N on ") for text in said)
 
 
+def test_one_moment_of_a_motion_is_a_still_picture_with_its_own_forces():
+    run = swinging()
+    found = drawing(run, t=0.0151)
+    assert len(found.moments) == 1
+    assert (found.moments[0].com == run.scene.robot.center_of_mass(run.q[3])).all()
+    assert found.title.endswith(f" at {run.t[3]:.4g} s")
+    for t in (-1.0, run.t[-1] + 0.1):
+        with pytest.raises(cp.InvalidArgument, match=f"t = {t}: the motion goes from 0 s to "):
+            drawing(run, t=t)
+    with pytest.raises(cp.InvalidArgument, match="t: a Scene is no motion"):
+        drawing(run.scene, t=0.0)
+
+
+def test_a_loop_that_is_closed_says_so(monkeypatch):
+    _, (text,) = said_by(closures, monkeypatch, swinging())
+    assert text.endswith(": closed")
+
+
 def test_an_event_is_shown_before_and_after():
     """Two samples have one time; a sparse motion shows both, and never one out of order."""
     two = SimpleNamespace(t=np.array([0.0, 0.1, 0.1, 0.2]))

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import is_dataclass
 from typing import Final, TypeVar
 
@@ -64,6 +65,11 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
             return plain  # without the questions below
     needed = f"an array of shape {wanted}" if wanted else "one finite number"
     found = name if wanted else f"{name} = {shown(value)}"
+    if isinstance(value, Mapping) and len(wanted) == 1:
+        raise InvalidArgument(
+            f"{found}: {needed} is needed, not a dict; robot.configuration({{joint: value}}) makes "
+            "a q of it, robot.joint_vector({joint: value}) a v, an a or a tau"
+        )
     try:
         array = np.asarray(value)
         if array.dtype.kind == "b" or _has_flags(value):

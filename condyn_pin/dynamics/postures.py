@@ -39,7 +39,10 @@ def described_posture(scene: Scene, posture: str | None = None) -> Array:
         q = next(iter(postures.values()), None)
         return np.array(pin.neutral(scene.robot.model) if q is None else q)
     if not isinstance(posture, str):
-        raise InvalidArgument(f"posture = {posture!r}: the name of a posture is needed")
+        raise InvalidArgument(
+            f"posture = {posture!r}: the name of a posture is needed; to start from values of "
+            "joints, scene.assemble(robot.configuration({joint: value})).q"
+        )
     if posture not in postures:
         raise unknown_name("posture", posture, postures)
     return np.array(postures[posture])

@@ -18,7 +18,7 @@ _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 # What is read: the elements below each one, and its attributes. All else is counted.
 _ELEMENTS: Final[Mapping[str, Sequence[str]]] = {
     "robot": ("link", "joint"),
-    "link": ("inertial",),
+    "link": ("inertial", "visual"),  # view draws the latter
     "inertial": ("origin", "mass", "inertia"),
     "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
     **dict.fromkeys(("origin", "mass", "inertia", "parent", "child", "axis"), ()),

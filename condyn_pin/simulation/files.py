@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
 from typing import Any
 
 import numpy as np
@@ -27,6 +26,7 @@ from condyn_pin.simulation.archive import (
     scene_of,
     write,
 )
+from condyn_pin.simulation.columns import columns
 from condyn_pin.simulation.contact_columns import candidates_of, row_names
 from condyn_pin.simulation.contact_record import ContactRecord
 from condyn_pin.simulation.events import Happened
@@ -171,17 +171,7 @@ def _fits(event: Happened, count: int) -> bool:
 
 def to_csv(trajectory: Trajectory, path: Path_) -> None:
     """Write a trajectory as a table; see `Trajectory.to_csv`."""
-    energy, robot = trajectory.energy, trajectory.scene.robot
-    names = ["t [s]", *(f"q{i}" for i in range(robot.nq))]
-    names += [f"{x}{i}" for x in ("v", "a", "tau") for i in range(robot.nv)]
-    names += [f"lam {name}" for name in trajectory.row_names]
-    names += ["violation", "constraint_velocity", *(f"{f.name} [J]" for f in fields(energy))]
-    table = np.column_stack(
-        [
-            *(trajectory.t, trajectory.q, trajectory.v, trajectory.a, trajectory.tau),
-            *(trajectory.lam, trajectory.violation, trajectory.constraint_velocity),
-            *(getattr(energy, f.name) for f in fields(energy)),
-        ]
-    )
+    table = columns(trajectory)
+    samples, header = np.column_stack(list(table.values())), ",".join(table)
     with written_beside(path) as new:
-        np.savetxt(new, table, fmt="%.17g", delimiter=",", header=",".join(names), comments="")
+        np.savetxt(new, samples, fmt="%.17g", delimiter=",", header=header, comments="")

@@ -31,7 +31,7 @@ _FEW = 64
 _last = threading.local()
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Energy:
     """Energies at the samples of a trajectory, each (k,) [J].
 
@@ -87,6 +87,13 @@ class Energy:
         """An error that is nothing beside the energies themselves [J]."""
         parts = (self.kinetic, self.potential, self.springs)
         return tolerances.ENERGY_KEPT * float(max(np.abs(part).max() for part in parts))
+
+    def __repr__(self) -> str:
+        total = self.total
+        return (
+            f"Energy({len(total)} samples, {total[0]:.6g} J to {total[-1]:.6g} J, unexplained "
+            f"{np.abs(self.error).max():.1e} J at most)"
+        )
 
 
 class Kinematics(NamedTuple):

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -217,6 +218,22 @@ class Trajectory:
         from condyn_pin.simulation.files import to_csv
 
         to_csv(self, path)
+
+    def to_pandas(self) -> Any:
+        """Return the same table as a `pandas.DataFrame`, the time its index.
+
+        Columns are named by joint: ``run.to_pandas()["q knee"].plot()``. A joint with several
+        numbers has ``q root_joint[0]`` and so on.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        from condyn_pin._core.pandas import require_pandas
+        from condyn_pin.simulation.columns import columns
+
+        return require_pandas().DataFrame(columns(self)).set_index("t [s]")
 
     def __len__(self) -> int:
         return len(self.t)

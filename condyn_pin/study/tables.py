@@ -18,7 +18,8 @@ from condyn_pin._core import html
 from condyn_pin._core.files.beside import write_text, written_beside
 from condyn_pin._core.files.text import parse_json, read_text
 from condyn_pin._core.machine import machine
-from condyn_pin.errors import InvalidArgument, MissingExtra
+from condyn_pin._core.pandas import require_pandas
+from condyn_pin.errors import InvalidArgument
 
 FORMAT: Final = 1  # of the json file; one more whenever a field changes its meaning
 
@@ -165,14 +166,8 @@ class Measurements(Generic[Row]):
         MissingExtra
             If pandas is not installed.
         """
-        try:
-            import pandas
-        except ImportError as error:
-            raise MissingExtra(
-                "a data frame needs pandas: python -m pip install 'condyn_pin[pandas]'"
-            ) from error
         columns = [f.name for f in fields(self.kind)]  # type: ignore[arg-type]
-        frame = pandas.DataFrame([row.in_words() for row in self.rows], columns=columns)
+        frame = require_pandas().DataFrame([row.in_words() for row in self.rows], columns=columns)
         frame.attrs["machine"] = dict(self.machine)
         return frame
 

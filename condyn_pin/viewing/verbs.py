@@ -50,6 +50,7 @@ def view(
     q: ArrayLike | None = None,
     *,
     posture: str | None = None,
+    t: float | None = None,
     forces: bool = True,
     speed: float = 1.0,
     light: bool = False,
@@ -81,6 +82,8 @@ def view(
     posture : str, optional
         For a robot or a scene, in place of q: a posture, its loops closed if they can be. The first
         one by default.
+    t : float, optional
+        For a motion: only its sample nearest to this time [s]. All of it is played by default.
     forces : bool
         Draw the forces of an answer, a step or a motion.
     speed : float
@@ -93,9 +96,9 @@ def view(
         Draw the support polygon, the centre of pressure, the capture point and the DCM of a
         `ControlAnswer` or a `Trajectory`, where they exist; `control.Balance` says what they are.
     html, png : path, optional
-        Write a page that opens from disk without a network; a picture of the first moment, for
-        which headless Chromium has to be there. With one of them nothing is opened, and no server
-        is started.
+        Write a page that opens from disk without a network; a picture, of a motion its
+        first moment or that of `t`, for which headless Chromium has to be there. With one of them
+        nothing is opened, and no server is started.
     browser : bool
         Open the browser of the user, where there is a screen. A notebook shows the picture itself.
     port : int
@@ -134,6 +137,7 @@ def view(
             subject,
             q,
             posture=posture,
+            t=t,
             forces=forces,
             speed=float(speed),
             light=light,
@@ -157,6 +161,7 @@ def drawing_of(
     q: ArrayLike | None = None,
     *,
     posture: str | None = None,
+    t: float | None = None,
     forces: bool = True,
     speed: float = 1.0,
     light: bool = False,
@@ -175,6 +180,8 @@ def drawing_of(
             f"balance: a {type(subject).__name__} does not know v and forces; a ControlAnswer "
             "and a Trajectory do"
         )
+    if t is not None and not isinstance(subject, Trajectory):
+        raise InvalidArgument(f"t: a {type(subject).__name__} is no motion, which has times")
     if isinstance(subject, Robot):
         subject = Scene(subject, subject.loops)
     if isinstance(subject, Scene):
@@ -185,6 +192,8 @@ def drawing_of(
         given = "q" if q is not None else "posture"
         raise InvalidArgument(f"{given}: a {type(subject).__name__} has its own configuration")
     if isinstance(subject, Trajectory):
+        if t is not None:
+            return _sample(subject, t, forces, light, cones, balance)
         return _motion(subject, forces, speed, light, cones, balance)
     if isinstance(subject, StepSolution):
         return _step(subject, forces, light, cones)
@@ -230,6 +239,20 @@ def _step(step: StepSolution, forces: bool, light: bool, cones: bool) -> Drawing
     at = moment(scene, q, acting, Felt(step.forces if forces else {}, step.modes))
     title = f"{scene.robot.name}, a step of {step.dt:g} s, {step.status.name.lower()}"
     return draw([scene], [at], title=title, light=light, cones=cones)
+
+
+def _sample(
+    trajectory: Trajectory, t: float, forces: bool, light: bool, cones: bool, balance: bool
+) -> Drawing:
+    """Return the drawing of one sample of a motion."""
+    start, end = trajectory.t[[0, -1]]
+    if not start <= finite("t", t, ()) <= end:
+        raise InvalidArgument(f"t = {t}: the motion goes from {start:g} s to {end:g} s")
+    k = int(np.abs(trajectory.t - t).argmin())
+    moments = moments_of(trajectory, [k], forces=forces, balance=balance)
+    scenes = [phase.scene for phase in trajectory.phases]
+    title = f"{scenes[0].robot.name} at {trajectory.t[k]:.4g} s"
+    return draw(scenes, moments, title=title, light=light, cones=cones)
 
 
 def _motion(

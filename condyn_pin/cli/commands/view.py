@@ -54,6 +54,9 @@ def view(
     browser: Annotated[bool, typer.Option(help="Open the browser, if there is a display.")] = True,
     variant: arg.Variant = None,
     floating: arg.Floating = False,
+    at: Annotated[
+        float | None, typer.Option(help="Only this moment of a motion [s].", show_default=False)
+    ] = None,
     motion: Annotated[
         int | None, typer.Option(help="Which motion of a batch, from 0.", min=0)
     ] = None,
@@ -67,13 +70,15 @@ def view(
     if not subject.endswith(".npz"):
         if motion is not None:
             raise InvalidArgument(f"--motion {motion}: it is of a batch (.npz), not of {subject}")
+        if at is not None:
+            raise InvalidArgument(f"--at {at:g}: it is of a motion (.npz), not of {subject}")
         chosen = _standing(subject, contacts, loops, posture, forces, variant, floating)
     elif posture or forces or contacts or variant or floating or not loops:
         raise InvalidArgument(f"{subject}: a motion has its own states, constraints and forces")
     else:
         chosen = _motion(subject, motion)
     with view_subject(
-        chosen, posture=None if forces else posture, speed=speed, light=light, cones=cones,
+        chosen, posture=None if forces else posture, t=at, speed=speed, light=light, cones=cones,
         balance=balance, html=html, png=png, browser=browser, port=port,
     ) as viewer:  # fmt: skip
         _show(viewer, html, png)
