@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.modes import MODES, OPEN, Modes
+from condyn_pin.simulation.contact_work import ContactWork
 
 
 @dataclass(frozen=True, eq=False)
@@ -20,16 +21,16 @@ class ContactRecord:
     ----------
     names : tuple of str
         Of the candidates.
-    columns : (k, 2 + candidates) array
-        Natural residual [1], work [J], and modes as places in `MODES` [1], open while a candidate
-        is away: what a file has.
+    columns : (k, 4 + candidates) array
+        Natural residual [1], the three parts of `ContactWork` [J], and modes as places in `MODES`
+        [1], open while a candidate is away: what a file has.
     """
 
     names: tuple[str, ...]
     columns: Array
 
     def __post_init__(self) -> None:
-        if self.columns.shape[1] != 2 + len(self.names) or not np.isin(self.codes, _CODES).all():
+        if self.columns.shape[1] != width(len(self.names)) or not np.isin(self.codes, _CODES).all():
             raise ValueError(f"contact: modes of {len(self.names)} contacts are needed")
 
     @property
@@ -39,13 +40,23 @@ class ContactRecord:
 
     @property
     def work(self) -> Array:
-        """Work of all contacts since the start (k,) [J]; friction and impacts make it negative."""
+        """Work of friction and impacts since the start (k,) [J]; they only take."""
         return self.columns[:, 1]
+
+    @property
+    def correction(self) -> Array:
+        """Work of pushing penetrations out, and of closing loops, since the start (k,) [J]."""
+        return self.columns[:, 2]
+
+    @property
+    def algorithmic(self) -> Array:
+        """What impulses gave against the laws of contact since the start (k,) [J]."""
+        return self.columns[:, 3]
 
     @property
     def codes(self) -> Array:
         """Modes (k, candidates), as places in `MODES`."""
-        return self.columns[:, 2:]
+        return codes_in(self.columns)
 
     @property
     def modes(self) -> dict[str, NDArray[np.str_]]:
@@ -56,10 +67,30 @@ class ContactRecord:
 
 _CODES = range(len(MODES))
 
+# Columns before the modes, and how many files of before have, whose work is all in one.
+_WORKS, _WORKS_BEFORE = 1 + len(ContactWork._fields), 2
 
-def touch_of(natural: float, work: float, modes: Modes) -> Array:
+
+def width(candidates: int) -> int:
+    """Return how many columns there are with so many candidates."""
+    return _WORKS + candidates
+
+
+def touch_of(natural: float, work: ContactWork, modes: Modes) -> Array:
     """Return a row of the columns of a record."""
-    return np.concatenate(((natural, work), modes))
+    return np.concatenate(((natural, *work), modes))
+
+
+def codes_in(columns: Array) -> Array:
+    """Return the modes (..., candidates) in rows of a record, as places in `MODES`."""
+    return columns[..., _WORKS:]
+
+
+def written_before(columns: Array, candidates: int) -> Array:
+    """Return columns (..., 2 + candidates) of a file of before as they are now; others as is."""
+    if columns.shape[-1] != _WORKS_BEFORE + candidates:
+        return columns
+    return np.insert(columns, [_WORKS_BEFORE] * (_WORKS - _WORKS_BEFORE), 0.0, axis=-1)
 
 
 def joined(names: Sequence[tuple[str, ...]], parts: Sequence[Array]) -> ContactRecord:
@@ -67,7 +98,7 @@ def joined(names: Sequence[tuple[str, ...]], parts: Sequence[Array]) -> ContactR
     places = {name: i for i, name in enumerate(dict.fromkeys(n for each in names for n in each))}
     columns = []
     for its, part in zip(names, parts, strict=True):
-        everything = np.full((len(part), 2 + len(places)), float(OPEN))
-        everything[:, [0, 1, *(2 + places[name] for name in its)]] = part
+        everything = np.full((len(part), width(len(places))), float(OPEN))
+        everything[:, [*range(_WORKS), *(_WORKS + places[name] for name in its)]] = part
         columns.append(everything)
     return ContactRecord(tuple(places), np.concatenate(columns))

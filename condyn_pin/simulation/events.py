@@ -18,6 +18,7 @@ from condyn_pin.dynamics.impacts import Restitution, restitutions
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, UnknownName
 from condyn_pin.simulation.contact_columns import contact_rows
+from condyn_pin.simulation.contact_record import codes_in
 from condyn_pin.simulation.system import NO_TOUCH, System
 
 
@@ -95,7 +96,7 @@ class Snapshot:
         system, state = self._system, self._state  # type: ignore[attr-defined]
         if system.contacts.names:
             _, _, _, a, lam, _, touch = system.look(self.t, *state)
-            return a, lam, touch[2:]
+            return a, lam, codes_in(touch)
         return system.acceleration(self.t, *state), system.lam(), NO_TOUCH
 
 

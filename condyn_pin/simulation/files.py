@@ -28,7 +28,7 @@ from condyn_pin.simulation.archive import (
 )
 from condyn_pin.simulation.columns import columns
 from condyn_pin.simulation.contact_columns import candidates_of, row_names
-from condyn_pin.simulation.contact_record import ContactRecord
+from condyn_pin.simulation.contact_record import ContactRecord, width, written_before
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.outcome import Effects, Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
@@ -91,8 +91,9 @@ def _trajectory(robot: Robot, header: Header, content: Content) -> Trajectory:
     contact = None
     if "contact" in content:
         names = dict.fromkeys(n for phase in phases for n in candidates_of(phase.scene).names)
-        shape = (len(content["t"]), 2 + len(names))
-        contact = ContactRecord(tuple(names), finite("contact", content["contact"], shape))
+        columns = written_before(content["contact"], len(names))
+        shape = (len(content["t"]), width(len(names)))
+        contact = ContactRecord(tuple(names), finite("contact", columns, shape))
     arrays = {name: content[name] for name in _ARRAYS}
     return Trajectory(phases=phases, run=made, contact=contact, **arrays)
 

@@ -22,6 +22,7 @@ from math import inf
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.simulation.contact_work import NO_WORK
 from condyn_pin.simulation.events import Ended, Event, Happened, Snapshot, ZenoDetected
 from condyn_pin.simulation.fit import (
     anchored,
@@ -60,7 +61,7 @@ class HybridSimulator:
         placed = self._placed(plan.scene)
         self.phase = phase or HybridPhase(placed, plan)
         self.phase.use(placed)
-        self._contact_work = self.phase.system.contact_work = 0.0
+        self._contact_work = self.phase.system.contact_work = NO_WORK
         self.phase.system.located = ()
         self.recorders = [self.phase.begin(self.t, q, v)]
         self.happened: list[Happened] = []

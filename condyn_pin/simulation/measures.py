@@ -2,9 +2,10 @@
 
     E = 1/2 v^T M v + potential + sum_i k_i (q_i - q0_i)^2 / 2
 
-and E changes by the work of the torques applied, that of damping, what impacts take, and what
-constraints bring that follow a path of time, lam . s'. Ideal constraints at rest do no work: what
-is left over is the error of the integration.
+and E changes by the work of the torques applied, that of damping, what impacts take, what
+constraints bring that follow a path of time, lam . s', and by contacts that open and slide, whose
+work comes in three parts (`ContactWork`). Ideal constraints at rest do no work: what is left over
+is the error of the integration.
 """
 
 from __future__ import annotations
@@ -48,8 +49,14 @@ class Energy:
     driven : (k,) array
         Work of constraints that follow a path of time, lam . s', since the start [J].
     contact : (k,) array
-        Work of contacts that open and slide since the start: friction, inelastic impacts, and what
-        pushes a penetration out [J].
+        Work of contacts that open and slide since the start, of friction and impacts: they only
+        take, springs of a `SoftStep` apart [J].
+    correction : (k,) array
+        What pushing penetrations out has brought since the start, and moving q back onto the loops
+        behind each step with contacts [J].
+    algorithmic : (k,) array
+        What impulses of contacts gave since the start where friction and impacts only take, for a
+        step knows J at one place only; not negative, and zero in the limit of small steps [J].
     """
 
     kinetic: Array
@@ -60,6 +67,8 @@ class Energy:
     impacts: Array
     driven: Array
     contact: Array
+    correction: Array
+    algorithmic: Array
 
     @property
     def total(self) -> Array:
@@ -70,7 +79,8 @@ class Energy:
     def error(self) -> Array:
         """What the total has changed by that no work explains (k,) [J]."""
         total = self.total
-        done = self.work + self.damping + self.impacts + self.driven + self.contact
+        done = self.work + self.damping + self.impacts + self.driven
+        done = done + self.contact + self.correction + self.algorithmic
         return np.asarray(total - total[0] - done)
 
     @property

@@ -202,7 +202,9 @@ class _Memory:
             q=q1, v=v1, lam=lam, gaps=dict(zip(candidates.names, gaps.tolist(), strict=False)),
             modes=dict(zip(candidates.names, modes, strict=True)), contact=contact,
             dynamics_error=dynamics, constraint_error=slip, violation=violation,
-            penetration=float(np.maximum(-gaps, 0.0).max(initial=0.0)), energy_lost=0.0 - work,
+            penetration=float(np.maximum(-gaps, 0.0).max(initial=0.0)),
+            energy_lost=0.0 - work.contact, correction_work=work.correction,
+            algorithmic_work=work.algorithmic,
             dt=self._dt, scene=self._scene, integrator=self.asked[2], start=start,
             _taken=self._steps.last,
         )  # fmt: skip

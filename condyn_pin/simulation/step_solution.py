@@ -53,7 +53,13 @@ class StepSolution:
     penetration : float
         The deepest of the contacts at the end [m, rad].
     energy_lost : float
-        What the contacts took: friction, impacts, and less what pushed a penetration out [J].
+        What the contacts took, friction and impacts; not negative, springs of a `SoftStep` apart
+        [J].
+    correction_work : float
+        What pushing penetrations out has brought, and moving q back onto the loops [J].
+    algorithmic_work : float
+        What impulses of contacts gave where friction and impacts only take, for a step knows J at
+        one place only [J].
     dt : float
         [s]
     scene : Scene
@@ -73,6 +79,8 @@ class StepSolution:
     violation: float  # [m, rad]
     penetration: float  # [m, rad]
     energy_lost: float  # [J]
+    correction_work: float  # [J]
+    algorithmic_work: float  # [J]
     dt: float  # [s]
     scene: Scene
     integrator: ContactScheme
@@ -156,7 +164,8 @@ class StepSolution:
             f"dynamics    {self.dynamics_error:.1e} N s",
             f"constraints {self.constraint_error:.1e} m/s, {self.violation:.1e} m",
             f"penetration {self.penetration:.1e} m",
-            f"contacts took {self.energy_lost:.4g} J",
+            f"contacts took {self.energy_lost:.4g} J, corrections brought "
+            f"{self.correction_work:.2g} J, the step itself {self.algorithmic_work:.2g} J",
         ]
         for name, mode in self.modes.items():
             force = np.array2string(self.forces[name], precision=4, suppress_small=True)

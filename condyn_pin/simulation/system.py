@@ -26,6 +26,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Singular
 from condyn_pin.dynamics.workspace import LARGEST, SMALLEST, Workspace
 from condyn_pin.errors import NotAssembled, StepFailed
+from condyn_pin.simulation.contact_work import NO_WORK
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.recorder import Row
@@ -62,8 +63,8 @@ class System:
         (q, dv) -> q moved along dv.
     contacts : Candidates
         What may touch; the workspace and its scene know nothing of them.
-    contact_work : float
-        Work of the contacts since the start of the run [J].
+    contact_work : ContactWork
+        Since the start of the run.
     located : tuple of ContactEvent
         Events of contacts in the last step, of an integrator that finds them.
     look : callable
@@ -86,7 +87,7 @@ class System:
         self.passive = Passive.of(robot, springs=springs, damping=damping)
         self.torque = total_torque(self.applied, self.passive)
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
-        self.contacts, self.contact_work = Candidates(self.model, contacts), 0.0
+        self.contacts, self.contact_work = Candidates(self.model, contacts), NO_WORK
         self.located: tuple[ContactEvent, ...] = ()
         self.look: Callable[[float, Array, Array], Row] = self.sample
         self._is_driven = workspace.scene.is_driven

@@ -171,8 +171,24 @@ class Trajectory:
             _chained([work(self.t[s], damped[s]) for s in samples]),
             impacts,
             _chained([work(self.t[p.samples], self._drive_power(p)) for p in self.phases]),
-            self.contact.work if self.contact else np.zeros(len(self.t)),
+            *self._contact_work,
         )
+
+    def _steps_text(self) -> list[str]:
+        """Return what steps with contacts have done to the energy beside their contacts."""
+        energy = self.energy
+        if not (energy.correction.any() or energy.algorithmic.any()):
+            return []
+        return [
+            f"            corrections {energy.correction[-1]:.4g} J, algorithmic "
+            f"{energy.algorithmic[-1]:.4g} J"
+        ]
+
+    @property
+    def _contact_work(self) -> tuple[Array, ...]:
+        if self.contact is None:
+            return tuple(np.zeros((3, len(self.t))))
+        return self.contact.work, self.contact.correction, self.contact.algorithmic
 
     @cached_property
     def notices(self) -> tuple[str, ...]:
@@ -265,6 +281,7 @@ class Trajectory:
             f"{energy.work[-1]:.4g} J, of damping {energy.damping[-1]:.4g} J, impacts "
             f"{energy.impacts[-1]:.4g} J, contacts {energy.contact[-1]:.4g} J"
             + (f", drives {energy.driven[-1]:.4g} J" if self.scene.is_driven else ""),
+            *self._steps_text(),
             f"unexplained {np.abs(energy.error).max():.1e} J at most",
         ]
         shown, more = run.happened[:_SHOWN], len(run.happened) - _SHOWN

@@ -43,8 +43,9 @@ def violation(trajectory: Trajectory, ax: Any = None) -> Any:
 def energy(trajectory: Trajectory, ax: Any = None) -> Any:
     """Draw the energies over time, the work that explains them, and what nothing explains.
 
-    The total is drawn against its start, and so are the work of tau, damping, impacts, drives and
-    contacts: with a good integrator `unexplained` is a line along zero.
+    The total is drawn against its start, and so are the work of tau, damping, impacts, drives,
+    contacts, their corrections and what is algorithmic: with a good integrator `unexplained` is a
+    line along zero.
 
     Parameters
     ----------
@@ -67,6 +68,8 @@ def energy(trajectory: Trajectory, ax: Any = None) -> Any:
         "impacts": found.impacts,
         "drives": found.driven,
         "contacts": found.contact,
+        "corrections": found.correction,
+        "algorithmic": found.algorithmic,
         "unexplained": found.error,
     }
     shown = {k: x for k, x in lines.items() if x.any() or k == "unexplained"}

@@ -27,7 +27,7 @@ STATUSES: Final = tuple(ContactStatus)
 # Columns of the errors of a step.
 ERRORS: Final = (
     *("natural", "dynamics_error", "constraint_error", "violation", "penetration"),
-    "energy_lost",
+    *("energy_lost", "correction_work", "algorithmic_work"),
 )
 
 # The arrays with a row a state.
@@ -50,9 +50,10 @@ class BatchStep(Outcome, Batch[StepSolution]):
         Impulses of constraints, then of all contacts [N s, N m s].
     codes : (N, candidates) int8 array
         Modes, as places in ("open", "stick", "slide").
-    errors : (N, 6) array
+    errors : (N, 8) array
         Natural residual [1], dynamics error [N s], constraint error [m/s], violation [m],
-        penetration [m] and energy lost [J] of each, as in `StepSolution`.
+        penetration [m], energy lost, correction work and algorithmic work [J] of each, as in
+        `StepSolution`.
     statuses : (N,) int8 array
         Place in ``tuple(ContactStatus)``: 0 is ok. -1 where no worker got that far.
     q0, v0, tau0 : (N, nq), (N, nv), (N, nv) array

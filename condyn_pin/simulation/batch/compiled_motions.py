@@ -135,7 +135,7 @@ def _put(
     power = np.einsum("ni,nki->kn", tau[ok], v), -passive.dissipation(q, v).T
     energy = Energy(
         kinetic.T, potential.T, passive.energy(q).T, *(work(t[0], each) for each in power),
-        *np.zeros((3, *kinetic.T.shape)),
+        *np.zeros((5, *kinetic.T.shape)),
     )  # fmt: skip
     outputs["energy_error"][ok] = np.abs(energy.error).max(axis=0)
     if "samples_t" in outputs:

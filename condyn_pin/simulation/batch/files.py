@@ -34,9 +34,12 @@ from condyn_pin.simulation.batch.trajectory import (
     kinds_of,
     samples_in,
 )
+from condyn_pin.simulation.contact_columns import candidates_of
+from condyn_pin.simulation.contact_record import written_before
 from condyn_pin.simulation.outcome import RunStatus
 
 _PLAIN = ("duration", "dt", "steps", "seconds")
+_CONTACT = "samples_contact"
 
 
 def save(batch: BatchTrajectory, path: Path_) -> None:
@@ -65,6 +68,8 @@ def _batch(robot: Robot, header: Header, content: Content) -> BatchTrajectory:
     kept = content["samples_t"].shape[-1] if "samples_t" in content else 0
     kinds = kinds_of(scene, kept)
     arrays, count = {name: content[name] for name in kinds}, len(content["t"])
+    if _CONTACT in arrays:
+        arrays[_CONTACT] = written_before(arrays[_CONTACT], len(candidates_of(scene).names))
     for name, kind in kinds.items():
         there, wanted = arrays[name], kind.times(count)
         if there.shape != wanted.shape or there.dtype != wanted.dtype:

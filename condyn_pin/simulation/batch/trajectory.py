@@ -21,7 +21,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import NotRecorded, WorkersLost
 from condyn_pin.simulation.contact_columns import candidates_of, row_names
-from condyn_pin.simulation.contact_record import ContactRecord
+from condyn_pin.simulation.contact_record import ContactRecord, width
 from condyn_pin.simulation.fit import anchored
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.outcome import Run, RunStatus
@@ -52,7 +52,7 @@ class Samples:
     tau : (N, k, nv) array
         Torques applied, those of forces from outside with them, without springs and damping
         [N, N m].
-    contact : (N, k, 2 + candidates) array or None
+    contact : (N, k, 4 + candidates) array or None
         `ContactRecord.columns` of each motion, where contacts may open.
     """
 
@@ -88,7 +88,7 @@ def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
     widths |= dict.fromkeys(("v", "a", "tau"), (robot.nv,))
     ends = {name: Kind(widths.get(name, ())) for name in ENDS} | {"statuses": Kind((), "i1")}
     if scene.contacts:
-        widths["contact"] = (2 + len(candidates_of(scene).names),)
+        widths["contact"] = (width(len(candidates_of(scene).names)),)
     sampled = [name for name in SAMPLED if name in widths]
     samples = {f"samples_{name}": Kind((kept, *widths[name])) for name in sampled}
     return ends | samples if kept else ends

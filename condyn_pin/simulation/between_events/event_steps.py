@@ -27,6 +27,7 @@ from condyn_pin.simulation.between_events.segment import Segment, Segments
 from condyn_pin.simulation.between_events.transition import Begun, Transition
 from condyn_pin.simulation.contact_event import ContactEvent
 from condyn_pin.simulation.contact_record import touch_of
+from condyn_pin.simulation.contact_work import ContactWork
 from condyn_pin.simulation.events import ZenoDetected
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.recorder import Row
@@ -64,7 +65,7 @@ class EventSteps:
         for _ in range(_MOST):
             self._count(events, dynamics, v, now)
             segment, dynamics = self._segment.take(now, end), now.dynamics
-            system.contact_work += segment.work
+            system.contact_work = system.contact_work.more(contact=segment.work)
             is_last = end - segment.t <= _NOTHING * self._dt
             q, v = self._closed(segment, dynamics)
             if segment.is_event or not is_last:
@@ -108,16 +109,23 @@ class EventSteps:
         self, events: list[ContactEvent], dynamics: ModeDynamics, v: Array, now: Begun
     ) -> None:
         """Count what happens in the instant in which modes change, with the velocity v."""
-        self._system.contact_work += now.work
+        system = self._system
+        system.contact_work = system.contact_work.more(contact=now.work)
         if now.what or (dynamics.modes != now.dynamics.modes).any():
-            terms = ContactTerms(self._system, now.terms.t, now.terms.q, v)
+            terms = ContactTerms(system, now.terms.t, now.terms.q, v)
             events.append(self._event(dynamics, terms, now))
 
     def _event(self, dynamics: ModeDynamics, terms: ContactTerms, now: Begun) -> ContactEvent:
         """Return what happened between the old modes and the new ones."""
         t, work = terms.t, self._system.contact_work
         before = self._row(
-            t, terms.q, terms.v, dynamics, dynamics.solve(terms), 0.0, work - now.work
+            t,
+            terms.q,
+            terms.v,
+            dynamics,
+            dynamics.solve(terms),
+            0.0,
+            work.more(contact=-now.work),
         )
         after = self._row(t, terms.q, now.terms.v, now.dynamics, now.held, now.natural)
         modes = dynamics.modes, now.dynamics.modes
@@ -126,7 +134,7 @@ class EventSteps:
 
     def _row(
         self, t: float, q: Array, v: Array, dynamics: ModeDynamics, held: Held, natural: float,
-        work: float | None = None,
+        work: ContactWork | None = None,
     ) -> Row:  # fmt: skip
         work = self._system.contact_work if work is None else work
         lam = np.concatenate((held.of_constraints, held.lam))

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm
 from condyn_pin.simulation.system import System
@@ -53,6 +54,15 @@ class Closings:
     def closed(self, of_step: MinimumNorm, q: Array) -> Array:
         """Return q with loops closed."""
         return self.way(of_step, q)[-1].end
+
+    def work(self, q: Array, q1: Array, v: Array) -> float:
+        """Return what it does to the energy to move q to q1 where loops are closed [J]."""
+        model, data, passive = self._system.model, self._equations.data, self._system.passive
+        won = pin.computeMechanicalEnergy(model, data, q1, v)
+        won -= pin.computeMechanicalEnergy(model, data, q, v)
+        if len(passive.k) or passive.between:
+            won += float(passive.energy(q1) - passive.energy(q))
+        return float(won)
 
     def way(self, of_step: MinimumNorm, q: Array) -> list[Closing]:
         """Return how q goes to where its loops are closed: a part of the way for all factors."""

@@ -36,7 +36,7 @@ _NEAR = 1e-3
 # Share of a penetration that a step takes back, and how deep one is that stays [m, rad]: what steps
 # leave of a gap that they close is 1e-11. Pushed out, that would slide against dry friction, or
 # push redundant contacts against each other, with impulses up to the limits of friction.
-_PUSHED_OUT, _AT_REST = 0.2, 1e-9
+_PUSHED_OUT, AT_REST = 0.2, 1e-9
 
 # Gaps that are rounding [m, rad].
 _TOUCHES = 1e-13
@@ -213,11 +213,11 @@ def allowed_gaps(gaps: Array) -> Array:
     A penetration of up to a nanometre stays.
     """
     open_or_touching = np.where(gaps > _TOUCHES, gaps, 0.0)
-    return np.where(gaps < -_AT_REST, _PUSHED_OUT * gaps, open_or_touching)
+    return np.where(gaps < -AT_REST, _PUSHED_OUT * gaps, open_or_touching)
 
 
 def closing_by(near: Near) -> AskedBy:
     """Return how `closing_velocities` change; where a gap is zero, as where it is open."""
-    shares = np.where(near.gaps < 0, _PUSHED_OUT * (near.gaps < -_AT_REST), 1.0)
+    shares = np.where(near.gaps < 0, _PUSHED_OUT * (near.gaps < -AT_REST), 1.0)
     bends = np.full(len(near.gaps), 1 / near.dt)
     return AskedBy.nothing(near)._replace(gaps=shares / near.dt, bends=bends)

@@ -42,6 +42,7 @@ from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
 from condyn_pin.simulation.integrators.path_ends import MISSED, PathEnds, next_path
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.integrators.step_work import step_work
 from condyn_pin.simulation.integrators.tried import Taken, Tried, answered
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System, total_torque
@@ -123,14 +124,17 @@ class ContactSteps:
         posed, v1, found, natural = tried[-1]
         lam, dt, floating = found.lam, self._dt, self.floating
         a = (v1 - posed.v) / dt - posed.turning
-        work = 0.5 * float(lam.dot(posed.near.before + posed.J_c.dot(v1)))
-        self._system.contact_work += work
         rest = self._share * dt
-        q1 = self.closings.closed(posed.condensed.factors, floating.integrate(posed.at, rest * v1))
-        if not isfinite(float(q1.dot(q1) + v1.dot(v1) + work)):
+        moved, turned = floating.integrate(posed.at, rest * v1), floating.turned(v1, rest)
+        q1 = self.closings.closed(posed.condensed.factors, moved)
+        work = step_work(self._scheme, posed, lam, v1)
+        if q1 is not moved:
+            work = work.more(correction=self.closings.work(moved, q1, turned))
+        self._system.contact_work = self._system.contact_work.plus(work)
+        if not isfinite(float(q1.dot(q1) + v1.dot(v1) + work.total)):
             natural = nan  # also where no contact takes part
         self.last = Taken(posed, v1, found, natural, work, tuple(tried))
-        return q1, floating.turned(v1, rest), a
+        return q1, turned, a
 
     def pose(self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None) -> Posed:
         """Return the step from a state with its contact problem, not yet solved.

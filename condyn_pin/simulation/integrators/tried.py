@@ -10,6 +10,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.contact.consistent import without_contradiction
 from condyn_pin.contact.judge import attempt_contact, first_attempt
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
+from condyn_pin.simulation.contact_work import ContactWork
 from condyn_pin.simulation.integrators.posed import Posed
 
 
@@ -35,7 +36,7 @@ class Taken(NamedTuple):
     v: Array
     attempt: Attempt
     natural: float
-    work: float  # of the contacts [J]
+    work: ContactWork
     tried: tuple[Tried, ...]  # what it came from, in turn, and itself
 
 
