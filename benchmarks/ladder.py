@@ -76,7 +76,7 @@ def main() -> None:
         write_csv(RESULTS / "ladder.csv", tables[0].machine, columns, rows)
         text = json.dumps([table.as_dict() for table in tables], indent=1)
         (RESULTS / "ladder.json").write_text(text + "\n", encoding="utf-8")
-        save_hierarchies(tables, RESULTS / "ladder.png")
+    save_hierarchies(tables, RESULTS / "ladder.png")
     marks.write(pages(tables))
     print(markdown(tables))
 

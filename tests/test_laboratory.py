@@ -124,6 +124,7 @@ def test_pictures_show_the_numbers(tmp_path):
     assert plots_drift.draw_contest(found, three) is three
     assert len(three.get_legend().texts) == len(found)
     pyplot.close(figure)
+    assert one.get_legend() is None  # the lines themselves are labelled
     plots_drift.save_laboratory(growths, [cp.SemiImplicitEuler()], found, tmp_path / "lab.png")
     assert (tmp_path / "lab.png").read_bytes().startswith(b"\x89PNG")
 

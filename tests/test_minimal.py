@@ -293,7 +293,11 @@ def test_tables_travel(tmp_path):
     assert pickle.loads(pickle.dumps(found)) == found
     save_hierarchies([found, found], tmp_path / "l.png")
     assert (tmp_path / "l.png").read_bytes().startswith(b"\x89PNG")
-    assert draw_hierarchy(found).get_title() == "talos"
+    ax = draw_hierarchy(found)
+    assert ax.get_title() == "talos"
+    assert [text.get_text().split("\n")[0] for text in ax.texts] == [r.label for r in found.rows]
+    legend = [text.get_text() for text in ax.get_legend().get_texts()]
+    assert sorted(legend) == sorted({row.solver for row in found.rows})
 
 
 def test_an_unknown_ladder_is_named():

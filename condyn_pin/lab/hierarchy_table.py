@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from math import isfinite
+from math import isfinite, log10
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Final
 
@@ -134,15 +134,23 @@ def draw_hierarchy(table: HierarchyTable, ax: Any = None) -> Any:
     ax = axes(ax)
     rows = [row for row in table.rows if isfinite(row.speedup)]
     points = [(row.speedup, max(row.a_worst, _FLOOR)) for row in rows]
+    end = 1.15 * max(speed for speed, _ in points)
     ax.plot(*zip(*points, strict=True), color="0.8", lw=0.8, zorder=0)
-    for number, (row, point) in enumerate(zip(rows, points, strict=True), start=1):
+    drawn: set[str] = set()
+    upwards = sorted(points, key=lambda point: (round(log10(point[1]), 1), point[0]))
+    for row, point in zip(rows, points, strict=True):
         colour, marker = METHODS.get(row.solver, OTHER)
-        ax.plot(*point, marker, color=colour, ms=7)
-        ax.annotate(str(number), point, textcoords="offset points", xytext=(5, 5), fontsize=8)
-        label = f"{number}: {row.label} (nv {row.nv}, {row.rows} rows, {row.solver})"
-        ax.plot([], [], marker, color=colour, label=label)
-    ax.set(yscale="log", ylim=(_FLOOR / 3, 10.0))
-    ax.set_xlim(0.0, 1.15 * max(speed for speed, _ in points))
+        label = "" if row.solver in drawn else row.solver
+        drawn.add(row.solver)
+        ax.plot(*point, marker, color=colour, ms=7, label=label)
+        # below and above in turn, and towards the middle: neighbours do not overlap
+        above, left = upwards.index(point) % 2 == 1, point[0] > end / 2
+        ax.annotate(
+            f"{row.label}\nnv {row.nv}, {row.rows} rows", point, textcoords="offset points",
+            xytext=(-8 if left else 8, 5 if above else -5), fontsize=7,
+            ha="right" if left else "left", va="bottom" if above else "top",
+        )  # fmt: skip
+    ax.set(xlim=(0.0, end), yscale="log", ylim=(_FLOOR / 10, 10.0))
     error = "worst error of a, 0 drawn at 1e-6"
     return finished(ax, title=table.name, x="times faster than the first model", y=error)
 
@@ -153,4 +161,6 @@ def save_hierarchies(tables: Sequence[HierarchyTable], path: str | Path) -> None
 
     draw = [partial(draw_hierarchy, table) for table in tables]
     note, machine = "{processor}, Pinocchio {pinocchio}", tables[0].machine
-    save_panels(draw, path, size=(4.8, 4.0), columns=len(draw), note=note, machine=machine)
+    save_panels(
+        draw, path, size=(4.8, 4.0), columns=len(draw), note=note, machine=machine, one_legend=True
+    )

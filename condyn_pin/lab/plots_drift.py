@@ -31,9 +31,14 @@ def draw_growth(found: Mapping[str, Growth], ax: Any = None) -> Any:
     ax = axes(ax)
     for (title, growth), colour, line in zip(found.items(), COLOURS, _LINES, strict=False):
         seen = growth.violation > 0
-        label = f"{title}: t^{growth.power:.2f}"
-        ax.plot(growth.t[seen], growth.violation[seen], line, color=colour, label=label)
+        t, gap = growth.t[seen], growth.violation[seen]
+        ax.plot(t, gap, line, color=colour)
+        ax.annotate(
+            f"{title}: t^{growth.power:.2f}", (t[-1], gap[-1]), xytext=(0, 6), color=colour,
+            textcoords="offset points", ha="right", fontsize=8,
+        )  # fmt: skip
     ax.set(xscale="log", yscale="log")
+    ax.margins(y=0.15)
     return finished(ax, title="gap without stabilisation", x="t [s]", y="max abs(c) so far [m]")
 
 
@@ -69,7 +74,7 @@ def draw_contest(found: Sequence[Contest], ax: Any = None) -> Any:
         ax.plot(gap, one.errors.early, "o", color=colour, mfc="none", ms=7)
         ax.plot(gap, one.errors.late, "o", color=colour, ms=7, label=one.title)
     ax.set(xscale="log", yscale="log")
-    title = "first (hollow) and last tenth"
+    title = "first (hollow) and last tenth of a run"
     return finished(ax, title=title, x="max abs(c) [m]", y="max abs(E - E0) [J]")
 
 
@@ -85,4 +90,4 @@ def save_laboratory(
         *(partial(draw_stability, integrator) for integrator in integrators),
         partial(draw_contest, found),
     ]
-    save_panels(draw, path, size=(4.4, 3.8), columns=len(draw))
+    save_panels(draw, path, size=(4.4, 3.4), columns=2, one_legend=True)
