@@ -23,11 +23,12 @@ Golub, Van Loan. Matrix Computations, 5.5: complete orthogonal decompositions.
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Final, NamedTuple
 
 import numpy as np
 
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.linalg.mass_factor import lapack
 
 # Columns that LAPACK turns at once.
@@ -82,15 +83,21 @@ def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:
     if not rank:
         return _all_free(L_inv, m)
     B = of.dormqr("L", "T", R[:, : len(reflectors)], reflectors, L_inv, _BLOCK * n)[0]
-    P_Z = np.eye(m)
     if rank == m:
-        P_Z = of.dtrtrs(R[:m], P_Z)[0]
+        P_Z = of.dtrtri(R[:m])[0] * _upper(m)  # reflectors are below the diagonal
     else:
         T, turns, _ = of.dtzrzf(R[:rank])
+        P_Z = np.eye(m)
         P_Z[:rank, :rank] = of.dtrtrs(T[:, :rank], P_Z[:rank, :rank])[0]
         P_Z = of.dormrz(T, turns, P_Z, trans="T")[0]
     P_Z = P_Z.take(order.argsort(), axis=0)
     return HeldAndFree(B, P_Z[:, :rank], P_Z[:, rank:])
+
+
+@cache
+def _upper(m: int) -> Array:
+    """Return ones on and above the diagonal (m, m)."""
+    return read_only(np.triu(np.ones((m, m))))
 
 
 def _all_free(L_inv: Array, m: int) -> HeldAndFree:

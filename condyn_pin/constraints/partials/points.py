@@ -102,8 +102,9 @@ class PointPartials:
             rhs[:, :n][self._below] -= by_q.reshape(-1, n)
         if between:
             F = (self._forces(lam)[:between] @ of.axes[:between])[:, 0]
-            Ja = self._turned * self._left[0][3:]
-            rhs[:n, :n] += of.J2[:between].reshape(-1, n).T @ (skews(F) @ Ja).reshape(-1, n)
+            turning = skews(F).reshape(-1, 3).dot(self._left[0][3:]).reshape(-1, 3, n)
+            turning *= self._turned  # F x Ja
+            rhs[:n, :n] += of.J2[:between].reshape(-1, n).T.dot(turning.reshape(-1, n))
 
     def turning(self, out: Array) -> None:
         """Write v_q (m, nv) of these rows."""

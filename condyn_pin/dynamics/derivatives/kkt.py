@@ -66,8 +66,8 @@ class KktDerivatives(Derivatives):
             loads = self._workspace.loads
             of.rhs[: self._n, : self._n] += load_partial(loads, q, solution.applied)
         J = self._equations.drop_roundoff_rows(of.J)
-        factor = inverse_factor(self._equations.mass(q))
-        return of.rhs, held_and_free(factor, J, tolerances.RANK)
+        M = self._equations.mass(q) if of.M is None else of.M
+        return of.rhs, held_and_free(inverse_factor(M), J, tolerances.RANK)
 
     @property
     def _rhs(self) -> Array:

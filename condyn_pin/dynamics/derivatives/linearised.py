@@ -34,6 +34,7 @@ class Linearised(NamedTuple):
 
     J: Array  # (m, nv)
     rhs: Array  # (nv + m, 2 nv), -[[r_q, r_v], [s_q, s_v]]: what a step of q and v leaves to solve
+    M: Array | None  # (nv, nv), r by a; None where free bodies carry joints
 
     @property
     def r_q(self) -> Array:
@@ -78,14 +79,15 @@ class Linearisation:
         """Return the partial derivatives at a state and an answer."""
         if self._carried is None:
             rhs, J = self._of_bodies(q, v, a, lam)
+            M = np.array(self._data.M)  # Newton-Euler's derivatives leave it behind
         else:
             free_q, nu, rate, chain = self._carried.state(q, v, a)
             rhs, J = self._of_bodies(free_q, nu, rate, lam)
             r = np.array(self._data.tau)  # as Newton-Euler's derivatives left it
             by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
-            rhs, J = self._carried.back(chain, rhs, -by_a, -r), J @ chain.Phi
+            rhs, J, M = self._carried.back(chain, rhs, -by_a, -r), J @ chain.Phi, None
         self._of_constraints.write_couplings(rhs, J)
-        return Linearised(J, rhs)
+        return Linearised(J, rhs, M)
 
     def _of_bodies(self, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
         """Return -[[r_q, r_v], [s_q, s_v]] and J, but for couplings, where no axes turn."""

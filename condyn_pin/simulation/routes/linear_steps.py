@@ -171,7 +171,7 @@ class LinearSteps:
         `mean` (nv, columns) is how the velocity of h changes.
         """
         n, dt = len(v1), self.dt
-        M = self.system.equations.mass(posed.at)
+        M = self.system.equations.mass(posed.at) if of.M is None else of.M
         W = self.partials.turning(posed.mean)
         L = posed.condensed.factors.L
         f = dt * (of.rhs[:n, :n] @ start.at + of.rhs[:n, n:] @ mean + start.pulled + M @ (W @ mean))
