@@ -192,10 +192,71 @@ def test_redundant_rows_share_the_load():
     assert np.allclose(once, again, rtol=1e-9, atol=1e-9 * np.abs(once).max())
 
 
-def test_derivatives_are_refused_by_name():
+def opened(scene: cp.Scene, state, size=1e-3):
+    """A state whose constraints are open, and slip."""
+    rng, (q, v, tau) = np.random.default_rng(4), state
+    away = size * rng.normal(size=scene.robot.nv)
+    return pin.integrate(scene.robot.model, q, away), v + away, tau
+
+
+@pytest.mark.parametrize("label", sorted(all_scenes()))
+def test_derivatives_are_those_of_differences(label):
+    """Also where constraints are open: impedance, and with it R and k, change with the gap."""
+    scene, softs = all_scenes()[label], (cp.dynamics.Soft(), STIFF, DIRECT)
+    soft = softs[sorted(all_scenes()).index(label) % 3]
+    state = opened(scene, states(label)[0])
+    exact = cp.derivatives(scene, *state, solver=soft)
+    wanted = cp.derivatives(scene, *state, solver=soft, method="differences")
+    for name in ("da_dq", "da_dv", "da_dtau", "dlam_dq", "dlam_dv", "dlam_dtau"):
+        had, numeric = getattr(exact, name), getattr(wanted, name)
+        if numeric.size:
+            assert np.abs(had - numeric).max() <= 1e-6 * max(np.abs(numeric).max(), 1.0), name
+
+
+@each_soft
+@pytest.mark.parametrize("label", ["solo12 contacts", "cassie loops"])
+def test_derivatives_by_solref(label, soft):
+    scene = all_scenes()[label]
+    state = opened(scene, states(label)[0])
+    a, lam = cp.derivatives(scene, *state, solver=soft).by_solref()
+    for i, x in enumerate(soft.solref):
+
+        def answer(h, i=i, x=x):
+            solref = [x * (1 + h) if j == i else y for j, y in enumerate(soft.solref)]
+            found = cp.solve(scene, *state, solver=replace(soft, solref=solref), throw=False)
+            return np.concatenate((found.a, found.lam))
+
+        h = 1e-3
+        wanted = 8 * (answer(h) - answer(-h)) - (answer(2 * h) - answer(-2 * h))
+        wanted = wanted / (12 * h * x)
+        error = np.abs(np.concatenate((a[:, i], lam[:, i])) - wanted).max()
+        assert error <= 1e-8 * np.abs(wanted).max()
+
+
+def test_derivatives_by_gravity_and_along():
+    scene, soft = all_scenes()["cassie loops"], STIFF
+    state = opened(scene, states("cassie loops")[0])
+    of = cp.derivatives(scene, *state, solver=soft, check=True)
+    x = np.random.default_rng(0).normal(size=(3, scene.robot.nv))
+    a, lam = of.jvp(*x)
+    y, z = np.random.default_rng(1).normal(size=len(a)), np.ones(len(lam))
+    assert np.isclose(y @ a + z @ lam, sum(map(np.dot, of.vjp(y, z), x)), rtol=1e-10)
+    by_g = of.by_gravity()[0][:, 2]
+
+    def lifted(h):
+        model = pin.Model(scene.robot.model)
+        model.gravity = pin.Motion(np.array([0.0, 0.0, -9.81 + h]), np.zeros(3))
+        there = replace(scene, robot=replace(scene.robot, model=model))
+        return cp.solve(there, *state, solver=soft, throw=False).a
+
+    wanted = (lifted(1.0) - lifted(-1.0)) / 2  # a is linear in gravity
+    assert np.allclose(by_g, wanted, atol=1e-9 * np.abs(wanted).max())
+
+
+def test_what_gives_way_has_none_of_pinocchio():
     scene, state = all_scenes()["solo12 contacts"], states("solo12 contacts")[0]
-    with pytest.raises(cp.InvalidArgument, match=r"Soft\(.*derivatives are those of hard"):
-        cp.derivatives(scene, *state, solver=cp.dynamics.Soft(), accuracy=10.0)
+    with pytest.raises(cp.InvalidArgument, match=r"Proximal"):
+        cp.derivatives(scene, *state, solver=cp.dynamics.Soft(), method="pinocchio")
 
 
 @pytest.mark.parametrize(

@@ -113,6 +113,13 @@ class Memory(OneThread):
         return Linearisation(self.model, self.bounds, self.drift, self.equations)
 
     @cached_property
+    def linearised_gaps(self) -> Linearisation:
+        """J a + gamma + c, linearised: at rest, with a = 0, how the gaps change."""
+        from condyn_pin.dynamics.derivatives.linearised import Linearisation
+
+        return Linearisation(self.model, self.bounds, Baumgarte(0.0, 1.0))
+
+    @cached_property
     def loads(self) -> Loads:
         """Forces on frames, evaluated in the memory of the equations."""
         return Loads(self.scene.robot, self.model, self.equations.data)

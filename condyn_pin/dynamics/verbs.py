@@ -119,7 +119,8 @@ def derivatives(
     forces : sequence of AppliedForce, optional
         As in `solve`. Their numbers stay, and J_f^T f changes with q: r_q has that too.
     solver : Solver, optional
-        Of the answer that is differentiated; as in `solve`.
+        Of the answer that is differentiated; as in `solve`. Of `Soft` they are those of its own
+        equations, whatever its status.
     drift : Baumgarte, optional
         As in `solve`.
     method : {"kkt", "pinocchio", "differences"}

@@ -69,6 +69,19 @@ def range_space(M: Array, J: Array, mu: float = 0.0) -> RangeSpace | None:
     return RangeSpace(U, W, C)
 
 
+def damped_range_space(M: Array, J: Array, R: Array) -> RangeSpace | None:
+    """Factorise M and J with G + diag(R), R (m,) [1/kg]; None if one is not positive definite."""
+    from scipy.linalg.lapack import dpotrf
+
+    whitened = whiten(M, J)
+    if whitened is None:
+        return None
+    U, W, G = whitened
+    G[np.diag_indices_from(G)] += R
+    C, info = dpotrf(G, clean=0, overwrite_a=1)
+    return None if info else RangeSpace(U, W, C)
+
+
 def whiten(M: Array, J: Array) -> tuple[Array, Array, Array] | None:
     """Return U, W and the upper triangle of G; None if M is not positive definite."""
     from scipy.linalg.blas import dsyrk

@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
-from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 from condyn_pin.dynamics.derivatives.pinocchio import PinocchioDerivatives
-from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.dynamics.verifier import failure
+from condyn_pin.errors import unknown_name
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.solution import Solution
@@ -21,7 +22,7 @@ if TYPE_CHECKING:
 
 # By the name that `derivatives` takes.
 METHODS: dict[str, Callable[[Workspace, Solution, Array, Array], Derivatives]] = {
-    "kkt": KktDerivatives,
+    "kkt": lambda workspace, *of: workspace.solver.differentiated(workspace, *of),
     "pinocchio": PinocchioDerivatives,
     "differences": DifferenceDerivatives,
 }
@@ -42,11 +43,6 @@ def differentiate(
     """Return how a and lam change with q, v and tau; the arguments are those of `derivatives`."""
     if not isinstance(method, str) or method not in METHODS:
         raise unknown_name("method", str(method), METHODS)
-    if not workspace.solver.exact:
-        raise InvalidArgument(
-            f"solver = {workspace.solver!r}: derivatives are those of hard constraints, and it "
-            "solves others; use Proximal()"
-        )
     q_, v_, tau_ = workspace.scene.robot.arguments.accept(q, v, tau)
     found: Derivatives | None = None
     if workspace.core and workspace.native is True:
@@ -54,7 +50,10 @@ def differentiate(
     if workspace.core and method == "kkt" and not forces:
         found = workspace.core.derivatives(q_, v_, tau_, accuracy or workspace.solver.accuracy)
     if found is None:
-        solution = workspace.solve(q_, v_, tau_, forces=forces, accuracy=accuracy)
+        exact = workspace.solver.exact
+        solution = workspace.solve(q_, v_, tau_, forces=forces, accuracy=accuracy, throw=exact)
+        if not np.isfinite(solution.a).all():
+            raise failure(workspace, solution)
         found = METHODS[method](workspace, solution, v_, tau_)
     if check:
         check_derivatives(found, DifferenceDerivatives(workspace, found.solution, v_, tau_))

@@ -33,6 +33,9 @@ if TYPE_CHECKING:
 # Rounding of f is divided by h, the remainder of the stencil goes with h^4.
 STEPS = (1e-3, 3e-4, 1e-4, 3e-5)
 
+# Impedance bends within a gap of a millimetre.
+_SOFT_STEPS = (1e-5, 3e-6, 1e-6, 3e-7)
+
 # What refinement gains is lost in the differences.
 _PLAIN = Reference(refinements=0)
 
@@ -43,7 +46,7 @@ BLOCKS = ("da_dq", "da_dv", "da_dtau", "dlam_dq", "dlam_dv", "dlam_dtau")
 
 
 class DifferenceDerivatives(Derivatives):
-    """Central differences of `Reference`.
+    """Central differences of `Reference`, or of a solver of soft constraints itself.
 
     Attributes
     ----------
@@ -60,16 +63,19 @@ class DifferenceDerivatives(Derivatives):
         self._model, self._equations = workspace.model, workspace.equations
         scene = solution.scene
         terms = self._equations.terms(solution.q, v)
-        self.along = directions(terms.J, scene.nominal.dependent)
+        self._bound = None if workspace.solver.exact else workspace.bound
+        contradict = scene.nominal.dependent and workspace.solver.exact
+        self.along = directions(terms.J, contradict)
         self._heaviest = float(np.diag(terms.M).max(initial=0.0))
         self.step = 0.0
 
     @of_workspace
     def _form(self) -> tuple[Array, Array, Array]:
-        tables = [self._table(h) for h in STEPS]
+        steps = STEPS if self._bound is None else _SOFT_STEPS
+        tables = [self._table(h) for h in steps]
         changes = [np.abs(a - b).max() for a, b in pairwise(tables)]
         best = int(np.argmin(changes)) + 1
-        self.step = STEPS[best]
+        self.step = steps[best]
         by_q, by_v, by_tau = np.hsplit(tables[best], 3)
         return by_q, by_v, by_tau
 
@@ -91,6 +97,8 @@ class DifferenceDerivatives(Derivatives):
         return np.hstack([by_q @ self.along, by_v, by_tau / self._heaviest])
 
     def _answer(self, q: Array, v: Array, tau: Array) -> Array:
+        if self._bound is not None:
+            return np.concatenate((self._bound.acceleration(q, v, tau), self._bound.lam()))
         return np.concatenate(_PLAIN.solve(self._equations.terms(q, v), tau))
 
     def _pushed(self, q: Array, tau: Array) -> Array:

@@ -26,7 +26,8 @@
 7. `accuracy` is of every solver, and no parameter: what a status of ok promises where nothing else
    is said. `tune` and `Table.cheapest` return solvers with the one that they were chosen for.
 8. A solver of another problem, such as soft constraints, sets `exact = False`: its answer is judged
-   by the hard equations like all others, and is called inaccurate by what it differs.
+   by the hard equations like all others, and is called inaccurate by what it differs. It writes
+   `differentiated`, for the derivatives of its answers are others too.
 9. Sources: cite the paper in the docstring.
 10. A solver that not every installation has says in `missing` what to install; tests and the
     command line leave it out where it is missing, and to start it raises the same sentence.
@@ -47,6 +48,8 @@ from condyn_pin._core.registry import enter
 from condyn_pin._core.tolerances import SOLVED
 
 if TYPE_CHECKING:
+    from condyn_pin.dynamics.derivatives.base import Derivatives
+    from condyn_pin.dynamics.solution import Solution
     from condyn_pin.dynamics.workspace import Workspace
 
 SOLVERS: dict[str, type[Solver]] = {}
@@ -68,11 +71,14 @@ class BoundSolver:
         Returns the constraint forces (m,) of the last acceleration, in the axes of each constraint.
     iterations : callable
         Returns how many iterations the last acceleration took.
+    yields : (m,) array, optional
+        Of rows that give way: what a unit of force moves [1/kg, 1/(kg m^2)].
     """
 
     acceleration: Callable[[Array, Array, Array], Array]
     lam: Callable[[], Array]
     iterations: Callable[[], int]
+    yields: Array | None = None
 
 
 def free_force(tau: Array, h: Array, out: Array | None = None) -> Array:
@@ -135,6 +141,14 @@ class Solver(ABC):
     @abstractmethod
     def start(self, workspace: Workspace) -> BoundSolver:
         """Return this solver at work in `workspace`."""
+
+    def differentiated(
+        self, workspace: Workspace, solution: Solution, v: Array, tau: Array
+    ) -> Derivatives:
+        """Return those of its `solution`, of hard constraints by default, at v and tau."""
+        from condyn_pin.dynamics.derivatives.kkt import KktDerivatives  # a solve needs none of it
+
+        return KktDerivatives(workspace, solution, v, tau)
 
 
 def parameter_fields(kind: type[Solver]) -> tuple[Field[Any], ...]:

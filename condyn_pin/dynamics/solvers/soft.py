@@ -29,6 +29,8 @@ from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.model.soundness import massless_motion
 
 if TYPE_CHECKING:
+    from condyn_pin.dynamics.derivatives.base import Derivatives
+    from condyn_pin.dynamics.solution import Solution
     from condyn_pin.dynamics.workspace import Workspace
 
 # Compliance in decades: 1 - d from 0.1 to 1e-12, the same at every gap.
@@ -65,14 +67,14 @@ class Soft(Solver):
     -----
     Cost as `DelassusCholesky`. It solves other equations than the other solvers: lam belongs to a,
     the dynamics hold to rounding, and the constraints do not. The status says inaccurate by as
-    much, unless the `accuracy` asked for allows it, and derivatives are refused. Redundant rows
-    share the load. Bodies that are fixed to one another weigh as the one that they are here and in
-    what `Robot.to_mjcf` writes; MuJoCo weighs each one of an MJCF by itself. A body that only
-    slides, along its principal axes, on what is fixed and with nothing on it, gives way in MuJoCo
-    as if it were free: by 1 / mass, not the mean over three axes, so that w of its rows is up to
-    three times larger there, and a differs by a few per cent. A weld that is open turns back as
-    its own rows say, which are MuJoCo's where it is closed. gamma is part of it as in MuJoCo 4;
-    MuJoCo 3.3 leaves it out.
+    much, unless the `accuracy` asked for allows it. `derivatives` are those of its own equations,
+    by `solref` too (`SoftDerivatives.by_solref`). Redundant rows share the load. Bodies that are
+    fixed to one another weigh as the one that they are here and in what `Robot.to_mjcf` writes;
+    MuJoCo weighs each one of an MJCF by itself. A body that only slides, along its principal axes,
+    on what is fixed and with nothing on it, gives way in MuJoCo as if it were free: by 1 / mass,
+    not the mean over three axes, so that w of its rows is up to three times larger there, and a
+    differs by a few per cent. A weld that is open turns back as its own rows say, which are
+    MuJoCo's where it is closed. gamma is part of it as in MuJoCo 4; MuJoCo 3.3 leaves it out.
 
     References
     ----------
@@ -135,7 +137,17 @@ class Soft(Solver):
                 z += W @ latest
             return np.asarray(dtrtrs(U, z)[0])
 
-        return BoundSolver(acceleration, latest.copy, lambda: 1)
+        return BoundSolver(acceleration, latest.copy, lambda: 1, w)
+
+    def differentiated(
+        self, workspace: Workspace, solution: Solution, v: Array, tau: Array
+    ) -> Derivatives:
+        """Return those of its `solution`, of constraints that give way, at v and tau."""
+        from condyn_pin.dynamics.derivatives.soft import SoftDerivatives  # a solve needs none of it
+
+        w = workspace.bound.yields
+        assert w is not None  # as `start` has made it
+        return SoftDerivatives(workspace, solution, v, w, self.solref, self.solimp)
 
     def impedance(self, gap: Array) -> Array:
         """Return the impedance d at each `gap` >= 0 (m,) [m, rad]."""
