@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import matplotlib as mpl
@@ -86,6 +87,46 @@ def test_contacts_that_are_held_give_the_balance_of_each_sample():
         assert np.array_equal(found.cop[k], one.cop)
         assert found.capture_margin[k] == one.capture_margin
     assert "solo12" in repr(found)
+
+
+def test_a_corner_that_touches_without_a_force_is_an_edge_of_the_support():
+    """Which corners of a face carry it is not determined; the face is the support."""
+    run = sliding()
+    resting = replace(run, contact=_only_one(run.contact))
+    assert sum(mode[-1] != "open" for mode in resting.modes.values()) == 1
+    assert all(len(polygon.corners) == 4 for polygon in motion_balance(resting).polygons[1:])
+    q = run.q.copy()
+    q[:, 2] += 1e-3  # [m]: corners that are this high carry nothing, whatever modes say
+    lifted = motion_balance(replace(resting, q=q))
+    assert all(len(polygon.corners) == 1 for polygon in lifted.polygons[1:])
+
+
+def _only_one(record):
+    """Return a record in which only the second corner touches."""
+    columns = record.columns.copy()
+    columns[:, 2:] = 0.0
+    columns[1:, 3] = 2.0
+    return replace(record, columns=columns)
+
+
+def test_margins_and_corners_are_said():
+    found = motion_balance(sliding())
+    assert f"CoP {np.nanmin(found.cop_margin):.4g} m" in repr(found)
+    assert f"capture point {np.nanmin(found.capture_margin):.4g} m" in repr(found)
+    assert repr(found.polygons[-1]).startswith("SupportPolygon((")
+
+
+def test_axes_that_share_x_have_one_title_and_one_word_for_it():
+    from matplotlib.figure import Figure
+
+    from condyn_pin.viewing import plots_contact
+
+    run, axes = sliding(), Figure().subplots(3, sharex=True)
+    plots = (plots_contact.normal_forces, plots_contact.gaps, plots_contact.modes)
+    for draw, ax in zip(plots, axes, strict=True):
+        draw(run, ax=ax)
+    assert [bool(ax.get_title()) for ax in axes] == [True, False, False]
+    assert [ax.get_xlabel() for ax in axes] == ["", "", "t [s]"]
 
 
 def test_diagrams_show_what_was_found():

@@ -203,6 +203,19 @@ def test_kappa_goes_to_the_active_set():
     assert off[3] < 1e-5 * np.abs(exact).max()
 
 
+def test_kappa_has_an_answer_where_feet_hit_the_floor_fast():
+    """Solo12 at 10 rad/s: a path that ends short of an answer begins again further out."""
+    scene, q = solo()
+    smooth, hard = (cp.layers.Action(scene, 0.01, route=r) for r in (Kappa(1e-8), ActiveSet()))
+    for seed in (2, 12, 17, 22, 32):
+        rng = np.random.default_rng(seed)
+        _, v = scene.sample(rng, speed=10.0)
+        down = cp.mechanism.put_down(scene, q)
+        down[2] -= 1e-3 * rng.random()
+        x, u = np.concatenate([down, v]), rng.normal(size=12)
+        assert np.abs(smooth.step(x, u) - hard.step(x, u)).max() < 1e-3 * np.abs(v).max()
+
+
 def pushed(force: float, route, **contact) -> cp.simulation.StepDerivatives:
     """A point mass of 1 kg on a floor with mu 0.5, pushed: it slips at 4.905 N."""
     ball = cp.model.free_ball(mass=1.0, radius=0.05)

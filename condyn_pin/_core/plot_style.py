@@ -41,7 +41,13 @@ def line(i: int) -> dict[str, Any]:
 
 
 def finished(ax: Any, *, title: str, x: str, y: str) -> Any:
-    """Return axes with their words, a pale grid, and a legend if anything has a label."""
+    """Return axes with their words, a pale grid, and a legend if anything has a label.
+
+    Of axes above one another that share x, the first has the title, and the last the words of x.
+    """
+    place = ax.get_subplotspec()
+    if place is not None and len(ax.get_shared_x_axes().get_siblings(ax)) > 1:
+        title, x = title if place.is_first_row() else "", x if place.is_last_row() else ""
     ax.set(title=title, xlabel=x, ylabel=y)
     ax.grid(visible=True, which="major", color="0.92")
     if ax.get_legend_handles_labels()[1]:

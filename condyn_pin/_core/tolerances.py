@@ -187,6 +187,11 @@ CONTACT_POLISHED: Final = 1e-12
 # Differences over 1e-6 of these scales would see both sides; impulses are polished to 1e-12.
 SWITCHES: Final = 1e-6
 
+# Gap of a contact without a force that is on its plane beside others that carry [m]. Corners of a
+# sole that stands are off by 1e-8, the square of what a step turns it by; one that tips is off by
+# 1e-5 and more in its first millisecond.
+TOUCHES: Final = 1e-6
+
 # The largest coefficient of friction in a contact problem. Rounding of mu |sigma_t|, which is added
 # to sigma_n, is 2e-10 of |g| then. With more of it bodies fall in, and no residual is larger.
 MOST_FRICTION: Final = 1e6

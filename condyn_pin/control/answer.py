@@ -16,6 +16,8 @@ from condyn_pin.control.actuation import Actuation
 from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.dynamics.scene import Scene
 
+_AGAINST = 6  # rows that a text lists
+
 
 class ControlStatus(Enum):
     """How a control tick ended; the value is advice."""
@@ -88,7 +90,7 @@ class Contradiction(NamedTuple):
         What would make the program feasible, the most first: wishes (tasks of infinite weight) give
         before limits of joints, these before those of motors, and cones last.
     against : tuple of str
-        The rows that stand against them.
+        The rows that stand against them, the one with the highest price first.
     """
 
     gives: tuple[Give, ...]
@@ -96,7 +98,9 @@ class Contradiction(NamedTuple):
 
     def __str__(self) -> str:
         lines = [f"{each.row} gives {each.amount:.6g} {each.unit}" for each in self.gives]
-        return "\n".join([*lines, *(f"against {row}" for row in self.against)])
+        lines += [f"against {row}" for row in self.against[:_AGAINST]]
+        more = len(self.against) - _AGAINST
+        return "\n".join([*lines, f"and against {more} more"] if more > 0 else lines)
 
 
 @dataclass(frozen=True, eq=False, repr=False)

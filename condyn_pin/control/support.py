@@ -45,6 +45,10 @@ class SupportPolygon:
     plane: SupportPlane
     corners: Array
 
+    def __repr__(self) -> str:
+        corners = ", ".join(f"({x:.4g}, {y:.4g}, {z:.4g})" for x, y, z in self.in_world)
+        return f"SupportPolygon({corners or 'nothing'}; corners in the world [m])"
+
     @property
     def in_world(self) -> Array:
         """The corners in the world (k, 3) [m]."""

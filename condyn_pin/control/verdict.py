@@ -119,8 +119,8 @@ def _contradiction(
     )
     giving = {each.row for each in gives}
     against = (
-        row.name
-        for row, price in zip(rows, prices, strict=True)
-        if price > tolerances.GIVES and np.isfinite(row.cost) and row.name not in giving
+        rows[i].name
+        for i in np.argsort(-prices, kind="stable").tolist()
+        if prices[i] > tolerances.GIVES and np.isfinite(rows[i].cost) and rows[i].name not in giving
     )
     return Contradiction(gives, tuple(dict.fromkeys(against)))

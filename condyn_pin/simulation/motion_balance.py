@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
@@ -34,9 +35,11 @@ from condyn_pin.simulation.trajectory import Trajectory
 class MotionBalance:
     """Centre of mass, pressure and points of capture along a motion, in the axes of the world.
 
-    A contact that may let go counts while it sticks or slides, and one on another body of the robot
-    does not. What does not exist at a sample is NaN: in flight and on what is not one plane all but
-    the centre of mass, and the centre of pressure where nothing presses.
+    A contact that may let go counts while it sticks or slides, and beside such a one while it is on
+    its plane: which corners of a flat foot carry it is not determined, and one without a force is
+    an edge of the support as well. One on another body of the robot does not count. What does not
+    exist at a sample is NaN: in flight and on what is not one plane all but the centre of mass, and
+    the centre of pressure where nothing presses.
 
     Attributes
     ----------
@@ -67,8 +70,9 @@ class MotionBalance:
     def __repr__(self) -> str:
         held = sum(each is not None for each in self.polygons)
         return (
-            f"MotionBalance({self.name}: {len(self.t)} samples, {held} on one plane, ZMP at least "
-            f"{_least(self.zmp_margin):.4g} m within the support)"
+            f"MotionBalance({self.name}: {len(self.t)} samples, {held} on one plane; least margins "
+            f"to the edge of the support: ZMP {_least(self.zmp_margin):.4g} m, CoP "
+            f"{_least(self.cop_margin):.4g} m, capture point {_least(self.capture_margin):.4g} m)"
         )
 
 
@@ -122,6 +126,8 @@ def balances(trajectory: Trajectory, samples: Sequence[int]) -> Iterator[Balance
                 continue
             q, lam = trajectory.q[k], trajectory.lam[k, columns]
             touching = {name for name, mode in modes.items() if mode[k] != "open"}
+            if touching:  # which corners of a flat foot carry it is not determined
+                touching |= {name for name in modes if _on_plane(trajectory, name, k)}
             pressure = pressure_of(scene, candidates, q, lam, touching)
             yield balanced(scene, q, trajectory.v[k], trajectory.a[k], pressure)
 
@@ -154,6 +160,11 @@ def pressure_of(
         if forces[i, 2] > 0:
             pressing[name] = f
     return Pressure(np.vstack(places), exerted, cops, pressing)
+
+
+def _on_plane(trajectory: Trajectory, name: str, k: int) -> bool:
+    gap = trajectory.gaps.get(name)  # dry friction has none
+    return gap is not None and bool(gap[k] <= tolerances.TOUCHES)
 
 
 def _on_ground(scene: Scene) -> set[str]:

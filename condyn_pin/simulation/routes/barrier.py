@@ -20,6 +20,7 @@ from condyn_pin.contact.scaling import normalised
 from condyn_pin.errors import SolveFailed
 from condyn_pin.simulation.routes.law import Law
 
+_TOPS: Final = (1.0, 1e2, 1e4, 1e6)  # where a path begins; the next, if there is none from there
 _FALLS: Final = 0.1  # k from one problem to the next
 _INSIDE: Final = 0.99  # the share of the way to the wall that a step goes at most
 _STEPS: Final = 60  # of Newton's method, for one k
@@ -54,7 +55,16 @@ class Barrier:
         """Return (lam, s, eta, p, q) of the normalised problem; SolveFailed if there is none."""
         if not self._rows:
             return np.zeros(0)
-        x, k = self._start(), max(1.0, self._k)
+        for top in _TOPS[:-1]:
+            try:
+                return self._along_path(max(top, self._k))
+            except SolveFailed:  # Newton's method is caught where the equations are least
+                continue
+        return self._along_path(max(_TOPS[-1], self._k))
+
+    def _along_path(self, k: float) -> Array:
+        """Return the point of the path that begins at k."""
+        x = self._start(k)
         while True:
             x = self._newton(x, k)
             if k <= self._k:
@@ -97,12 +107,11 @@ class Barrier:
         lam, s, eta, p, q = np.split(x, ends)
         return lam, s, eta, p, q
 
-    def _start(self) -> Array:
+    def _start(self, k: float) -> Array:
         lam = np.zeros(self._rows)
-        lam[self._pushes] = 1.0
-        return np.concatenate(
-            (lam, np.ones(len(self._pushes) + len(self._mu) + 2 * len(self._limits)))
-        )
+        lam[self._pushes] = np.sqrt(k)
+        others = len(self._pushes) + len(self._mu) + 2 * len(self._limits)
+        return np.concatenate((lam, np.full(others, np.sqrt(k))))
 
     def _residual(self, x: Array, k: float) -> tuple[Array, Array]:
         """Return what is left of all equations, and the size of their terms."""
@@ -172,8 +181,8 @@ class Barrier:
         if least <= max(1e-6 * k, _SMALLEST):  # rounding
             return x
         raise SolveFailed(
-            f"Kappa: the smooth contact problem is left with {least:.1e} at k = {k:.1e}; take a "
-            "larger kappa",
+            f"Kappa: the smooth contact problem is left with {least:.1e} at k = {k:.1e}; another "
+            "kappa may have an answer, and ActiveSet() needs none",
             None,
         )
 
