@@ -186,6 +186,20 @@ def test_a_motion_is_a_data_frame_with_its_joints_by_name():
     assert fall.to_pandas()["tau root_joint[5]"].tolist() == fall.tau[:, 5].tolist()
 
 
+def test_a_batch_is_a_data_frame_with_a_motion_a_row():
+    if "CI" not in os.environ:
+        pytest.importorskip("pandas")
+    bar = cp.model.four_bar()
+    scene = cp.Scene(bar, bar.loops)
+    q, v = scene.state()
+    batch = cp.simulate_batch(scene, [q, q], [v, 1e200 + v], duration=0.01)
+    frame = batch.to_pandas()
+    assert frame["status"].tolist() == ["finished", "failed"]
+    assert frame["reason"].tolist() == batch.reasons.tolist()
+    assert frame["q crank"].tolist() == batch.q[:, bar.index_q("crank")].tolist()
+    assert frame["energy_error"][0] == batch.energy_error[0]
+
+
 def test_without_pandas_the_remedy_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(cp.errors.MissingExtra, match=r"pip install 'condyn_pin\[pandas\]'"):

@@ -109,3 +109,43 @@ def test_frame_pose_is_pinocchios(cassie):
     assert cassie.frame_pose(q, "world") == pin.SE3.Identity()
     with pytest.raises(cp.errors.UnknownName, match="pelvis"):
         cassie.frame_pose(q, "pelvi")
+
+
+def test_another_mass_has_the_same_centre_and_an_inertia_in_proportion(cassie):
+    joint = "left-knee-op"
+    index = cassie.model.getJointId(joint)
+    old = cassie.model.inertias[index]
+    heavy = cassie.with_masses({joint: 3.0 * old.mass})
+    new = heavy.model.inertias[index]
+    assert new.mass == pytest.approx(3.0 * old.mass)
+    assert np.allclose(new.lever, old.lever)
+    assert np.allclose(new.matrix(), 3.0 * old.matrix())
+    assert heavy.mass == pytest.approx(cassie.mass + 2.0 * old.mass)
+    assert cassie.model.inertias[index] == old
+    assert heavy.loops == cassie.loops
+    q, v = cp.Scene(heavy, heavy.loops).state()
+    assert cp.solve(cp.Scene(heavy, heavy.loops), q, v, heavy.passive_torque(q, v)).status.ok
+
+
+@pytest.mark.parametrize(
+    ("masses", "text"),
+    [
+        ({"left-knee": 1.0}, "did you mean 'left-knee-op'"),
+        ({"left-knee-op": 0.0}, "mass of left-knee-op = 0: a positive mass"),
+        ({"left-knee-op": np.nan}, "mass of left-knee-op = nan"),
+        ({"left-knee-op": "heavy"}, "mass of left-knee-op"),
+        ([1.0], "values by joint"),
+    ],
+)
+def test_a_wrong_mass_is_named(cassie, masses, text):
+    with pytest.raises(cp.CondynError, match=text):
+        cassie.with_masses(masses)
+
+
+def test_a_body_without_mass_has_no_inertia_to_grow():
+    model = pin.Model(cp.model.four_bar().model)
+    first = model.names[1]
+    model.inertias[1] = pin.Inertia.Zero()
+    model.armature = np.full(model.nv, 0.1)
+    with pytest.raises(cp.InvalidArgument, match="moves a body without mass"):
+        cp.Robot("light", model).with_masses({first: 1.0})

@@ -262,6 +262,25 @@ class Robot:
         model = model_with_frame(self, name, parent, translation, rotation)
         return replace(self, model=model)
 
+    def with_masses(self, masses: Mapping[str, float]) -> Robot:
+        """Return a robot some of whose bodies are heavier or lighter, for a payload or a doubt.
+
+        I = (m / m_0) I_0: the centre of mass stays, the inertia grows with the mass.
+
+        Parameters
+        ----------
+        masses : mapping of str to float
+            Of the body that a joint moves, with what is fixed to it, by the name of the joint [kg].
+
+        Raises
+        ------
+        UnknownName
+            If there is no such joint; the text lists the nearest names.
+        InvalidArgument
+            If a mass is not positive, or the body has none whose inertia could grow.
+        """
+        return replace(self, model=robot_joints.model_with_masses(self.model, masses))
+
     def frictional_contacts(
         self, friction: float, *, on: Plane | None = None
     ) -> tuple[FrictionalContact, ...]:

@@ -121,3 +121,20 @@ def _pairs(values: Values) -> list[tuple[str, Any]]:
 
 def _numbers(name: str, value: Any, size: int) -> Array:
     return finite(name, [value] if size == 1 and np.ndim(value) == 0 else value, size)
+
+
+def model_with_masses(model: Any, masses: Mapping[str, float]) -> Any:
+    """Return a model with other masses, inertias in proportion; see `Robot.with_masses`."""
+    changed = pin.Model(model)
+    for name, value in _pairs(masses):
+        joint = joint_of(model, name)
+        mass, old = float(finite(f"mass of {name}", value, ())), model.inertias[joint.id]
+        if not mass > 0.0:
+            raise InvalidArgument(f"mass of {name} = {mass:g}: a positive mass is needed [kg]")
+        if not old.mass > 0.0:
+            raise InvalidArgument(
+                f"{name} moves a body without mass, and its inertia cannot grow in proportion: "
+                "change `inertias` of a copy of the model, and make a robot of that"
+            )
+        changed.inertias[joint.id] = pin.Inertia(mass, old.lever, old.inertia * (mass / old.mass))
+    return changed

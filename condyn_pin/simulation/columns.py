@@ -1,4 +1,4 @@
-"""Columns of a trajectory: its samples as a table, named by joint."""
+"""Columns of motions, named by joint: the samples of one, the ends of many."""
 
 from __future__ import annotations
 
@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Any
 from condyn_pin._core.arrays import Array
 
 if TYPE_CHECKING:
+    from condyn_pin.simulation.batch.trajectory import BatchTrajectory
     from condyn_pin.simulation.trajectory import Trajectory
 
 
 def columns(trajectory: Trajectory) -> dict[str, Array]:
     """Return t, q, v, a, tau, lam, violation, J v and energy by name, each (k,)."""
-    model = trajectory.scene.robot.model
     table = {"t [s]": trajectory.t}
-    for kind, values in (("q", trajectory.q), *((x, getattr(trajectory, x)) for x in _OF_V)):
-        names = [f"{kind} {name}" for name in _entries(model, of_q=kind == "q")]
-        table |= dict(zip(names, values.T, strict=True))
+    table |= _by_joint(trajectory, "q", "v", "a", "tau")
     lam = (f"lam {name}" for name in trajectory.row_names)
     table |= dict(zip(lam, trajectory.lam.T, strict=True))
     table["violation"] = trajectory.violation
@@ -27,7 +25,23 @@ def columns(trajectory: Trajectory) -> dict[str, Array]:
     return table | {f"{f.name} [J]": getattr(energy, f.name) for f in fields(energy)}
 
 
-_OF_V = ("v", "a", "tau")
+def ends(batch: BatchTrajectory) -> dict[str, Any]:
+    """Return statuses, reasons, ends and errors of motions by name, each (N,)."""
+    table: dict[str, Any] = {"status": batch.status_names, "reason": batch.reasons}
+    table |= {"t [s]": batch.t} | _by_joint(batch, "q", "v")
+    return table | {name: getattr(batch, name) for name in _ERRORS}
+
+
+_ERRORS = ("violation", "constraint_velocity", "energy_error", "run_times")
+
+
+def _by_joint(of: Trajectory | BatchTrajectory, *kinds: str) -> dict[str, Array]:
+    """Return the columns of some arrays, named by joint."""
+    model, table = of.scene.robot.model, dict[str, Array]()
+    for kind in kinds:
+        names = [f"{kind} {name}" for name in _entries(model, of_q=kind == "q")]
+        table |= dict(zip(names, getattr(of, kind).T, strict=True))
+    return table
 
 
 def _entries(model: Any, *, of_q: bool) -> Iterator[str]:

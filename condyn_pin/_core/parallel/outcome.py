@@ -74,9 +74,17 @@ class Outcome:
     @property
     def counts(self) -> dict[str, int]:
         """How many rows have which status, by its name; those that none has are left out."""
-        names = {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(self._endings)}
-        found = {name: int((self.statuses == i).sum()) for i, name in names.items()}
+        found = {name: int((self.statuses == i).sum()) for i, name in self._names.items()}
         return {name: number for name, number in found.items() if number}
+
+    @property
+    def status_names(self) -> list[str]:
+        """The status of each row, by its name."""
+        return [self._names[i] for i in self.statuses.tolist()]
+
+    @property
+    def _names(self) -> dict[int, str]:
+        return {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(self._endings)}
 
     def _counted(self) -> str:
         """Return the counts in words."""

@@ -7,7 +7,7 @@ from dataclasses import dataclass, fields, replace
 from enum import Enum
 from math import nan
 from os import PathLike
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -184,6 +184,21 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
         from condyn_pin.simulation.batch.files import load
 
         return load(path)
+
+    def to_pandas(self) -> Any:
+        """Return the ends as a `pandas.DataFrame`, a motion a row; ``batch[i].to_pandas()`` is one.
+
+        Columns: status, reason, t, q and v by joint, and the errors.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        from condyn_pin._core.pandas import require_pandas
+        from condyn_pin.simulation.columns import ends
+
+        return require_pandas().DataFrame(ends(self))
 
     def __len__(self) -> int:
         return len(self.q)
