@@ -406,6 +406,11 @@ def test_files_batches_and_pictures_have_it(driven, tmp_path):
         run.save(tmp_path / "function.npz")
 
 
+def test_layers_refuse_what_their_steps_would_hold_at_rest(driven):
+    with pytest.raises(cp.errors.UnsupportedConstraint, match=r"driven along a path, J v = s'"):
+        cp.layers.Action(driven.at(0.0), 0.01)
+
+
 def test_a_path_of_your_own_is_saved_by_its_name(driven, tmp_path):
     @dataclass(frozen=True)
     class Ramp(Path):

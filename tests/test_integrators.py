@@ -104,6 +104,25 @@ def hanging_box(place: float) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
     return scene, np.array([place, place, place, 0.0, 0.0, 0.0, 1.0]), v
 
 
+def test_independent_coordinates_do_not_jump_at_a_dead_point():
+    """A parallelogram swings through the line where it may fold into a crossed one."""
+    robot = cp.model.parallelogram()
+    scene = cp.Scene(robot, robot.loops)
+    run = cp.simulate(
+        scene, *scene.state(), duration=0.5, integrator=cp.simulation.CoordinatePartitioning()
+    )
+    assert not run.status.ok
+    assert "velocities jump by" in run.reason
+    assert "as near a dead point; take a smaller dt than 0.001 s, or RungeKutta4()" in run.reason
+    assert np.abs(run.energy.error).max() < 1e-8
+    hangs = cp.load_robot("n_four_bar")
+    scene = cp.Scene(hangs, hangs.loops)
+    still = cp.simulate(
+        scene, *scene.state(), duration=0.01, integrator=cp.simulation.CoordinatePartitioning()
+    )
+    assert still.status.ok
+
+
 def test_steps_that_are_too_long_are_said_to_be():
     """And no damping is blamed where there is none."""
     scene, q, v = bar()

@@ -103,9 +103,9 @@ def test_a_corner_that_touches_without_a_force_is_an_edge_of_the_support():
 
 def _only_one(record):
     """Return a record in which only the second corner touches."""
-    columns = record.columns.copy()
-    columns[:, 2:] = 0.0
-    columns[1:, 3] = 2.0
+    columns, modes = record.columns.copy(), -len(record.names)
+    columns[:, modes:] = 0.0
+    columns[1:, modes + 1] = 2.0
     return replace(record, columns=columns)
 
 

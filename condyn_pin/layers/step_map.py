@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.layers.layer_map import Pair
 from condyn_pin.layers.parameters import Made, Parameters
@@ -90,5 +90,6 @@ def check_steps(scene: Scene, dt: float, integrator: ContactScheme, route: Route
         raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
     if not float(finite("dt", dt, ())) > 0.0:
         raise InvalidArgument(f"dt = {dt!r}: a positive number is needed [s]")
+    check_not_driven(scene, "a step with contacts")
     check_scheme(scene, integrator)
     route.scheme(integrator)  # refuses what it cannot take

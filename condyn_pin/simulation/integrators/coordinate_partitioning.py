@@ -9,12 +9,19 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.linalg.pivots import pivots
+from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.newton import fixed_point_iteration
 from condyn_pin.simulation.system import System
 
 # Norm of what other columns of J leave of one that counts as nothing, as a share of the largest.
 _NOTHING = 1e-9
+
+# What the dependent velocities may be off from Runge's and Kutta's, as a share of the largest one:
+# on the way of robots it is the error of a step, 1e-5 and less; across a dead point it is one. What
+# is slower is at rest, and rounding [m/s, rad/s].
+_JUMP = 0.1
+_AT_REST = 1e-9
 
 _WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0  # of Runge's and Kutta's stages
 
@@ -31,7 +38,7 @@ class CoordinatePartitioning(Integrator):
 
     Both levels of the constraints hold at rounding, without gains and without projection: what is
     integrated are the nv - rank J degrees of freedom. Where a step passes a dead point of the
-    chosen coordinates, Newton's iteration fails, and `StepFailed` asks for a smaller dt.
+    chosen coordinates, Newton's iteration fails or velocities jump, and `StepFailed` says so.
 
     References
     ----------
@@ -68,9 +75,21 @@ class CoordinatePartitioning(Integrator):
             mean, change = (_WEIGHTS @ np.array(each) for each in (rates, slopes))
             theta[I] = dt * mean[I]
             q1, v1 = chart.closed(t + dt, theta, v[I] + dt * change[I])
+            _check_jump(t, dt, v, v1, v + dt * change)
             return q1, v1, a1
 
         return Stepper(step)
+
+
+def _check_jump(t: float, dt: float, v: Array, v1: Array, smooth: Array) -> None:
+    """Refuse a step at whose end J_D v_D = -J_I v_I is not where the accelerations lead."""
+    jump = float(np.abs(v1 - smooth).max(initial=0.0))
+    if jump > _JUMP * float(np.abs((v, v1)).max(initial=_AT_REST)):
+        raise StepFailed(
+            f"{CoordinatePartitioning.title} at t = {t + dt:g} s: the dependent velocities jump by "
+            f"{jump:.1e} (m/s, rad/s), as near a dead point; take a smaller dt than {dt:g} s, or "
+            "RungeKutta4()"
+        )
 
 
 class _Chart:
