@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import pickle
 from dataclasses import dataclass, replace
 
@@ -404,6 +405,26 @@ def test_files_batches_and_pictures_have_it(driven, tmp_path):
     run = cp.simulate(cp.Scene(driven.robot, [*driven.constraints[:1], mine]), q, v, duration=0.01)
     with pytest.raises(cp.InvalidArgument, match="along is a function"):
         run.save(tmp_path / "function.npz")
+
+
+@pytest.mark.parametrize(
+    ("formula", "text"),
+    [
+        (lambda t: math.sin(t), "numpy's functions take it, math's do not"),
+        (lambda t: abs(t - 0.5), r"at t = 0.3 s they are \[0.2\], and \[0.203.*without abs"),
+        (lambda t: np.sin(300 * t), "or a smaller radius"),
+    ],
+)
+def test_a_formula_that_is_not_analytic_is_refused(formula, text):
+    with pytest.raises(cp.InvalidArgument, match=text):
+        analytic(formula)(0.3)
+
+
+def test_a_path_that_jumps_is_said_to(driven):
+    jumping = replace(driven.constraints[-1], along=lambda t: (0.3 * (t > 0.02), 0.0, 0.0))
+    scene = cp.Scene(driven.robot, [*driven.constraints[:1], jumping])
+    run = cp.simulate(scene, *scene.state(), duration=0.05)
+    assert "cannot follow, or jumps: they are open by 0.3 m or rad" in run.reason
 
 
 def test_layers_refuse_what_their_steps_would_hold_at_rest(driven):

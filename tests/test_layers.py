@@ -604,3 +604,9 @@ def test_solves_by_what_bodies_weigh(label):
     assert float((leaf.grad * moved[3]).sum()) == pytest.approx(wanted.sum(), rel=1e-6)
     with pytest.raises(cp.InvalidArgument, match="inertias"):
         cp.layers.torch_solve(scene, wrt=["friction"])
+
+
+def test_motors_are_a_list():
+    bar = cp.model.four_bar()
+    with pytest.raises(cp.InvalidArgument, match="joints = 'crank': a list of names"):
+        cp.layers.Action(cp.Scene(bar, bar.loops), 0.01, motors="crank")

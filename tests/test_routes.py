@@ -203,6 +203,24 @@ def test_kappa_goes_to_the_active_set():
     assert off[3] < 1e-5 * np.abs(exact).max()
 
 
+def test_a_motion_is_differentiated_by_what_it_was_given():
+    """Without its torques it would be another motion."""
+    scene, q = solo()
+    v, damping = 0.1 + np.zeros(18), lambda t, q, v: -0.1 * v
+    push = cp.AppliedForce("base_link", [0.0, 1.0, 0.0])
+    run = cp.simulate(scene, q, v, damping, duration=5e-3, dt=1e-3, forces=[push])
+    given = trajectory_derivatives(run, damping, forces=[push])
+    assert np.abs(given.q - run.q[-1]).max() < 1e-12
+    for tau, forces in ((0.0, [push]), (damping, []), (lambda t, q, v: -0.2 * v, [push])):
+        with pytest.raises(cp.InvalidArgument, match="pass what simulate was given"):
+            trajectory_derivatives(run, tau, forces=forces)
+    with pytest.raises(cp.InvalidArgument, match=r"wrt has none; .*names it"):
+        given.by("friction")
+    batch = cp.simulate_batch(scene, [q], [v], duration=2e-3, dt=1e-3, record=1)
+    with pytest.raises(cp.InvalidArgument, match=r"of a batch, one: batch\[i\]"):
+        trajectory_derivatives(batch)
+
+
 def test_kappa_has_an_answer_where_feet_hit_the_floor_fast():
     """Solo12 at 10 rad/s: a path that ends short of an answer begins again further out."""
     scene, q = solo()

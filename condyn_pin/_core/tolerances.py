@@ -187,6 +187,14 @@ CONTACT_POLISHED: Final = 1e-12
 # Differences over 1e-6 of these scales would see both sides; impulses are polished to 1e-12.
 SWITCHES: Final = 1e-6
 
+# Values of an analytic formula against their mean on a circle, relative to the largest of them: a
+# sine of 40 rad/s is at 3e-9 with the default radius, abs within a second of its kink at 1e-4.
+ANALYTIC: Final = 1e-6
+
+# Torques of a function that is asked again for a state of its motion, relative to the largest: the
+# same to the bit, but where it rounds otherwise on a second thread.
+SAME_TORQUES: Final = 1e-9
+
 # Gap of a contact without a force that is on its plane beside others that carry [m]. Corners of a
 # sole that stands are off by 1e-8, the square of what a step turns it by; one that tips is off by
 # 1e-5 and more in its first millisecond.

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from typing import Any, Final
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.registry import enter
 from condyn_pin.constraints.constraint_fields import check_positive
@@ -166,12 +167,27 @@ class _Analytic:
 
     def __call__(self, t: float) -> tuple[Array, Array, Array]:
         around = np.exp(2j * math.pi * np.arange(_POINTS) / _POINTS)
-        on_circle = np.array([np.atleast_1d(self.values(t + self.radius * z)) for z in around])
+        on_circle = np.array([self._at(complex(t + self.radius * z)) for z in around])
         s, rate, bend = (
             math.factorial(k) * (around**-k @ on_circle).real / (_POINTS * self.radius**k)
             for k in range(3)
         )
+        there = self._at(t)
+        if np.abs(s - there).max() > tolerances.ANALYTIC * np.abs(on_circle).max():
+            raise InvalidArgument(
+                f"values: at t = {t:g} s they are {there}, and {s} on average around it, within "
+                f"{self.radius:g} s: a formula without abs, min and conditions is needed, or a "
+                "smaller radius"
+            )
         return s, rate, bend
+
+    def _at(self, t: complex) -> NDArray[Any]:
+        try:
+            return np.atleast_1d(self.values(t))
+        except TypeError as error:
+            raise InvalidArgument(
+                f"values(t) of a complex t: {error}; numpy's functions take it, math's do not"
+            ) from error
 
 
 def analytic(values: Callable[[Any], ArrayLike], *, radius: float = 0.05) -> Along:
@@ -195,7 +211,7 @@ def analytic(values: Callable[[Any], ArrayLike], *, radius: float = 0.05) -> Alo
     Raises
     ------
     InvalidArgument
-        If the radius is not positive.
+        If the radius is not positive; when it is asked, if the formula is not analytic.
 
     Notes
     -----

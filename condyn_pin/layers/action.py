@@ -60,7 +60,7 @@ class Action:
     motors: Sequence[str] | None = None
 
     def __post_init__(self) -> None:
-        if self.motors is not None:
+        if self.motors is not None and not isinstance(self.motors, str):  # which is refused below
             object.__setattr__(self, "motors", tuple(self.motors))
         _ = self._map, self.B  # both refuse what they cannot use
 

@@ -126,8 +126,8 @@ class System:
         if gap > tolerances.OUT_OF_REACH:
             names = ", ".join(c.name for c in self.scene.constraints if c.is_rheonomic)
             raise NotAssembled(
-                f"{names}: at t = {t:g} s the path leads to where the loops cannot follow: they "
-                f"are open by {gap:.2g} m or rad"
+                f"{names}: at t = {t:g} s the path leads to where the loops cannot follow, or "
+                f"jumps: they are open by {gap:.2g} m or rad"
             )
 
     def acceleration(self, t: float, q: Array, v: Array) -> Array:

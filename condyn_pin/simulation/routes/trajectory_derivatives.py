@@ -14,6 +14,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
@@ -85,7 +86,10 @@ class TrajectoryDerivatives:
         It has to be named in `wrt`.
         """
         if parameter not in self._wrt:
-            raise InvalidArgument(f"parameter = {parameter!r}: wrt has {', '.join(self._wrt)}")
+            raise InvalidArgument(
+                f"parameter = {parameter!r}: wrt has {', '.join(self._wrt) or 'none'}; "
+                "trajectory_derivatives(motion, wrt=[...]) names it"
+            )
         return self._matrices[parameter]
 
     @one_blas_thread
@@ -180,7 +184,8 @@ def trajectory_derivatives(
     Raises
     ------
     InvalidArgument
-        If the motion is of another kind, or its steps have no derivatives by a parameter.
+        If the motion is of another kind, was given other torques or forces, or its steps have no
+        derivatives by a parameter.
 
     Notes
     -----
@@ -194,6 +199,10 @@ def trajectory_derivatives(
     chosen = ActiveSet() if route is None else route
     if not isinstance(chosen, Route):
         raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
+    if not isinstance(motion, Trajectory):
+        raise InvalidArgument(
+            f"motion = {type(motion).__name__}: a Trajectory is needed; of a batch, one: batch[i]"
+        )
     run = motion.run
     if not isinstance(run.integrator, ContactScheme):
         raise InvalidArgument(
@@ -206,6 +215,7 @@ def trajectory_derivatives(
     effects = run.effects
     scene = effects.applied_to(motion.scene)
     applied = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
+    _check_applied(motion, applied)
     system = System(
         Workspace(scene.bilateral), applied, springs=effects.springs, damping=effects.damping,
         contacts=scene.contact_bounds,
@@ -216,3 +226,18 @@ def trajectory_derivatives(
     with np.errstate(all="ignore"):
         start = np.array(motion.q[0]), np.array(motion.v[0])
         return TrajectoryDerivatives(chosen, steps, count, start, names)
+
+
+def _check_applied(motion: Trajectory, applied: Applied) -> None:
+    """Refuse torques and forces that are not those of the motion: it would be another one."""
+    for k in (0, len(motion.t) // 2, -1):
+        t, its = float(motion.t[k]), motion.tau[k]
+        given = applied.at_sample(t, motion.q[k], motion.v[k])
+        size = max(float(np.abs(each).max(initial=0.0)) for each in (its, given))
+        i = int(np.abs(given - its).argmax())
+        if abs(given[i] - its[i]) > tolerances.SAME_TORQUES * size:
+            raise InvalidArgument(
+                f"tau, forces: they give {given[i]:.6g} in entry {i} at t = {t:g} s, where the "
+                f"motion had {its[i]:.6g}; pass what simulate was given"
+            )
+    applied.forget()
