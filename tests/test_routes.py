@@ -399,6 +399,50 @@ def test_noise_finds_the_slope_where_the_step_is_smooth():
     assert (again == few).all()
 
 
+@pytest.mark.parametrize(
+    ("scheme", "parameter", "samples"),
+    [
+        (HARD[0], "friction", 10), (HARD[1], "friction", 10), (HARD[1], "restitution", 10),
+        (CONVEX[1], "solref", 10), (HARD[0], "inertias", 140),
+    ],
+    ids=lambda x: x if isinstance(x, str) else type(x).__name__,
+)  # fmt: skip
+def test_noise_finds_the_slope_by_parameters(scheme, parameter, samples):
+    scene, q = solo()
+    v = np.concatenate([STATES["slide"], np.zeros(12)])
+    v += 0.01 * np.random.default_rng(1).normal(size=18)
+    if parameter == "restitution":  # it counts where a foot comes down
+        v[2] -= 0.2
+    now = cp.step(scene, q, v, dt=DT, integrator=scheme)
+    exact = now.derivatives(wrt=[parameter], route=Softened() if parameter == "solref" else None)
+    route = Randomised(max(samples, 18), 1e-4, seed=3)
+    noisy = now.derivatives(route=route, wrt=[parameter])
+    wanted, found = exact.by(parameter), noisy.by(parameter)
+    assert np.abs(wanted).max() > 0
+    sizes = np.abs(wanted).max(axis=0)
+    assert (np.abs(found - wanted) <= 1e-2 * np.maximum(sizes, 1e-3 * sizes.max())).all()
+
+
+def test_noise_in_parameters_is_there_when_asked_for():
+    """What else is varied is what it is without."""
+    scene, q = solo()
+    now = cp.step(scene, q, 0.1 * np.ones(18), dt=DT)
+    plain = now.derivatives(route=Randomised(18, 1e-4))
+    with pytest.raises(cp.InvalidArgument, match="friction"):
+        plain.by("friction")
+    more = now.derivatives(route=Randomised(18, 1e-4), wrt=["friction"])
+    assert (more.dv_dv == plain.dv_dv).all()
+    assert more.by("friction").shape == (36, 4)
+
+
+def test_noise_takes_no_friction_below_zero():
+    scene = touching("solo12", friction=1e-3)
+    q = lowered(scene, scene.state()[0])
+    now = cp.step(scene, q, np.zeros(18), dt=DT)
+    with pytest.raises(cp.InvalidArgument, match="smaller sigma"):
+        now.derivatives(route=Randomised(20, 1e-2), wrt=["friction"])
+
+
 def test_noise_smooths_the_kink_between_stick_and_slip():
     # E[slope] over a normal force: half of 1e-2 at the kink itself
     ball = cp.model.free_ball(mass=1.0, radius=0.05)

@@ -8,13 +8,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.layers.layer_map import Shape
-from condyn_pin.model.robot import Robot
+from condyn_pin.model.weighing import weighing
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.routes.base import Route, check_parameters, linear_steps
 from condyn_pin.simulation.routes.columns import Columns
@@ -61,8 +60,7 @@ class Parameters:
         if key != self._values:
             self._last, self._values = self._with(values), key
         scene, scheme, route = self._last
-        weighed = "inertias" in self.shapes
-        return linear_steps(scene, route.scheme(scheme), dt, inertias=weighed), route
+        return linear_steps(scene, route.scheme(scheme), dt, tuple(self.shapes)), route
 
     def of(self, rows: Array, columns: Columns) -> list[Array]:
         """Return what rows (k, columns) have for each parameter (k, numbers)."""
@@ -99,17 +97,3 @@ def _owners(scene: Scene, contacts: Sequence[int]) -> Array:
     for cone, i in enumerate(of_cones):
         owners[cone, contacts.index(i)] = 1.0
     return owners
-
-
-def weighing(robot: Robot, inertias: Array) -> Robot:
-    """Return the robot with other inertial parameters (bodies, 10).
-
-    InvalidModel if no body has them.
-    """
-    model = pin.Model(robot.unedited)
-    for i, pi in enumerate(inertias, start=1):
-        if pi.any():
-            model.inertias[i] = pin.Inertia.FromDynamicParameters(pi)
-        else:  # a joint that carries nothing has no centre
-            model.inertias[i] = pin.Inertia.Zero()
-    return replace(robot, model=model)

@@ -9,6 +9,7 @@ friction of joints. For each cone and half-line d gap/dt is its row of J v along
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from copy import copy
 from typing import Any
 
 import numpy as np
@@ -85,6 +86,12 @@ class Candidates:
         for row, each in enumerate(dry, start=len(stops)):
             self._coordinates[row, each.iv] = 1.0
         self._sizes = np.repeat((3, 1), (self.cones, len(others)))
+
+    def with_coefficients(self, friction: Array, restitution: Array) -> Candidates:
+        """Return the same candidates with others, one a cone; they share what they evaluate in."""
+        other = copy(self)
+        other.friction, other.restitution = read_only((friction, restitution))
+        return other
 
     @property
     def rows(self) -> int:

@@ -36,7 +36,6 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.tried import Taken
 from condyn_pin.simulation.routes.columns import PARAMETERS
-from condyn_pin.simulation.routes.inertia_partials import InertiaPartials
 from condyn_pin.simulation.routes.law import Law
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
 from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, differentiated
@@ -52,6 +51,7 @@ class Route(ABC):
     title: ClassVar[str]  # what tables show
     cost: ClassVar[str]
     use: ClassVar[str]  # when to take it
+    on_request: ClassVar[tuple[str, ...]] = ("inertias",)  # parameters left out unless named
     sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look
 
     def __init_subclass__(cls) -> None:
@@ -95,7 +95,7 @@ class Route(ABC):
         `taken` is the step, if it is at hand.
         """
         names, own = check_parameters(self, scheme, wrt), self.scheme(scheme)
-        steps = linear_steps(scene, own, dt, inertias="inertias" in names)
+        steps = linear_steps(scene, own, dt, names)
         steps.system.applied.hold(start.tau, start.forces)
         return self.at(steps, 0.0, start.q, start.v, taken if own is scheme else None)
 
@@ -147,23 +147,18 @@ def check_parameters(
     return tuple(wrt)
 
 
-def partials_by(scene: Scene, inertias: bool) -> InertiaPartials | None:
-    """Return what derivatives by inertias are made of, if they are asked for."""
-    return InertiaPartials(scene.robot.unedited) if inertias else None
-
-
 # The memory of this thread's last call: a loop over derivatives of one scene makes only one.
 _last = threading.local()
 
 
 def linear_steps(
-    scene: Scene, scheme: ContactScheme, dt: float, *, inertias: bool = False
+    scene: Scene, scheme: ContactScheme, dt: float, wrt: Sequence[str] = ()
 ) -> LinearSteps:
     """Return this thread's linear steps of a scene and a scheme: the last ones, or new ones."""
     kept: LinearSteps | None = getattr(_last, "kept", None)
-    asked = scheme, dt, inertias
+    asked = scheme, dt, tuple(wrt)
     if kept is None or kept.scene is not scene or kept.asked != asked:
-        _last.kept = kept = LinearSteps(scene, scheme, dt, inertias=partials_by(scene, inertias))
+        _last.kept = kept = LinearSteps(scene, scheme, dt, wrt=wrt)
     else:
         scene.robot.check_unedited()
     return kept

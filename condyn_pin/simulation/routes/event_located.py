@@ -160,7 +160,7 @@ class _Parts:
     def _made(self, dt: float, held: NDArray[np.bool_]) -> LinearSteps:
         """Return the linear steps of a part."""
         of = self._steps
-        made = LinearSteps(of.scene, of.scheme, dt, self._system, inertias=of.inertias)
+        made = LinearSteps(of.scene, of.scheme, dt, self._system, wrt=of.wrt)
         made.steps = self._held(dt, held)
         return made
 

@@ -13,7 +13,7 @@ that keep the constraints.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from math import inf
 from typing import NamedTuple
@@ -60,6 +60,8 @@ class Ended(NamedTuple):
 class LinearSteps:
     """The steps of one scene by one scheme and dt, with their derivatives.
 
+    `wrt` names parameters that have to be among them, as `StepSolution.derivatives` does.
+
     Not to be shared between threads.
     """
 
@@ -67,9 +69,9 @@ class LinearSteps:
 
     def __init__(
         self, scene: Scene, scheme: ContactScheme, dt: float, system: System | None = None,
-        *, inertias: InertiaPartials | None = None,
+        *, wrt: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        self.scene, self.scheme, self.dt = scene, scheme, dt
+        self.scene, self.scheme, self.dt, self.wrt = scene, scheme, dt, tuple(wrt)
         self.system = system or System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
         self.steps = ContactSteps(scheme, self.system, dt)
         model = self.system.model
@@ -79,8 +81,9 @@ class LinearSteps:
         self._falls = (float(np.linalg.norm(model.gravity.linear)) or 9.81) * dt
         self.size = sum(inertia.mass for inertia in list(model.inertias)) * self._falls**2
         self.turning = ContactTurning(model, scene.contact_bounds)
-        self.inertias, self.asked = inertias, (scheme, dt, inertias is not None)
-        weighed = inertias.size if inertias else 0
+        self.asked = scheme, dt, self.wrt
+        self.inertias = InertiaPartials(scene.robot.unedited) if "inertias" in wrt else None
+        weighed = self.inertias.size if self.inertias else 0
         self.columns = Columns(scene.robot.nv, self.system.contacts.cones, weighed)
         self.share = 0.5 * dt if scheme.at_midpoint else dt  # from `at` to the end [s]
         bounds = self.system.equations.bounds

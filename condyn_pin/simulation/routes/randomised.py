@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from math import inf
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array, Indices, finite
 from condyn_pin._core.parameters import Grid
 from condyn_pin.contact.modes import MODES
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.tried import Taken
 from condyn_pin.simulation.routes.base import Route
+from condyn_pin.simulation.routes.columns import PARAMETERS
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
 from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, made
+from condyn_pin.simulation.routes.varied_steps import VariedSteps
 
 
 @dataclass(frozen=True)
@@ -28,15 +30,16 @@ class Randomised(Route):
 
     The expectation is that of pairs x + sigma e and x - sigma e. Their differences are fitted by
     the plane that leaves the least, as the covariance of the e that were drawn asks: where the step
-    is linear the noise of the samples is none. q, v and tau are varied one after the other.
+    is linear the noise of the samples is none. q, v and tau are varied one after the other, and
+    then the parameters that `wrt` names.
 
     Parameters
     ----------
     samples : int
-        Pairs for each of q, v and tau; at least one for each of their directions.
+        Pairs for each of q, v, tau and parameters; at least one for each of their directions.
     sigma : float
         Standard deviation of q [m, rad] and v [m/s, rad/s]; that of tau gives v as much in the
-        step.
+        step. Of friction and restitution too, and of `solref` and inertias as a share [1].
     seed : int
         Of the noise: the same one has the same bits.
 
@@ -53,8 +56,9 @@ class Randomised(Route):
     """
 
     title: ClassVar[str] = "randomised"
-    cost: ClassVar[str] = "6 steps for each sample"
+    cost: ClassVar[str] = "6 steps for each sample, and 2 for each parameter that is asked for"
     use: ClassVar[str] = "as a reference that knows no modes; where the step jumps"
+    on_request: ClassVar[tuple[str, ...]] = PARAMETERS
 
     sweeps: ClassVar[tuple[Grid, ...]] = ({"sigma": (1e-3, 1e-2)},)
 
@@ -72,61 +76,76 @@ class Randomised(Route):
             raise InvalidArgument(f"sigma = {self.sigma!r}: a number > 0 is needed")
         object.__setattr__(self, "sigma", sigma)
 
-    def parameters(self, scheme: ContactScheme) -> tuple[str, ...]:
-        """Return nothing: states and torques are varied, the scene is not."""
-        return ()
-
     def at(
         self, steps: LinearSteps, t: float, q: Array, v: Array, taken: Taken | None = None
     ) -> StepDerivatives:
         """Return the end of a step of `steps` from a state, and how it changes."""
-        n, columns, rng = len(v), steps.columns, np.random.default_rng(self.seed)
-        tau = steps.system.applied
-        if tau.constant is None:
+        if steps.system.applied.constant is None:
             raise InvalidArgument(
                 "route = Randomised(): it varies torques that are constant; for others take "
                 "ActiveSet()"
             )
-        held, centre = np.array(tau.constant), steps.step(t, q, v)
-        modes = steps.steps.modes()
-        model, along = steps.system.model, _free(steps, q)
-        if self.samples < n:
-            raise InvalidArgument(
-                f"samples = {self.samples}: a plane in {n} directions needs as many at least"
-            )
-        felt = self.sigma * np.diag(steps.system.mass(q)) / steps.dt
+        centre = steps.step(t, q, v)
+        modes, rng = steps.steps.modes(), np.random.default_rng(self.seed)
+        n, columns, model = len(v), steps.columns, steps.system.model
         dq, dv = columns.empty(), columns.empty()
-        try:
-            for part, basis in (
-                (columns.q, self.sigma * along), (columns.v, self.sigma * np.eye(n)),
-                (columns.tau, np.diag(felt)),
-            ):  # fmt: skip
-                noise = rng.standard_normal((self.samples, basis.shape[1]))
-                ends = []
-                for e in noise:
-                    both = []
-                    for move in (basis @ e, -basis @ e):
-                        at, speed = q, v
-                        if part == columns.q:
-                            at = pin.integrate(model, q, move)
-                        elif part == columns.v:
-                            speed = v + move
-                        else:
-                            tau.hold(held + move, ())
-                        both.append(steps.step(t, at, speed))
-                    (q_up, v_up), (q_down, v_down) = both
-                    moved = pin.difference(model, centre[0], q_up)
-                    moved = moved - pin.difference(model, centre[0], q_down)
-                    ends.append(np.concatenate((moved, v_up - v_down)) / 2)
-                    tau.hold(held, ())
-                plane = np.linalg.lstsq(noise, np.array(ends), rcond=None)[0]  # (free, 2 nv)
-                slope = np.linalg.lstsq(basis.T, plane, rcond=None)[0].T
-                dq[:, part], dv[:, part] = slope[:n], slope[n:]
-        finally:
-            tau.hold(held, ())
+        for varied in self._varied(steps, t, q, v):
+            directions = varied.basis.shape[1]
+            if self.samples < directions:
+                raise InvalidArgument(
+                    f"samples = {self.samples}: a plane in {directions} directions needs as many "
+                    "at least"
+                )
+            noise = rng.standard_normal((self.samples, directions))
+            ends = []
+            for e in noise:
+                move = varied.basis @ e
+                (q_up, v_up), (q_down, v_down) = varied.end(move), varied.end(-move)
+                moved = pin.difference(model, centre[0], q_up)
+                moved = moved - pin.difference(model, centre[0], q_down)
+                ends.append(np.concatenate((moved, v_up - v_down)) / 2)
+            plane = np.linalg.lstsq(noise, np.array(ends), rcond=None)[0]  # (directions, 2 nv)
+            slope = np.linalg.lstsq(varied.basis.T, plane, rcond=None)[0].T
+            dq[:, varied.columns], dv[:, varied.columns] = slope[:n], slope[n:]
         names = steps.system.contacts.names
         named = dict(zip(names, (MODES[code] for code in modes), strict=True))
         return made(self, steps, centre, (dq, dv), named, inf)
+
+    def _varied(self, steps: LinearSteps, t: float, q: Array, v: Array) -> Iterator[_Varied]:
+        """Yield what is varied: q, v, tau, and the parameters that are asked for."""
+        n, columns, system, step = len(v), steps.columns, steps.system, steps.step
+        held = np.array(system.applied.constant)
+        felt = self.sigma * np.diag(system.mass(q)) / steps.dt
+
+        def pushed(move: Array) -> tuple[Array, Array]:
+            system.applied.hold(held + move, ())
+            try:
+                return step(t, q, v)
+            finally:
+                system.applied.hold(held, ())
+
+        def at(move: Array) -> tuple[Array, Array]:
+            return step(t, pin.integrate(system.model, q, move), v)
+
+        yield _Varied(columns.q, self.sigma * _free(steps, q), at)
+        yield _Varied(columns.v, self.sigma * np.eye(n), lambda move: step(t, q, v + move))
+        yield _Varied(columns.tau, np.diag(felt), pushed)
+        for name in steps.wrt:
+            if name in PARAMETERS:
+                of = VariedSteps(steps, name)
+
+                def made_of(move: Array, of: VariedSteps = of) -> tuple[Array, Array]:
+                    return of.at(move)(t, q, v)
+
+                yield _Varied(columns.of(name), self.sigma * np.diag(of.sizes), made_of)
+
+
+class _Varied(NamedTuple):
+    """Something that the end of a step changes with."""
+
+    columns: slice | Indices
+    basis: Array  # (numbers, directions), sigma long
+    end: Callable[[Array], tuple[Array, Array]]  # of a step, by a move (numbers,)
 
 
 def _free(steps: LinearSteps, q: Array) -> Array:

@@ -147,8 +147,8 @@ class StepDerivatives:
         if parameter not in self.parameters:
             raise InvalidArgument(
                 f"{parameter}: this step by {self.route!r} has derivatives by q, v, "
-                f"tau{', '.join(('', *self.parameters))}; inertias are in them with "
-                'derivatives(wrt=["inertias"])'
+                f"tau{', '.join(('', *self.parameters))}; more are in them with "
+                'derivatives(wrt=["inertias"]) and the like'
             )
 
     def __repr__(self) -> str:
@@ -172,7 +172,8 @@ def made(
 ) -> StepDerivatives:  # fmt: skip
     """Return the derivatives with these `matrices`, of a step that ends in this `state`."""
     candidates, known = steps.system.contacts, route.parameters(steps.scheme)
-    parameters = tuple(name for name in known if name != "inertias" or steps.inertias)
+    left_out = set(route.on_request) - set(steps.wrt)
+    parameters = tuple(name for name in known if name not in left_out)
     q, v, dq, dv = read_only((*state, *matrices))
     names = candidates.names[: candidates.cones]
     return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters)

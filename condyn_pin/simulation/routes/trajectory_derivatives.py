@@ -23,7 +23,7 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.outcome import RunStatus
 from condyn_pin.simulation.routes.active_set import ActiveSet
-from condyn_pin.simulation.routes.base import Route, check_parameters, partials_by
+from condyn_pin.simulation.routes.base import Route, check_parameters
 from condyn_pin.simulation.routes.chain import Chain
 from condyn_pin.simulation.routes.columns import PARAMETERS
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
@@ -171,7 +171,7 @@ def trajectory_derivatives(
         What was applied: as `simulate` was given it [N, N m].
     wrt : sequence of {"tau", "friction", "restitution", "solref", "inertias"}
         What matrices are formed by, beside the start; the gradient of `vjp` has all of them, but
-        inertias, ten columns a joint, only if they are named.
+        inertias, ten columns a joint, only if they are named, as all of `Randomised`.
     route : Route, optional
         `ActiveSet()` by default.
     forces, jacobian : optional
@@ -220,8 +220,7 @@ def trajectory_derivatives(
         Workspace(scene.bilateral), applied, springs=effects.springs, damping=effects.damping,
         contacts=scene.contact_bounds,
     )  # fmt: skip
-    by = partials_by(scene, "inertias" in names)
-    steps = LinearSteps(scene, chosen.scheme(run.integrator), run.dt, system, inertias=by)
+    steps = LinearSteps(scene, chosen.scheme(run.integrator), run.dt, system, wrt=names)
     count = round(float(motion.t[-1] - motion.t[0]) / run.dt)
     with np.errstate(all="ignore"):
         start = np.array(motion.q[0]), np.array(motion.v[0])
