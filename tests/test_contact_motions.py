@@ -168,6 +168,19 @@ def test_what_is_not_finite_is_not_ok(scheme: cp.simulation.ContactScheme, heigh
         cp.simulate(scene, q, np.full(6, 1e200), duration=0.01, integrator=scheme)
 
 
+def test_a_puck_that_turns_faster_than_numbers_go_is_not_ok() -> None:
+    """sin and cos of infinity are errors in Python."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "puck")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1e-6, 0.05), pin.SE3.Identity())
+    model.addFrame(pin.Frame("ball", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    contact = FrictionalContact("ball", Ball(0.05), friction=0.3)
+    scene = cp.Scene(cp.Robot("puck", model), contacts=[contact])
+    pushed = np.zeros(3), np.full(3, 1e308)
+    now = cp.step(scene, np.array([0, 0, 1.0, 0]), *pushed, dt=1e-3, throw=False)
+    assert now.status.name == "NOT_FINITE"
+
+
 def test_numbers_of_numpy_are_numbers() -> None:
     """So that contacts are equal, can be hashed and come back from files."""
     plain = FrictionalContact("ball", Ball(0.5), friction=0.25, restitution=0.5)

@@ -107,6 +107,17 @@ def factorise_constraints(
     return cholesky
 
 
+def placement_view(placement: Any) -> NDArray[np.float64]:
+    """Return [R p] (3, 4) of a pin.SE3, a view into its memory: who reads several copies once.
+
+    p lies behind R there, in every Pinocchio that is supported.
+    """
+    R, p = placement.rotation, placement.translation
+    if p.ctypes.data - R.ctypes.data != R.nbytes or R.strides != (8, 24):
+        raise RuntimeError(f"Pinocchio {pin.__version__} has another SE3 in memory than [R p]")
+    return np.lib.stride_tricks.as_strided(R, (3, 4), R.strides)
+
+
 def constraints_jacobian(
     model: Any, data: Any, models: Any, datas: Any
 ) -> Callable[[], NDArray[np.float64]]:

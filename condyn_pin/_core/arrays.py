@@ -37,6 +37,11 @@ def entries(places: NDArray[np.int_]) -> NDArray[np.int_] | slice:
     return places
 
 
+def diagonal_of(matrix: Array) -> Array:
+    """Return the diagonal of a whole matrix (n, n), to be written to: a view into it."""
+    return matrix.ravel("K")[:: len(matrix) + 1]
+
+
 def locked(array: Array) -> Array:
     """Return the same numbers as an array that is not to be written to."""
     view = array.view()

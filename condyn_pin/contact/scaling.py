@@ -40,8 +40,9 @@ def normalised(problem: ContactProblem) -> tuple[ContactProblem, float | Array]:
 
 def _differ(problem: ContactProblem) -> bool:
     """Whether impulses move some contacts of cones far more than others."""
-    t1, t2, n = (problem.G.diagonal()[axis].tolist() for axis in problem.sets.axes)
-    stiff: list[float] = [sum(each) for each in zip(t1, t2, n, strict=True)]
+    diagonal: list[float] = problem.G.diagonal().tolist()
+    axes = (diagonal[axis] for axis in problem.sets.axes)
+    stiff = [sum(each) for each in zip(*axes, strict=True)]
     return max(stiff, default=0.0) > _APART * min(stiff, default=0.0)
 
 

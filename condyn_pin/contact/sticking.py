@@ -12,9 +12,9 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
-from scipy.linalg.lapack import dpotrf, dpotrs
+from scipy.linalg.lapack import dposv, dpotrs
 
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, diagonal_of
 from condyn_pin.contact.problem import ContactProblem
 
 # What G gets more on its diagonal, relative: far above rounding, far below its eigenvalues where
@@ -56,10 +56,9 @@ def _closing(problem: ContactProblem) -> list[bool]:
 def _solved(G: Array, g: Array) -> Array | None:
     """Return the smallest solution of G lam = -g, None where a row moves nothing."""
     more = G.copy()
-    diagonal = np.einsum("ii->i", more)  # a view
+    diagonal = diagonal_of(more)
     diagonal *= 1 + _MORE
-    factor, info = dpotrf(more, overwrite_a=1)
+    factor, lam, info = dposv(more.T, -g, overwrite_a=1, overwrite_b=1)  # more.T: no copy
     if info:
         return None
-    lam = -dpotrs(factor, g)[0]
     return np.asarray(lam - dpotrs(factor, G.dot(lam) + g)[0])

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin._core._pin import placement_view
 from condyn_pin._core.arrays import Array
 
 
@@ -44,11 +45,7 @@ class Placements:
         """Return (3, size) from data.oMi, in memory of this object."""
         if self._of is not data:  # views into the memory of data: to fetch them costs more
             self._of = data
-            self._sources = [part for joint in self._joints for part in _views(data.oMi[joint])]
+            self._sources = [placement_view(data.oMi[joint]) for joint in self._joints]
         if self._joints:
             np.concatenate(self._sources, axis=1, out=self._now)
         return self._now
-
-
-def _views(placement: Any) -> tuple[Array, Array]:
-    return placement.rotation, placement.translation[:, None]

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin._core._pin import placement_view
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.any_bound import OnFrames
 from condyn_pin.constraints.rows.frames import Centripetal, Joints
@@ -26,8 +27,7 @@ class Ends:
         ends += [(b.joint2, b.placement2) for b in bounds]
         # views into data's own memory, one call copies them all: the axes of the joint, one a row,
         # and its origin
-        parts = [(data.oMi[j].rotation.T, data.oMi[j].translation[None]) for j, _ in ends]
-        self._sources = [part for both in parts for part in both]
+        self._sources = [placement_view(data.oMi[j]).T for j, _ in ends]
         self._of_joints = np.zeros((2, self.k, 4, 3))
         self._rows_of_joints = self._of_joints.reshape(-1, 3)
         self._in_joints = np.array([p.homogeneous.T for _, p in ends]).reshape(2, -1, 4, 4)

@@ -79,6 +79,8 @@ class Equations:
         self._groups = Groups(model, self.data, self.bounds, motion)
         self._plain, self._couplings = self._groups.plain, self._groups.couplings
         self._evaluators = self._groups.evaluators
+        others = self._couplings or self._drives  # which have a part in c too
+        self._violations = [] if others else self._groups.violations
         self._cancellation = Cancellation(model, self.data, self.bounds)
 
     @property
@@ -145,8 +147,14 @@ class Equations:
 
     def violation(self, q: Array) -> Array:
         """Return c(q) (m,)."""
-        self.motion(q, self._still, self._still)
-        return self._c.copy()
+        if not self._violations:
+            self.motion(q, self._still, self._still)
+            return self._c.copy()
+        _forward_kinematics(self.model, self.data, q)
+        c = np.empty(self.m)
+        for write in self._violations:
+            write(c)
+        return c * self.sign if self._flipped else c
 
     def position_level(self, q: Array) -> tuple[Array, Array]:
         """Return c(q) (m,) and J (m, nv)."""

@@ -70,6 +70,13 @@ class Group(Protocol):
         """
 
 
+class Loops(Group, Protocol):
+    """A group that finds c without velocities."""
+
+    def violation(self, c: Array) -> None:
+        """Write c alone: placements in `data` are enough."""
+
+
 class UnlikePinocchio(Group, Protocol):
     """A group with rows that Pinocchio does not have."""
 
@@ -80,8 +87,9 @@ class UnlikePinocchio(Group, Protocol):
 class Groups:
     """All groups of one scene, and the memory that they share with its `Equations`.
 
-    They hold views of `data`. `evaluators` write the rows of all but couplings. `motion` (2, m + 1)
-    is where J v and J a + gamma are, a zero behind each.
+    They hold views of `data`. `evaluators` write the rows of all but couplings, and `violations` c
+    alone; there are none if a group needs velocities for that. `motion` (2, m + 1) is where J v and
+    J a + gamma are, a zero behind each.
     """
 
     def __init__(self, model: Any, data: Any, bounds: Sequence[AnyBound], motion: Array) -> None:
@@ -90,7 +98,7 @@ class Groups:
         self.plain = PlainRows(model, data, bounds)
         self.couplings = Couplings(coupled, model.nv) if coupled else None
         contacts = [WorldContacts(data, held, motion)] if held else []
-        loops: list[Group] = [Balls(Ends(data, balls), balls)] if balls else []
+        loops: list[Loops] = [Balls(Ends(data, balls), balls)] if balls else []
         loops += [Weld(data, b) for b in welds]
         others: list[tuple[UnlikePinocchio, Sequence[OnFrames], tuple[int, ...]]] = []
         kinds: list[tuple[Any, Sequence[OnFrames], tuple[int, ...]]] = [
@@ -104,6 +112,7 @@ class Groups:
         self._unlike_pinocchio = [*contacts, *(group for group, _, _ in others)]
         groups: list[Group] = [*contacts, *loops, *(group for group, _, _ in others)]
         self.evaluators = [group.evaluate for group in groups]
+        self.violations = [group.violation for group in loops] if groups == loops else []
         self._place(loops, [*held, *balls, *welds], others)
 
     def _place(

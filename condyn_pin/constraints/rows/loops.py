@@ -46,6 +46,11 @@ class Balls:
         slip = (one - two) @ self._axes1.swapaxes(1, 2)
         velocity[rows], acceleration[rows], c[rows] = slip.swapaxes(0, 1).reshape(3, -1)
 
+    def violation(self, c: Array) -> None:
+        """Write c of these loops: placements in `data` are enough."""
+        one, two = self._ends.placements()
+        c[self._rows] = ((one[:, 3:] - two[:, 3:]) @ one[:, :3].swapaxes(1, 2)).reshape(-1)
+
     def stack(self, lam: Array, _: Array, f2: Array) -> None:
         """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
         forces = lam[self._rows].reshape(-1, 1, 3) @ self._axes1
@@ -64,13 +69,19 @@ class Weld:
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of this loop into the three vectors of all rows."""
+        self.violation(c)
         b, one, two = self._bound, self._bound.placement1, self._bound.placement2
-        self._c1Mc2 = between = (self._oMi1 * one).actInv(self._oMi2 * two)
-        c[b.rows] = -pin.log6(between).vector
+        between = self._c1Mc2
         v2, a2 = between.act(two.actInv(self._v2)), between.act(two.actInv(self._a2))
         slip = one.actInv(self._v1) - v2
         velocity[b.rows] = slip.vector
         acceleration[b.rows] = (one.actInv(self._a1) - a2 + slip.cross(v2)).vector
+
+    def violation(self, c: Array) -> None:
+        """Write c of this loop: placements in `data` are enough."""
+        b = self._bound
+        self._c1Mc2 = (self._oMi1 * b.placement1).actInv(self._oMi2 * b.placement2)
+        c[b.rows] = -pin.log6(self._c1Mc2).vector
 
     def stack(self, lam: Array, _: Array, f2: Array) -> None:
         """Write X^T lam, the wrench in the axes and at the origin of c2."""

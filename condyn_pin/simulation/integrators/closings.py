@@ -11,8 +11,6 @@ from collections.abc import Callable
 from math import inf
 from typing import NamedTuple
 
-import numpy as np
-
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm
@@ -53,7 +51,7 @@ class Closings:
 
     def closed(self, of_step: MinimumNorm, q: Array) -> Array:
         """Return q with loops closed."""
-        return self.way(of_step, q)[-1].end
+        return self.way(of_step, q)[-1].end if of_step.rank else q
 
     def work(self, q: Array, q1: Array, v: Array) -> float:
         """Return what it does to the energy to move q to q1 where loops are closed [J]."""
@@ -69,7 +67,7 @@ class Closings:
         way, least = [Closing(of_step, q, q)], inf
         for _ in range(_CLOSINGS if of_step.rank else 0):
             c = self._equations.violation(q)
-            gap = float(np.abs(c).max())
+            gap = max(map(abs, c.tolist()))
             if not gap < least:  # rounding, or out of reach
                 break
             way[-1], least = way[-1]._replace(end=q), gap

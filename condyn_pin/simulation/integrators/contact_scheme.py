@@ -212,8 +212,13 @@ def allowed_gaps(gaps: Array) -> Array:
 
     A penetration of up to a nanometre stays.
     """
-    open_or_touching = np.where(gaps > _TOUCHES, gaps, 0.0)
-    return np.where(gaps < -AT_REST, _PUSHED_OUT * gaps, open_or_touching)
+    return np.array([_allowed(gap) for gap in gaps.tolist()])
+
+
+def _allowed(gap: float) -> float:
+    if gap > _TOUCHES:
+        return gap
+    return _PUSHED_OUT * gap if gap < -AT_REST else 0.0
 
 
 def closing_by(near: Near) -> AskedBy:

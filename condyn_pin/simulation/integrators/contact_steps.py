@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, diagonal_of
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.contact.condense import condense
 from condyn_pin.contact.judge import judged
@@ -275,7 +275,7 @@ class ContactSteps:
     def _factors(self, M: Array, J_b: Array, q: Array) -> MinimumNorm:
         """Return the factors of J_b and of M with what springs and damping add to it in a step."""
         if self._inertia is not None:
-            diagonal = np.einsum("ii->i", M)  # a view
+            diagonal = diagonal_of(M)
             diagonal += self._inertia
         if self._between is not None:
             rows, weights = self._between.inertia_rows(q, self._dt)
