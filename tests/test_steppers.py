@@ -24,7 +24,7 @@ from condyn_pin.constraints import (
     Point,
 )
 from condyn_pin.constraints.contacts.shapes import Shape
-from condyn_pin.contact import ContactProblem, SemismoothNewton
+from condyn_pin.contact import ADMM, ContactProblem, SemismoothNewton
 from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.dynamics import contact_gaps
 from condyn_pin.errors import StepFailed
@@ -459,7 +459,7 @@ def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) 
     def give_up(problem: ContactProblem, *_: object) -> tuple[Attempt, float]:
         return Attempt(np.zeros(problem.rows), 1, ("nothing",)), float(problem.rows > 0)
 
-    for name in ("first_attempt", "attempt_contact"):
+    for name in ("first_attempt", "other_attempts"):
         monkeypatch.setattr(tried, name, give_up)
     scene, q, v = thrown()
     q[2] += 0.05
@@ -472,6 +472,21 @@ def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) 
         cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3)
     now = cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3, throw=False)
     assert not now.status.ok
+
+
+def test_a_first_attempt_that_fails_is_made_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    asked = []
+
+    def fail(_: ADMM, problem: ContactProblem, guess: Array | None = None) -> Attempt:
+        asked.append(guess)
+        return Attempt(np.zeros(problem.rows), 1, ("ADMM",))
+
+    monkeypatch.setattr(ADMM, "at_once", lambda _, problem: None)
+    monkeypatch.setattr(ADMM, "attempt", fail)
+    now = cp.step(box_scene(0.5), lying(0.0), np.zeros(6), dt=1e-3)
+    assert now.status.ok
+    assert now.contact.path == ("ADMM", "Newton")
+    assert asked == [None]
 
 
 def test_a_run_that_ends_in_the_infeasible_names_what_no_impulse_can_meet() -> None:

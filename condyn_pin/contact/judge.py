@@ -152,6 +152,23 @@ def first_attempt(
     return _apart(problem, solver, guess, accuracy, _first)
 
 
+@one_blas_thread
+def other_attempts(
+    problem: ContactProblem, solver: ContactSolver, found: Attempt, accuracy: float
+) -> tuple[Attempt, float]:
+    """Return the best of a first attempt that was not accurate enough and of what else there is."""
+
+    def others(
+        part: ContactProblem, solver: ContactSolver, lam: Array | None, enough: float
+    ) -> tuple[Attempt, float]:
+        assert lam is not None
+        begun = found._replace(lam=lam, iterations=0)  # those of all parts are added below
+        return _others(part, solver, begun, natural_residual(part, lam), enough)
+
+    best, natural = _apart(problem, solver, found.lam, accuracy, others)
+    return best._replace(iterations=found.iterations + best.iterations), natural
+
+
 def _apart(
     problem: ContactProblem,
     solver: ContactSolver,
@@ -194,7 +211,13 @@ def _insist(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
 ) -> tuple[Attempt, float]:
     """Return the first attempt that the natural residual accepts, or the best of all."""
-    best, least = _first(problem, solver, guess, accuracy)
+    return _others(problem, solver, *_first(problem, solver, guess, accuracy), accuracy)
+
+
+def _others(
+    problem: ContactProblem, solver: ContactSolver, best: Attempt, least: float, accuracy: float
+) -> tuple[Attempt, float]:
+    """Return the same of a first attempt and its residual."""
     found = best
     if least <= accuracy:
         return best, least

@@ -88,7 +88,7 @@ class ADMM(ContactSolver):
 
     def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
         """Yield what Newton and another run of ADMM find, and Newton from other starts."""
-        if found.path[0] == self.title:
+        if self.title in found.path:
             lam = found.lam
             for found in fewer(problem, found, _RESCUE):  # noqa: B020
                 yield found

@@ -8,7 +8,7 @@ from typing import NamedTuple
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.consistent import without_contradiction
-from condyn_pin.contact.judge import attempt_contact, first_attempt
+from condyn_pin.contact.judge import attempt_contact, first_attempt, other_attempts
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.simulation.contact_work import ContactWork
 from condyn_pin.simulation.integrators.posed import Posed
@@ -43,25 +43,23 @@ class Taken(NamedTuple):
 def answered(posed: Posed, solver: ContactSolver) -> Tried:
     """Return a step with impulses that meet its contact problem, or the best that were found.
 
-    Redundant contacts are looked at before the solver begins again and again, which may take a
-    thousand times as long. It begins where its first attempt has ended, which answers a third of
-    what that has left.
+    Redundant contacts are looked at before the solver tries all else that it has, which may take a
+    thousand times as long, and again where that has not helped.
     """
-    accuracy = tolerances.CONTACT_SOLVED
-    begin = first_attempt if solver.exact else attempt_contact
-    found, natural = begin(posed.problem, solver, None, accuracy)
-    if not isfinite(natural):
-        found, natural = attempt_contact(posed.problem, solver, None, accuracy)
-        return _with(posed, found, natural)
+    problem, accuracy = posed.problem, tolerances.CONTACT_SOLVED
+    if not solver.exact:
+        return _with(posed, *attempt_contact(problem, solver, None, accuracy))
+    found, natural = first_attempt(problem, solver, None, accuracy)
     for is_best in (False, True):
-        if natural <= accuracy or not solver.exact:
+        if natural <= accuracy:
             break
-        consistent = without_contradiction(posed.problem, found.lam)
+        # what is not finite contradicts nothing
+        consistent = without_contradiction(problem, found.lam) if isfinite(natural) else None
         if consistent is not None:
-            posed = posed._replace(problem=consistent)
-        elif is_best:
-            break
-        found, natural = attempt_contact(posed.problem, solver, found.lam, accuracy)
+            problem, posed = consistent, posed._replace(problem=consistent)
+            found, natural = attempt_contact(problem, solver, found.lam, accuracy)
+        elif not is_best:
+            found, natural = other_attempts(problem, solver, found, accuracy)
     return _with(posed, found, natural)
 
 
