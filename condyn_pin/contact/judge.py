@@ -217,7 +217,7 @@ def _insist(
 def _others(
     problem: ContactProblem, solver: ContactSolver, best: Attempt, least: float, accuracy: float
 ) -> tuple[Attempt, float]:
-    """Return the same of a first attempt and its residual."""
+    """Return the best of a first attempt, whose residual is `least`, and of what else is tried."""
     found = best
     if least <= accuracy:
         return best, least

@@ -83,7 +83,7 @@ class Floating:
         return moved
 
 
-# Numbers one by one: Pinocchio's own take three times as long, to come into Python and to leave it.
+# Numbers one by one: Pinocchio's take twice as long, to come into Python and to leave it.
 
 
 def _rotated(

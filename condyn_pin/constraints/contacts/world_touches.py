@@ -34,11 +34,10 @@ class WorldTouches(Touches):
         heights = [np.dot(t.plane.translation, n) for t, n in zip(touches, normals, strict=True)]
         self._lowest = np.reshape(heights, k) + self._radius
         at_surface = moments @ (self._radius[:, None] * normals)[:, :, None]
-        of_points = np.concatenate([moments, -at_surface], axis=2)  # of p and 1
-        self._moment_of = np.ascontiguousarray(of_points.transpose(0, 2, 1))
+        self._moment_of = np.concatenate([moments, -at_surface], axis=2)  # of p and 1
         # memory for p and 1, and for the rows d and p x d, with views into it
         points, twists = np.ones((4, k)), np.concatenate([axes, np.zeros((k, 3, 3))], axis=2)
-        self._p, self._p_and_1 = points[:3], points.T[:, None, :]
+        self._p, self._p_and_1 = points[:3], points.T[:, :, None]
         self._rows, self._moments = twists.reshape(-1, 6), twists[:, :, 3:]
         self._data: Any = None
 
@@ -52,8 +51,7 @@ class WorldTouches(Touches):
             self._data, self._J = data, data.J.reshape(6, -1)
         now = self._placements.read(data)
         np.dot(now, self._middles, out=self._p)
-        # rows: for columns matmul takes three times as long
-        self._moments[:] = (self._p_and_1 @ self._moment_of).reshape(-1, 3, 3)
+        self._moments[:] = (self._moment_of @ self._p_and_1).reshape(-1, 3, 3)
         return self._heights(now), self._rows.dot(self._J) * self._moves
 
     def _heights(self, now: Array) -> Array:
