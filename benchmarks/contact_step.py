@@ -221,13 +221,13 @@ class PlainScript:
         return np.array([self.data.oMf[frame].translation[2] for frame in self.frames])
 
 
-def mujoco_step(scene: Scene) -> Call:
-    """Return MuJoCo's step of the same robot, put back at the state now and then."""
+def mujoco_twin(scene: cp.Scene) -> tuple[Any, cp.study.MujocoBridge]:
+    """Return MuJoCo's model of a robot of points on the floor, and the bridge to it."""
     import mujoco
 
-    robot = scene.scene.robot
+    robot = scene.robot
     spec = mujoco.MjSpec.from_string(robot.to_mjcf())
-    for contact in scene.scene.contacts:
+    for contact in scene.contacts:
         site = spec.site(contact.frame)
         ball = {"type": mujoco.mjtGeom.mjGEOM_SPHERE, "size": [RADIUS, 0, 0]}
         site.parent.add_geom(pos=site.pos, **ball)
@@ -235,13 +235,21 @@ def mujoco_step(scene: Scene) -> Call:
         type=mujoco.mjtGeom.mjGEOM_PLANE, size=[10, 10, 1], pos=[0, 0, SUNK - RADIUS]
     )
     for geom in spec.geoms:
-        geom.friction[0], geom.condim = scene.friction, 3
+        geom.friction[0], geom.condim = scene.contacts[0].friction, 3
         floor = geom.type == mujoco.mjtGeom.mjGEOM_PLANE
         geom.contype, geom.conaffinity = (1, 0) if floor else (0, 1)
     spec.option.timestep, spec.option.cone = DT, mujoco.mjtCone.mjCONE_ELLIPTIC
     model = spec.compile()
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_LIMIT
-    data, bridge, calls = mujoco.MjData(model), cp.study.MujocoBridge(robot, model), 0
+    return model, cp.study.MujocoBridge(robot, model)
+
+
+def mujoco_step(scene: Scene) -> Call:
+    """Return MuJoCo's step of the same robot, put back at the state now and then."""
+    import mujoco
+
+    model, bridge = mujoco_twin(scene.scene)
+    data, calls = mujoco.MjData(model), 0
     known = {id(state[0]): bridge.to_mujoco(*state[:2]) for state in scene.states}
     data.qfrc_applied[:] = bridge.torque_to_mujoco(scene.states[0][0], scene.tau)
 

@@ -47,6 +47,7 @@ SCRIPTS = {
     "contact_four_bar": lambda script: script.load(),
     "falls": lambda script: script.load(),
     "campaign_held": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
+    "native_contact": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
     "native_core": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
 }
 

@@ -25,10 +25,10 @@ MODES: Final = ("open", "stick", "slide")
 OPEN, STICK, SLIDE = range(3)
 
 # Velocity along a row that is none, relative to |g|: ten times what a solved problem leaves.
-_MOVES: Final = 10 * tolerances.CONTACT_SOLVED
+MOVES: Final = 10 * tolerances.CONTACT_SOLVED
 
 
-def contact_modes(problem: ContactProblem, lam: Array, moves: float = _MOVES) -> Modes:
+def contact_modes(problem: ContactProblem, lam: Array, moves: float = MOVES) -> Modes:
     """Return the mode of each contact of a problem that lam (m,) solves.
 
     A stop is open or sticks, dry friction sticks or slides. What is slower than the share `moves`

@@ -15,7 +15,7 @@ _MOST = 1000  # threads
 
 @dataclass(frozen=True)
 class Native:
-    """The compiled core, as ``executor=`` of `solve_batch`, `derivatives_batch`, `simulate_batch`.
+    """The compiled core, as ``executor=`` of all batch verbs.
 
     What comes back is what Python returns. States whose proof leaves a doubt, such as those near
     singular postures, are answered by Python itself.

@@ -22,6 +22,7 @@ from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.compiled.arrays import contiguous
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import LARGEST, Workspace
+from condyn_pin.simulation.batch.compiled_steps import untaken_steps
 from condyn_pin.simulation.breakdown import LOST
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization
@@ -47,10 +48,13 @@ _INTEGRATORS: Final[dict[Integrator, int]] = {
 
 def untaken(plan: Plan, forces: bool) -> Iterator[str]:
     """Yield what the core does not take of a plan, in words."""
-    if plan.scene.contacts:
-        yield f"contact {plan.scene.contacts[0].name!r} may open and slide"
     if plan.tau.constant is None or forces:
         yield "TAU is a function, or there are forces: it has constant torques alone"
+    if plan.scene.contacts:
+        yield from untaken_steps(plan.scene, plan.integrator)
+        if not isinstance(plan.drift, NoDrift):
+            yield f"drift = {plan.drift!r}: with contacts it has NoDrift alone"
+        return
     if plan.integrator not in _INTEGRATORS:
         known = ", ".join(dict.fromkeys(type(each).__name__ for each in _INTEGRATORS))
         yield f"integrator = {plan.integrator!r}: it has {known}"
@@ -115,17 +119,21 @@ class MovedRows:
             limits=np.array([tolerances.NEARLY_CLOSED / 10, LARGEST, LOST, reach]),
             **found, done=done, times=outputs["run_times"], threads=threads,
         )  # fmt: skip
-        _put(outputs, np.flatnonzero(done), found, tau, workspace)
+        put_motions(outputs, np.flatnonzero(done), found, tau, workspace)
         return np.flatnonzero(done == 0)
 
 
-def _put(
+def put_motions(
     outputs: Arrays, ok: NDArray[np.intp], found: dict[str, Any], tau: Array, workspace: Workspace
 ) -> None:
-    """Put the motions that went to their end into their rows."""
+    """Put the motions that went to their end into their rows.
+
+    `found` has their samples: t, q, v, a, lam and measures, and of contacts their work and columns.
+    """
     if not ok.size:
         return
-    t, q, v, a, lam, measures = (found[name][ok] for name in found)
+    found = {name: its[ok] for name, its in found.items()}
+    t, q, v, measures = (found[name] for name in ("t", "q", "v", "measures"))
     outputs["t"][ok], outputs["q"][ok], outputs["v"][ok] = t[:, -1], q[:, -1], v[:, -1]
     outputs["statuses"][ok] = tuple(RunStatus).index(RunStatus.FINISHED)
     violation, slip, kinetic, potential = np.moveaxis(measures, 2, 0)
@@ -133,12 +141,15 @@ def _put(
     outputs["constraint_velocity"][ok] = slip.max(axis=1)
     passive = Passive.of(workspace.scene.robot)
     power = np.einsum("ni,nki->kn", tau[ok], v), -passive.dissipation(q, v).T
+    nothing = np.zeros((2, *kinetic.T.shape))
+    of_contacts = found["work"].T if "work" in found else np.zeros((3, *kinetic.T.shape))
     energy = Energy(
         kinetic.T, potential.T, passive.energy(q).T, *(work(t[0], each) for each in power),
-        *np.zeros((5, *kinetic.T.shape)),
+        *nothing, *of_contacts,
     )  # fmt: skip
     outputs["energy_error"][ok] = np.abs(energy.error).max(axis=0)
     if "samples_t" in outputs:
-        samples = {"t": t, "q": q, "v": v, "a": a, "lam": lam, "tau": tau[ok, None]}
-        for name, its in samples.items():
-            outputs[f"samples_{name}"][ok] = its
+        for name in ("t", "q", "v", "a", "lam", "contact"):
+            if name in found:
+                outputs[f"samples_{name}"][ok] = found[name]
+        outputs["samples_tau"][ok] = tau[ok, None]

@@ -21,7 +21,8 @@ from condyn_pin.dynamics.compiled import arrays
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.simulation.batch.compiled import workers
+from condyn_pin.simulation.batch.compiled import Work, workers
+from condyn_pin.simulation.batch.compiled_contact_motions import SteppedMotions
 from condyn_pin.simulation.batch.compiled_motions import MovedRows, untaken, untaken_rows
 from condyn_pin.simulation.batch.inputs import check_states, split
 from condyn_pin.simulation.batch.motions import Motions
@@ -123,10 +124,14 @@ def simulate_batch(
     recipe = Recipe(held, solver)
     if isinstance(executor, Native):  # whose workspace is that of the motions
         recipe = Recipe(held, solver or default_solver(held), planned.drift.rows)
-    moved = MovedRows(planned.integrator, planned.drift, planned.dt, planned.steps, every)
+    moved: Work = MovedRows(planned.integrator, planned.drift, planned.dt, planned.steps, every)
+    if scene.contacts:
+        moved = SteppedMotions(
+            tuple(scene.contacts), planned.integrator, planned.dt, planned.steps, every
+        )
     kernel, executor, chunk = workers(
         executor, moved, motions, reasons=untaken(planned, bool(applied)),
-        untaken=lambda: untaken_by_core(recipe.workspace(), planned.drift), chunk=chunk,
+        untaken=lambda: untaken_by_core(recipe.workspace(), planned), chunk=chunk,
         most=_MOTIONS,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, most, progress)
@@ -135,10 +140,11 @@ def simulate_batch(
     return rows.fill(len(q), inputs, kinds, partial(_batch, planned, begun))
 
 
-def untaken_by_core(workspace: Workspace, drift: Drift) -> Iterator[str]:
+def untaken_by_core(workspace: Workspace, planned: Plan) -> Iterator[str]:
     """Yield what the compiled core does not take of a workspace that is to move."""
     yield from arrays.untaken(workspace)
-    yield from untaken_rows(workspace, drift)
+    if not planned.scene.contacts:  # whose steps have the rows of the scene themselves
+        yield from untaken_rows(workspace, planned.drift)
 
 
 def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:

@@ -16,15 +16,19 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import read_only
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays, Kind
+from condyn_pin._core.parallel.native import Native
 from condyn_pin._core.parallel.rows import Rows
 from condyn_pin._core.parallel.transports import Messages
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact.modes import MODES
 from condyn_pin.contact.solution import ContactStatus
+from condyn_pin.dynamics.compiled.arrays import untaken
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.simulation.batch.batch_step import ERRORS, ROWS, STATUSES, BatchStep
+from condyn_pin.simulation.batch.compiled import workers
+from condyn_pin.simulation.batch.compiled_steps import SteppedRows, untaken_steps
 from condyn_pin.simulation.batch.inputs import check_states
 from condyn_pin.simulation.batch.recipe import Recipe
 from condyn_pin.simulation.contact_columns import candidates_of, row_names
@@ -35,6 +39,9 @@ from condyn_pin.simulation.step_solution import StepSolution
 
 _DEFAULT: Final = StewartTrinkle()
 
+# Steps a thread of the compiled core that it is handed at a time.
+_STEPS: Final = 2000
+
 
 def step_batch(
     scene: Scene,
@@ -44,7 +51,7 @@ def step_batch(
     *,
     dt: float,
     integrator: ContactScheme = _DEFAULT,
-    executor: Executor | None = None,
+    executor: Executor | Native | None = None,
     chunk: int | None = None,
     progress: Progress = silent,
 ) -> BatchStep:
@@ -69,14 +76,15 @@ def step_batch(
     Returns
     -------
     BatchStep
-        To the bit what `step` returns, whoever did the work: every step begins cold. Steps that
-        are not ok raise nothing: ``failed`` has their indices, ``counts`` their number.
+        To the bit what `step` returns, whoever did the work: every step begins cold. By the
+        compiled core to rounding; where contacts slide it ends at rounding, and `ADMM` at 1e-8.
+        Steps that are not ok raise nothing: ``failed`` has their indices, ``counts`` their number.
 
     Raises
     ------
     InvalidArgument
         If an argument cannot be used; the text names the row.
-    WorkersLost, Interrupted
+    WorkersLost, Interrupted, UnsupportedBackend
         As in `solve_batch`.
 
     Notes
@@ -95,8 +103,13 @@ def step_batch(
         "codes": Kind((len(candidates.names),), "i1"), "errors": Kind((len(ERRORS),)),
         "statuses": Kind((), "i1"),
     }  # fmt: skip
-    kernel = _Steps(tuple(scene.contacts), float(dt), integrator)
-    rows = Rows(kernel, Recipe(scene.bilateral), executor, chunk, 500, progress)
+    about, recipe = (tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral)
+    kernel, executor, chunk = workers(
+        executor, SteppedRows(*about), _Steps(*about),
+        reasons=untaken_steps(scene, integrator), untaken=lambda: untaken(recipe.workspace()),
+        chunk=chunk, most=_STEPS,
+    )  # fmt: skip
+    rows = Rows(kernel, recipe, executor, chunk, 500, progress)
     inputs = {"q0": q, "v0": v, "tau0": tau}
     made = partial(_batch, scene, float(dt), integrator, inputs, begun)
     return rows.fill(len(q), inputs, kinds, made)

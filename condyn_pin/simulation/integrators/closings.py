@@ -20,10 +20,10 @@ from condyn_pin.simulation.system import System
 _CLOSINGS = 10
 
 # A gap that is left to rounding [m, rad].
-_CLOSED = 1e-13
+CLOSED = 1e-13
 
 # Gaps that the factors of the step still close, each time up to a share dt |v| [m, rad].
-_SMALL = 1e-6
+SMALL = 1e-6
 
 
 class Closing(NamedTuple):
@@ -71,9 +71,9 @@ class Closings:
             if not gap < least:  # rounding, or out of reach
                 break
             way[-1], least = way[-1]._replace(end=q), gap
-            if gap <= _CLOSED:
+            if gap <= CLOSED:
                 break
-            if gap > _SMALL:
+            if gap > SMALL:
                 factors = self._factors(self._system.mass(q), self._equations.jacobian(q), q)
                 way.append(Closing(factors, q, q))
             q = self._system.integrate(q, way[-1].factors.closing(c))

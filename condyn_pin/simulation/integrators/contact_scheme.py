@@ -226,3 +226,12 @@ def closing_by(near: Near) -> AskedBy:
     shares = np.where(near.gaps < 0, _PUSHED_OUT * (near.gaps < -AT_REST), 1.0)
     bends = np.full(len(near.gaps), 1 / near.dt)
     return AskedBy.nothing(near)._replace(gaps=shares / near.dt, bends=bends)
+
+
+def sizes_of_gaps() -> tuple[float, float, float, float]:
+    """Return what gaps are compared with, for who steps elsewhere.
+
+    How near contacts are that take part [m], the share of a penetration that a step takes back, how
+    deep one is that stays, and what touches [m, rad].
+    """
+    return _NEAR, _PUSHED_OUT, AT_REST, _TOUCHES

@@ -57,6 +57,8 @@ public:
     const List & nominal_pivots);
   Core(const Core &) = delete; // its workers hold references to its scene
 
+  const Scene & scene() const { return scene_; }
+
   void solve(const States & states, const Answers & answers, int threads);
 
   /// One state, in the calling thread: returns its sizes, with iterations and seconds behind them.

@@ -1,5 +1,5 @@
 // What Python sees.
-#include "core.hpp"
+#include "contacts.hpp"
 #include <nanobind/stl/string.h>
 #include <nanobind/stl/vector.h>
 
@@ -10,7 +10,7 @@ NB_MODULE(_core, m)
   m.attr("pinocchio") = PINOCCHIO_VERSION;
   m.attr("simd") = Eigen::SimdInstructionSetsInUse();
   m.attr("arch") = CONDYN_ARCH;
-  m.attr("protocol") = 1; // of the arrays: what condyn_pin hands over has to be of the same
+  m.attr("protocol") = 2; // of the arrays: what condyn_pin hands over has to be of the same
   using namespace nanobind::literals;
   nb::class_<Core>(m, "Core")
     .def(nb::init<const std::vector<std::string> &, const Integers &, const Table &, const List &, const List &,
@@ -61,4 +61,5 @@ NB_MODULE(_core, m)
       "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "integrator"_a, "dt"_a, "steps"_a, "every"_a, "correct_every"_a,
       "with_answers"_a, "limits"_a, "t"_a, "q"_a, "v"_a, "a"_a, "lam"_a, "measures"_a, "done"_a, "times"_a,
       "threads"_a);
+  add_contacts(m);
 }

@@ -1,0 +1,118 @@
+"""Steps with contacts by the compiled core.
+
+It takes steps of `StewartTrinkle` from a first attempt of their contact solver, and proves each. A
+step that has no such answer, and a motion with one in it, are Python's.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any, Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.compiled import compiled
+from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.contact import modes
+from condyn_pin.contact.solution import ContactStatus
+from condyn_pin.contact.solvers.admm import ADMM
+from condyn_pin.contact.solvers.base import ContactSolver
+from condyn_pin.contact.solvers.newton import SemismoothNewton
+from condyn_pin.dynamics.compiled.arrays import contiguous
+from condyn_pin.dynamics.compiled.contacts import of_contacts, untaken_contacts
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.mechanism.closed_chains import chains_of
+from condyn_pin.simulation.batch.batch_step import STATUSES
+from condyn_pin.simulation.integrators import Integrator, closings, path_ends
+from condyn_pin.simulation.integrators.contact_scheme import sizes_of_gaps
+from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
+
+# Contact solvers, and whether contacts are first taken to stick; all else ends by Newton's method,
+# at rounding.
+SOLVERS: Final[dict[ContactSolver, bool]] = {ADMM(): True, SemismoothNewton(): False}
+
+# A penetration at the start of a motion that none is looked at again for [m, rad].
+_DEEP: Final = 0.9 * tolerances.NEARLY_CLOSED
+
+
+def untaken_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
+    """Yield what the core does not take of steps with contacts, in words."""
+    if type(integrator) is not StewartTrinkle:
+        yield f"integrator = {integrator!r}: with contacts it has StewartTrinkle alone"
+    elif integrator.contact not in SOLVERS:
+        known = " and ".join(f"{each!r}" for each in SOLVERS)
+        yield f"contact = {integrator.contact!r}: it has {known}"
+    if scene.robot.spring_dampers:
+        yield "the robot has springs between frames"
+    if scene.is_driven:
+        yield "rows of the scene follow a path of time"
+    yield from untaken_contacts(scene)
+
+
+def step_plan(integrator: Integrator, dt: float) -> Array:
+    """Return how steps are taken, as ``StepPlan`` of the core has it."""
+    assert isinstance(integrator, StewartTrinkle)
+    return np.array(
+        [
+            *(dt, SOLVERS[integrator.contact]),
+            *sizes_of_gaps(),
+            *(tolerances.CONTACT_SOLVED, modes.MOVES),
+            *(path_ends.STRAIGHT, path_ends.MISSED),
+            *(closings.CLOSED, closings.SMALL),
+            *(tolerances.RANK, _DEEP),
+        ],
+        dtype=float,
+    )
+
+
+# The contacts of this thread's last chunk: a worker does chunk after chunk of one batch.
+_last = threading.local()
+
+
+def contacts_of(workspace: Workspace, contacts: tuple[Contact, ...]) -> Any:
+    """Return the core's memory for a workspace with contacts."""
+    known: tuple[Workspace, tuple[Contact, ...], Any] | None = getattr(_last, "contacts", None)
+    if known is None or known[0] is not workspace or known[1] != contacts:
+        scene = replace(workspace.scene, contacts=contacts)
+        rank = chains_of(workspace.scene).rank if workspace.scene.rows else 0
+        made = compiled().Contacts(workspace.compiled.core, **of_contacts(scene, rank))
+        _last.contacts = known = workspace, contacts, made
+    return known[2]
+
+
+def states_of(workspace: Workspace, inputs: Arrays) -> tuple[Array, Array, Array]:
+    """Return q, v and tau of the rows of a chunk, as the core takes them."""
+    model, count = workspace.model, len(inputs["q0"])
+    q0 = np.array([normalised(model, "q", q) for q in inputs["q0"]]).reshape(count, model.nq)
+    return q0, inputs["v0"], contiguous(inputs["tau0"], count)
+
+
+@dataclass(frozen=True)
+class SteppedRows:
+    """What the core does to some states of a `step_batch`."""
+
+    contacts: tuple[Contact, ...]
+    dt: float  # [s]
+    integrator: Integrator
+
+    def __call__(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> NDArray[np.intp]:
+        """Fill the outputs; return the rows that are left to Python."""
+        count = len(inputs["q0"])
+        done, codes = np.zeros(count, np.int32), np.zeros(outputs["codes"].shape, np.int32)
+        contacts_of(workspace, self.contacts).step(
+            *states_of(workspace, inputs), plan=step_plan(self.integrator, self.dt),
+            q=outputs["q"], v=outputs["v"], lam=outputs["lam"], errors=outputs["errors"],
+            modes=codes, done=done, threads=threads,
+        )  # fmt: skip
+        outputs["codes"][:], outputs["statuses"][:] = codes, STATUSES.index(ContactStatus.OK)
+        return np.flatnonzero(done == 0)

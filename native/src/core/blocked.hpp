@@ -1,0 +1,53 @@
+// What constraints block: the row space of J_b in the metric of M, by a complete orthogonal decomposition.
+//
+//   M = L L^T,    L^-1 J_b^T P = Q [T 0; 0 0] Z,    V = the first columns of Q
+//
+// J_b^T has the pseudo-inverse of its singular values, without their decomposition, where its rank is clear.
+#pragma once
+#include "pinocchio.hpp"
+#include <Eigen/Dense>
+
+namespace condyn
+{
+class Blocked
+{
+  Eigen::CompleteOrthogonalDecomposition<MatrixXd> factor_;
+  MatrixXd T_, Z_;
+  int rows_ = 0;
+
+public:
+  int rank = 0;
+  MatrixXd V; // (nv, rank), orthonormal
+
+  /// Of L^-1 J_b^T (nv, rows); `tolerance` of its pivots relative to the largest.
+  void compute(const MatrixXd & whitened, double tolerance)
+  {
+    rows_ = int(whitened.cols());
+    rank = 0;
+    if (!rows_)
+      return;
+    factor_.setThreshold(tolerance);
+    factor_.compute(whitened);
+    rank = int(factor_.rank());
+    T_ = factor_.matrixT().topLeftCorner(rank, rank);
+    Z_ = factor_.matrixZ();
+    V = factor_.householderQ().setLength(rank) * MatrixXd::Identity(whitened.rows(), rank);
+  }
+
+  /// h (rank,) with V h the least velocity L^T v for which J_b v = s.
+  VectorXd held(const VectorXd & s) const
+  {
+    const VectorXd turned = Z_ * (factor_.colsPermutation().transpose() * s);
+    return T_.transpose().triangularView<Eigen::Lower>().solve(turned.head(rank));
+  }
+
+  /// The smallest l with L^-1 J_b^T l = V h.
+  VectorXd impulses(const VectorXd & h) const
+  {
+    VectorXd l = VectorXd::Zero(rows_);
+    if (rank)
+      l.head(rank) = T_.triangularView<Eigen::Upper>().solve(h);
+    return rank ? VectorXd(factor_.colsPermutation() * (Z_.transpose() * l)) : l;
+  }
+};
+} // namespace condyn

@@ -1,0 +1,98 @@
+#include "candidates.hpp"
+#include <map>
+#include <stdexcept>
+
+namespace condyn
+{
+Candidates::Candidates(
+  const Model & model, const std::vector<Touch> & touches, const std::vector<Stop> & stops,
+  const std::vector<Dry> & dry)
+: touches(touches), stops(stops), dry(dry)
+{
+  const auto want = [](bool holds, const char * what) {
+    if (!holds)
+      throw std::invalid_argument(what);
+  };
+  for (const auto & t : touches)
+  {
+    want(0 <= std::min(t.joint, t.ground) && std::max(t.joint, t.ground) < model.njoints, "joints of a contact");
+    std::map<int, double> columns;
+    for (const auto & [joint, sign] : {std::pair(t.joint, 1.0), std::pair(t.ground, -1.0)})
+      for (auto j = joint; j > 0; j = int(model.parents[j]))
+        for (int k = 0; k < model.nvs[j]; ++k)
+          columns[model.idx_vs[j] + k] += sign;
+    moves_.emplace_back();
+    for (const auto & [column, sign] : columns)
+      if (sign != 0)
+        moves_.back().emplace_back(column, sign);
+  }
+  for (const auto & s : stops)
+    want(0 <= s.at_q && s.at_q < model.nq && 0 <= s.at_v && s.at_v < model.nv, "coordinates of a stop");
+  for (const auto & d : dry)
+    want(0 <= d.at_v && d.at_v < model.nv, "coordinate of dry friction");
+}
+
+Candidates::Place Candidates::place(const Touch & t, const Data & data)
+{
+  const SE3 plane = t.ground ? data.oMi[t.ground] * t.plane : t.plane;
+  const Vector3d p = t.joint ? data.oMi[t.joint].act(t.centre) : t.centre, n = plane.rotation().col(2);
+  return {plane.rotation(), p - t.radius * n, n.dot(p - plane.translation()) - t.radius};
+}
+
+void Candidates::heights(const Data & data, VectorXd & gaps) const
+{
+  gaps.resize(cones());
+  for (int i = 0; i < cones(); ++i)
+    gaps[i] = place(touches[i], data).gap;
+}
+
+void Candidates::gaps(const Data & data, const VectorXd & q, VectorXd & gaps) const
+{
+  gaps.resize(with_gaps());
+  for (int i = 0; i < cones(); ++i)
+    gaps[i] = place(touches[i], data).gap;
+  for (std::size_t s = 0; s < stops.size(); ++s)
+    gaps[cones() + s] = stops[s].sign * (q[stops[s].at_q] - stops[s].limit);
+}
+
+void Candidates::rows(const Data & data, MatrixXd & J) const
+{
+  J.setZero(rows(), data.J.cols());
+  for (int i = 0; i < cones(); ++i)
+  {
+    const Place at = place(touches[i], data);
+    Eigen::Matrix<double, 3, 6> twist;
+    twist.leftCols<3>() = at.E.transpose();
+    for (int d = 0; d < 3; ++d)
+      twist.block<1, 3>(d, 3) = at.point.cross(at.E.col(d)).transpose();
+    for (const auto & [column, sign] : moves_[i])
+      J.block<3, 1>(3 * i, column).noalias() = sign * (twist * data.J.col(column));
+  }
+  int row = 3 * cones();
+  for (const auto & s : stops)
+    J(row++, s.at_v) = s.sign;
+  for (const auto & d : dry)
+    J(row++, d.at_v) = 1.0;
+}
+
+void Candidates::push(const Data & data, const VectorXd & lam, Forces & on_joint, VectorXd & torque) const
+{
+  for (int i = 0; i < cones(); ++i)
+  {
+    if (lam.segment<3>(3 * i).isZero(0))
+      continue;
+    const Place at = place(touches[i], data);
+    const Vector3d f = at.E * lam.segment<3>(3 * i);
+    const Force in_world(f, at.point.cross(f));
+    if (touches[i].joint)
+      on_joint[touches[i].joint] += data.oMi[touches[i].joint].actInv(in_world);
+    if (touches[i].ground)
+      on_joint[touches[i].ground] -= data.oMi[touches[i].ground].actInv(in_world);
+  }
+  int row = 3 * cones();
+  for (const auto & s : stops)
+    torque[s.at_v] += s.sign * lam[row++];
+  for (const auto & d : dry)
+    torque[d.at_v] += lam[row++];
+}
+} // namespace condyn

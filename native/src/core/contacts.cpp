@@ -1,0 +1,264 @@
+#include "contacts.hpp"
+#include "threads.hpp"
+#include <cmath>
+
+namespace condyn
+{
+namespace
+{
+std::vector<Touch> touch_specs(const IntegerTable & ints, const Table & numbers)
+{
+  want(ints.shape(0) == numbers.shape(0) && ints.shape(1) == 2 && numbers.shape(1) == 17, "contact points");
+  std::vector<Touch> specs;
+  for (std::size_t i = 0; i < ints.shape(0); ++i)
+  {
+    const int * k = ints.data() + 2 * i;
+    const double * x = row(numbers, i).data(); // centre 3, radius, friction, plane 12
+    specs.push_back({k[0], k[1], Vector3d(x), x[3], placement(x + 5), x[4]});
+  }
+  return specs;
+}
+
+std::vector<Stop> stop_specs(const IntegerTable & ints, const Table & numbers)
+{
+  want(ints.shape(0) == numbers.shape(0) && ints.shape(1) == 2 && numbers.shape(1) == 2, "stops");
+  std::vector<Stop> specs;
+  for (std::size_t i = 0; i < ints.shape(0); ++i)
+    specs.push_back({ints.data()[2 * i], ints.data()[2 * i + 1], row(numbers, i)[0], row(numbers, i)[1]});
+  return specs;
+}
+
+std::vector<Dry> dry_specs(const Integers & ints, const List & limits)
+{
+  want(ints.size() == limits.size(), "dry friction");
+  std::vector<Dry> specs;
+  for (std::size_t i = 0; i < ints.size(); ++i)
+    specs.push_back({ints.data()[i], limits.data()[i]});
+  return specs;
+}
+} // namespace
+
+StepPlan step_plan(const List & numbers)
+{
+  want(numbers.size() == 14, "plan of a step");
+  const double * x = numbers.data();
+  want(x[0] > 0, "dt");
+  return {x[0], x[1] != 0, x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11], x[12], x[13]};
+}
+
+Contacts::Contacts(
+  const Core & core, const IntegerTable & touches, const Table & of_touches, const IntegerTable & stops,
+  const Table & of_stops, const Integers & dry, const List & of_dry, int rank)
+: scene_(core.scene())
+, candidates_(scene_.model, touch_specs(touches, of_touches), stop_specs(stops, of_stops), dry_specs(dry, of_dry))
+, rank_(rank)
+{}
+
+template<typename Rows>
+void Contacts::check(const Rows & q, const Rows & v, const Table & tau) const
+{
+  const std::size_t n = q.shape(0), nq = scene_.model.nq, nv = scene_.model.nv;
+  want(q.shape(1) == nq && v.shape(1) == nv && tau.shape(1) == nv, "width of q, v or tau");
+  want(v.shape(0) == n && tau.shape(0) == n, "number of v or tau");
+}
+
+void Contacts::prepare(int threads)
+{
+  if (threads < 0)
+    throw std::invalid_argument("threads");
+  while (int(workers_.size()) < std::max(threads, 1))
+    workers_.push_back(std::make_unique<ContactSteps>(scene_, candidates_, rank_));
+}
+
+void Contacts::step(const States & states, const StepPlan & plan, const Steps & steps, int threads)
+{
+  check(states.q, states.v, states.tau);
+  const std::size_t n = states.q.shape(0), rows = scene_.rows + candidates_.rows();
+  const auto fits = [&](const auto & x, std::size_t width) { return x.shape(0) == n && x.shape(1) == width; };
+  want(fits(steps.q, scene_.model.nq) && fits(steps.v, scene_.model.nv) && fits(steps.lam, rows), "q, v or lam");
+  want(fits(steps.errors, 8) && fits(steps.modes, candidates_.count()) && steps.done.size() == n, "errors or modes");
+  prepare(threads);
+  std::atomic<bool> stop{false};
+  nb::gil_scoped_release released;
+  share(n, threads, stop, [&](int worker, std::size_t i) {
+    ContactSteps & own = *workers_[worker];
+    steps.done.data()[i] = 0;
+    try
+    {
+      own.begin(plan, row(states.tau, i));
+      if (!own.attempt(row(states.q, i), row(states.v, i)))
+        return;
+      row(steps.q, i) = own.q, row(steps.v, i) = own.v, row(steps.lam, i) = own.impulses();
+      Eigen::Map<Eigen::VectorXi>(steps.modes.data() + i * steps.modes.shape(1), candidates_.count()) = own.modes();
+      own.errors(row(steps.errors, i).data());
+      steps.done.data()[i] = row(steps.errors, i).allFinite();
+    }
+    catch (...) // left to Python, which says why
+    {
+    }
+  });
+}
+
+namespace
+{
+/// A motion on its way.
+struct Way
+{
+  int step;
+  VectorXd q, v;
+  Vector3d work;
+};
+
+/// Where one motion writes its samples.
+class Written
+{
+public:
+  Written(const ContactMotions & to, std::size_t motion, ContactSteps & steps, double dt)
+  : to_(to), i_(motion), steps_(steps), dt_(dt)
+  {}
+
+  void add(std::size_t row, const Way & way)
+  {
+    const std::size_t at = i_ * to_.t.shape(1) + row;
+    to_.t.data()[at] = way.step * dt_;
+    put(to_.q, row, way.q), put(to_.v, row, way.v), put(to_.work, row, way.work);
+    if (to_.a.shape(1))
+    {
+      put(to_.a, row, steps_.a), put(to_.lam, row, steps_.impulses() / dt_);
+      VectorXd contact(4 + steps_.candidates.count());
+      contact << steps_.natural, way.work, steps_.modes().cast<double>();
+      put(to_.contact, row, contact);
+    }
+    steps_.measure(way.q, way.v, to_.measures.data() + 4 * at);
+  }
+
+private:
+  void put(const Array<double, 3> & to, std::size_t row, const VectorXd & x)
+  {
+    Out(to.data() + (i_ * to.shape(1) + row) * to.shape(2), x.size()) = x;
+  }
+
+  const ContactMotions & to_;
+  std::size_t i_;
+  ContactSteps & steps_;
+  double dt_;
+};
+
+/// Takes a motion to its end; false where it stops before.
+bool run(ContactSteps & own, Way & way, const MotionEnds & ends, Written samples, const std::atomic<bool> & stop)
+{
+  const auto cannot_go_on = [&] {
+    way.step = -1;
+    return false;
+  };
+  bool known = false; // whether the step from here has been taken
+  if (way.step == 0)
+  {
+    own.anchor(way.q);
+    if (!own.fits(way.q, way.v, ends.closed) || own.turns_too_far(way.v))
+      return cannot_go_on();
+    if (!own.attempt(way.q, way.v))
+      return false;
+    samples.add(0, way);
+    known = true;
+  }
+  while (way.step < ends.steps)
+  {
+    if (own.turns_too_far(way.v))
+      return cannot_go_on();
+    if (stop || (!known && !own.attempt(way.q, way.v)))
+      return false;
+    known = false;
+    if (own.turns_too_far(own.v))
+      return cannot_go_on();
+    way.q = own.q, way.v = own.v, way.work += own.work, ++way.step;
+    if (way.step % ends.every == 0)
+      samples.add(way.step / ends.every, way);
+  }
+  if (ends.steps % ends.every) // the last sample is that of a step that is not taken
+  {
+    if (!own.attempt(way.q, way.v))
+      return false;
+    samples.add(ends.steps / ends.every + 1, way);
+  }
+  return way.v.cwiseAbs().maxCoeff() < ends.lost || cannot_go_on();
+}
+} // namespace
+
+void Contacts::simulate(
+  const Ways & ways, const Table & tau, const StepPlan & plan, const MotionEnds & ends,
+  const ContactMotions & motions, int threads)
+{
+  check(ways.q, ways.v, tau);
+  want(ends.steps > 0 && ends.every > 0, "plan");
+  const std::size_t n = tau.shape(0), nq = scene_.model.nq, nv = scene_.model.nv;
+  const std::size_t kept = (ends.steps + ends.every - 1) / ends.every + 1, answers = motions.a.shape(1);
+  const auto fits = [&](const Array<double, 3> & x, std::size_t rows, std::size_t width) {
+    return x.shape(0) == n && x.shape(1) == rows && x.shape(2) == width;
+  };
+  want(ways.step.size() == n && ways.work.shape(0) == n && ways.work.shape(1) == 3, "steps or work");
+  want(motions.t.shape(0) == n && motions.t.shape(1) == kept && fits(motions.work, kept, 3), "t or work");
+  want(fits(motions.q, kept, nq) && fits(motions.v, kept, nv) && fits(motions.measures, kept, 4), "samples");
+  want(answers == 0 || answers == kept, "a");
+  want(!answers || (fits(motions.a, kept, nv) && fits(motions.lam, kept, scene_.rows + candidates_.rows())
+                    && fits(motions.contact, kept, 4 + candidates_.count())), "samples of answers");
+  want(motions.done.size() == n && motions.times.size() == n, "done or times");
+  for (std::size_t i = 0; i < n; ++i)
+    want(ways.step.data()[i] <= ends.steps, "steps");
+  prepare(threads);
+  std::atomic<bool> stop{false};
+  nb::gil_scoped_release released;
+  share(n, threads, stop, [&](int worker, std::size_t i) {
+    ContactSteps & own = *workers_[worker];
+    int & step = ways.step.data()[i];
+    if (motions.done.data()[i] || step < 0)
+      return;
+    try
+    {
+      const auto begun = std::chrono::steady_clock::now();
+      own.begin(plan, row(tau, i));
+      Way way{step, row(ways.q, i), row(ways.v, i), row(ways.work, i)};
+      motions.done.data()[i] = run(own, way, ends, Written(motions, i, own, plan.dt), stop);
+      step = way.step, row(ways.q, i) = way.q, row(ways.v, i) = way.v, row(ways.work, i) = way.work;
+      motions.times.data()[i] += std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+    }
+    catch (...) // Python makes it again, and says why
+    {
+      step = -1;
+    }
+  });
+}
+
+void add_contacts(nb::module_ & m)
+{
+  using namespace nanobind::literals;
+  nb::class_<Contacts>(m, "Contacts")
+    .def(nb::init<const Core &, const IntegerTable &, const Table &, const IntegerTable &, const Table &,
+                  const Integers &, const List &, int>(),
+         nb::keep_alive<1, 2>(), "core"_a, nb::kw_only(), "touches"_a, "of_touches"_a, "stops"_a, "of_stops"_a,
+         "dry"_a, "of_dry"_a, "rank"_a)
+    .def(
+      "step",
+      [](Contacts & contacts, const Table & Q, const Table & V, const Table & TAU, const List & plan,
+         const Array<double, 2> & q, const Array<double, 2> & v, const Array<double, 2> & lam,
+         const Array<double, 2> & errors, const Array<int, 2> & modes, const Array<int, 1> & done, int threads) {
+        contacts.step({Q, V, TAU}, step_plan(plan), {q, v, lam, errors, modes, done}, threads);
+      },
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "plan"_a, "q"_a, "v"_a, "lam"_a, "errors"_a, "modes"_a, "done"_a,
+      "threads"_a)
+    .def(
+      "simulate",
+      [](Contacts & contacts, const Array<int, 1> & step, const Array<double, 2> & Q, const Array<double, 2> & V,
+         const Array<double, 2> & works, const Table & TAU, const List & plan, int steps, int every, double closed,
+         double lost, const Array<double, 2> & t, const Array<double, 3> & q, const Array<double, 3> & v,
+         const Array<double, 3> & a, const Array<double, 3> & lam, const Array<double, 3> & contact,
+         const Array<double, 3> & measures, const Array<double, 3> & work, const Array<int, 1> & done,
+         const Array<double, 1> & times, int threads) {
+        contacts.simulate({step, Q, V, works}, TAU, step_plan(plan), {steps, every, closed, lost},
+                          {t, q, v, a, lam, contact, measures, work, done, times}, threads);
+      },
+      nb::kw_only(), "step"_a, "Q"_a, "V"_a, "works"_a, "TAU"_a, "plan"_a, "steps"_a, "every"_a, "closed"_a,
+      "lost"_a, "t"_a, "q"_a, "v"_a, "a"_a, "lam"_a, "contact"_a, "measures"_a, "work"_a, "done"_a, "times"_a,
+      "threads"_a);
+}
+} // namespace condyn

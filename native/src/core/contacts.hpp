@@ -1,0 +1,72 @@
+// Contacts: steps and motions of a scene whose contacts open, stick and slide, by some threads.
+#pragma once
+#include "contact_steps.hpp"
+#include "core.hpp"
+
+namespace condyn
+{
+/// Steps, a row each.
+struct Steps
+{
+  Array<double, 2> q, v, lam, errors; // lam: impulses of constraints, then of all candidates
+  Array<int, 2> modes;
+  Array<int, 1> done; // 1, or 0 for a step that is left to Python
+};
+
+/// Motions on their way, a row each: steps taken, or -1 for what is not to go on; the state, and the
+/// work of the contacts so far.
+struct Ways
+{
+  Array<int, 1> step;
+  Array<double, 2> q, v, work;
+};
+
+/// Their samples, with a, lam and contacts or without rows for them.
+struct ContactMotions
+{
+  Array<double, 2> t;
+  Array<double, 3> q, v, a, lam, contact, measures, work; // contact: natural residual, work and modes
+  Array<int, 1> done; // 1, or 0 for a motion that has stopped before a step that is left to Python
+  Array<double, 1> times; // [s]
+};
+
+/// How far motions go, and what ends them early.
+struct MotionEnds
+{
+  int steps, every; // which sample is kept
+  double closed; // gap [m, rad] and slip at the start that are closed without a doubt
+  double lost; // velocity of no machine [rad/s, m/s]
+};
+
+class Contacts
+{
+public:
+  /// `condyn_pin/dynamics/compiled/contacts.py` says what each is.
+  Contacts(
+    const Core & core, const IntegerTable & touches, const Table & of_touches, const IntegerTable & stops,
+    const Table & of_stops, const Integers & dry, const List & of_dry, int rank);
+  Contacts(const Contacts &) = delete; // its workers hold references to its candidates
+
+  void step(const States & states, const StepPlan & plan, const Steps & steps, int threads);
+  /// Takes motions that are not done as far as it can.
+  void simulate(
+    const Ways & ways, const Table & tau, const StepPlan & plan, const MotionEnds & ends,
+    const ContactMotions & motions, int threads);
+
+private:
+  void prepare(int threads);
+  template<typename Rows>
+  void check(const Rows & q, const Rows & v, const Table & tau) const;
+
+  const Scene & scene_;
+  Candidates candidates_;
+  int rank_;
+  std::vector<std::unique_ptr<ContactSteps>> workers_;
+};
+
+/// The plan of a list of numbers, in the order of its fields.
+StepPlan step_plan(const List & numbers);
+
+/// What Python sees.
+void add_contacts(nb::module_ & m);
+} // namespace condyn

@@ -1,0 +1,310 @@
+"""Steps with contacts by the compiled core are those of Python.
+
+Without the core these tests are left out; where CI=true they fail.
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from numpy.testing import assert_allclose, assert_array_equal
+from shared import robot
+
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
+from condyn_pin._core.compiled import compiled
+from condyn_pin._core.tolerances import CONTACT_SOLVED
+from condyn_pin.constraints import Ball, Box, Capsule, FrictionalContact, Plane
+from condyn_pin.contact import ADMM, PGS, SemismoothNewton
+from condyn_pin.errors import MissingExtra, UnsupportedBackend
+from condyn_pin.model import free_box, together
+from condyn_pin.simulation import step_batch
+from condyn_pin.simulation.batch import compiled_contact_motions, motions, steps
+
+try:
+    HEADERS = compiled().pinocchio
+except MissingExtra:
+    HEADERS = ""
+pytestmark = pytest.mark.skipif(
+    not HEADERS and os.environ.get("CI") != "true",
+    reason="the compiled core is not installed: make native",
+)
+
+# Both end Newton's method at rounding; what is left is that of M, h and J, and of their products.
+EXACT = cp.StewartTrinkle(contact=SemismoothNewton())
+ROUNDED = 1e-12
+# Motions carry rounding on, step by step, and impacts make it larger.
+MOVED = 1e-9
+DT = 1e-3
+CORE = {"executor": cp.Native(threads=1)} if HEADERS else {}
+
+
+def on_feet(
+    its: str | cp.Robot, friction: float
+) -> tuple[cp.Scene, np.ndarray, np.ndarray, np.ndarray]:
+    """A robot on its feet, with the torques that hold it: the scene, q, v and tau."""
+    its = robot(its) if isinstance(its, str) else its
+    scene = cp.Scene(its, its.loops, contacts=its.frictional_contacts(friction))
+    q, v = (x.copy() for x in scene.state())
+    q[2] -= min(cp.dynamics.contact_gaps(scene, q).values())
+    held = cp.Scene(its, (*its.loops, *its.contacts))
+    tau = np.array(cp.inverse_dynamics(held, q, v, np.zeros(its.nv)).tau)
+    return scene, q, v, tau
+
+
+def motion_of_solo(how: str, duration: float) -> tuple[cp.Scene, tuple[np.ndarray, ...], float]:
+    """Solo12 that stands, slides or falls: the scene, its first states and torques, how long."""
+    scene, q, v, tau = on_feet("solo12", friction=0.3 if how == "slides" else 0.7)
+    if how == "slides":
+        v[:2] = 1.5, 0.4
+    if how == "falls":
+        q[2] += 0.15
+        v[:6] = 0.4, 0.1, 0.0, 1.0, 0.5, 0.2
+        tau *= 0.0
+    V = np.tile(v, (3, 1))
+    V[1:, 6:] += np.random.default_rng(0).normal(scale=0.05, size=(2, 12))
+    return scene, (np.tile(q, (3, 1)), V, tau), duration
+
+
+SOLO = [("stands", 0.1), ("slides", 0.1), ("falls", 0.3)]
+
+
+def along(how: str, duration: float) -> tuple[cp.Scene, np.ndarray, np.ndarray, np.ndarray]:
+    """States along such a motion."""
+    scene, (q, v, tau), _ = motion_of_solo(how, duration)
+    run = cp.simulate_batch(scene, q, v, tau, duration=duration, dt=DT, record=3)
+    assert run.ok
+    assert run.samples is not None
+    nq, nv = scene.robot.nq, scene.robot.nv
+    return scene, run.samples.q.reshape(-1, nq), run.samples.v.reshape(-1, nv), tau
+
+
+def only_the_core(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Python takes no step of a batch."""
+
+    def none(*_: object, **__: object) -> None:
+        raise AssertionError("a step was left to Python")
+
+    monkeypatch.setattr(steps, "step", none)
+    monkeypatch.setattr(motions, "follow", none)
+
+
+def assert_same_steps(
+    found: cp.simulation.BatchStep, wanted: cp.simulation.BatchStep, rounded: float = ROUNDED
+) -> None:
+    assert_array_equal(found.statuses, wanted.statuses)
+    assert_array_equal(found.codes, wanted.codes)
+    for one, two in zip(found.v, wanted.v, strict=True):
+        assert_allclose(one, two, rtol=0, atol=rounded * max(1.0, np.abs(two).max()))
+    assert_allclose(found.q, wanted.q, rtol=0, atol=rounded)
+    assert_allclose(found.lam, wanted.lam, rtol=0, atol=rounded * np.abs(wanted.lam).max())
+    # of what laws leave both have rounding
+    natural, momentum, slip, violation, penetration, *works = found.errors.T
+    assert natural.max() <= CONTACT_SOLVED
+    assert momentum.max() <= 1e-12
+    assert slip.max() <= 1e-9
+    assert_allclose(violation, wanted.errors[:, 3], rtol=0, atol=1e-12)
+    assert_allclose(penetration, wanted.errors[:, 4], rtol=0, atol=1e-12)
+    assert_allclose(np.array(works).T, wanted.errors[:, 5:], rtol=0, atol=1e-9)
+
+
+@pytest.mark.parametrize(("how", "duration"), SOLO)
+def test_steps_are_those_of_python(how: str, duration: float) -> None:
+    scene, q, v, tau = along(how, duration)
+    wanted = step_batch(scene, q, v, tau, dt=DT, integrator=EXACT)
+    found = step_batch(scene, q, v, tau, dt=DT, integrator=EXACT, **CORE)
+    assert wanted.ok
+    assert_same_steps(found, wanted)
+    modes = {"stands": {1}, "slides": {2}, "falls": {0, 1, 2}}[how]
+    assert modes <= set(np.unique(found.codes).tolist())
+
+
+@pytest.mark.parametrize(("how", "duration"), SOLO)
+def test_motions_are_those_of_python(how: str, duration: float) -> None:
+    scene, (q, v, tau), _ = motion_of_solo(how, duration)
+    about = {"duration": duration, "dt": DT, "integrator": EXACT, "record": 7}
+    wanted = cp.simulate_batch(scene, q, v, tau, **about)
+    found = cp.simulate_batch(scene, q, v, tau, **about, **CORE)
+    assert_array_equal(found.statuses, wanted.statuses)
+    for name in ("t", "q", "v", "lam", "contact"):
+        one, two = (getattr(x.samples, name) for x in (found, wanted))
+        assert_allclose(one, two, rtol=0, atol=MOVED * max(1.0, np.abs(two).max()), err_msg=name)
+    assert_allclose(found.samples.a, wanted.samples.a, rtol=0, atol=MOVED / DT)
+    assert_allclose(found.energy_error, wanted.energy_error, rtol=0, atol=MOVED)
+    for part in ("contact", "correction", "algorithmic"):
+        one, two = (getattr(x[1].energy, part) for x in (found, wanted))
+        assert_allclose(one, two, rtol=0, atol=MOVED)
+    last = cp.simulate_batch(scene, q, v, tau, **(about | {"record": None}), **CORE)
+    assert_allclose(last.q, wanted.q, rtol=0, atol=MOVED)
+
+
+def test_the_core_leaves_nothing_that_stands_or_slides(monkeypatch: pytest.MonkeyPatch) -> None:
+    for how in ("stands", "slides"):
+        scene, (q, v, tau), duration = motion_of_solo(how, 0.05)
+        with monkeypatch.context() as held:
+            only_the_core(held)
+            for contact in (ADMM(), SemismoothNewton()):
+                by = cp.StewartTrinkle(contact=contact)
+                assert step_batch(scene, q, v, tau, dt=DT, integrator=by, **CORE).ok
+                run = cp.simulate_batch(
+                    scene, q, v, tau, duration=duration, dt=DT, integrator=by, **CORE
+                )
+                assert run.ok
+
+
+@pytest.mark.parametrize(("how", "duration"), SOLO)
+def test_by_default_it_is_as_near_to_the_answer_as_python(how: str, duration: float) -> None:
+    """Python's ADMM leaves up to 1e-8 of what slides, and the core ends Newton's method there."""
+    scene, q, v, tau = along(how, duration)
+    exact = step_batch(scene, q, v, tau, dt=DT, integrator=EXACT)
+    wanted = step_batch(scene, q, v, tau, dt=DT)
+    found = step_batch(scene, q, v, tau, dt=DT, **CORE)
+    assert_array_equal(found.statuses, wanted.statuses)
+    assert_same_steps(found, exact)
+    assert found.natural.max() <= max(wanted.natural.max(), 1e-13)
+
+
+def test_threads_and_other_bits(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene, q, v, tau = along("falls", 0.1)
+    one = step_batch(scene, q, v, tau, dt=DT, **CORE)
+    two = step_batch(scene, q, v, tau, dt=DT, executor=cp.Native(threads=3), chunk=7)
+    for name in ("q", "v", "lam", "codes", "errors"):
+        assert_array_equal(getattr(one, name), getattr(two, name))
+
+
+def boxes(friction: float) -> cp.Scene:
+    """A box over a slanted plane, a ball and a capsule over the floor."""
+    bodies = together({name: free_box(size=(0.2, 0.1, 0.1)) for name in ("box", "ball", "rod")})
+    slope = Plane((0.3, 0.1, 1.0))
+    contacts = [
+        FrictionalContact("box/box", Box(0.1, 0.05, 0.05), on=slope, friction=friction),
+        FrictionalContact("ball/box", Ball(0.05), friction=friction),
+        FrictionalContact("rod/box", Capsule(0.05, 0.05), friction=0.0),
+    ]
+    return cp.Scene(bodies, contacts=contacts)
+
+
+def test_balls_capsules_and_boxes_over_planes(monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = boxes(0.4)
+    rng = np.random.default_rng(1)
+    Q = np.tile(pin.neutral(scene.robot.model), (40, 1))
+    for place in range(3):
+        Q[:, 7 * place : 7 * place + 3] = rng.uniform(-0.02, 0.02, size=(40, 3))
+        Q[:, 7 * place] += place
+        Q[:, 7 * place + 2] += rng.uniform(0.05, 0.15, size=40)
+        turn = rng.normal(size=(40, 4))
+        Q[:, 7 * place + 3 : 7 * place + 7] = turn / np.linalg.norm(turn, axis=1)[:, None]
+    V = rng.normal(scale=2.0, size=(40, 18))
+    wanted = step_batch(scene, Q, V, dt=5e-3, integrator=EXACT)
+    found = step_batch(scene, Q, V, dt=5e-3, integrator=EXACT, **CORE)
+    assert_array_equal(found.statuses, wanted.statuses)
+    assert_allclose(found.v, wanted.v, rtol=0, atol=1e-9)
+    assert {0, 1, 2} <= set(np.unique(found.codes).tolist())
+
+
+def test_stops_and_dry_friction_of_joints() -> None:
+    scene, q, _, tau = on_feet("solo12", friction=0.7)
+    joints = list(scene.robot.model.names)[2:]
+    model = replace(scene.robot, model=limited(scene.robot.model, q))
+    more = [cp.constraints.JointLimit(joint) for joint in joints[:6]]
+    more += [cp.constraints.JointFriction(joint, 0.05) for joint in joints[3:]]
+    held = cp.Scene(model, contacts=(*scene.contacts, *more))
+    rng = np.random.default_rng(2)
+    V = rng.normal(scale=0.5, size=(30, held.robot.nv))
+    Q = np.tile(q, (30, 1))
+    wanted = step_batch(held, Q, V, tau, dt=DT, integrator=EXACT)
+    found = step_batch(held, Q, V, tau, dt=DT, integrator=EXACT, **CORE)
+    assert wanted.ok
+    assert_same_steps(found, wanted, rounded=1e-11)
+    of_stops = found.codes[:, 4:16]
+    assert 0 < of_stops.mean() < 1
+
+
+def limited(model: pin.Model, q: np.ndarray) -> pin.Model:
+    """The model with ranges of joints that end near q."""
+    other = pin.Model(model)
+    other.lowerPositionLimit[7:] = q[7:] - 1e-4
+    other.upperPositionLimit[7:] = q[7:] + 1e-4
+    return other
+
+
+def test_a_step_that_is_hard_is_left_to_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One in which soles contradict each other by their gaps; the motion goes on in the core."""
+    scene, q, v, tau = on_feet("talos", friction=0.7)
+    v[0] = 0.2
+    about = {"duration": 0.03, "dt": DT, "record": 4}
+    wanted = cp.simulate_batch(scene, q[None], v[None], tau, **about)
+    taken = []
+    step = compiled_contact_motions.ContactSteps.step
+
+    def counted(self: object, *state: np.ndarray) -> tuple[np.ndarray, ...]:
+        taken.append(state)
+        return step(self, *state)
+
+    only_the_core(monkeypatch)
+    monkeypatch.setattr(compiled_contact_motions.ContactSteps, "step", counted)
+    found = cp.simulate_batch(scene, q[None], v[None], tau, **about, **CORE)
+    assert 0 < len(taken) < 15
+    assert_array_equal(found.statuses, wanted.statuses)
+    assert_allclose(found.samples.t, wanted.samples.t, rtol=0, atol=1e-15)
+    assert_allclose(found.samples.v, wanted.samples.v, rtol=0, atol=1e-6)
+    assert_allclose(found.energy_error, wanted.energy_error, rtol=1e-4)
+    assert found.samples.contact[..., 0].max() <= CONTACT_SOLVED
+
+
+def cassie() -> tuple[cp.Scene, np.ndarray, np.ndarray, np.ndarray]:
+    its = cp.load_robot("cassie", variant={"feet": "points", "springs": "locked"})
+    return on_feet(its, friction=0.7)
+
+
+def test_loops_are_condensed_and_closed() -> None:
+    scene, q, v, tau = cassie()
+    rng = np.random.default_rng(3)
+    states = [(q, v)]
+    for _ in range(6):
+        moved = cp.simulate(
+            scene, q, v, tau + 5.0 * rng.normal(size=len(tau)), duration=0.02, dt=DT
+        )
+        states += [*zip(moved.q[5:], moved.v[5:], strict=True)]
+    Q, V = (np.array(x) for x in zip(*states, strict=True))
+    wanted = step_batch(scene, Q, V, tau, dt=DT, integrator=EXACT)
+    found = step_batch(scene, Q, V, tau, dt=DT, integrator=EXACT, **CORE)
+    assert wanted.ok
+    assert_same_steps(found, wanted, rounded=1e-10)
+    assert found.errors[:, 3].max() <= 1e-12
+
+
+def test_a_start_that_penetrates_is_refused_by_python() -> None:
+    scene, q, v, tau = on_feet("solo12", friction=0.7)
+    q[2] -= 0.01
+    found = cp.simulate_batch(scene, q[None], v[None], tau, duration=0.01, **CORE)
+    assert "penetrates" in found.reasons[0]
+
+
+def test_what_it_does_not_take_is_refused_by_name() -> None:
+    scene, q, v, tau = on_feet("solo12", friction=0.7)
+    state = q[None], v[None], tau
+    for by, words in (
+        (cp.Moreau(), "StewartTrinkle alone"),
+        (cp.StewartTrinkle(contact=PGS()), "PGS"),
+        (cp.StewartTrinkle(contact=ADMM(polish=True)), "polish"),
+    ):
+        with pytest.raises(UnsupportedBackend, match=words):
+            step_batch(scene, *state, dt=DT, integrator=by, **CORE)
+        with pytest.raises(UnsupportedBackend, match=words):
+            cp.simulate_batch(scene, *state, duration=0.01, integrator=by, **CORE)
+        where = cp.Native(threads=1, where_possible=True)
+        assert step_batch(scene, *state, dt=DT, integrator=by, executor=where).ok
+    half = Box(0.1, 0.1, 0.05)
+    two = together({name: free_box(size=(0.2, 0.2, 0.1)) for name in ("lower", "upper")})
+    stacked = cp.Scene(
+        two,
+        contacts=[FrictionalContact("upper/box", half, on="lower/box", on_shape=half, friction=1)],
+    )
+    q = pin.neutral(two.model)
+    q[9] = 0.1
+    with pytest.raises(UnsupportedBackend, match="no shapes on each other"):
+        step_batch(stacked, q[None], np.zeros((1, 12)), dt=DT, **CORE)
