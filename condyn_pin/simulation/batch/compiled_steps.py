@@ -20,6 +20,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.rows.compiled_rows import BALL, COUPLING, CUT, HELD, ROD, WELD
 from condyn_pin.contact import modes
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM
@@ -39,6 +40,9 @@ from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 # at rounding.
 SOLVERS: Final[dict[ContactSolver, bool]] = {ADMM(): True, SemismoothNewton(): False}
 
+# Kinds of constraints that are condensed.
+_CONDENSED: Final = frozenset((HELD, BALL, WELD, CUT, ROD, COUPLING))
+
 # A penetration at the start of a motion that none is looked at again for [m, rad].
 _DEEP: Final = 0.9 * tolerances.NEARLY_CLOSED
 
@@ -54,6 +58,10 @@ def untaken_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
         yield "the robot has springs between frames"
     if scene.is_driven:
         yield "rows of the scene follow a path of time"
+    for bound in scene.bounds:
+        rows = bound.compiled()
+        if rows is not None and rows.integers[0] not in _CONDENSED:
+            yield f"constraint {bound.name!r}: it does not condense a {type(bound).__name__}"
     yield from untaken_contacts(scene)
 
 

@@ -5,7 +5,7 @@
 namespace condyn
 {
 Candidates::Candidates(
-  const Model & model, const std::vector<Touch> & touches, const std::vector<Stop> & stops,
+  const Model & model, const std::vector<ContactPoint> & touches, const std::vector<Stop> & stops,
   const std::vector<Dry> & dry)
 : touches(touches), stops(stops), dry(dry)
 {
@@ -32,7 +32,7 @@ Candidates::Candidates(
     want(0 <= d.at_v && d.at_v < model.nv, "coordinate of dry friction");
 }
 
-Candidates::Place Candidates::place(const Touch & t, const Data & data)
+Candidates::Place Candidates::place(const ContactPoint & t, const Data & data)
 {
   const SE3 plane = t.ground ? data.oMi[t.ground] * t.plane : t.plane;
   const Vector3d p = t.joint ? data.oMi[t.joint].act(t.centre) : t.centre, n = plane.rotation().col(2);

@@ -10,7 +10,7 @@
 namespace condyn
 {
 /// A contact point of one body over a plane of another.
-struct Touch
+struct ContactPoint
 {
   int joint, ground; // 0 is the world
   Vector3d centre; // on the joint [m]
@@ -37,7 +37,7 @@ class Candidates
 {
 public:
   Candidates(
-    const Model & model, const std::vector<Touch> & touches, const std::vector<Stop> & stops,
+    const Model & model, const std::vector<ContactPoint> & touches, const std::vector<Stop> & stops,
     const std::vector<Dry> & dry);
 
   int cones() const { return int(touches.size()); }
@@ -58,7 +58,7 @@ public:
   /// Adds forces of all candidates to the wrenches on the joints, and to `torque` those along joints.
   void push(const Data & data, const VectorXd & lam, Forces & on_joint, VectorXd & torque) const;
 
-  std::vector<Touch> touches;
+  std::vector<ContactPoint> touches;
   std::vector<Stop> stops;
   std::vector<Dry> dry;
 
@@ -69,7 +69,7 @@ private:
     Vector3d point;
     double gap;
   };
-  static Place place(const Touch & touch, const Data & data);
+  static Place place(const ContactPoint & touch, const Data & data);
 
   std::vector<std::vector<std::pair<int, double>>> moves_; // of each touch: columns that move it, or its ground
 };

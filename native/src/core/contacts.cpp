@@ -6,10 +6,10 @@ namespace condyn
 {
 namespace
 {
-std::vector<Touch> touch_specs(const IntegerTable & ints, const Table & numbers)
+std::vector<ContactPoint> touch_specs(const IntegerTable & ints, const Table & numbers)
 {
   want(ints.shape(0) == numbers.shape(0) && ints.shape(1) == 2 && numbers.shape(1) == 17, "contact points");
-  std::vector<Touch> specs;
+  std::vector<ContactPoint> specs;
   for (std::size_t i = 0; i < ints.shape(0); ++i)
   {
     const int * k = ints.data() + 2 * i;
