@@ -9,7 +9,7 @@ import os
 import pickle
 import signal
 import threading
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from time import sleep
 
@@ -272,7 +272,9 @@ def test_derivatives_are_those_of_python(label):
 
 
 def assert_derivatives(
-    found: cp.simulation.BatchDerivatives, wanted: cp.simulation.BatchDerivatives
+    found: cp.simulation.BatchDerivatives,
+    wanted: cp.simulation.BatchDerivatives,
+    allowed: Sequence[float] = (DIFFERENTIATED,) * N,
 ) -> None:
     np.testing.assert_array_equal(found.solution.statuses, wanted.solution.statuses)
     for name in BLOCKS:
@@ -280,7 +282,19 @@ def assert_derivatives(
         assert np.isfinite(one).all()
         for i in range(len(two)):
             size = np.abs(two[i]).max(initial=0.0) or 1.0
-            assert np.abs(one[i] - two[i]).max(initial=0.0) <= DIFFERENTIATED * size, (name, i)
+            assert np.abs(one[i] - two[i]).max(initial=0.0) <= allowed[i] * size, (name, i)
+
+
+def rounding(scene: cp.Scene, q: np.ndarray) -> float:
+    """Return what rounding does to derivatives: off its loops, redundant rows nearly contradict.
+
+    Singular values of J L^-T are then down to 1e-5 of the largest, and the inverse of G carries
+    rounding of either side on by as much.
+    """
+    terms = cp.Workspace(scene).terms(q, np.zeros(scene.robot.nv))
+    S = np.linalg.svd(np.linalg.solve(np.linalg.cholesky(terms.M), terms.J.T), compute_uv=False)
+    least = S[1e-11 * S[0] < S][-1]
+    return max(DIFFERENTIATED, 256 * np.finfo(float).eps * S[0] / least)
 
 
 @pytest.mark.parametrize("label", OPEN)
@@ -295,7 +309,7 @@ def test_derivatives_with_gains_off_the_constraints(label):
     found = cp.simulation.derivatives_batch(
         scene, off, v, tau, drift=drift, executor=cp.Native(threads=1)
     )
-    assert_derivatives(found, wanted)
+    assert_derivatives(found, wanted, [rounding(scene, x) for x in off])
 
 
 def test_methods_of_derivatives_that_it_has_not_are_refused():
