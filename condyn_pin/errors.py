@@ -48,7 +48,7 @@ class BrokenPinocchio(CondynError, ImportError):
 
 
 class UnsupportedBackend(CondynError):
-    """The installed Pinocchio, or the compiled core, lacks what was asked for."""
+    """The installed Pinocchio, or the compiled core, lacks the requested feature."""
 
 
 class MissingExtra(CondynError, ImportError):
@@ -59,7 +59,7 @@ class MissingExtra(CondynError, ImportError):
 
 
 class BrowserFailed(CondynError, RuntimeError):
-    """A browser that was to draw a picture made none."""
+    """The browser failed to draw a picture."""
 
 
 class InvalidArgument(CondynError, ValueError):
@@ -82,7 +82,7 @@ class InvalidConstraint(CondynError, ValueError):
 
 
 class UnsupportedConstraint(CondynError):
-    """A solver cannot take a kind of constraint; the text says which one can."""
+    """A solver does not accept a kind of constraint; the text names one that does."""
 
 
 class StaleModel(CondynError):
@@ -94,7 +94,7 @@ class SharedWorkspace(CondynError, RuntimeError):
 
 
 class NotAssembled(CondynError):
-    """A loop is open, and it could not be closed, or was not meant to be.
+    """A loop is open, and could not be closed or should not be.
 
     Attributes
     ----------
@@ -124,7 +124,7 @@ class BranchChanged(NotAssembled):
 
 
 class Infeasible(CondynError, ArithmeticError):
-    """No forces satisfy what was asked; the text names the rows that contradict each other."""
+    """No forces satisfy the demands; the text names the rows that contradict each other."""
 
 
 class DerivativesDisagree(CondynError, ArithmeticError):
@@ -149,7 +149,7 @@ class SolveFailed(CondynError):
 
 
 class NotReached(CondynError):
-    """Nothing that was measured meets the error that was asked for.
+    """No measured solver meets the requested error.
 
     Attributes
     ----------
@@ -192,7 +192,7 @@ class NotRecorded(CondynError):
 
 
 class Interrupted(KeyboardInterrupt):
-    """Ctrl-C in a long run: no error of this library, so not a `CondynError`.
+    """Ctrl-C in a long run: not an error of this library, so not a `CondynError`.
 
     Attributes
     ----------
@@ -210,7 +210,7 @@ class Interrupted(KeyboardInterrupt):
 
 
 class StepFailed(CondynError):
-    """A step of an integrator did not converge; the text says what would do."""
+    """A step of an integrator did not converge; the text says what to do."""
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:

@@ -273,7 +273,7 @@ def test_what_is_wrong_is_named():
         balance(scene, Q, STILL, STILL, np.zeros(5))
     with pytest.raises(cp.InvalidArgument, match="finite numbers"):
         balance(scene, Q, STILL, np.full(6, np.nan), np.zeros(6))
-    with pytest.raises(cp.InvalidArgument, match="nothing here presses on a floor"):
+    with pytest.raises(cp.InvalidArgument, match="nothing in this scene presses on a floor"):
         balance(cp.Scene(block()), Q, STILL, STILL, np.zeros(0))
     unsized = cp.Scene(block(), [cp.SurfaceContact("float", name="sole")])
     with pytest.raises(cp.InvalidArgument, match="half_length or half_width is not set"):

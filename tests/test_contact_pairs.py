@@ -257,7 +257,7 @@ def test_pairs_are_held_by_no_constraint():
 
 @pytest.mark.parametrize("mesh", [coal.Box(1, 1, 1), "box", None, 0.1])
 def test_other_shapes_are_refused(mesh):
-    with pytest.raises(InvalidArgument, match="points do not meet"):
+    with pytest.raises(InvalidArgument, match="points never meet"):
         scene_of(Point(), Point())
     with pytest.raises(InvalidArgument, match="on_shape"):
         scene_of(Ball(0.1), mesh)
@@ -296,7 +296,7 @@ def test_rows_of_a_prism_are_the_rates_of_its_gaps(other):
 @pytest.mark.parametrize(
     ("vertices", "words"),
     [
-        ((*CORNERS, (0.0, 0.0, 0.05)), r"vertices\[8\] = \(0.0, 0.0, 0.05\): it is no corner"),
+        ((*CORNERS, (0.0, 0.0, 0.05)), r"vertices\[8\] = \(0.0, 0.0, 0.05\): it is not a corner"),
         ([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], "in a plane"),
         (CORNERS[:3], "3 of them"),
         ("mesh", "a list of points"),

@@ -813,12 +813,12 @@ def test_what_is_wrong_is_named():
         (lambda: Controller(scene, STAND, cones=WrenchCone(0.5)), "use FrictionCone"),
         (lambda: Controller(scene, STAND, qp="proxqp", **good), "qp = 'proxqp'"),
         (lambda: Controller(scene, STAND, limits=3, **good), "limits = 3"),
-        (lambda: Controller(scene, STAND, regularisation=0.0, **good), "many answers"),
+        (lambda: Controller(scene, STAND, regularisation=0.0, **good), "many solutions"),
         (lambda: Controller(scene.robot, STAND, **good), "scene = Robot: a Scene is needed"),
         (lambda: Controller(scene, STAND, drift=3, **good), "drift = 3: Baumgarte"),
         (
             lambda: Controller(scene, STAND, **good).use(cassie()[0]),
-            "scene: cassie, .* needs a Controller of its own",
+            "scene: cassie, .* make a Controller for it",
         ),
         (lambda: Controller(scene, STAND, rigid=["FL_KFE"], **good), "has a motor"),
         (lambda: Controller(scene, STAND, rigid="FL_KFE", **good), "a list of names is needed"),
@@ -830,7 +830,7 @@ def test_what_is_wrong_is_named():
         (lambda: Controller(scene, STAND, **good).solve(q, v, passive=[1.0]), "passive"),
         (lambda: CenterOfMass(weight=-1.0), "weight"),
         (lambda: CenterOfMass(kp=-1.0), "kp"),
-        (lambda: CenterOfMass(reference=(0, 0, 0), a=(0, 0, 0)), "leave one of them out"),
+        (lambda: CenterOfMass(reference=(0, 0, 0), a=(0, 0, 0)), "give only one of them"),
         (
             lambda: Controller(scene, [CenterOfMass(reference=(0, 0))], **good).solve(q, v),
             "reference",
@@ -838,13 +838,16 @@ def test_what_is_wrong_is_named():
         (lambda: FrameTask("FL_FOOT", of="pase"), "position, pose"),
         (lambda: FrameTask("FL_FOOT", reference=(0, 0)), "reference"),
         (lambda: Controller(scene, [FrameTask("universe")], **good), "does not move"),
-        (lambda: Orientation("base_link", reference=np.eye(3) * 2), "no rotation"),
+        (lambda: Orientation("base_link", reference=np.eye(3) * 2), "not a rotation"),
         (lambda: Controller(scene, [JointTask("root_joint")], **good), "degrees of freedom"),
         (lambda: ControlLimits(dt=-0.1), "dt = -0.1"),
         (lambda: ControlLimits(acceleration=0.0), "not positive"),
         (lambda: Hierarchy(), "none"),
         (lambda: Posture("standing", a=1.0), "JointTask"),
-        (lambda: Posture("standing", reference=lambda t: None), "in place of a posture"),
+        (
+            lambda: Posture("standing", reference=lambda t: None),
+            "a function of t, without a posture",
+        ),
     ]
     for wrong, words in cases:
         with pytest.raises(cp.InvalidArgument, match=words):

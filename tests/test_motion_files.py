@@ -341,7 +341,7 @@ def test_values_of_ones_own_and_of_numpy_can_be_in_a_file(tmp_path):
         assert (run.solver, run.drift) == (Mine(), drift)
     finally:
         del cp.dynamics.SOLVERS["mine"]
-    with pytest.raises(cp.InvalidArgument, match="Mine is not known here: import the module"):
+    with pytest.raises(cp.InvalidArgument, match="Mine is unknown: import the module"):
         cp.Trajectory.load(path)
 
 

@@ -115,7 +115,7 @@ REFUSED = {
         "a point mass has no inertia about itself",
         "MuJoCo needs all of them positive",
     ),
-    "sleigh": ("a planar joint", "which MuJoCo has not"),
+    "sleigh": ("a planar joint", "which MuJoCo does not have"),
 }
 
 SCENES = {

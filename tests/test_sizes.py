@@ -59,11 +59,11 @@ LAUGHS = "".join(
 LAUGHTER = f'<!DOCTYPE r [<!ENTITY a "ha">{LAUGHS}]><robot name="&j;"/>'
 
 TOO_MUCH = {
-    "chain.urdf": (urdf(3000), "3000 joints are there, and 2000 can be read"),
-    "links.urdf": (urdf(6000, "fixed"), "6001 links are there, and 5000 can be read"),
+    "chain.urdf": (urdf(3000), "3000 joints found; at most 2000 can be read"),
+    "links.urdf": (urdf(6000, "fixed"), "6001 links found; at most 5000 can be read"),
     "long.urdf": (urdf(100_000), "more than 500000 elements"),
-    "chain.sdf": (sdf(3000), "3000 joints are there, and 2000"),
-    "bodies.xml": (mjcf("<body/>" * 6000), "6001 links are there, and 5000"),
+    "chain.sdf": (sdf(3000), "3000 joints found; at most 2000"),
+    "bodies.xml": (mjcf("<body/>" * 6000), "6001 links found; at most 5000"),
     "deep.xml": (mjcf("<body>" * 3000 + "</body>" * 3000), "(?i)nest"),
     "replicate.xml": (replicated(10**9), "<replicate> makes more than 10000 parts"),
     "replicates.xml": (replicated(100, 100, 100), "<replicate> makes more than 10000 parts"),

@@ -222,7 +222,7 @@ def test_condyn_trade_prints_a_table_of_contact_solvers():
 @pytest.mark.parametrize(
     ("words", "match"),
     [
-        (("--dt", "1e-3"), "says nothing of acceleration"),
+        (("--dt", "1e-3"), "has no effect on acceleration"),
         (("--measure", "trajectory", "--dt", "x"), "--dt x: a number"),
         (("--measure", "trajectory", "--integrator", "Moreau(contact=A())"), "'a'"),
         (("--measure", "trajectory", "--integrator", "Moreau(step=1)"), "the parameters contact"),

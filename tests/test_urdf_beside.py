@@ -287,7 +287,7 @@ WRONG = {
     "1 of them different": "joint_name: [left, left]\njoint_type: [FIXED, FIXED]",
     "'end_c_frame' is fixed": "joint_name: [end_c_frame]\njoint_type: [SPHERICAL]",
     "it is no YAML": "closed_loop: [[end_c, end_b]",
-    "it is no YAML:": "closed_loop: " + "[" * 5000,
+    "it is not valid YAML:": "closed_loop: " + "[" * 5000,
     "a list of pairs of frames is": "closed_loop: &a [*a, *a]",
     "closed_loop = [[": "closed_loop: [&a [x, x, x, x, x, x, x, x, x]"
     + "".join(f", &{b} [{', '.join([f'*{a}'] * 9)}]" for a, b in pairwise("abcdefghijkl"))
@@ -313,7 +313,7 @@ def test_entries_that_are_not_read_are_said(ends):
 
 def test_a_toml_that_is_wrong_is_named(ends):
     ends.with_suffix(".toml").write_text("closed_loop = [[")
-    with pytest.raises(cp.errors.InvalidModel, match=r"robot\.toml: it is no TOML"):
+    with pytest.raises(cp.errors.InvalidModel, match=r"robot\.toml: it is not valid TOML"):
         cp.load_robot(ends)
 
 

@@ -509,7 +509,7 @@ def test_one_moment_of_a_motion_is_a_still_picture_with_its_own_forces():
     for t in (-1.0, run.t[-1] + 0.1):
         with pytest.raises(cp.InvalidArgument, match=f"t = {t}: the motion goes from 0 s to "):
             drawing(run, t=t)
-    with pytest.raises(cp.InvalidArgument, match="t: a Scene is no motion"):
+    with pytest.raises(cp.InvalidArgument, match="t: a Scene is not a motion"):
         drawing(run.scene, t=0.0)
 
 

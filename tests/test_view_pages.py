@@ -181,7 +181,7 @@ def test_a_chromium_that_hangs_is_started_once_more(monkeypatch, tmp_path):
     [
         (lambda: cp.view("cassie"), "a Robot, a Scene"),
         (lambda: cp.view(cp.model.pendulum(), [1.0, 2.0]), "shape"),
-        (lambda: cp.view(cp.model.pendulum(), [0.0], posture="up"), "leave one of them out"),
+        (lambda: cp.view(cp.model.pendulum(), [0.0], posture="up"), "give only one of them"),
         (lambda: cp.view(cp.model.pendulum(), posture="nothing"), "nothing"),
         (lambda: cp.view(cp.model.pendulum(), speed=0.0), "positive"),
         (lambda: cp.view(cp.model.pendulum(), speed="fast"), "speed = 'fast'"),
@@ -223,7 +223,7 @@ def test_the_command_plays_a_motion_and_one_of_a_batch(tmp_path):
         ((one, "--forces"), "a motion has its own"),
         ((many, "--motion", "2"), "many.npz has 2, from 0"),
         ((many,), "`condyn view --motion 0`"),
-        (("cassie", "--motion", "0"), "of a batch"),
+        (("cassie", "--motion", "0"), "for a batch"),
     ):
         found = run(*words)
         assert isinstance(found.exception, cp.InvalidArgument)

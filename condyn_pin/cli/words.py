@@ -162,7 +162,7 @@ def measures_of(
     known = {f.name for f in fields(measure)}  # type: ignore[arg-type]
     for key in chosen.keys() - known:
         raise InvalidArgument(
-            f"--{key} says nothing of {name}; it is of trajectory, contact or gradients"
+            f"--{key} has no effect on {name}; it is for trajectory, contact or gradients"
         )
     return sweep(measure, **chosen) if chosen else (measure,)
 
@@ -181,7 +181,7 @@ def drift_of(name: str | None, gain: float | None) -> Drift | None:
         gain = _GAIN if gain is None else gain
         return Baumgarte(gain, gain)
     if gain is not None:
-        raise InvalidArgument(f"--gain {gain:g} is of Baumgarte's method; add --drift baumgarte")
+        raise InvalidArgument(f"--gain {gain:g} is for Baumgarte's method; add --drift baumgarte")
     return kind() if kind else None
 
 

@@ -27,7 +27,7 @@ _SHAPES: Final = ((3,), (6,))
 
 @dataclass(frozen=True, eq=False)
 class AppliedForce:
-    """A force, or a force with a moment, on the body of a frame; it acts at the frame's origin.
+    """A force, or a force with a moment, that acts on a body at the origin of a frame.
 
     Parameters
     ----------

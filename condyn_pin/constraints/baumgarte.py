@@ -16,12 +16,12 @@ _LARGEST = 1e154
 
 @dataclass(frozen=True)
 class Baumgarte(Drift):
-    """The rows are pulled back like a damped spring.
+    """Pull open rows back like a damped spring.
 
     J a + gamma = a_ref = -2 alpha J v - beta^2 c
 
     so that a gap obeys c'' + 2 alpha c' + beta^2 c = 0; alpha = beta is critically damped. Contacts
-    without an anchor have no gap: they are only damped.
+    without an anchor have no gap, and are only damped.
 
     Parameters
     ----------
@@ -62,7 +62,7 @@ class Baumgarte(Drift):
 
     @classmethod
     def from_settling_time(cls, T: float, remaining: float = 0.02) -> Baumgarte:
-        """Return critical gains that leave a share of a gap after some time.
+        """Return critical gains that reduce a gap to a given fraction within a given time.
 
         (1 + x) exp(-x) = remaining,    alpha = beta = x / T
 

@@ -105,7 +105,7 @@ def placement(argument: str, value: object) -> Placement | None:
     if isinstance(value, pin.SE3):
         fault = rotation_fault(value.rotation)
         if fault and np.isfinite(value.rotation).all():
-            raise InvalidArgument(f"{argument}: its rotation is none: {fault}")
+            raise InvalidArgument(f"{argument}: it has no valid rotation: {fault}")
     x, y, z, *quaternion = floats(
         argument, pin.SE3ToXYZQUAT(value) if isinstance(value, pin.SE3) else value, 7
     )

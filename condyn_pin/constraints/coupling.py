@@ -19,7 +19,7 @@ from condyn_pin.errors import InvalidArgument, InvalidConstraint, unknown_name
 
 @dataclass(frozen=True)
 class Coupling(Constraint):
-    """Two joints that move in proportion: a gear, a belt, a mimic joint. 1 row.
+    """Two joints that move in a fixed ratio: a gear, a belt, a mimic joint. 1 row.
 
     q_a = ratio q_b + offset
 
@@ -36,8 +36,7 @@ class Coupling(Constraint):
 
     Notes
     -----
-    The force is the one on joint a, along its coordinate [N m or N]; joint b feels minus `ratio`
-    times it.
+    The force acts on joint a, along its coordinate [N m or N]; joint b feels -`ratio` times it.
     """
 
     rows: ClassVar[int] = 1

@@ -61,9 +61,9 @@ class Driven(Constraint):
 
     Notes
     -----
-    The force is that of `constraint`: of a `HeldJoint` the torque of the motor. Its power is among
-    those of a trajectory's `energy`. `solve` asks for a time, ``scene.at(t)``; states, ranks and
-    gaps of a scene without one are those at t = 0.
+    The force is that of `constraint`; for a `HeldJoint` it is the torque of the motor. Its power is
+    part of a trajectory's `energy`. `solve` needs to know the time, ``scene.at(t)``; without one,
+    states, ranks and gaps of a scene are those at t = 0.
 
     References
     ----------

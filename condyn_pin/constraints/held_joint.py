@@ -17,7 +17,7 @@ from condyn_pin.errors import unknown_name
 
 @dataclass(frozen=True)
 class HeldJoint(Constraint):
-    """A joint that is held at a value, as a brake or a stiff motor does. 1 row.
+    """A joint held at a value, as by a brake or a stiff motor. 1 row.
 
     q = value
 

@@ -15,7 +15,7 @@ from condyn_pin.constraints.with_world import shifted
 
 @dataclass(frozen=True)
 class KnifeEdge(Nonholonomic):
-    """A blade, a skate, a wheel seen from above: a point that does not slip sideways. 1 row.
+    """A blade, a skate, or a wheel seen from above: a point that does not slip sideways. 1 row.
 
     e . v = 0, with e an axis of the frame and v the velocity of the point.
 

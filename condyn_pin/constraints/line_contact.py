@@ -28,7 +28,7 @@ from condyn_pin.errors import InvalidArgument
 
 @dataclass(frozen=True)
 class LineContact(WithWorld):
-    """A straight edge of the robot that keeps its place in the world: 5 rows.
+    """A straight edge of the robot that stays in place in the world: 5 rows.
 
     The robot can still roll about the edge: Cassie's foot.
 

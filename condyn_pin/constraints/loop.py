@@ -45,7 +45,7 @@ _APART: Final = 0.1  # [m]
 
 @dataclass(frozen=True)
 class Loop(BetweenFrames):
-    """Two frames of the robot that stay together in part: a closed chain.
+    """A closed chain: a joint between two frames of the robot.
 
     Parameters
     ----------

@@ -56,7 +56,7 @@ class Path(ABC):
 
 @dataclass(frozen=True)
 class Sine(Path):
-    """A swing about a value.
+    """A sinusoidal motion about a value.
 
     s = offset + amplitude sin(2 pi frequency t + phase)
 
@@ -121,7 +121,7 @@ class Polynomial(Path):
 
 @dataclass(frozen=True)
 class MinimumJerk(Path):
-    """From rest to rest in a time, with the least jerk; `condyn_pin.control.minimum_jerk` makes it.
+    """A minimum-jerk motion from rest to rest; `condyn_pin.control.minimum_jerk` makes it.
 
     s = start + (10 x^3 - 15 x^4 + 6 x^5) (end - start),    x = (t - begin) / duration
 

@@ -22,7 +22,7 @@ from condyn_pin.constraints.with_world import WithWorld, shifted
 
 @dataclass(frozen=True)
 class PointContact(WithWorld):
-    """A point of the robot that keeps its place in the world: 3 rows.
+    """A point of the robot that stays in place in the world: 3 rows.
 
     Parameters
     ----------
@@ -38,8 +38,8 @@ class PointContact(WithWorld):
 
     Notes
     -----
-    The force is the one on the robot, in the axes of `frame` [N]. The contact is bilateral: it
-    also pulls.
+    The force acts on the robot, in the axes of `frame` [N]. The contact is bilateral: it can also
+    pull.
     """
 
     rows: ClassVar[int] = 3

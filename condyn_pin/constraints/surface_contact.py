@@ -21,7 +21,7 @@ from condyn_pin.errors import InvalidArgument
 
 @dataclass(frozen=True)
 class SurfaceContact(WithWorld):
-    """A flat part of the robot that keeps its placement in the world: 6 rows.
+    """A flat part of the robot that stays in place in the world: 6 rows.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ _TINY = 1e-3  # [mm, deg]
 
 
 class ConstraintViolation(NamedTuple):
-    """How far apart the two sides of a constraint are, or how far a joint is beyond its limits."""
+    """By how much a constraint is violated, or by how much a joint is beyond its limits."""
 
     length: float  # [m], or [m/s] of a velocity
     angle: float  # [rad], or [rad/s]

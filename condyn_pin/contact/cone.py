@@ -38,10 +38,11 @@ FAULTS: Final = ("pulls", "slips", "tips", "twists")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Margin:
-    """How far forces are from leaving a cone; what is below zero has left it.
+    """How far forces are inside their cone; negative values are outside.
 
-    Each has a number for each of k forces, and a single number for a single force. Where a contact
-    is away all are infinite, and where there is no answer NaN. Impulses have [N s] in place of [N].
+    Each field has a number for each of k forces, or a single number for a single force. If a
+    contact is open all are infinite, and if there is no answer NaN. For impulses the unit is [N s]
+    instead of [N].
 
     Attributes
     ----------
@@ -95,7 +96,7 @@ class Margin:
 
 @dataclass(frozen=True, eq=False)
 class ConeRows:
-    """Linear inequalities of forces, A f <= b, as a quadratic program takes them.
+    """Friction cones as linear inequalities of forces, A f <= b, for a quadratic program.
 
     Attributes
     ----------
@@ -191,7 +192,7 @@ class Cone(ABC):
             raise InvalidArgument(f"{contact.name}: this {kind} does not press on a floor")
         if self.normal is not None and contact.has_normal:
             raise InvalidArgument(
-                f"{contact.name}: a {kind} has a normal of its own; leave out that of its cone"
+                f"{contact.name}: a {kind} has its own normal; leave out that of its cone"
             )
 
     def _up(self, up: Array) -> Array:

@@ -27,7 +27,7 @@ _MOST_SIDES: Final = 1000
 
 @dataclass(frozen=True)
 class FrictionCone(Cone):
-    """Coulomb's cone: the forces that friction at a point can give, |f_t| <= mu f_n.
+    """Coulomb's cone: the forces that a point contact can transmit, |f_t| <= mu f_n.
 
     For `PointContact`, `PlanarContact`, `RollingWheel` and `RollingBall`.
 
@@ -52,7 +52,7 @@ class FrictionCone(Cone):
         super().__post_init__()
         check_count("sides", self.sides, least=3)
         if self.sides > _MOST_SIDES:
-            raise InvalidArgument(f"sides = {self.sides}: {_MOST_SIDES} are round to 5e-6")
+            raise InvalidArgument(f"sides = {self.sides}: at most {_MOST_SIDES}, round to 5e-6")
 
     def _table(self) -> Iterator[Row]:
         yield "pulls", (0.0, 0.0, -1.0)

@@ -72,8 +72,9 @@ def solve_contact(
 
     Notes
     -----
-    Contacts that do not feel each other are solved apart: iterations are those of all, and the path
-    has each method once. Cost: that of the solver, and some twenty passes over the rows.
+    Independent groups of contacts are solved separately: iterations are counted over all groups,
+    and the path names each method once. Cost: that of the solver, and some twenty passes over the
+    rows.
 
     References
     ----------
@@ -117,8 +118,8 @@ def attempt_contact(
 ) -> tuple[Attempt, float]:
     """Return impulses and their natural residual, for hot loops.
 
-    The solver goes on until that residual is within `accuracy`, or there is nothing left that it
-    could try. Contacts that do not feel each other are solved apart.
+    The solver goes on until that residual is within `accuracy`, or it has nothing left to try.
+    Independent groups of contacts are solved separately.
 
     Parameters
     ----------

@@ -39,7 +39,7 @@ STILL = 1e-150
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ContactProblem:
-    """What a contact solver is asked: G, g and the sets that impulses belong to.
+    """A contact problem: G, g and the sets that the impulses belong to.
 
     Rows: three of each cone (t1, t2, n), then one of each half-line, then one of each interval.
 

@@ -64,7 +64,7 @@ def margins(answer: Any, cones: Cones) -> dict[str, Margin]:
 
 
 def cone_rows(scene: Scene, q: ArrayLike, cones: Cones) -> ConeRows:
-    """Return the friction cones of a scene as rows for a program of yours: A lam <= b.
+    """Return the friction cones of a scene as rows for your own program: A lam <= b.
 
     Parameters
     ----------
@@ -167,4 +167,4 @@ def _check(cones: Cones, scenes: Sequence[Scene]) -> None:
         if isinstance(cones, Mapping) and name not in known:
             raise unknown_name("constraint", name, known)
     if not any(_fitted(scene, cones) for scene in scenes):
-        raise InvalidArgument("no contact to judge: nothing here presses on a floor")
+        raise InvalidArgument("no contact to judge: nothing in this scene presses on a floor")

@@ -96,7 +96,7 @@ class WrenchCone(Cone):
     def judge(self, force: Array, noise: Array | None = None) -> Margin:
         """Return the margin as `Cone.judge`; refuse a moment of an edge about itself."""
         if self.half_width == 0 and np.any(np.abs(force[..., 3]) > 0):
-            raise InvalidArgument("force: an edge gives no moment about itself, about x")
+            raise InvalidArgument("force: an edge transmits no moment about itself, its x axis")
         return super().judge(force, noise)
 
     def fitted(self, contact: Constraint) -> WrenchCone:

@@ -26,7 +26,7 @@ from condyn_pin.model.robot import Robot
 
 @dataclass(frozen=True)
 class Actuation:
-    """The motors of a robot; a frozen value that pickles and compares.
+    """The motors of a robot; a frozen value that can be pickled and compared.
 
     Parameters
     ----------
@@ -48,8 +48,8 @@ class Actuation:
 
     Notes
     -----
-    A rotor of inertia I adds ratio^2 I to the inertia that its joint feels. That belongs into the
-    model, as ``armature`` of the joint: gears change no mass matrix here.
+    A rotor of inertia I adds ratio^2 I to the inertia of its joint. Put that into the model, as
+    ``armature`` of the joint: ratios do not change the mass matrix here.
     """
 
     robot: Robot

@@ -46,7 +46,7 @@ class ControlStatus(Enum):
 
 
 class ControlResiduals(NamedTuple):
-    """What is left of the conditions that an answer satisfies.
+    """Residuals of the conditions that an answer has to satisfy.
 
     Attributes
     ----------
@@ -66,7 +66,7 @@ class ControlResiduals(NamedTuple):
 
 
 class Give(NamedTuple):
-    """What a row has to give at least.
+    """By how much a row has to be relaxed at least.
 
     Attributes
     ----------

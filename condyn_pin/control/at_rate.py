@@ -21,7 +21,7 @@ _ROUNDING = 1e-6
 def at_rate(
     controller: Controller, period: float, *, watch: Callable[[ControlAnswer], object] | None = None
 ) -> Callable[[float, Array, Array], Array]:
-    """Return the torques of a controller that is asked once a period, as a function of (t, q, v).
+    """Return a torque function (t, q, v) that runs a controller once per period.
 
     tau(t) = tau_k,    t_k <= t < t_k + period,    t_k = k period
 
@@ -50,8 +50,8 @@ def at_rate(
 
     Notes
     -----
-    Between two ticks a call costs a microsecond. At the instant of a tick, another state is another
-    question: a trial of an integrator, or the start of another run.
+    Between two ticks a call costs a microsecond. A call at the instant of a tick with another
+    state, from a trial step of an integrator or from another run, solves again.
     """
     if not isinstance(controller, Controller):
         raise InvalidArgument(f"controller = {controller!r}: a Controller is needed")

@@ -44,10 +44,11 @@ from condyn_pin.dynamics.scene import Scene, check_scene
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Balance:
-    """Centre of mass, pressure and points of capture of a robot, all in the axes of the world.
+    """Centre of mass, centre of pressure and capture point of a robot, in the axes of the world.
 
-    What does not exist is NaN: of contacts that are not on one plane `zmp`, `cop`, `capture_point`,
-    `dcm` and both margins; of a contact that does not press its centre of pressure.
+    Quantities that are not defined are NaN: `zmp`, `cop`, `capture_point`, `dcm` and both margins
+    if the contacts do not lie in one plane; the centre of pressure of a contact that carries no
+    load.
 
     Attributes
     ----------
@@ -111,7 +112,7 @@ def balance(
     *,
     cones: Cones | None = None,
 ) -> Balance:
-    """Return where a robot presses on the floor, and where it is about to fall.
+    """Return centre of pressure, capture point and stability margins of a robot on the floor.
 
     Parameters
     ----------

@@ -29,9 +29,9 @@ def capturable_speed(
 
     v = omega d,    or sqrt(mu g (2 d - mu h)) where d > mu h
 
-    An impulse of m v through the centre of mass of a robot at rest is the largest that it can
-    stand, as long as its height stays and it keeps its angular momentum: arms and trunk that turn
-    may stand some more.
+    An impulse of m v through the centre of mass is the largest that a robot at rest can withstand
+    at constant height and without angular momentum; by swinging arms and trunk it may withstand a
+    little more.
 
     Parameters
     ----------

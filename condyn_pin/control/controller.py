@@ -54,7 +54,7 @@ class _Settings:
 
 
 class Controller(OneThread):
-    """Joint torques that do tasks at best, within what motors and floor can give.
+    """Joint torques that achieve tasks as well as motors and floor allow.
 
     min sum w |J a - b|^2  with  M a + h = B u + passive + J^T lam,  J a + gamma = a_ref
 
@@ -95,9 +95,10 @@ class Controller(OneThread):
 
     Notes
     -----
-    A controller has memory and belongs to one thread at a time. Calls start from the active set of
-    the last one, which changes digits of an answer at most. A tick costs 0.3 ms on Talos and 0.7 ms
-    on Cassie, whose loops are eliminated; one that is infeasible some tens of milliseconds.
+    A controller has memory and belongs to one thread at a time. Each call starts from the active
+    set of the last one, which changes only the last digits of an answer. A tick costs 0.3 ms on
+    Talos and 0.7 ms on Cassie, whose loops are eliminated; an infeasible one some tens of
+    milliseconds.
 
     References
     ----------
@@ -121,7 +122,7 @@ class Controller(OneThread):
         check_scene(scene)
         check_accuracy("regularisation", regularisation)
         if regularisation == 0:
-            raise InvalidArgument("regularisation = 0: the program may then have many answers")
+            raise InvalidArgument("regularisation = 0: the program may then have many solutions")
         if qp is not None and not isinstance(qp, QPSolver):
             raise InvalidArgument(f"qp = {qp!r}: a solver such as ProxQP() is needed")
         limits = ControlLimits() if limits is None else limits
@@ -160,10 +161,10 @@ class Controller(OneThread):
         self._cascade = Cascade(settings.qp or default, len(levels), settings.regularisation)
 
     def use(self, scene: Scene, tasks: Sequence[Task] | Hierarchy | None = None) -> Controller:
-        """Return the controller of other contacts, or other tasks, with all else as it is.
+        """Return the controller for other contacts or other tasks, otherwise unchanged.
 
-        Controllers that were used before are kept, each with the active set that it ended with:
-        to switch back costs nothing.
+        Controllers that were used before are cached with their last active set, so switching back
+        costs nothing.
 
         Parameters
         ----------
@@ -175,7 +176,9 @@ class Controller(OneThread):
         """
         check_scene(scene)
         if scene.robot is not self.scene.robot and scene.robot.model != self.scene.robot.model:
-            raise InvalidArgument(f"scene: {scene.robot.name} needs a Controller of its own")
+            raise InvalidArgument(
+                f"scene: {scene.robot.name} is another robot; make a Controller for it"
+            )
         wanted = self.tasks if tasks is None else tasks
         wanted = wanted if isinstance(wanted, Hierarchy) else check_tasks(wanted)
         self._siblings.setdefault((self.scene, self.tasks), self)
@@ -234,7 +237,7 @@ class Controller(OneThread):
     def program(
         self, q: ArrayLike, v: ArrayLike, t: float = 0.0, *, passive: ArrayLike | None = None
     ) -> QuadraticProgram:
-        """Return the quadratic program of a tick, for a solver of yours.
+        """Return the quadratic program of a tick, for your own solver.
 
         Its unknowns are accelerations: those that loops leave, and contact forces over the mass of
         the robot. Of a hierarchy it is that of the first level alone.

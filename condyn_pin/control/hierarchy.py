@@ -47,7 +47,7 @@ _DECIDED = 1e-9
 
 @dataclass(frozen=True, init=False, repr=False)
 class Hierarchy:
-    """Levels of tasks in order; within a level weights count.
+    """Levels of tasks in strict order; within a level, weights count.
 
     Parameters
     ----------

@@ -32,7 +32,7 @@ _WEAK = 1e-3
 
 @dataclass(frozen=True, eq=False, repr=False)
 class InverseDynamics:
-    """Motor torques and constraint forces that make a motion.
+    """Motor torques and constraint forces that produce a motion.
 
     Attributes
     ----------
@@ -192,9 +192,9 @@ def inverse_dynamics(
 
     Notes
     -----
-    Cost O(n^3 + m^2 n). Where motors work against each other, as with two feet on the ground, u is
-    the solution of least sum of squares of motor torques: gear ratios count, and the units of
-    hinges and sliders are not told apart. ``null_space`` leads to all others.
+    Cost O(n^3 + m^2 n). If motors can work against each other, as with two feet on the ground, u is
+    the solution with the smallest sum of squares of motor torques: gear ratios count, and the units
+    of hinges and sliders are not distinguished. ``null_space`` gives all others.
 
     References
     ----------

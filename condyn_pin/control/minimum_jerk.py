@@ -15,12 +15,12 @@ from condyn_pin.constraints.path import MinimumJerk
 def minimum_jerk(
     start: ArrayLike, end: ArrayLike, duration: float, *, begin: float = 0.0
 ) -> Callable[[float], tuple[Array, Array, Array]]:
-    """Return a smooth path from a value to another, a function of t that returns (x, v, a).
+    """Return a minimum-jerk path between two values, a function of t that returns (x, v, a).
 
     x(s) = start + (10 s^3 - 15 s^4 + 6 s^5) (end - start),    s = (t - begin) / duration
 
-    For the `reference` of a task, and for `Driven` rows to follow: at rest, without acceleration,
-    before and after.
+    Use it as the `reference` of a task, or as the path of `Driven` rows. Before and after, it is at
+    rest without acceleration.
 
     Parameters
     ----------

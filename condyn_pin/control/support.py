@@ -95,8 +95,8 @@ def touching_points(at: Sites) -> Array:
         x, y, axis = support
         if x is None or y is None:
             raise InvalidArgument(
-                f"{contact.name}: half_length or half_width is not set, so that nobody knows where "
-                "it touches"
+                f"{contact.name}: half_length or half_width is not set, and its "
+                "support is not known without"
             )
         if axis is not None:
             corners = np.outer((-x, x), np.eye(3)[axis])
@@ -112,7 +112,7 @@ def touching_points(at: Sites) -> Array:
 def check_touching(points: Array) -> None:
     """Refuse a question about the support of what nothing supports."""
     if not len(points):
-        raise InvalidArgument("no contact: nothing here presses on a floor")
+        raise InvalidArgument("no contact: nothing in this scene presses on a floor")
 
 
 def plane_of(points: Array, up: Array) -> SupportPlane | None:

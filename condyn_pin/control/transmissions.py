@@ -139,7 +139,7 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
 
     Notes
     -----
-    Statics and kinematics only: what inertias take is in `inverse_dynamics`. Cost O(n^3 + m^2 n).
+    Statics and kinematics only; for inertial torques use `inverse_dynamics`. Cost O(n^3 + m^2 n).
 
     References
     ----------

@@ -33,7 +33,7 @@ Restitution = float | Mapping[str, float]
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Impact:
-    """Velocity and impulses of an impact.
+    """The velocity after an impact, and its impulses.
 
     Attributes
     ----------
@@ -133,11 +133,11 @@ class Impact:
 
 @one_blas_thread
 def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution = 0.0) -> Impact:
-    """Return velocity and impulses when the constraints of a scene are met at a velocity.
+    """Return velocity and impulses when the constraints of a scene close at a velocity.
 
     M (v+ - v-) = J^T lam,    J v+ = -e J v-
 
-    What is driven takes hold at its speed: J v+ - s' = -e (J v- - s').
+    A driven constraint engages at its speed: J v+ - s' = -e (J v- - s').
 
     Parameters
     ----------
@@ -164,8 +164,8 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
 
     Notes
     -----
-    Cost O(n^3 + m^2 n). Bilateral: a contact that pulls shows in `notices`. The derivatives are
-    formed when they are asked for.
+    Cost O(n^3 + m^2 n). Bilateral: `notices` names any contact that pulls. The derivatives are
+    computed on demand.
 
     References
     ----------

@@ -49,7 +49,7 @@ _APART = 1e-3
 
 
 class NominalAnalysis:
-    """Figures of a scene at its nominal state.
+    """Rank, conditioning and redundant rows of a scene at its nominal state.
 
     Parameters
     ----------

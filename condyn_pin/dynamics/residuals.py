@@ -69,7 +69,7 @@ _HEAVY = 100.0
 
 
 class Residuals(NamedTuple):
-    """Sizes of the residuals of an answer, and what they say about a."""
+    """Sizes of the residuals of an answer, and the bound that they imply for the error of a."""
 
     dynamics: float  # |M a + h - tau - J^T lam|_inf [N, N m]
     constraint: float  # |J a + gamma - a_ref|_inf [m/s^2, rad/s^2]

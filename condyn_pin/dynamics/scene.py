@@ -39,7 +39,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Scene:
-    """A robot with constraints; a frozen value that pickles and compares.
+    """A robot with constraints; a frozen value that can be pickled and compared.
 
     Parameters
     ----------
@@ -133,7 +133,7 @@ class Scene:
         return any(constraint.is_rheonomic for constraint in self.constraints)
 
     def at(self, t: float) -> Scene:
-        """Return the scene at a time [s], driven constraints where their paths are then.
+        """Return the scene at a time [s], with driven constraints evaluated there.
 
         The scene itself if none is driven.
         """
@@ -145,7 +145,7 @@ class Scene:
         return placed
 
     def closed(self, modes: Mapping[str, Mode] | None = None) -> Scene:
-        """Return the scene in which contacts are constraints, and never let go.
+        """Return the scene with its contacts as constraints, which never let go.
 
         Points that stick are `PointContact`, balls `RollingBall`, and what slides `PlanarContact`,
         all where they are.
@@ -266,15 +266,14 @@ class Scene:
     ) -> tuple[Array, Array]:
         """Return a random (q, v) that satisfies the constraints.
 
-        What `rng`, `spread` and `speed` are, and what is raised, `condyn_pin.mechanism.sample`
-        says.
+        The arguments and errors are those of `condyn_pin.mechanism.sample`.
         """
         from condyn_pin.mechanism.sampling import sample
 
         return sample(self, rng, spread=spread, speed=speed)
 
     def check(self, q: ArrayLike, v: ArrayLike | None = None) -> Check:
-        """Return how far each loop is open at q, and which constraints slip with v."""
+        """Return how far each loop is open at q, and which constraints v violates."""
         from condyn_pin.mechanism.check import check
 
         return check(self, q, v)
@@ -298,8 +297,7 @@ class Scene:
     ) -> Minimal:
         """Return a smaller scene that answers the same question within an `error`.
 
-        What `motion`, `watch` and `solver` are, and what is raised, `condyn_pin.mechanism.minimal`
-        says.
+        The arguments and errors are those of `condyn_pin.mechanism.minimal`.
         """
         from condyn_pin.mechanism.reduction.minimal import minimal
 

@@ -26,7 +26,7 @@ _HEAVY = 1e3
 
 
 class Status(Enum):
-    """How a solve ended; the value is advice."""
+    """The outcome of a solve; the value is advice."""
 
     OK = (
         "both equations hold at the state given, and a solves them to the accuracy asked for; "

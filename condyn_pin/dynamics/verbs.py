@@ -84,7 +84,7 @@ def solve(
     The first call with a scene builds a `Workspace`, which takes as long as dozens of solves; calls
     after it with the same scene and solver, in the same thread, use it again. Cost: that of the
     solver, which `condyn solvers` lists, and that of the three errors: together two to three times
-    that of `Workspace.acceleration`, which is for hot loops and has no errors.
+    that of `Workspace.acceleration`, which is for hot loops and computes no errors.
 
     References
     ----------

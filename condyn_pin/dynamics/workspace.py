@@ -71,9 +71,10 @@ class Workspace(Memory):
 
     Notes
     -----
-    Building one takes as long as dozens of solves (`benchmarks/startup.py`), with large robots most
-    of it Pinocchio's `createData`. That of a scene whose first posture leaves loops open takes
-    longer: they are closed once, since redundant rows can only be told where they are.
+    Building one takes as long as dozens of solves (`benchmarks/startup.py`); for large robots most
+    of that is Pinocchio's `createData`. If the first posture of the scene leaves loops open it
+    takes longer: they are closed once, because redundant rows can only be found where loops are
+    closed.
 
     Pinocchio does not release the GIL: threads do not solve in parallel, processes do. A call that
     finds another thread at work raises `SharedWorkspace`.
@@ -108,7 +109,7 @@ class Workspace(Memory):
     def use(self, scene: Scene) -> None:
         """Switch to another scene of the same robot: other contacts, the same memory.
 
-        Everything that depends on the constraints is made anew; nothing of the old ones is left.
+        Everything that depends on the constraints is rebuilt; nothing of the old ones is left.
         """
         check_scene(scene)
         if scene.robot.model != self.model:
@@ -151,10 +152,10 @@ class Workspace(Memory):
     def acceleration(
         self, q: Array, v: Array, tau: Array, *, forces: Sequence[AppliedForce] = _NO_FORCES
     ) -> Array:
-        """Return a, nothing else: the hot loop.
+        """Return a and nothing else: for hot loops.
 
         Sizes, finiteness and quaternions are checked; the errors of the answer are not. `solve`
-        does that; the time of the proof comes on top.
+        checks them too, which takes longer.
 
         Parameters
         ----------
@@ -247,7 +248,7 @@ class Workspace(Memory):
         accuracy: float | None = None,
         throw: bool = True,
     ) -> Solution:
-        """Return a, lam and the proof of both.
+        """Return a and lam, verified.
 
         `forces`, `accuracy` and `throw` are those of `condyn_pin.solve`, and so are the errors.
 

@@ -120,7 +120,7 @@ class GeomWriter:
     def _plane(self, joint: int, plane: Plane, placement: Any, name: str) -> str:
         if joint:
             raise InvalidModel(
-                f"{name}: a plane on a body that moves, which MuJoCo has not; a Box is needed"
+                f"{name}: a plane on a moving body, which MuJoCo does not have; a Box is needed"
             )
         said = {"name": name, **_TOUCHING, "type": "plane", "size": "0 0 0.1"}
         return self._geom(0, placement * plane.placement, said)

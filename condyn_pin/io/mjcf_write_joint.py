@@ -71,7 +71,7 @@ def write_joint(robot: Robot, i: int, B: Any, drawn: Array) -> dict[str, str]:
         said = {"type": "free"}
     else:
         raise InvalidModel(
-            f"joint {name!r} is a {kind}, which MuJoCo has not, at least not there; "
+            f"joint {name!r} is a {kind}, which MuJoCo does not have there; "
             "a hinge, a slider, a ball, or a free-flyer on the world is needed"
         )
     for key in ("armature", "damping"):

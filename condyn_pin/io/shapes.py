@@ -59,7 +59,7 @@ def _shape(path: Path, link: str, visual: Element, colours: dict[str | None, Col
         raise ValueError("a <visual> without <geometry>")
     form = geometry[0]
     if form.tag not in _SIZES:
-        raise ValueError(f"a <{form.tag}> is no shape that is known here")
+        raise ValueError(f"a <{form.tag}> is an unknown shape")
     material = visual.find("material")
     colour = BODY
     if material is not None:

@@ -118,7 +118,7 @@ def _toml(path: Path) -> Mapping[str, Any]:
     try:
         return parse_toml(_text(path))
     except ValueError as error:
-        raise InvalidModel(f"it is no TOML: {error}") from error
+        raise InvalidModel(f"it is not valid TOML: {error}") from error
 
 
 def _yaml(path: Path) -> Mapping[str, Any]:
@@ -134,7 +134,7 @@ def _yaml(path: Path) -> Mapping[str, Any]:
     try:
         said = yaml.safe_load(text)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        raise InvalidModel(f"it is no YAML: {' '.join(str(error).split())}") from error
+        raise InvalidModel(f"it is not valid YAML: {' '.join(str(error).split())}") from error
     return said if isinstance(said, dict) else {}
 
 

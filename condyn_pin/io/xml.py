@@ -58,7 +58,7 @@ def check_counts(links: int, joints: int) -> None:
     """Refuse more links, and joints that move, than can be computed with."""
     for count, most, what in ((links, _MOST_LINKS, "links"), (joints, MOST_JOINTS, "joints")):
         if count > most:
-            raise InvalidModel(f"{count} {what} are there, and {most} can be read at most")
+            raise InvalidModel(f"{count} {what} found; at most {most} can be read")
 
 
 def shown(text: str) -> str:

@@ -32,8 +32,8 @@ def assemble_batch(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return closed configurations with the motors at given angles, and which of them are closed.
 
-    Each starts from the nominal configuration, and where that leads nowhere, comes from there in
-    small steps: a row depends on no other. All are on the branch of the first posture.
+    Each starts from the nominal configuration, and if that fails goes there in small steps, so no
+    row depends on another. All are on the branch of the first posture.
 
     Parameters
     ----------

@@ -34,7 +34,7 @@ _FARTHEST = 100.0  # that a motor is followed [rad, m]
 
 @dataclass(frozen=True, eq=False)
 class CompleteState:
-    """The whole state that belongs to a state of the motors.
+    """The whole state that belongs to given motor positions and speeds.
 
     Attributes
     ----------
@@ -84,7 +84,7 @@ def complete_state(
     near: ArrayLike | None = None,
     within_limits: bool = True,
 ) -> CompleteState:
-    """Return the whole state from that of the motors, as their encoders measure it.
+    """Return the whole state from the motor positions and speeds that encoders measure.
 
     Parameters
     ----------

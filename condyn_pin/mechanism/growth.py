@@ -44,7 +44,7 @@ _STENCIL: Final = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
 
 @one_blas_thread
 def growth_vector(scene: Scene, q: ArrayLike | None = None, *, deepest: int = 4) -> tuple[int, ...]:
-    """Return the dimensions of what allowed velocities, their brackets, and brackets of those span.
+    """Return the dimensions that allowed velocities and their repeated Lie brackets span.
 
     D_(j+1) = D_j + [D_1, D_j], until it no longer grows
 
@@ -73,7 +73,7 @@ def growth_vector(scene: Scene, q: ArrayLike | None = None, *, deepest: int = 4)
 
     Notes
     -----
-    A rank of differences: what leads out by less than 1e-5 counts as rounding.
+    The rank is computed from differences: a direction smaller than 1e-5 counts as rounding.
 
     References
     ----------

@@ -49,7 +49,7 @@ _TWISTS: Final[dict[str, tuple[int, ...]]] = {
 
 @one_blas_thread
 def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
-    """Return whether the rows of a scene restrict the position, and not the velocity alone.
+    """Return whether the rows of a scene restrict the position, and not only the velocity.
 
     d(X, Y) = 0 for all X, Y with A X = A Y = 0, at q and at two closed configurations near it.
 
@@ -99,14 +99,14 @@ def curvature(scene: Scene, q: ArrayLike, v: ArrayLike) -> Array:
 
     K_ij = d_i(v, e_j) = ((dA v) e_j - (dA e_j) v - A [v, e_j])_i,        A' = dA v
 
-    Along velocities that the rows allow, K w with A w = 0, it is zero for holonomic rows. Where it
-    is not, two principles part: with forces J^T lam that do no
-    work (d'Alembert) a machine moves by M a + h = tau + A^T lam. A motion that makes the action
-    stationary among those that the rows allow (vakonomic, of optimal control) has besides
+    For holonomic rows K w is zero for all velocities w with A w = 0. If it is not, two principles
+    disagree: with forces A^T lam that do no work (d'Alembert) a machine moves by M a + h = tau +
+    A^T lam. A motion that makes the action stationary among those that the rows allow (vakonomic,
+    known from optimal control) obeys
 
         M a + h = tau + A^T lam - K^T mu,        mu' = -lam,
 
-    which machines do not obey.
+    which real machines do not.
 
     Parameters
     ----------

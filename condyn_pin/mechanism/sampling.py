@@ -25,7 +25,7 @@ def sample(
 ) -> tuple[Array, Array]:
     """Return a random (q, v) that satisfies the constraints.
 
-    It is on the branch of the first posture, and within the joint limits if that is.
+    It is on the branch of the first posture, and within the joint limits if that posture is.
 
     Parameters
     ----------

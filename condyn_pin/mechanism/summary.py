@@ -27,7 +27,7 @@ _OPEN = "the loops cannot be closed from the first posture: figures are of it, o
 
 @dataclass(frozen=True)
 class Summary:
-    """What a scene contains, what it asks for twice, and what it leaves out.
+    """What a scene contains, which rows are redundant, and what is not used.
 
     Attributes
     ----------

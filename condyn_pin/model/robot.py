@@ -31,7 +31,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Robot:
-    """A robot: a kinematic tree, its loops, its postures, and where all this comes from.
+    """A robot: a kinematic tree, its loops, its postures, and their origin.
 
     Parameters
     ----------
@@ -94,7 +94,7 @@ class Robot:
         for joint in self.actuated:
             robot_joints.joint_of(self.model, joint)
             if self.actuated.count(joint) > 1:
-                raise InvalidArgument(f"actuated: {joint!r} is there twice; name it once")
+                raise InvalidArgument(f"actuated: {joint!r} is named twice; name it once")
         for spring in self.springs:
             if robot_joints.joint_of(self.model, spring.joint).nq != 1:
                 raise InvalidModel(
@@ -156,14 +156,14 @@ class Robot:
         return tuple(self.model.names)[1:]
 
     def index_q(self, joint: str) -> int:
-        """Return where q has the number of a hinge or a slider: ``q[robot.index_q("knee")]``.
+        """Return the index in q of a hinge or a slider: ``q[robot.index_q("knee")]``.
 
-        A joint with several numbers has no one index: `configuration` sets it by name.
+        A joint with several numbers has no single index: `configuration` sets it by name.
         """
         return robot_joints.index(self, joint, "q")
 
     def index_v(self, joint: str) -> int:
-        """Return where v, a and tau have the number of a joint: ``tau[robot.index_v("knee")]``."""
+        """Return the index of a joint in v, a and tau: ``tau[robot.index_v("knee")]``."""
         return robot_joints.index(self, joint, "v")
 
     def configuration(
@@ -284,7 +284,7 @@ class Robot:
     def frictional_contacts(
         self, friction: float, *, on: Plane | None = None
     ) -> tuple[FrictionalContact, ...]:
-        """Return the ready-made contacts as ones that may let go, for `Scene(contacts=...)`.
+        """Return the robot's contacts as ones that may open and slide, for `Scene(contacts=...)`.
 
         Points and balls by their names, edges by their ends, surfaces by their corners.
 
@@ -305,7 +305,7 @@ class Robot:
         return feet_of(self.contacts, friction, on)
 
     def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return the torque of springs, joint damping and spring-dampers, to be added to tau.
+        """Return the torque of springs, joint damping and spring-dampers; add it to tau.
 
         tau_i = -k_i (q_i - q0_i) - d_i v_i - sum_s (J_s^T n_s f_s)_i
 

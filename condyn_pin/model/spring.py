@@ -41,14 +41,13 @@ class Spring:
 
 @dataclass(frozen=True)
 class SpringDamper:
-    """A spring and a damper side by side, between the origins of two frames.
+    """A spring and a damper in parallel, between the origins of two frames.
 
     f = stiffness (l - rest_length) + damping l'
 
     with l the distance of the origins: f > 0 pulls the two bodies towards each other, each at the
-    origin of its frame. Where the origins coincide there is no direction, and no force; a damper
-    acts along the line alone, and near there its direction changes from one step to the next: what
-    is to stay together is held by a `Loop`.
+    origin of its frame. If the origins coincide there is no direction and no force. Near there the
+    direction changes from one step to the next, so to hold two points together use a `Loop`.
 
     Parameters
     ----------

@@ -207,7 +207,7 @@ def decode(coded: dict[str, Any]) -> Any:
         or (INTEGRATORS | DRIFTS | SOLVERS | CONTACT_SOLVERS).get(name.lower())
     )
     if kind is None:
-        raise LookupError(f"{name} is not known here: import the module that defines it")
+        raise LookupError(f"{name} is unknown: import the module that defines it")
     return kind(**{k: _decoded(x) for k, x in values.items()})
 
 

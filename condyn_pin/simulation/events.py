@@ -102,10 +102,10 @@ class Snapshot:
 
 @dataclass(frozen=True, kw_only=True)
 class Event:
-    """Other constraints from a time on, or from when a condition is met.
+    """A switch to other constraints, at a time or when a condition is met.
 
-    Give `at` or `when`. The state is taken to the instant itself, and the velocity changes there as
-    `switch` says: touch-down is an impact, lift-off changes nothing.
+    Give `at` or `when`. The event is located in time, and the velocity changes there as by
+    `switch`: a touch-down is an impact, a lift-off changes nothing.
 
     Parameters
     ----------

@@ -162,7 +162,7 @@ def check_scheme(scene: Scene, integrator: Integrator) -> None:
     if scene.contacts and not integrator.takes_contacts:
         raise UnsupportedConstraint(
             f"integrator = {integrator!r}: contacts of the scene may open and slide, and "
-            f"{integrator.title} holds them for ever; use StewartTrinkle() or Moreau(), "
+            f"{integrator.title} never lets them go; use StewartTrinkle() or Moreau(), "
             "EventDriven(RungeKutta4()), or scene.closed()"
         )
     if integrator.takes_contacts:

@@ -129,8 +129,8 @@ def simulate(
 
     Notes
     -----
-    Cost: `Integrator.solves_per_step` solves a step, and a few microseconds; an event with another
-    scene costs as much as about a hundred solves.
+    Cost: `Integrator.solves_per_step` solves per step, and a few microseconds; an event with
+    another scene costs about as much as a hundred solves.
     """
     check_scene(scene)
     if timed := [b.name for b in scene.bounds if b.drive and b.drive.time is not None]:

@@ -86,11 +86,11 @@ def step(
 
     Notes
     -----
-    Within the equation v+ of a floating body is in the axes in which the step begins; the velocity
-    that is returned is in those in which it ends, as Pinocchio has it.
+    In the equation, v+ of a floating body is in its axes at the beginning of the step; the velocity
+    returned is in its axes at the end, as in Pinocchio.
 
-    Cost: a step in `simulate`, of which three quarters is the contact solver, and as much again for
-    the proof.
+    Cost: that of a step in `simulate`, three quarters of which is the contact solver, and as much
+    again for the verification.
     """
     memory = _memory(scene, dt, integrator)
     solution = memory.step(*_state(scene, q, v), tau, forces)

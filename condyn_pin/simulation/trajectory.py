@@ -27,9 +27,9 @@ _SHOWN = 20
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
-    """A motion, one sample a row; what is not recorded is computed when it is asked for.
+    """A motion, one sample per row; what is not recorded is computed on demand.
 
-    An event has two samples of one time: before and after it.
+    An event has two samples at the same time: before and after it.
 
     Attributes
     ----------

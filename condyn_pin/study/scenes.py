@@ -78,5 +78,5 @@ def _pairs(
     if isinstance(one, str):
         return list(scenes_of(load_robot(one)).items())
     if not isinstance(one, Scene):
-        raise InvalidArgument(f"scenes: {one!r} is no scene, and not the name of a robot")
+        raise InvalidArgument(f"scenes: {one!r} is neither a scene nor the name of a robot")
     return [(f"{one.robot.name}, {one.rows} rows", one)]

@@ -24,7 +24,7 @@ from condyn_pin.study.table import Table
 
 @dataclass(frozen=True, eq=False)
 class Study:
-    """Some solvers on some scenes, to be measured: time and error in the same run.
+    """Solvers on scenes, measured: time and error in the same run.
 
     Parameters
     ----------

@@ -61,16 +61,16 @@ def view(
     browser: bool = True,
     port: int = 0,
 ) -> Viewer:
-    """Look at something in meshcat's viewer: in a browser, in a notebook, or in a file.
+    """Show a robot, an answer or a motion in meshcat's viewer: in a browser, a notebook, or a file.
 
-    What is seen: the robot as its description draws it, or else rods between its joints and the
-    ellipsoids of its inertias; joints with a motor orange, passive ones dark; both frames of every
-    loop, and the gap between them coloured by its length, with its size in mm; contacts, those that
-    may let go above the planes that they may touch, coloured while they stick and while they slide;
-    the forces of an answer or of a motion on the bodies that feel them; the centre of mass. A
-    motion has a bar to play and to pause it, with sliders for time and speed. A linkage that lies
-    in a plane is seen along its normal. An assembly is seen beside the pale robot that it started
-    from.
+    It shows the robot as its description draws it, or else rods between its joints and the
+    ellipsoids of its inertias; driven joints in orange, passive ones dark; both frames of every
+    loop, and the gap between them coloured by its length and labelled in mm; contacts, and for
+    those that may open the planes that they may touch, coloured by whether they stick or slide; the
+    forces of an answer or of a motion on the bodies that feel them; and the centre of mass. A
+    motion has buttons to play and pause, with sliders for time and speed. A planar linkage is
+    viewed along the normal of its plane. An assembly is shown next to a pale robot in the
+    configuration where it started.
 
     Parameters
     ----------
@@ -122,8 +122,8 @@ def view(
     -----
     A page of Talos has 3.8 MB, and 1.6 MB if it is light; 0.9 MB of them are meshcat's viewer.
 
-    Where a processor draws, without a graphics card, what moves has 10 000 triangles at most, and
-    as many pixels as 30 pictures a second allow; what rests is whole and sharp.
+    Without a graphics card, moving parts are drawn with at most 10 000 triangles, and with as many
+    pixels as 30 frames per second allow; at rest everything is drawn in full detail.
     """
     if not finite("speed", speed, ()) > 0:
         raise InvalidArgument(f"speed = {speed!r}: a positive number is needed")
@@ -181,7 +181,7 @@ def drawing_of(
             "and a Trajectory do"
         )
     if t is not None and not isinstance(subject, Trajectory):
-        raise InvalidArgument(f"t: a {type(subject).__name__} is no motion, which has times")
+        raise InvalidArgument(f"t: a {type(subject).__name__} is not a motion, and has no times")
     if isinstance(subject, Robot):
         subject = Scene(subject, subject.loops)
     if isinstance(subject, Scene):
@@ -223,7 +223,7 @@ def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tu
     """Return what is shown of a scene, and how it is called."""
     if q is not None:
         if posture is not None:
-            raise InvalidArgument("posture: q is given too; leave one of them out")
+            raise InvalidArgument("posture: q is given too; give only one of them")
         return normalised(scene.robot.model, "q", q), ""
     name = posture or next(iter(scene.robot.postures), "neutral")
     try:

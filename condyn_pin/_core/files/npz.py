@@ -64,7 +64,7 @@ def read_npz(path: str | PathLike[str], wanted: Callable[[str], bool]) -> Arrays
             raise ValueError(f"it would take {size / 1e9:.3g} GB of memory")
         for name, info in members.items():
             if info.compress_type not in (ZIP_STORED, ZIP_DEFLATED):
-                raise ValueError(f"{name} is compressed as nothing here writes it")
+                raise ValueError(f"{name} is compressed in a way that condyn_pin never writes")
         return {name: _array(name, archive.read(info)) for name, info in members.items()}
 
 
@@ -75,7 +75,7 @@ def _array(name: str, content: bytes) -> NDArray[Any]:
     end = start + int.from_bytes(content[8:start], "little")
     header = _HEADER.fullmatch(content[start:end])
     if content[:6] != _MAGIC or header is None:
-        raise ValueError(f"{name} is no array of numbers or words")
+        raise ValueError(f"{name} is not an array of numbers or text")
     dtype = np.dtype(header[1].decode())
     shape = tuple(int(n) for n in header[3].replace(b",", b" ").split())
     if prod(shape) * dtype.itemsize != len(content) - end or not dtype.itemsize:

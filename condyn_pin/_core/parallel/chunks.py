@@ -72,9 +72,8 @@ def map_chunks(
 
     Notes
     -----
-    Nothing is lost with a worker but the chunks that it worked on: they are handed out again. What
-    was yielded is yours; stop whenever you like, and the chunks that nobody has begun are
-    cancelled.
+    If a worker is lost, the chunks that it was working on are handed out again. You may stop
+    iterating at any time: chunks that have not begun are cancelled.
     """
     results = in_flight(work, len(chunks), lambda i, _: chunks[i], executor)
     with closing(results):

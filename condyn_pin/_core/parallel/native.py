@@ -17,8 +17,8 @@ _MOST = 1000  # threads
 class Native:
     """The compiled core, as ``executor=`` of all batch verbs.
 
-    What comes back is what Python returns. States whose proof leaves a doubt, such as those near
-    singular postures, are answered by Python itself.
+    It returns what Python would return. States whose check leaves a doubt, such as those near
+    singular postures, are passed to Python.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ _MOST: Final = 1000  # processes
 
 
 class Processes(Executor):
-    """Worker processes of this machine; those that are lost are replaced.
+    """Worker processes on this machine; lost ones are replaced.
 
     Parameters
     ----------
@@ -38,11 +38,11 @@ class Processes(Executor):
 
     Notes
     -----
-    Use it as a context, or call `shutdown`. With ``spawn`` and ``forkserver`` a script needs
-    ``if __name__ == "__main__":`` around what it does, since every worker imports it. Each worker
-    keeps to one BLAS thread, unless the environment says otherwise: workers that each use all cores
-    are in each other's way. A `ProcessPoolExecutor` can do nothing more once a worker was killed;
-    this makes another.
+    Use it in a ``with`` block, or call `shutdown`. With ``spawn`` and ``forkserver`` a script needs
+    ``if __name__ == "__main__":`` around its work, because every worker imports it. Each worker
+    uses one BLAS thread, unless the environment says otherwise: workers that each use all cores
+    slow each other down. A `ProcessPoolExecutor` is broken once a worker was killed; this class
+    starts another worker.
 
     Raises
     ------

@@ -134,7 +134,7 @@ def _refuse(context: typer.Context, options: tuple[str, ...], where: str) -> Non
     for option in context.command.params:
         source = context.get_parameter_source(str(option.name))
         if option.name in options and source is not None and source.name != "DEFAULT":
-            raise InvalidArgument(f"{option.opts[0]} says nothing {where} --tune: leave it out")
+            raise InvalidArgument(f"{option.opts[0]} has no effect {where} --tune: leave it out")
 
 
 def _one_scene(

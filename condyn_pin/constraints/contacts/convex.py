@@ -50,8 +50,8 @@ class Convex(Shape):
         if inside:
             i = min(inside)
             raise InvalidArgument(
-                f"vertices[{i}] = {vertices[i]}: it is no corner of the hull of the others; a "
-                "convex solid is needed, and a mesh that is none is to be cut into convex parts"
+                f"vertices[{i}] = {vertices[i]}: it is not a corner of the convex hull; a "
+                "convex solid is needed, so split a concave mesh into convex parts"
             )
 
     @property

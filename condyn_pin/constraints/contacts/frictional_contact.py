@@ -30,7 +30,7 @@ from condyn_pin.errors import InvalidArgument, InvalidModel, UnsupportedConstrai
 
 @dataclass(frozen=True)
 class FrictionalContact(Contact):
-    """A part of a body that may touch a plane, stick to it, slide on it and leave it.
+    """A part of a body that may touch a plane, stick to it, slide on it, and leave it again.
 
     Parameters
     ----------
@@ -100,8 +100,8 @@ class FrictionalContact(Contact):
         if isinstance(self.on, Plane):
             if self.on_shape is not None:
                 raise InvalidArgument(
-                    f"on_shape = {shown(self.on_shape)}: it is what a frame carries; "
-                    "name the frame of a body with on=..."
+                    f"on_shape = {shown(self.on_shape)}: it is on a frame; "
+                    "name that frame of a second body with on=..."
                 )
             return
         if not isinstance(self.on, str) or not self.on:
@@ -110,11 +110,11 @@ class FrictionalContact(Contact):
             )
         if not isinstance(self.on_shape, Plane | Shape):
             raise InvalidArgument(
-                f"on_shape = {shown(self.on_shape)}: what {self.on!r} carries is needed, a Plane, "
+                f"on_shape = {shown(self.on_shape)}: the shape on {self.on!r} is needed: a Plane, "
                 "Ball, Capsule, Box or Convex"
             )
         if self.shape == self.on_shape == Point():
-            raise InvalidArgument("on_shape = Point(): points do not meet; one has to be a Ball")
+            raise InvalidArgument("on_shape = Point(): points never meet; make one a Ball")
 
     def bind(self, machine: Machine) -> BoundContact:
         """Return its contact points over the plane, or the pair of shapes."""
@@ -177,8 +177,8 @@ class FrictionalContact(Contact):
             return PointContact(self.frame, (x, y, z), name=name)
         if x or y or z:
             raise UnsupportedConstraint(
-                f"{name}: what is round rolls about the origin of a frame, and it is beside that "
-                f"of {self.frame!r}; give it a frame of its own, Robot.with_frame"
+                f"{name}: its centre has to be the origin of a frame, and is not that of "
+                f"{self.frame!r}; Robot.with_frame puts one there"
             )
         return RollingBall(self.frame, point.radius, self.on.normal, name=name)
 
@@ -186,7 +186,7 @@ class FrictionalContact(Contact):
         """Return nothing if all its candidates are open."""
         if modes is None or any(m != "open" for name, m in modes.items() if self.owns(name)):
             raise UnsupportedConstraint(
-                f"{self.name} is between two bodies: hold them with a Loop of your own"
+                f"{self.name} is between two bodies: hold them together with a Loop"
             )
         return ()
 

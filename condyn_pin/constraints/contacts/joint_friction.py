@@ -20,7 +20,9 @@ from condyn_pin.errors import InvalidArgument
 
 @dataclass(frozen=True)
 class JointFriction(Contact):
-    """Dry friction in a joint: it holds up to a torque, and slides against it: a row a coordinate.
+    """Dry friction in a joint: it sticks up to a torque, and opposes sliding with it.
+
+    It has one row per coordinate.
 
     Parameters
     ----------

@@ -23,7 +23,7 @@ _LONGER = 4
 
 @dataclass(frozen=True)
 class ADMM(ContactSolver):
-    """One linear system where no contact slides, else Pinocchio's ADMM, normalised; then others.
+    """Pinocchio's ADMM, normalised; one linear system if no contact slides, and others if it fails.
 
     Parameters
     ----------
@@ -45,10 +45,10 @@ class ADMM(ContactSolver):
     O(m r) with r the rank of G, by a method of ours (`condyn_pin.contact.low_rank`). Without a
     guess contacts that would close are first taken to stick, and the others to open
     (`condyn_pin.contact.sticking`): most steps of a robot on its feet have that answer, to
-    rounding, for a quarter of the time. What is tried, and named in the path, where the natural
-    residual is too large: some of the contacts, where few bodies have many; Newton from there; ADMM
-    without acceleration, or for longer; Newton from the other starts of `SemismoothNewton`. Newton
-    takes the place of ADMM on Pinocchio 3, where that has neither ccp nor dry friction of joints.
+    rounding, for a quarter of the time. If the natural residual is too large, these are tried, and
+    named in the path: a subset of the contacts, if few bodies have many; Newton from there; ADMM
+    without acceleration, or for longer; Newton from the other starts of `SemismoothNewton`. On
+    Pinocchio 3, whose ADMM has neither ccp nor dry friction of joints, Newton takes its place.
 
     References
     ----------

@@ -33,7 +33,7 @@ CONTACT_SOLVERS: dict[str, type[ContactSolver]] = {}
 
 
 class Attempt(NamedTuple):
-    """What a contact solver found, not yet proved."""
+    """What a contact solver found, not yet verified."""
 
     lam: Array  # (m,) [N s]
     iterations: int

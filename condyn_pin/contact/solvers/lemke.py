@@ -21,7 +21,7 @@ _STILL = 1e-9
 
 @dataclass(frozen=True)
 class Lemke(ContactSolver):
-    """Lemke's pivoting on a problem whose cones are polygons inside of the round ones.
+    """Lemke's pivoting method, with polygons inscribed in the round cones.
 
     w = A z + b >= 0,  z >= 0,  w . z = 0,    z = (l_n, beta, slip)
 
@@ -39,10 +39,10 @@ class Lemke(ContactSolver):
 
     Notes
     -----
-    It answers another problem than the other solvers: what slides is off by what the polygon is off
-    the circle, and the status says inaccurate. It is where to begin, when nothing else helps. Where
-    the polygons have no answer, the nearest is returned, and the attempt is not `answered`. Cost
-    O((m sides)^2) a pivot.
+    It solves a different problem from the other solvers: for sliding contacts it is off by the
+    difference between polygon and circle, and the status is inaccurate. It provides a starting
+    point when nothing else helps. If the polygonal problem has no solution, the nearest point is
+    returned, and the attempt is not `answered`. Cost O((m sides)^2) per pivot.
 
     References
     ----------

@@ -46,7 +46,7 @@ _CONVEX, _SAME = 100, 1e-6
 
 @dataclass(frozen=True)
 class SemismoothNewton(ContactSolver):
-    """Newton's method on the natural map, globalised: the reference of this room.
+    """Newton's method on the natural map, globalised: the reference among contact solvers.
 
     F(lam) = lam - P_K(lam - rho d(lam)) = 0,    rho = 1 of the normalised problem
 

@@ -22,7 +22,7 @@ _SAFE = 0.6
 
 @dataclass(frozen=True)
 class PGS(ContactSolver):
-    """Projected Gauss-Seidel: one contact after the other, round by round.
+    """Projected Gauss-Seidel: one contact after the other, in sweeps.
 
     lam_i <- P_K(lam_i - omega d_i / G_ii)
 
@@ -40,9 +40,9 @@ class PGS(ContactSolver):
 
     Notes
     -----
-    Only for an ncp: Pinocchio's has no other. Cost O(m^2) a round. Where masses are wide apart, or
-    contacts redundant, it takes thousands of them. Pinocchio 3's stops after the first one where
-    there is no friction at all.
+    Only for an ncp, as in Pinocchio. Cost O(m^2) per sweep. With large mass ratios or redundant
+    contacts it takes thousands of sweeps. That of Pinocchio 3 stops after the first one if there is
+    no friction at all.
 
     References
     ----------

@@ -103,7 +103,7 @@ class _Function:
         cones, _, intervals = problem.sets.parts
         t1, t2, n = R[cones].reshape(-1, 3).T
         if not np.allclose(t1, t2, rtol=_EPS, atol=0.0):
-            raise InvalidArgument("R: it differs along t1 and t2 of a cone; ADMM() takes that")
+            raise InvalidArgument("R: it differs along t1 and t2 of a cone; ADMM() can solve that")
         self.G, self.g, self.R, self.root = problem.G, problem.g, R, np.sqrt(R)
         # the same sets where the metric is the usual one
         self.sets = ContactSets(

@@ -44,7 +44,7 @@ _SMALLEST = 1e-6
 
 @dataclass(frozen=True)
 class ForceDistribution(ABC):
-    """What every criterion has.
+    """A criterion that chooses among contact forces; the base of all of them.
 
     Parameters
     ----------

@@ -16,7 +16,7 @@ from condyn_pin.dynamics.force import Sites, upward
 class CentredPressure(ForceDistribution):
     """Forces along the normals, with their centres of pressure in the middle of the contacts.
 
-    Small are forces in the plane of each contact, and moments about directions in it over the
+    It minimises the tangential forces of each contact, and its tipping moments divided by the
     larger half of its size. Points have no moments.
 
     Parameters

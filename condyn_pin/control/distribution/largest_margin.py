@@ -16,7 +16,7 @@ _GIVEN = 1e-6
 
 @dataclass(frozen=True)
 class LargestMargin(LeastNorm):
-    """The forces whose smallest margin to a cone is largest, and of these the smallest.
+    """The forces with the largest smallest margin to their cones, and of these the smallest.
 
     Parameters
     ----------

@@ -14,7 +14,7 @@ from condyn_pin.errors import InvalidArgument, unknown_name
 
 @dataclass(frozen=True)
 class AnyQP(QPSolver):
-    """A solver of the package qpsolvers, by its name there: to compare.
+    """Any solver of the package qpsolvers, by its name there; for comparison.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ _INFEASIBLE = -1  # among the flags of DAQP
 
 @dataclass(frozen=True)
 class DAQP(QPSolver):
-    """Dual active set with low-rank updates: exact, and the one for hierarchies.
+    """Dual active-set method with low-rank updates: exact, and used for hierarchies.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ _ROUGHER = 100.0
 
 @dataclass(frozen=True)
 class ProxQP(QPSolver):
-    """Proximal augmented Lagrangian with a warm start: dependent rows are no trouble.
+    """Proximal augmented Lagrangian with a warm start; it copes with dependent rows.
 
     Parameters
     ----------
@@ -29,8 +29,8 @@ class ProxQP(QPSolver):
 
     Notes
     -----
-    A call starts from the multipliers of the last one with the penalty of a first one: with the
-    penalty of the last one too, ProxSuite calls feasible programs infeasible.
+    A call starts from the multipliers of the last call, but with the initial penalty: with the
+    penalty of the last call ProxSuite reports feasible programs as infeasible.
 
     References
     ----------

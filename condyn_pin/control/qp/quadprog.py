@@ -13,7 +13,7 @@ from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
 
 @dataclass(frozen=True)
 class Quadprog(QPSolver):
-    """Goldfarb and Idnani's dual active set: without a parameter.
+    """The dual active-set method of Goldfarb and Idnani; it has no parameters.
 
     References
     ----------

@@ -63,7 +63,7 @@ class BoundTask:
 
 @dataclass(frozen=True)
 class Task(ABC):
-    """What every task has.
+    """A task of a controller; the base of all tasks.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class Tracking(Task):
             object.__setattr__(self, "kd", 2.0 * math.sqrt(self.kp))
         check_accuracy("kd", self.kd)  # type: ignore[arg-type]
         if self.a is not None and self.reference is not None:
-            raise InvalidArgument("a: it takes the place of a reference; leave one of them out")
+            raise InvalidArgument("a: give an acceleration or a reference, not both")
         if callable(self.reference):
             check_called("reference", self.reference, "t")
         elif self.reference is not None:

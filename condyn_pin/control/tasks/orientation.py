@@ -20,7 +20,7 @@ from condyn_pin.errors import InvalidArgument
 
 @dataclass(frozen=True)
 class Orientation(Tracking):
-    """A frame of the robot keeps its axes along some of the world: 3 rows.
+    """The orientation of a frame of the robot follows a reference: 3 rows.
 
     Parameters
     ----------
@@ -47,7 +47,7 @@ class Orientation(Tracking):
         if np.shape(reference) == (3, 3):
             R = finite("reference", reference, (3, 3))
             if fault := rotation_fault(R):
-                raise InvalidArgument(f"reference: it is no rotation: {fault}")
+                raise InvalidArgument(f"reference: it is not a rotation: {fault}")
             return tuple(pin.Quaternion(R).coeffs().tolist())
         fault = "reference: the quaternion (x y z w) is zero; use 0 0 0 1"
         return unit(floats("reference", reference, 4), fault)

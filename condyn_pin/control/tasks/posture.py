@@ -44,7 +44,7 @@ class Posture(Tracking):
         if self.reference is not None and (
             self.posture is not None or not callable(self.reference)
         ):
-            raise InvalidArgument("reference: a function of t, in place of a posture")
+            raise InvalidArgument("reference: it has to be a function of t, without a posture")
         if self.posture is not None and not isinstance(self.posture, str):
             q = finite("posture", self.posture, np.shape(self.posture))
             object.__setattr__(self, "posture", tuple(q.tolist()))
@@ -60,7 +60,7 @@ class Posture(Tracking):
         chosen = robot.actuated if self.joints is None else self.joints
         joints = checked("joints", chosen, robot.joints, "joint")
         if not joints:
-            raise InvalidArgument(f"joints: {robot.name} names no joint with a motor; name some")
+            raise InvalidArgument(f"joints: {robot.name} names no motors: pass joints=[...]")
         columns = indices(robot.model, joints)[1]
         J, some = np.eye(robot.nv)[columns], entries(columns)
 

@@ -20,10 +20,10 @@ if TYPE_CHECKING:
 
 
 class Derivatives(ABC):
-    """The derivatives of an answer, as `condyn_pin.derivatives` returns them.
+    """The derivatives of accelerations and constraint forces, as returned by `derivatives`.
 
-    Columns are tangent: those by q belong to ``pin.integrate(model, q, dq)``. The six matrices are
-    formed when one of them is asked for; `jvp` and `vjp` do without.
+    Columns are tangent: those for q belong to ``pin.integrate(model, q, dq)``. The six matrices are
+    formed when one of them is accessed; `jvp` and `vjp` do without.
 
     Attributes
     ----------

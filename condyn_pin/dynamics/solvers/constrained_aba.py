@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ConstrainedABA(ArticulatedSolver):
-    """Articulated body recursion of bodies that are held at the world.
+    """Articulated-body recursion for bodies that are held to the world.
 
     A method of multipliers, in which a contact that lacks r = J a + gamma - a_ref is pushed back by
     r / mu, an inertia K K^T / mu at its body:

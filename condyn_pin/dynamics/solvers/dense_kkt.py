@@ -49,8 +49,8 @@ class DenseKKT(Solver):
     -----
     Cost O((n + m)^3); Bunch-Kaufman pivoting, one call of LAPACK's dsysv. The matrix is scaled
     first, by the diagonal of M and the rows of J at the nominal state, so that neither units nor
-    light bodies look like a singularity. How close it is to one is seen by random right-hand sides
-    that are solved beside the one that is asked for: with x of unit variance,
+    light bodies look like a singularity. How close it is to a singularity is estimated by solving
+    for random right-hand sides as well: with x of unit variance,
 
         E |K^-1 x|^2 = |K^-1|_F^2.
 

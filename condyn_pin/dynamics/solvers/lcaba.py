@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class LCABA(ArticulatedSolver):
-    """Articulated body recursion with the constraints carried up the tree.
+    """Articulated-body recursion that carries the constraints up the tree.
 
     The proximal iteration of `Proximal`, without forming G: the constraints enter the articulated
     inertias with weight 1/mu. Linear in the number of joints for constraints to the world.

@@ -95,8 +95,9 @@ class Proximal(Solver):
 
     Notes
     -----
-    A hinge, an edge and a planar pin are points to Pinocchio, which is exact on closed loops. Where
-    they are open by more than 1e-11 m, or slip by 1e-11 m/s, the answer is that of `NullSpace`.
+    Pinocchio represents a hinge, an edge and a planar pin by points, which is exact on closed
+    loops. If they are open by more than 1e-11 m, or their velocity error exceeds 1e-11 m/s, the
+    answer is that of `NullSpace`.
 
     Cost O(n d^2 + m^2 d) with d the depth of the tree; `condyn bench` measures it.
 

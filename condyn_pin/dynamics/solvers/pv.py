@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class PV(Solver):
-    """Articulated bodies that take the rows of their contacts along, up to the world.
+    """Popov-Vereshchagin recursion: articulated bodies carry the rows of contacts to the root.
 
     What arrives there is G = J M^-1 J^T and c = J a_free + gamma - a_ref. The proximal iteration
     of `Proximal` finds the forces,

@@ -172,7 +172,7 @@ def inverse_inertias(workspace: Workspace) -> Array:
         whitened = whiten(M, J)
         if whitened is None:
             raise InvalidModel(
-                f"Soft weighs its rows where MuJoCo starts: {massless_motion(model, q)}"
+                f"Soft needs M at MuJoCo's initial configuration: {massless_motion(model, q)}"
             )
         return np.array(whitened[2].diagonal())
 

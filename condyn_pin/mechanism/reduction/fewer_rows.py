@@ -42,9 +42,9 @@ _FLAT = 1e-6  # singular values of the points' spread below this, relative to th
 def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
     """Return the scene with the points on each frame merged into an edge or a surface: exact.
 
-    Only points without an anchor: they say nothing about where the body is, so nothing is lost.
-    The merged contact has the name of the frame, or ``frame/edge``, an edge being on a new
-    frame; with a number behind it if that name is another's.
+    Only points without an anchor are merged: they do not fix the position, so nothing is lost. The
+    merged contact has the name of the frame, or ``frame/edge`` for an edge, which gets a new frame;
+    if the name is taken, a number is appended.
 
     Parameters
     ----------
@@ -130,7 +130,7 @@ def _is_at(robot: Robot, frame: str, place: tuple[int, Any]) -> bool:
 
 
 def as_planar(scene: Scene, name: str) -> ReducedScene:
-    """Return the scene in which a ball loop says nothing across the plane of its linkage.
+    """Return the scene with a ball loop made planar, without its row across the plane.
 
     Exact: of the three rows of such a ball, two are independent.
 

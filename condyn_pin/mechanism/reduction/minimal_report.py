@@ -37,7 +37,7 @@ class ReductionStep:
 
 @dataclass(frozen=True)
 class Minimal:
-    """The smaller scene, and what it costs and brings.
+    """The smaller scene, its error, and its speed.
 
     Attributes
     ----------

@@ -31,7 +31,7 @@ from condyn_pin.model.robot import Robot
 
 @dataclass(frozen=True, kw_only=True)
 class ReducedScene(Scene):
-    """A scene made smaller: it knows the one that it comes from.
+    """A smaller scene that knows the scene it was made from.
 
     Attributes
     ----------
@@ -77,8 +77,9 @@ class ReducedScene(Scene):
     def expand_state(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
         """Return (q, v) of the full scene from those of this one.
 
-        Locked joints stand still; joints of bodies that were cut off are found from the loops. What
-        these leave open, such as the spin of a rod about itself, keeps its nominal value, at rest.
+        Locked joints stand still; joints of bodies that were cut off are found from the loops.
+        Whatever the loops do not determine, such as the spin of a rod about itself, keeps its
+        nominal value, at rest.
 
         Raises
         ------

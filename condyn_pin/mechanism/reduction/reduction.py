@@ -115,7 +115,7 @@ def without(scene: Scene, names: Sequence[str]) -> ReducedScene:
 def without_bodies(scene: Scene, joints: Sequence[str]) -> ReducedScene:
     """Return the scene without the bodies that hang on some joints, their mass included.
 
-    What hangs on these bodies goes with them, and the constraints that are fixed to them.
+    Bodies further out go with them, and so do the constraints that are fixed to them.
 
     Parameters
     ----------

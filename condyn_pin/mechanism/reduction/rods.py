@@ -66,7 +66,7 @@ class _Rod:
 def rods_as_distances(
     scene: Scene, joints: Sequence[str], *, mass: RodMass = "ends"
 ) -> ReducedScene:
-    """Return the scene in which rods are one row each: the distance of their two ends.
+    """Return the scene with each rod replaced by one row: the distance of its two ends.
 
     Parameters
     ----------

@@ -106,8 +106,8 @@ def simulate_batch(
 
     Notes
     -----
-    Cost: that of the steps, divided by the workers, and half a millisecond a motion; two where
-    contacts are anchored anew. Events, and effects that are off, only `simulate` has.
+    Cost: that of the steps, divided by the workers, and half a millisecond per motion, or two if
+    contacts have to be anchored. Only `simulate` has events, and can switch effects off.
     """
     begun = perf_counter()
     function = TAU if callable(TAU) else None

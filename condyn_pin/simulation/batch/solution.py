@@ -59,8 +59,8 @@ class BatchSolution(Outcome, Batch[Solution]):
     Notes
     -----
     ``batch[i]`` is the `Solution` of state i, and iterating gives all of them; ``batch[2:4]`` and
-    ``batch[batch.failed]`` are batches of some. Rows that are not ok are in the arrays like all
-    others, NaN where there is no answer: `failed` has their indices.
+    ``batch[batch.failed]`` are batches of some. The arrays include rows that are not ok, with NaN
+    where there is no answer; `failed` has their indices.
     """
 
     scene: Scene

@@ -137,9 +137,9 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
 
     Notes
     -----
-    Printing it names the motions that are not ok. Of samples that were kept, ``batch[i]`` is the
-    `Trajectory` that `simulate` returns, to the bit, but for its wall time: with energies, gaps,
-    forces, notices, and why it ended. `NotRecorded` says of others why there is none.
+    Printing it names the motions that are not ok. If samples were recorded, ``batch[i]`` is the
+    `Trajectory` that `simulate` returns, bit for bit except for its wall time, with energies, gaps,
+    forces, notices, and why it ended. Otherwise it raises `NotRecorded`, which says why.
     ``batch[2:4]`` and ``batch[batch.failed]`` are batches of some.
     """
 

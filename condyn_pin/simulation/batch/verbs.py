@@ -105,9 +105,9 @@ def solve_batch(
 
     Notes
     -----
-    Cost: that of N solves, divided by the workers. A worker makes its workspace when it meets a
-    scene and solver first, and keeps it for later chunks and calls. Processes of this machine read
-    and write arrays in shared memory (Linux); other workers are sent copies of their rows.
+    Cost: that of N solves, divided by the workers. A worker builds its workspace when it first gets
+    a scene and solver, and keeps it for later chunks and calls. Processes on this machine read and
+    write arrays in shared memory (Linux); other workers are sent copies of their rows.
     """
     start = perf_counter()
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)

@@ -21,12 +21,12 @@ from condyn_pin.simulation.system import System
 
 @dataclass(frozen=True)
 class Anitescu(ContactScheme):
-    """The step of `StewartTrinkle` as a convex problem, which always has an answer.
+    """The step of `StewartTrinkle` as a convex problem, which always has a solution.
 
     min over lam in K of 1/2 lam^T G lam + g^T lam,    K* contains sigma = G lam + g
 
-    What sticks does so exactly. What slides lifts off with mu |sigma_t|: contacts that begin to
-    slide fast hop, by the same height at any dt.
+    It is exact for sticking contacts. A sliding contact lifts off with mu |sigma_t|: contacts that
+    start to slide fast hop, by the same height at any dt.
 
     Parameters
     ----------

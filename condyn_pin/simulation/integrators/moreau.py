@@ -17,13 +17,13 @@ from condyn_pin.simulation.system import System
 
 @dataclass(frozen=True)
 class Moreau(ContactScheme):
-    """Velocities and impulses only, at the configuration in the middle of the step.
+    """Moreau's time stepping, on velocities and impulses, at the midpoint of the step.
 
     q_m = q (+) dt v / 2,    contacts with a gap <= 0 there take part,
     g_n = J_n v_free + e J_n v,    q+ = q (+) dt (v + v+) / 2
 
-    Contacts rebound by Newton's law, all in the same instant: where several touch, as in Newton's
-    cradle, other laws of impact give other velocities. While no contact opens, closes or slides, a
+    Contacts rebound by Newton's law, all in the same instant; if several touch, as in Newton's
+    cradle, other impact laws give other velocities. While no contact opens, closes or slides, a
     step is of second order, and exact in a constant field where M is constant. A penetration, up to
     dt v / 2 at an impact, is not pushed out.
 

@@ -20,7 +20,7 @@ from condyn_pin.simulation.system import System
 
 @dataclass(frozen=True)
 class StewartTrinkle(ContactScheme):
-    """A step in which nothing penetrates and nothing rebounds: the default with contacts.
+    """Time stepping without penetration and rebound: the default with contacts.
 
     g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + (s + 0.2 gap) / dt  (gap < 0)
     q+  = q (+) dt v+,    s = gap(q (+) dt v) - gap - dt J_n v

@@ -30,7 +30,7 @@ _GOOD_ENOUGH = 100 * tolerances.CONTACT_POLISHED
 
 @dataclass(frozen=True)
 class ActiveSet(LawRoute):
-    """The derivatives of the step itself, each contact in the mode that it has.
+    """The derivatives of the step itself, with each contact in its present mode.
 
     open   lam = 0
     stick  sigma = 0
@@ -42,9 +42,10 @@ class ActiveSet(LawRoute):
 
     Notes
     -----
-    Exact, and one-sided where a contact is about to change its mode. A contact that sticks has no
-    slope in the directions that it holds, however near it is to slipping, and one that closes
-    within the step has that of the time step, not of the time of the impact: `EventLocated` has it.
+    Exact, and one-sided if a contact is about to change its mode. A sticking contact has zero
+    derivatives in the directions that it holds, however near it is to slipping. For a contact that
+    closes within the step, the derivative is that of the time step and not of the time of impact,
+    which `EventLocated` includes.
 
     References
     ----------

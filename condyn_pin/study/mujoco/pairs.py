@@ -62,7 +62,7 @@ def pairs_of(
             )
     if spare:
         raise InvalidModel(
-            f"the MuJoCo model has joints that {robot.name} has not: {listed(spare)}; name them in "
+            f"the MuJoCo model has joints that {robot.name} lacks: {listed(spare)}; name them in "
             "without=[...], and they stay where they are"
         )
     paired = tuple(
