@@ -23,7 +23,7 @@ from condyn_pin.simulation.routes.base import Route
 
 @dataclass(frozen=True)
 class Action:
-    """One step of a scene, for optimisers of motions; a frozen value.
+    """One step of a scene, for trajectory optimisers; a frozen value.
 
     x+ = f(x, u),    x = (q, v),    tau = B u,    dx+ = Fx dx + Fu du
 

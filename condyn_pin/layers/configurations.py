@@ -97,7 +97,7 @@ class Configurations:
 
 
 def tangent_gradient(robot: Robot, q: ArrayLike, gradient: ArrayLike) -> Array:
-    """Return what a gradient by the numbers of q is in the tangent.
+    """Convert a gradient with respect to the numbers of q into the tangent space.
 
     g_v = D(q)^T g_q,    q' = D(q) v
 

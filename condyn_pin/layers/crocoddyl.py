@@ -9,7 +9,7 @@ from condyn_pin.layers.action import Action
 
 
 def crocoddyl_action(action: Action, costs: Any) -> Any:
-    """Return an action as crocoddyl's optimisers have it.
+    """Return an action as a crocoddyl action model.
 
     x+ = f(x, u),    l = dt costs(x, u);    at the end of a motion  l = costs(x)
 

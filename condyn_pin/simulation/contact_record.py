@@ -40,7 +40,7 @@ class ContactRecord:
 
     @property
     def work(self) -> Array:
-        """Work of friction and impacts since the start (k,) [J]; they only take."""
+        """Work of friction and impacts since the start (k,) [J]; never positive."""
         return self.columns[:, 1]
 
     @property
@@ -50,7 +50,7 @@ class ContactRecord:
 
     @property
     def algorithmic(self) -> Array:
-        """What impulses gave against the laws of contact since the start (k,) [J]."""
+        """Energy that impulses added against the contact laws since the start (k,) [J]."""
         return self.columns[:, 3]
 
     @property

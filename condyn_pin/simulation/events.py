@@ -24,7 +24,7 @@ from condyn_pin.simulation.system import NO_TOUCH, System
 
 @dataclass(frozen=True, eq=False)
 class Snapshot:
-    """A snapshot of the motion, as the condition of an event sees it.
+    """The state of a motion at one instant, passed to the condition of an event.
 
     Attributes
     ----------

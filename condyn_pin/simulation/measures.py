@@ -77,7 +77,7 @@ class Energy:
 
     @property
     def error(self) -> Array:
-        """What the total has changed by that no work explains (k,) [J]."""
+        """Change of the total energy that no work accounts for (k,) [J]."""
         total = self.total
         done = self.work + self.damping + self.impacts + self.driven
         done = done + self.contact + self.correction + self.algorithmic

@@ -33,13 +33,13 @@ from condyn_pin.simulation.trajectory import Trajectory
 
 @dataclass(frozen=True, eq=False, repr=False)
 class MotionBalance:
-    """Centre of mass, pressure and points of capture along a motion, in the axes of the world.
+    """Centre of mass, centre of pressure and capture point along a motion, in world axes.
 
-    A contact that may let go counts while it sticks or slides, and beside such a one while it is on
-    its plane: which corners of a flat foot carry it is not determined, and one without a force is
-    an edge of the support as well. One on another body of the robot does not count. What does not
-    exist at a sample is NaN: in flight and on what is not one plane all but the centre of mass, and
-    the centre of pressure where nothing presses.
+    A contact that may let go counts while it sticks or slides; so does one next to it that is on its
+    plane without a force: it is unknown which corners of a flat foot carry the load, and all are
+    edges of the support. A contact on another body of the robot does not count. Quantities that are
+    not defined at a sample are NaN: in flight, and if the contacts do not lie in one plane, all but
+    the centre of mass; and the centre of pressure of a contact without load.
 
     Attributes
     ----------
@@ -77,7 +77,7 @@ class MotionBalance:
 
 
 def motion_balance(trajectory: Trajectory) -> MotionBalance:
-    """Return where a robot presses on the floor along a motion, and where it was about to fall.
+    """Return centre of pressure, capture point and stability margins along a motion.
 
     Parameters
     ----------

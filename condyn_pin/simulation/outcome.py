@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, kw_only=True)
 class Effects:
-    """Which of the effects that a robot's model describes are on.
+    """Which effects of a robot's model are on: gravity, springs, damping, armature.
 
     Parameters
     ----------

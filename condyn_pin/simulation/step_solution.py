@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class StepSolution:
-    """The state after one step, the impulses in it, and what they leave of each law.
+    """The state after one step, its impulses, and their residual in each law.
 
     M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,
     J_b v+ = -dt gamma / 2,    sigma = G lam + g

@@ -17,7 +17,7 @@ from condyn_pin.errors import InvalidArgument
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Switch:
-    """What a change of constraints does.
+    """The effect of a change of constraints: the new velocity, and the impact.
 
     Attributes
     ----------
@@ -59,10 +59,10 @@ def switch(
     *,
     restitution: Restitution = 0.0,
 ) -> Switch:
-    """Return the velocity with which a robot goes on when its constraints change.
+    """Return the velocity of a robot just after its constraints change.
 
-    Touch-down is an impact of all constraints of the second scene, so that what was closed stays
-    closed. Lift-off changes no velocity.
+    A touch-down is an impact of all constraints of the second scene, so closed constraints stay
+    closed. A lift-off does not change the velocity.
 
     Parameters
     ----------

@@ -34,8 +34,9 @@ def sample_batch(
 ) -> tuple[Array, Array]:
     """Return n random states that satisfy the constraints, a row each.
 
-    Row i is ``scene.sample(rng.spawn(n)[i])``: each state has a stream of its own, so that the
-    states do not depend on who draws them. A second call with the same generator gives others.
+    Row i is ``scene.sample(rng.spawn(n)[i])``: each state has its own random stream, so the states
+    do not depend on which process draws them. A second call with the same generator gives different
+    states.
 
     Parameters
     ----------

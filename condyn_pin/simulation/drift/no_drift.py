@@ -10,10 +10,10 @@ from condyn_pin.constraints.drift import Drift
 
 @dataclass(frozen=True)
 class NoDrift(Drift):
-    """J a + gamma = 0 and nothing else: what a step leaves open stays open.
+    """No correction: J a + gamma = 0 alone, so gaps stay open.
 
-    Right for integrators that satisfy the constraints themselves. With the others c grows like
-    t^2 with high orders, and like t with the first order.
+    For integrators that satisfy the constraints themselves. With others c grows like t^2 for high
+    orders, and like t for order 1.
     """
 
     title: ClassVar[str] = "none"

@@ -13,14 +13,14 @@ from condyn_pin.simulation.system import System
 
 @dataclass(frozen=True)
 class PostStabilization(Drift):
-    """One correction of position and velocity, with one factor for both.
+    """One correction of position and velocity per step, with one factorisation for both.
 
     q <- integrate(q, -W^-1 J^T G^+ c),    v <- v - W^-1 J^T G^+ J v,    G = J W^-1 J^T
 
-    What one Newton step leaves, the square of the gap, is left to the next one. The acceleration
-    that belongs to the state before the correction is taken for that after it: they differ by the
-    error of one step of the integrator. So with `Proximal` in the metric of M a step costs no
-    solve more than without any drift control.
+    What one Newton step leaves, of the order of the square of the gap, is left to the next step.
+    The acceleration of the state before the correction is used for the state after it: they differ
+    by the error of one step of the integrator. So with `Proximal` in the metric of M a step costs
+    no more solves than without drift control.
 
     Parameters
     ----------

@@ -23,13 +23,13 @@ _MOST_STEPS = 8
 
 @dataclass(frozen=True)
 class Projection(Drift):
-    """The nearest state on the constraints, by Newton's method, where a gap has opened.
+    """Projection onto the nearest state that satisfies the constraints, by Newton's method.
 
     q <- integrate(q, -W^-1 J^T G^+ c),    v <- v - W^-1 J^T G^+ J v,    G = J W^-1 J^T
 
-    Gaps are looked at after every step and closed where they exceed `tolerance`. With `Proximal`
-    in the metric of M the look costs next to nothing: it reads what the solve that the next step
-    begins with has left behind, and one more solve is made only where something was to close.
+    Gaps are checked after every step and closed if they exceed `tolerance`. With `Proximal` in the
+    metric of M the check costs next to nothing: it uses the first solve of the next step, and
+    another solve is made only if something has to be closed.
 
     Energy is not kept: it drifts with the errors of the integrator, as it does without
     constraints. In the metric of M, the velocity part never raises the kinetic energy.

@@ -69,7 +69,7 @@ class Stepper:
 
 
 class Integrator(ABC):
-    """A way from one time to the next; a frozen value."""
+    """A time-stepping method; a frozen value."""
 
     title: ClassVar[str]
     symplectic: ClassVar[bool] = False

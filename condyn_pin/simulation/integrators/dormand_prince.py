@@ -28,7 +28,7 @@ _FAR = 1.0
 
 @dataclass(frozen=True)
 class DormandPrince(Integrator):
-    """Steps as small as the tolerances ask for; dt is only how often the state is handed out.
+    """Adaptive steps, as small as the tolerances require; dt is only the sampling interval.
 
     Within dt the state is (theta, v), q = integrate(q0, theta), as in `RungeKutta4`, from another
     q0 once a body has turned by a radian. The size of a substep is remembered from one dt to the
@@ -36,9 +36,9 @@ class DormandPrince(Integrator):
     With drift control by `Baumgarte` its gains count as fast motion once the tolerances are finer
     than the drift.
 
-    A substep ends at every dt, where drift schemes and events look at the state: samples are states
-    of the method, not interpolated ones. So a dt shorter than the substeps that the tolerances ask
-    for costs what it says: 13 solves each with method 8, 7 with method 5.
+    A substep ends at every dt, where drift schemes and events evaluate the state, so samples are
+    not interpolated. A dt shorter than the substeps that the tolerances require therefore costs
+    more: 13 solves per dt with method 8, 7 with method 5.
 
     Parameters
     ----------

@@ -22,17 +22,17 @@ _INNER = (RungeKutta4, DormandPrince, StormerVerlet, ExplicitEuler)
 
 @dataclass(frozen=True)
 class EventDriven(Integrator):
-    """Contacts at their own times: each impact, lift-off, slip and stick is located.
+    """Event-driven contact: each impact, lift-off, slip and stick is located in time.
 
     M a + h = tau + J_b^T l_b + (J_n - mu s J_t)^T l_n + J_s^T l_s,
     J_b a + gamma = 0,    sigma_n' = 0 of what presses,    sigma_s' = 0 of what sticks
 
     with s the direction of what slides. The order is that of the integrator between events, and
     across them too: they are found where a gap, a normal force, the margin to the friction cone or
-    a speed of slip is zero. What goes on then is the answer of a contact problem: of impulses with
-    Newton's restitution where contacts approach, of accelerations where they do not; where no
-    acceleration holds what slides (Painlevé), of impulses again, a shock. The events are in
-    `Trajectory.run.happened`, with modes and impulses; every one begins a phase of its own.
+    a speed of slip is zero. The next modes solve a contact problem: in impulses, with Newton's
+    restitution, if contacts approach, and in accelerations if they do not; if no acceleration
+    exists (Painlevé), in impulses again, a shock. The events are in `Trajectory.run.happened`, with
+    modes and impulses; each one begins a new phase.
 
     Parameters
     ----------
@@ -47,14 +47,15 @@ class EventDriven(Integrator):
 
     Notes
     -----
-    It sees contacts at the ends of its steps: what touches and leaves again within one is missed.
-    Planes are taken, of the world and of bodies, with stops and dry friction of joints; shapes that
-    meet shapes are refused. Springs and damping act as forces: where they are stiff, dt has to be
-    small. What sticks is held by its velocity, closed to rounding behind each segment.
+    Contacts are detected at the ends of steps: one that touches and leaves within a step is missed.
+    It accepts planes, of the world and of bodies, joint stops and dry friction; contacts between
+    two moving shapes are refused. Springs and damping act as explicit forces: if they are stiff, dt
+    has to be small. Sticking contacts are held at the velocity level, and closed to rounding after
+    each segment.
 
-    Where redundant contacts slide Coulomb's law leaves their loads open: they change as little as
-    they can. Every step takes about eight solves, an event some ten more; robots whose feet rattle
-    have thousands of events a second, and are better off with `StewartTrinkle`.
+    If redundant contacts slide, Coulomb's law does not determine their loads: they change as little
+    as possible. Every step takes about eight solves, an event about ten more. Robots whose feet
+    rattle have thousands of events per second, and are better simulated with `StewartTrinkle`.
 
     References
     ----------

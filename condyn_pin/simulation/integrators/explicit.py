@@ -14,7 +14,7 @@ from condyn_pin.simulation.system import System
 
 @dataclass(frozen=True)
 class ExplicitEuler(Integrator):
-    """The simplest step: an oscillation gains energy at any dt.
+    """The simplest method; oscillations gain energy at any dt.
 
     v1 = v0 + dt a(t0, q0, v0),    q1 = integrate(q0, dt v0)
 
@@ -101,8 +101,8 @@ class StormerVerlet(Integrator):
     v_h = v0 + dt/2 a(t0, q0, v0),      q1 = q0 exp(dt v_h)
     v1  = v_h + dt/2 a(t1, q1, v_h + dt/2 a(t0, q0, v0))
 
-    Symplectic only where M and the forces do not depend on v, as for particles; `Rattle` is where
-    they do.
+    Symplectic only if M is constant and forces do not depend on v, as for particles; otherwise use
+    `Rattle`.
 
     References
     ----------
@@ -131,7 +131,7 @@ class StormerVerlet(Integrator):
 
 @dataclass(frozen=True)
 class Leapfrog(Integrator):
-    """Order 2 for one solve a step, with the acceleration at the start of the step before.
+    """Order 2 with one solve per step, using the acceleration at the start of the previous step.
 
     a0 = a(t0, q0, v0),    v_h = v0 + dt (a0 - a_before / 2),    q1 = integrate(q0, dt v_h)
     v1 = v0 + dt (3 a0 - a_before) / 2 = v_h + dt a0 / 2

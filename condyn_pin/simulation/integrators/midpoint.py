@@ -61,7 +61,7 @@ class ImplicitMidpoint(Integrator):
 
 @dataclass(frozen=True)
 class LinearlyImplicitMidpoint(Integrator):
-    """Order 2 for one solve a step, however stiff springs and damping are.
+    """Order 2 with one solve per step, however stiff springs and damping are.
 
     v_m = v0 + dt/2 a_before,    q_m = q0 exp(dt/2 v_m)
     (M + dt/2 D + dt^2/4 K) (a_m - a_before) = f(t0 + dt/2, q_m, v_m) - M a_before + J^T lam
@@ -74,9 +74,9 @@ class LinearlyImplicitMidpoint(Integrator):
     step has two iterations, and begins with zero: of an a(t0, q0, v0) that stiff damping ends at
     once, dt/2 would be a velocity that nothing has.
 
-    Torques of a function are springs and dampers once their derivatives are known: those that come
-    with it, or differences where it is stiff at the start. Else it follows them up to
-    omega dt = 1.4, which it damps a little, and d dt = m. With `Baumgarte` a step is one solve; a
+    A torque function counts as springs and dampers if its derivatives are known: those that you
+    pass, or differences if it is stiff at the start. Otherwise it follows the function up to omega
+    dt = 1.4, which it damps a little, and d dt = m. With `Baumgarte` a step is one solve; a
     projection needs another one at its end.
 
     References

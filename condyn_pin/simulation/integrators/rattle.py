@@ -52,10 +52,10 @@ class Rattle(Integrator):
         q1  = q0 exp(dt/2 (M0^-1 p_h + M1^-1 p_h)),    c(q1) = 0
         p1  = p_h + dt/2 (f(q1, M1^-1 p_h) + J1^T mu), J1 M1^-1 p1 = 0
 
-    Symplectic for coordinates that add up, and symmetric also on free-flyers and balls: the energy
-    of a conservative system swings about a constant for as long as one looks. Implicit where M
-    depends on q: an iteration, which asks that dt |v| is small. Damping of joints may be stiff, for
-    half of it stands on the left; springs ask for dt sqrt(k / I) < 2, as in Verlet's method.
+    Symplectic in vector-space coordinates, and symmetric also on free-flyers and balls: the energy
+    of a conservative system oscillates about a constant for arbitrarily long times. Implicit if M
+    depends on q: the iteration requires that dt |v| is small. Joint damping may be stiff, because
+    half of it is implicit; springs require dt sqrt(k / I) < 2, as in Verlet's method.
 
     References
     ----------

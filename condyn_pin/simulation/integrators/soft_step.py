@@ -29,13 +29,13 @@ from condyn_pin.simulation.system import System
 
 @dataclass(frozen=True)
 class SoftStep(ContactScheme):
-    """A convex step with springs and dampers in the contacts, as MuJoCo takes it.
+    """A convex step with springs and dampers in the contacts, like MuJoCo's.
 
     K* contains sigma = (G + R) lam + dt (J a_free - a_ref),    R = (1 - d) / d G_nn,
     a_ref = -b J v - k gap  along the normal,    -b J v  across it
 
-    What rests sinks in a little, what sticks creeps, and what slides lifts off: the answer of
-    `Anitescu` that gives way. MuJoCo takes for G_nn what the centre of mass of the body feels at
+    Resting bodies sink in a little, sticking ones creep, and sliding ones lift off: a compliant
+    version of `Anitescu`. MuJoCo takes for G_nn what the centre of mass of the body feels at
     the first posture, w = `body_invweight0`; here it is that of the contact in the step. Of a box
     it is 5.6 w, which rests 0.46 mm deep here and 0.11 mm there; with the impedances
     d / (d + (1 - d) w / G_nn) in `solimp` both are as deep. J' v is left out, which MuJoCo does not

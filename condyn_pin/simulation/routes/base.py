@@ -46,7 +46,7 @@ ROUTES: dict[str, type[Route]] = {}
 
 @dataclass(frozen=True)
 class Route(ABC):
-    """A way to the derivatives of a step whose contacts open, stick and slide; a frozen value."""
+    """A method to differentiate a step whose contacts open, stick and slide; a frozen value."""
 
     title: ClassVar[str]  # what tables show
     cost: ClassVar[str]

@@ -42,19 +42,19 @@ _SHARE: Final = 1e-4
 
 @dataclass(frozen=True)
 class EventLocated(Route):
-    """The derivatives of a step whose impacts happen at their own times: saltation matrices.
+    """The derivatives of a step with impacts located in time: saltation matrices.
 
     x+ = flow(dt - s) o impact o flow(s),    gap(s) = 0,    ds = -(J_n dq) / (J_n v)
 
     The step is cut where a gap closes. On both sides contacts keep what they are, open or at rest,
     by steps of `Moreau`; at the cut they rebound by Newton's law, with friction. The time of the
-    cut depends on the start, which no step of fixed length knows: a ball that bounces once, its
-    height after it by the height of its fall, has a slope that is wrong at every dt otherwise.
+    cut depends on the start, which a step of fixed length ignores: otherwise the height of a ball
+    after one bounce has a wrong derivative with respect to its initial height, at every dt.
 
     Notes
     -----
-    The end is not that of the scheme, which rebounds before or behind the impact. What bounces more
-    than eight times within a step rests from there on.
+    The end differs from that of the scheme, which rebounds before or after the true impact. A
+    contact that bounces more than eight times within a step rests from then on.
 
     References
     ----------

@@ -52,14 +52,14 @@ class _Hovering(Moreau):
 
 @dataclass(frozen=True)
 class Kappa(LawRoute):
-    """The derivatives of a step whose contacts obey a smooth law, near to Coulomb's by kappa.
+    """The derivatives of a step with a smooth contact law, near to Coulomb's by kappa.
 
     lam_n sigma_n = k,    mu lam_n eta + lam_t . sigma_t = k,    mu lam_n sigma_t + eta lam_t = 0
     k = kappa (m g dt) (g dt)
 
-    with eta > 0 and lam within its cone: where interior point methods for Coulomb's law pass on
-    their way to k = 0. Contacts push a little before they touch, and creep before they slip; where
-    the step has kinks, the slopes go over from one side to the other.
+    with eta > 0 and lam within its cone: the central path of interior-point methods for Coulomb's
+    law, which ends at k = 0. Contacts push a little before they touch, and creep before they slip;
+    where the step has a kink, the derivative changes smoothly from one side to the other.
 
     Parameters
     ----------
@@ -69,8 +69,8 @@ class Kappa(LawRoute):
 
     Notes
     -----
-    The step that is differentiated has other impulses than the one that was taken: `q` and `v` of
-    the result are its own end. No mode is needed, and there is a slope everywhere. What rests is
+    The differentiated step has different impulses from the step that was taken: `q` and `v` of the
+    result are its own end. It needs no modes, and has derivatives everywhere. What rests is
     kappa g dt^2 above the floor; `Moreau`, whose contacts take part at a gap of zero, has them take
     part up to a hundred times that, and sigma_n is gap / dt more.
 

@@ -24,7 +24,7 @@ from condyn_pin.simulation.routes.varied_steps import VariedSteps
 
 @dataclass(frozen=True)
 class Randomised(Route):
-    """The slope of a step that is smoothed by noise, from its ends alone: of zeroth order.
+    """The derivative of a step smoothed by noise, from samples of its end: a zeroth-order method.
 
     D = E[y(x + sigma e) e^T] / sigma,    e normal,    y the end of the step
 
@@ -45,8 +45,8 @@ class Randomised(Route):
 
     Notes
     -----
-    Kinks and jumps count with the share of the samples that meets them: an impact that comes
-    earlier or later within the step is seen, if sigma reaches so far. Variance falls with the
+    Kinks and jumps count in proportion to the samples that cross them: an impact earlier or later
+    within the step has an effect, if sigma reaches that far. Variance falls with the
     number of samples, bias with sigma. Where loops constrain q, noise is along them.
 
     References

@@ -26,7 +26,7 @@ from condyn_pin.simulation.routes.law import Law
 
 @dataclass(frozen=True)
 class Softened(LawRoute):
-    """The derivatives of the same step with springs and dampers in its contacts, as MuJoCo's.
+    """The derivatives of the same step with springs and dampers in its contacts, like MuJoCo's.
 
     lam = P_K(lam - rho sigma),    sigma = (G + R) lam + g
     dlam = P' (dlam - rho dsigma) + P_mu dmu
@@ -43,8 +43,8 @@ class Softened(LawRoute):
 
     Notes
     -----
-    Contacts that have not closed have no part in it. Stiff contacts have steep slopes: beside
-    the time of an impact they are noise.
+    Contacts that have not closed play no part. Stiff contacts have large derivatives, which near
+    the time of an impact are mere noise.
 
     References
     ----------

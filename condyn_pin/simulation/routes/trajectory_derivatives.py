@@ -189,8 +189,8 @@ def trajectory_derivatives(
 
     Notes
     -----
-    The motion is taken again, by the steps of the route. Cost: `Route.cost` a step in each sweep,
-    and twice the steps for a sweep back. Memory: some sqrt(steps) states.
+    The motion is computed again, by the steps of the route. Cost: `Route.cost` per step in each
+    sweep, and twice the steps for a backward sweep. Memory: about sqrt(steps) states.
 
     References
     ----------
