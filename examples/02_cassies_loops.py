@@ -1,4 +1,4 @@
-"""Cassie's closed legs: what is redundant, what it does to each method, what a motor does.
+"""Cassie's closed legs: which rows are redundant, how each method copes, what a motor does.
 
 python examples/02_cassies_loops.py
 """

@@ -1,4 +1,4 @@
-"""Where methods lose digits: a parallelogram gets flat, a bar too heavy, a rod too light.
+"""Where methods lose digits: a parallelogram that gets flat, a bar too heavy, a rod too light.
 
 python examples/04_extremes.py
 """

@@ -1,4 +1,4 @@
-"""Drift: how gaps grow, which gains are too strong, and why a closed loop is not the whole truth.
+"""Drift: how gaps grow, which gains are too high, and why closed loops are not enough.
 
 OMP_NUM_THREADS=1 python examples/06_drift.py [--plot drift.png] [--steps 100000]
 """

@@ -1,4 +1,4 @@
-"""A four-legged robot falls, lands on its feet, and one foot lets go: impacts and events.
+"""A four-legged robot falls, lands on its feet, and lifts one foot: impacts and events.
 
 python examples/07_impact_and_switching.py
 """

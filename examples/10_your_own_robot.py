@@ -1,4 +1,4 @@
-"""Your own robot with a loop: a URDF, which knows trees alone, and a robot.toml beside it.
+"""Your own robot with a loop: a URDF, which can only describe a tree, and a robot.toml.
 
 python examples/10_your_own_robot.py
 """

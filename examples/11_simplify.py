@@ -1,4 +1,4 @@
-"""Model only what a scene requires: Talos without its arms, Cassie's ladder, and what it costs.
+"""Model only what a scene requires: Talos without arms, smaller models of Cassie, and their price.
 
 python examples/11_simplify.py
 """

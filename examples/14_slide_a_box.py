@@ -1,4 +1,4 @@
-"""A box slides, slows down and sticks: what three schemes make of Coulomb's law.
+"""A box slides, slows down and sticks: three schemes compared with Coulomb's law.
 
 python examples/14_slide_a_box.py
 """

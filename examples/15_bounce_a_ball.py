@@ -1,4 +1,4 @@
-"""A ball bounces: restitution, how high it comes, and what the step costs.
+"""A ball bounces: restitution, rebound heights, and the error of the time step.
 
 python examples/15_bounce_a_ball.py
 """

@@ -1,8 +1,8 @@
-"""Solo12 leans over three feet and lifts the fourth: tasks, a switch, and what cannot be done.
+"""Solo12 leans over three feet and lifts the fourth: tasks, a switch, and an impossible demand.
 
     python examples/17_lift_a_foot.py [--quick] [--no-view]
 
-Needs the extra "control". The simulation holds the feet whatever they do: it is the controller that
+Needs the extra "control". The simulation holds the feet whatever their forces are; the controller
 keeps them from pulling.
 """
 

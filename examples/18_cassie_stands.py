@@ -2,9 +2,10 @@
 
     python examples/18_cassie_stands.py [--quick] [--no-view]
 
-Needs the extra "control". The floor lets feet slide and go; the controller does not know that. Nor
-does it know the springs: between motor and ground they let no motor command the force of the
-moment, so it takes them for rigid. They are at rest at first, and sink until they carry the robot.
+Needs the extra "control". The floor lets feet slide and lift; the controller does not know that.
+Nor does it know the springs: with springs between motor and ground no motor can command the
+instantaneous force, so it treats them as rigid. They start at rest, and sink until they carry the
+robot.
 """
 
 import argparse

@@ -1,10 +1,10 @@
-"""Talos takes its weight to one foot, and is pushed there: soles that may not tip, nor slip.
+"""Talos shifts its weight to one foot and is pushed there: soles must neither tip nor slip.
 
     python examples/19_talos_is_pushed.py [--quick] [--no-view]
 
 Needs the extra "control". The controller has one wrench for each sole, within its cone; the floor
-has four corners for each, which may open and slide. An impulse of m omega d moves the capture
-point by d: so it is known beforehand what a robot can stand that does not step.
+has four corners for each, which may open and slide. An impulse of m omega d moves the capture point
+by d, so it is known beforehand which push a robot can withstand without a step.
 """
 
 import argparse

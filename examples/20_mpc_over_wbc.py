@@ -1,10 +1,10 @@
-"""Model predictive control at 30 Hz over whole-body control at 1 kHz: Solo12 sways and is pushed.
+"""Model-predictive control at 30 Hz on top of whole-body control at 1 kHz: Solo12 is pushed.
 
     python examples/20_mpc_over_wbc.py [--quick] [--no-view]
 
 Above, an inverted pendulum looks half a second ahead: min sum |c - wanted|^2 + 1e-6 |u|^2 over the
-jerks u that keep its ZMP z = c - (h / g) c'' in the support. Below, a controller gives the motors
-what that asks of the mass, on feet that may open and slide. Needs the extra "control".
+jerks u that keep its ZMP z = c - (h / g) c'' in the support. Below, a controller computes the motor
+torques for that acceleration, on feet that may open and slide. Needs the extra "control".
 """
 
 import argparse

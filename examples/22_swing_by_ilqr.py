@@ -3,7 +3,7 @@
     python examples/22_swing_by_ilqr.py [--quick] [--no-view]
 
 min dt/2 sum |u|^2 + w/2 |x(T) - goal|^2  with  x+ = f(x, u),  x = (q, v), at rest before and after.
-Backwards, what a step makes of the cost to go, g.dx + dx.H dx / 2, asks for u + k + K dx.
+Backwards in time, the cost to go, g.dx + dx.H dx / 2, gives the feedback u + k + K dx.
 """
 
 import sys

@@ -3,7 +3,7 @@
     python examples/23_solo12_hops.py [--quick] [--no-view]
 
 min dt/2 sum |u|^2 + 1/2 |x(T) - goal|_W^2  with  x+ = f(x, u),  x = (q, v)
-What sticks has no slope towards the air, but one towards the velocity upwards that lifts it.
+A sticking foot has no gradient towards height, but one towards the upward velocity that lifts it.
 """
 
 import sys

@@ -1,9 +1,9 @@
-"""A push weighs a box and finds its friction: Gauss-Newton in torch through whole motions.
+"""Mass and friction of a box from one push: Gauss-Newton in torch through whole motions.
 
     python examples/24_weigh_by_pushing.py [--quick] [--no-view]
 
 min_(mu, w) sum_i |x_i(mu, w) - seen_i|^2    with w = 1 / m and x(mu, w) one layer of torch
-It is pushed by a known force, let go, and slides until it stops: a = F w - mu g, then a = -mu g.
+The box is pushed by a known force, released, and slides until it stops: a = F w - mu g, then -mu g.
 """
 
 import sys

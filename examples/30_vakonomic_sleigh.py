@@ -1,4 +1,4 @@
-"""Two principles that part: how a sleigh moves, and the motion that makes its action stationary.
+"""Two principles disagree: how a sleigh moves, and what makes its action stationary.
 
 python examples/30_vakonomic_sleigh.py
 """

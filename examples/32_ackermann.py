@@ -3,7 +3,7 @@
 python examples/32_ackermann.py
 
 Both wheels roll about one point if cot(outer) - cot(inner) = track / wheelbase. No linkage of three
-bars does that for all angles; one whose arms point to the rear axle comes near.
+bars does that for all angles; one whose arms point to the rear axle comes close.
 """
 
 import sys

@@ -1,7 +1,7 @@
-"""A compass walks down a slope without a motor: its limit cycle, and how errors of a step go on.
+"""A compass walker on a slope, without a motor: its limit cycle, and how its errors evolve.
 
 x = (stance, swing, and their rates). A step is a flow x' = f(x) up to heel strike, g(x) = stance +
-swing = 0, and a jump R: the other foot lands, and the legs change names. Errors go on by Phi over
+swing = 0, and a jump R: the other foot lands, and the legs change names. Errors evolve by Phi over
 the flow and by the saltation matrix over the strike, S = DR + (f+ - DR f-) g_x / (g_x f-).
 """
 

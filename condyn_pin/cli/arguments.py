@@ -51,7 +51,7 @@ Loops = Annotated[bool, typer.Option(help="Include the loops of the robot.")]
 Floating = Annotated[
     bool,
     typer.Option(
-        "--floating", help="For a URDF or an SDF: the base floats freely, as of a legged robot."
+        "--floating", help="For a URDF or an SDF: the base floats freely, as on a legged robot."
     ),
 ]
 JointValues = Annotated[
@@ -60,7 +60,7 @@ JointValues = Annotated[
         "--q", help="JOINT=VALUE [rad or m]: set a joint and keep it there; repeat it for others."
     ),
 ]
-Posture = Annotated[str | None, typer.Option(help="Posture; the first one by default.")]
+Posture = Annotated[str | None, typer.Option(help="Posture to use; the first one by default.")]
 
 # How it is solved and moved
 SolverName = Annotated[
@@ -93,7 +93,7 @@ Gain = Annotated[
 ]
 
 # What is written
-AsJson = Annotated[bool, typer.Option("--json", help="Print json.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print JSON.")]
 TableJson = Annotated[
     Path | None,
     typer.Option("--json", help="Write the table here; - prints it, and nothing else on stdout."),

@@ -52,7 +52,7 @@ class HierarchyModel:
 
 @dataclass(frozen=True)
 class ModelHierarchy:
-    """A machine, scene by scene smaller.
+    """A machine as a sequence of smaller and smaller scenes.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ QUICK = HierarchyEffort(states=3, rounds=20, repeats=5)
 
 
 def model_hierarchy(name: str, *, effort: HierarchyEffort = FULL) -> HierarchyTable:
-    """Climb down a ladder: nv, rows, time and error of every model.
+    """Measure the models of a hierarchy, from the largest down: nv, rows, time and error of each.
 
     Parameters
     ----------

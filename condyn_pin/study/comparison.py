@@ -80,7 +80,7 @@ class Change:
 
 @dataclass(frozen=True)
 class Comparison:
-    """Two tables side by side.
+    """Two tables compared row by row.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ ANSWERED: Final = {"ok", "inaccurate"}
 
 @dataclass(frozen=True)
 class Row(Record):
-    """What one solver with its parameters costs and gives on one set of states.
+    """Time and error of one solver with its parameters on one set of states.
 
     Attributes
     ----------

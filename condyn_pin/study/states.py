@@ -167,7 +167,7 @@ class PostureStates(States):
 
 @dataclass(frozen=True, eq=False)
 class GivenStates(States):
-    """States of your own: loops closed, and velocities along the constraints.
+    """States that you provide: loops closed, and velocities along the constraints.
 
     Parameters
     ----------

@@ -19,7 +19,7 @@ from condyn_pin.study.tables import Columns, Measurements, number
 
 @dataclass(frozen=True)
 class Table(Measurements[Row]):
-    """What a study found.
+    """The measurements of a study.
 
     Attributes
     ----------

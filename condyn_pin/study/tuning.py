@@ -68,8 +68,8 @@ def tune(
 
     Notes
     -----
-    Takes from seconds to half a minute. Times are those of this moment: on a machine that is busy
-    with other work another solver may seem the fastest.
+    Takes from seconds to half a minute. On a machine that is busy with other work, another solver
+    may seem the fastest.
     """
     if save:
         plans.check_folder()

@@ -27,8 +27,9 @@ _PATIENCE: Final = 10.0  # [s] in which a browser that was opened fetches the pa
 class Viewer:
     """A picture, and the server that shows it to a browser.
 
-    The page holds everything: once a browser has it, it lives without the server, and the server
-    lives in this process, until `close` or the end of the program. It is a context manager too.
+    The page holds everything, so once a browser has loaded it, it works without the server. The
+    server runs in this process until `close` or the end of the program. A `Viewer` is also a
+    context manager.
 
     Attributes
     ----------

@@ -33,7 +33,9 @@ def bench(
     csv: arg.Csv = None,
     as_json: arg.TableJson = None,
     plot: arg.Plot = None,
-    native: Annotated[bool, typer.Option("--native", help="Time C++ beside, if compiled.")] = False,
+    native: Annotated[
+        bool, typer.Option("--native", help="Also time C++, if it is compiled.")
+    ] = False,
     solvers: SolversToBench = "",
 ) -> None:
     """Time ABA, LCABA, proximal and dense KKT, with their errors, on the same states.

@@ -20,7 +20,7 @@ PANEL = "Look"
 
 def compare(
     robot: arg.RobotName,
-    mjcf: Annotated[Path, typer.Argument(help="The same robot, as MuJoCo is to have it.")],
+    mjcf: Annotated[Path, typer.Argument(help="The same robot as a file for MuJoCo.")],
     name: Annotated[
         list[str] | None,
         typer.Option(
@@ -30,7 +30,9 @@ def compare(
     without: Annotated[
         str, typer.Option(help="Comma-separated: joints of the file that the robot lacks.")
     ] = "",
-    tolerance: Annotated[float, typer.Option(help="Relative error that counts as none.")] = ENGINES,
+    tolerance: Annotated[
+        float, typer.Option(help="Relative difference that counts as none.")
+    ] = ENGINES,
     seed: Annotated[
         int, typer.Option(help="Seed of the random state that is compared.", min=0)
     ] = 0,
@@ -40,7 +42,7 @@ def compare(
 ) -> None:
     """Compare a robot with a file in MuJoCo, and name what differs; exits with 1 if they differ.
 
-    Both are put in one random state that moves and in which the loops are closed, with random
+    Both are compared in a random moving state with closed loops, with random
     torques at the motors.
     """
     from condyn_pin.cli.words import names_in, pairs_in, robot_of

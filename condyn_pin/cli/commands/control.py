@@ -39,7 +39,7 @@ _SHOWN: Final = 6  # motors, the hardest worked first; `--json` has all of them
 def control(
     robot: arg.RobotName,
     contacts: Annotated[
-        str, typer.Option(help="As in `condyn solve`; by default all that are ready-made.")
+        str, typer.Option(help="As in `condyn solve`; by default all contacts of the robot.")
     ] = "",
     loops: arg.Loops = True,
     posture: arg.Posture = None,
@@ -48,13 +48,13 @@ def control(
         typer.Option(help="A contact, or a frame with all of its contacts; repeat for others."),
     ] = None,
     up: Annotated[
-        float, typer.Option(help="Acceleration of what is lifted, upwards [m/s^2].")
+        float, typer.Option(help="Upward acceleration of the lifted feet [m/s^2].")
     ] = 2.0,
     com: Annotated[
         str | None,
         typer.Option(help="Demand this acceleration of the centre of mass, as 0,0,-11 [m/s^2]."),
     ] = None,
-    friction: Annotated[float, typer.Option(help="Of all contacts [1].")] = 0.6,
+    friction: Annotated[float, typer.Option(help="Friction of all contacts.")] = 0.6,
     qp: Qp = "proxqp",
     html: Annotated[Path | None, typer.Option(help="Write a page with forces and balance.")] = None,
     png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
@@ -64,8 +64,8 @@ def control(
 ) -> None:
     """Stand, or lift a foot, by whole-body control; exits with 1 if the status is not ok.
 
-    One tick at rest: centre of mass and trunk stay, and then the posture. Where that cannot be, the
-    rows that contradict each other are named, and the least that they have to give.
+    One tick at rest keeps the centre of mass and the trunk, and then the posture. If that fails,
+    the contradicting rows are named, with the least amount by which they have to be relaxed.
     """
     from condyn_pin.cli.standing import ready_contacts, stand_and_lift
     from condyn_pin.cli.words import robot_of, scene_of

@@ -20,10 +20,11 @@ def export(
     without: Annotated[str, typer.Option(help="Comma-separated: loops to leave out.")] = "",
     friction: Annotated[
         float | None,
-        typer.Option(help="Its feet may touch a floor z = 0 with this coefficient of friction."),
+        typer.Option(help="Add a floor z = 0 with this friction for its feet."),
     ] = None,
     shapes: Annotated[
-        bool, typer.Option("--shapes", help="Write what the description draws, meshes included.")
+        bool,
+        typer.Option("--shapes", help="Include shapes and meshes."),
     ] = False,
     variant: arg.Variant = None,
     floating: arg.Floating = False,

@@ -16,7 +16,7 @@ PANEL = "Look"
 
 
 def robots(as_json: arg.AsJson = False) -> None:
-    """List what can be loaded; `condyn show` names the file, and the licence in full."""
+    """List the robots that can be loaded; `condyn show` has the file and the full licence."""
     from condyn_pin.io.load import available_robots
 
     loaded = {name: load() for name, load in available_robots().items()}

@@ -29,7 +29,7 @@ def show(
     floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
-    """Show what a scene contains, what is redundant, and what is not used."""
+    """Show what a scene contains, which rows are redundant, and what is not used."""
     from condyn_pin.cli.words import scene_of
 
     scene = scene_of(robot, contacts, loops, variant, floating)

@@ -18,7 +18,7 @@ PANEL = "Simulate"
 
 Friction = Annotated[
     float | None,
-    typer.Option(help="Put it onto its feet, which may open and slide with this coefficient."),
+    typer.Option(help="Stand it on feet that may lift and slide, with this friction."),
 ]
 
 
@@ -29,7 +29,7 @@ def simulate(
     posture: arg.Posture = None,
     friction: Friction = None,
     duration: Annotated[float, typer.Option(help="Duration of the motion [s].")] = 1.0,
-    dt: Annotated[float, typer.Option(help="The step [s].")] = 1e-3,
+    dt: Annotated[float, typer.Option(help="Time step [s].")] = 1e-3,
     integrator: arg.IntegratorName = None,
     drift: arg.DriftName = None,
     gain: arg.Gain = None,

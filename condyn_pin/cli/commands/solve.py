@@ -34,14 +34,16 @@ def solve(
         ),
     ] = None,
     solver: arg.SolverName = "proximal",
-    mu: Annotated[float | None, typer.Option(help="Weight or damping [1/kg].")] = None,
-    max_iterations: Annotated[int | None, typer.Option(help="Limit of iterations.")] = None,
-    accuracy: Annotated[float, typer.Option(help="Error of a that is good enough.")] = SOLVED,
+    mu: Annotated[float | None, typer.Option(help="Regularisation [1/kg].")] = None,
+    max_iterations: Annotated[
+        int | None, typer.Option(help="Largest number of iterations.")
+    ] = None,
+    accuracy: Annotated[float, typer.Option(help="Largest acceptable error of a.")] = SOLVED,
     variant: arg.Variant = None,
     floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
-    """Accelerations and forces at rest; exits with 1 if the status is not ok."""
+    """Solve for accelerations and forces at rest; exits with 1 if the status is not ok."""
     from condyn_pin.cli.by_name import forces_of, state_of, torque_of
     from condyn_pin.cli.words import scene_of, solver_of
     from condyn_pin.dynamics.verbs import solve as solve_scene

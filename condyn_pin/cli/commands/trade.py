@@ -59,13 +59,14 @@ Error = Annotated[
 States = Annotated[int, typer.Option(help="Random closed states of each scene.", min=1)]
 Jobs = Annotated[int, typer.Option(help="Processes that compute errors.", min=1)]
 Results = Annotated[
-    Path | None, typer.Option(help="Save rows here as they are measured; a second run resumes.")
+    Path | None,
+    typer.Option(help="Save rows here as they come; the next run resumes."),
 ]
 Markdown = Annotated[Path | None, typer.Option(help="Write the table here.")]
 Tune = Annotated[
-    bool, typer.Option("--tune", help="Choose for one scene only, and keep it for `tuned`.")
+    bool, typer.Option("--tune", help="Choose for one scene, and save it for `tuned`.")
 ]
-Save = Annotated[bool, typer.Option(help="With --tune: keep the choice.")]
+Save = Annotated[bool, typer.Option(help="With --tune: save the choice.")]
 
 # Options that say something only with --tune, and only without it.
 _OF_TUNE = ("contacts", "loops", "variant", "save")

@@ -26,7 +26,7 @@ ViewedName = Annotated[
 ]
 ViewedContacts = Annotated[
     str | None,
-    typer.Option(help="As in `condyn solve`; by default the ready-made ones if there are forces."),
+    typer.Option(help="As in `condyn solve`; those of the robot if forces are drawn."),
 ]
 
 
@@ -55,10 +55,11 @@ def view(
     variant: arg.Variant = None,
     floating: arg.Floating = False,
     at: Annotated[
-        float | None, typer.Option(help="Only this moment of a motion [s].", show_default=False)
+        float | None,
+        typer.Option(help="Show only this instant of a motion [s].", show_default=False),
     ] = None,
     motion: Annotated[
-        int | None, typer.Option(help="Which motion of a batch, from 0.", min=0)
+        int | None, typer.Option(help="Which motion of a batch, counted from 0.", min=0)
     ] = None,
 ) -> None:
     """Look at a robot or a motion in a browser until Ctrl-C, or write it to a file."""

@@ -33,7 +33,7 @@ def drift(
 ) -> None:
     """Show drift, stability limits of gains, and energy, on a pendulum whose rod is a constraint.
 
-    Ctrl-C keeps the runs that went to their end.
+    Ctrl-C keeps the finished runs.
     """
     from condyn_pin.errors import InvalidArgument
     from condyn_pin.lab.laboratory import contest, gap_growth

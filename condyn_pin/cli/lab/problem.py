@@ -14,7 +14,7 @@ PANEL = "Simulate"
 ProblemName = Annotated[
     str,
     typer.Argument(
-        help="Its name; without one they are listed.",
+        help="Its name; without one, all are listed.",
         autocompletion=arg.names_of("lab", "PROBLEMS"),
     ),
 ]
@@ -22,14 +22,15 @@ ProblemName = Annotated[
 
 def problem(
     name: ProblemName = "",
-    n: Annotated[int | None, typer.Option(help="Its size, such as the cells of A02.")] = None,
-    dt: Annotated[float | None, typer.Option(help="Step [s].")] = None,
+    n: Annotated[int | None, typer.Option(help="Size, such as the number of cells of A02.")] = None,
+    dt: Annotated[float | None, typer.Option(help="Time step [s].")] = None,
     integrator: arg.IntegratorName = None,
     drift: arg.DriftName = None,
     gain: arg.Gain = None,
     solver: arg.SolverOrNone = None,
     duration: Annotated[
-        float | None, typer.Option(help="A part of it [s]; only the whole has a verdict.")
+        float | None,
+        typer.Option(help="Run only so long [s], without a verdict."),
     ] = None,
     as_json: arg.AsJson = False,
 ) -> None:

@@ -44,7 +44,7 @@ SolversToStress = Annotated[
 Families = Annotated[
     str,
     typer.Option(
-        help="Comma-separated: families; by default all but those of contact.",
+        help="Comma-separated families; by default all except those of contact.",
         autocompletion=arg.names_of("lab", "EXTREMES"),
     ),
 ]
@@ -54,9 +54,9 @@ def stress(
     robots: RobotsToStress = None,
     solver: SolversToStress = "all",
     families: Families = "",
-    seeds: Annotated[int, typer.Option(min=1, help="How many cases of each severity.")] = 1,
+    seeds: Annotated[int, typer.Option(min=1, help="Number of cases of each severity.")] = 1,
     seconds: Annotated[
-        float, typer.Option(help="Stop after this time; cases come in a mixed order then.")
+        float, typer.Option(help="Stop after this time [s]; cases then run in mixed order.")
     ] = math.inf,
     plot: arg.Plot = None,
     csv: arg.Csv = None,
@@ -64,7 +64,7 @@ def stress(
 ) -> None:
     """Test every method on hard cases; exits with 1 if an answer is wrong but reported as ok.
 
-    Ctrl-C keeps the cases that were put.
+    Ctrl-C keeps the finished cases.
     """
     from condyn_pin._core._pin import VERSION_TEXT
     from condyn_pin.cli.words import names_in

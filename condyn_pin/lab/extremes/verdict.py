@@ -38,7 +38,7 @@ _CORRECTIONS = 2
 
 
 class Verdict(Enum):
-    """What a method made of a case; the value is what is said of it."""
+    """The verdict on the answer of a method to a case; the value describes it."""
 
     OK = "said ok, and is right to 1e-8"
     SAID_SO = "said that it is inaccurate, singular or not finite"
@@ -118,7 +118,7 @@ def judge(case: Case, solver: Solver, right: tuple[Array, ...]) -> tuple[Verdict
 
 
 def right_answers(case: Case) -> tuple[Array, ...]:
-    """Return the accelerations that are right: in closed form, or by `Reference`.
+    """Return the exact accelerations, in closed form or by `Reference`.
 
     Parameters
     ----------

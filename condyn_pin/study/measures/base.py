@@ -89,7 +89,7 @@ class Answer:
 
 
 class Measure(ABC):
-    """What the error of a study is one of; a frozen value."""
+    """A quantity whose error a study measures; a frozen value."""
 
     name: ClassVar[str]
     sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look

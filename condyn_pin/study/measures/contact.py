@@ -47,7 +47,7 @@ class ContactBench:
 
 @dataclass(frozen=True)
 class ContactMeasure(Measure):
-    """The error of the impulses of one step, as velocities feel it: |J^T (lam - lam*)| by M^-1.
+    """The error of the impulses of one step, by the velocities: |J^T (lam - lam*)| in M^-1.
 
     e^2 = d^T G d / max(lam*^T G lam*, m g^2 dt^2),    d = lam - lam*
 

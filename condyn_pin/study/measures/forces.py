@@ -18,8 +18,8 @@ from condyn_pin.study.measures.base import Answer, Measure, relative, unthrown
 class ForceMeasure(Measure):
     """The error of J^T lam, relative to the larger of |J^T lam|_inf and the robot's weight.
 
-    J^T lam is unique, whether rows are redundant or not; lam itself is not where they are, and has
-    noise along them that nobody feels. What is timed is `Workspace.solve`, which returns lam.
+    J^T lam is unique even if rows are redundant; then lam itself is not, and has noise along them
+    without effect. The time is that of `Workspace.solve`, which returns lam.
     """
 
     name: ClassVar[str] = "forces"

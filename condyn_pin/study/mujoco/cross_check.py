@@ -33,7 +33,7 @@ class TermCheck:
 
 @dataclass(frozen=True)
 class CrossCheck:
-    """What both engines say at one state, and where their models differ.
+    """The terms of both engines at one state, and where their models differ.
 
     Attributes
     ----------
