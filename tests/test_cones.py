@@ -539,8 +539,8 @@ def test_bad_numbers_are_refused(make, message):
         (cp.SurfaceContact("float"), WrenchCone(0.5), "neither the cone nor its contact"),
         (cp.SurfaceContact("float"), WrenchCone(0.5, X, 0.0), "it is 0 for a LineContact"),
         (LineContact("float"), WrenchCone(0.5, X, Y), "it is 0 for a LineContact"),
-        (SOLE, WrenchCone(0.5, normal=(0, 0, 1)), "has a normal of its own"),
-        (PlanarContact("float"), FrictionCone(0.5, normal=(0, 0, 1)), "has a normal of its own"),
+        (SOLE, WrenchCone(0.5, normal=(0, 0, 1)), "has its own normal"),
+        (PlanarContact("float"), FrictionCone(0.5, normal=(0, 0, 1)), "has its own normal"),
         (
             KnifeEdge("float", name="knife"),
             FrictionCone(0.5),

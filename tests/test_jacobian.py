@@ -60,14 +60,14 @@ def test_a_stiff_slider_needs_no_small_step(integrator, jacobian):
     assert found.q[-1, 0] == pytest.approx(exactly(0.2), abs=2e-4)
     said = [notice for notice in found.notices if "differences" in notice]
     assert len(said) == (jacobian is None)
-    assert all("3 times a step: jacobian=... saves them" in notice for notice in said)
+    assert all("3 times per step: pass jacobian=... to avoid them" in notice for notice in said)
 
 
 def test_semi_implicit_euler_takes_derivatives_that_are_given():
     options = {"duration": 0.2, "integrator": cp.SemiImplicitEuler()}
     lost = cp.simulate(slider(), [0.0], [0.0], held, **options)
     assert lost.status is cp.simulation.RunStatus.DIVERGED
-    assert "jacobian=... hands over its derivatives" in lost.reason
+    assert "pass its derivatives as jacobian=..." in lost.reason
     assert lost.notices  # what overflows is no error of the measures
     found = cp.simulate(slider(), [0.0], [0.0], held, jacobian=of_held, **options)
     assert found.q[-1, 0] == pytest.approx(exactly(0.2), abs=1e-3)

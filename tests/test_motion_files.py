@@ -250,7 +250,7 @@ def test_files_that_are_cut_short_or_of_something_else(tmp_path):
         cp.simulation.BatchTrajectory.load(bad)
     np.savez(bad, header=np.array([{"format": "x"}], object))  # a pickle, which nobody opens
     with pytest.raises(
-        cp.InvalidArgument, match=r"ValueError on reading it: header is no array.*Batch.*\.save"
+        cp.InvalidArgument, match=r"ValueError on reading it: header is not an array.*Batch.*\.save"
     ):
         cp.simulation.BatchTrajectory.load(bad)
     with pytest.raises(cp.InvalidArgument, match=r"no\.npz: .*No such file"):

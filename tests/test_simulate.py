@@ -417,11 +417,11 @@ def test_motions_without_a_notice(motion):
 
 def test_what_deserves_attention_is_told():
     crude = spinning(duration=1.0, dt=0.1, integrator=cp.simulation.ExplicitEuler())
-    assert "energy came or went without work" in " ".join(crude.notices)
+    assert "energy appeared or vanished without work" in " ".join(crude.notices)
     found = rolling()
     pushed = replace(found, tau=np.ones_like(found.tau))
     assert "without work" in "".join(pushed.notices)
-    beyond = "joint is 96.2 mm beyond its limits; the dynamics know no limits"
+    beyond = "joint is 96.2 mm beyond its limits; the dynamics ignore joint limits"
     assert beyond in str(limited(-0.1, 0.1, 0.0, 0.2))
 
 

@@ -154,7 +154,7 @@ def test_a_coarser_accuracy_makes_a_cheaper_answer_ok(label):
     """One iteration instead of three: refused at 1e-8, good enough where it is good enough."""
     scene, state, right = all_scenes()[label], states(label)[0], truth(label)[0]
     quick = cp.Proximal(mu=1e-4 * scene.nominal.delassus_norm, max_iterations=1)
-    with pytest.raises(cp.SolveFailed, match="accuracy asked for") as failed:
+    with pytest.raises(cp.SolveFailed, match="requested accuracy") as failed:
         cp.solve(scene, *state, solver=quick)
     bound = failed.value.solution.error_bound
     solution = cp.solve(scene, *state, solver=quick, accuracy=2 * bound)

@@ -286,7 +286,7 @@ WRONG = {
     "joint_type has 0": "joint_name: [left]",
     "1 of them different": "joint_name: [left, left]\njoint_type: [FIXED, FIXED]",
     "'end_c_frame' is fixed": "joint_name: [end_c_frame]\njoint_type: [SPHERICAL]",
-    "it is no YAML": "closed_loop: [[end_c, end_b]",
+    "it is not valid YAML": "closed_loop: [[end_c, end_b]",
     "it is not valid YAML:": "closed_loop: " + "[" * 5000,
     "a list of pairs of frames is": "closed_loop: &a [*a, *a]",
     "closed_loop = [[": "closed_loop: [&a [x, x, x, x, x, x, x, x, x]"

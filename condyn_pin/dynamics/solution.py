@@ -29,12 +29,12 @@ class Status(Enum):
     """The outcome of a solve; the value is advice."""
 
     OK = (
-        "both equations hold at the state given, and a solves them to the accuracy asked for; "
+        "both equations hold at the state given, and a solves them to the requested accuracy; "
         "state_error says how far that state itself is from the constraints, and Scene.rank "
         "whether it is singular, where the equations do not determine the motion"
     )
     INACCURATE = (
-        "the two equations do not hold well enough for the accuracy asked for: allow more "
+        "the two equations do not hold well enough for the requested accuracy: allow more "
         "iterations, try another mu, or solve with Reference(); if state_error is large, the state "
         "does not satisfy the constraints and no answer can: Scene.assemble and "
         "mechanism.project_velocity repair it"
@@ -62,7 +62,7 @@ class Status(Enum):
         if rows or self.ok:
             return str(self)
         return (
-            f"{self.name.lower()}: there are no constraints, so that rounding or numbers that "
+            f"{self.name.lower()}: there are no constraints, so rounding or numbers that "
             "overflow are to blame; look at masses, velocities and torques"
         )
 

@@ -35,4 +35,4 @@ def remedy_of(simulator: HybridSimulator) -> str:
     plan = simulator.plan
     if not (plan.integrator.takes_jacobian and plan.tau.could_be_differenced):
         return ""
-    return "; if tau(t, q, v) is stiff, jacobian=... hands over its derivatives"
+    return "; if tau(t, q, v) is stiff, pass its derivatives as jacobian=..."

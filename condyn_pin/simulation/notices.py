@@ -46,10 +46,10 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
     error, scale = float(np.abs(energy.error).max()), energy.scale
     if error > max(tolerances.BALANCED * scale, energy.kept, _hardly_lifted(trajectory.scene)):
         said.append(
-            f"{error:.3g} J of energy came or went without work, of {scale:.3g} J exchanged"
+            f"{error:.3g} J of energy appeared or vanished without work, of {scale:.3g} J exchanged"
         )
     if beyond := _beyond_limits(trajectory):
-        said.append(f"{beyond_text(beyond)}; the dynamics know no limits")
+        said.append(f"{beyond_text(beyond)}; the dynamics ignore joint limits")
     return tuple(said)
 
 
@@ -94,7 +94,7 @@ def _coarse_turns(trajectory: Trajectory) -> list[str]:
     joint = max(turns, key=turns.__getitem__)
     return [
         f"joint {joint!r} turns by {turns[joint] * run.dt:.3g} rad in a step of {run.dt:.3g} s, "
-        "and what its angle does to other joints is not seen: take dt below "
+        "too much to resolve its effect on other joints: take dt below "
         f"{pi / turns[joint]:.2g} s"
     ]
 
@@ -116,7 +116,7 @@ def _differenced(trajectory: Trajectory) -> list[str]:
         return []
     return [
         f"tau(t, q, v) is stiff, and was called {calls} times for its differences, {2 * nv + 1} "
-        "times a step: jacobian=... saves them"
+        "times per step: pass jacobian=... to avoid them"
     ]
 
 
