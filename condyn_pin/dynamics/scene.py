@@ -266,7 +266,7 @@ class Scene:
     ) -> tuple[Array, Array]:
         """Return a random (q, v) that satisfies the constraints.
 
-        The arguments and errors are those of `condyn_pin.mechanism.sample`.
+        `rng`, `spread`, `speed` and the errors are those of `condyn_pin.mechanism.sample`.
         """
         from condyn_pin.mechanism.sampling import sample
 
@@ -297,7 +297,7 @@ class Scene:
     ) -> Minimal:
         """Return a smaller scene that answers the same question within an `error`.
 
-        The arguments and errors are those of `condyn_pin.mechanism.minimal`.
+        `motion`, `watch`, `solver` and the errors are those of `condyn_pin.mechanism.minimal`.
         """
         from condyn_pin.mechanism.reduction.minimal import minimal
 
