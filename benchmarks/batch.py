@@ -170,8 +170,8 @@ def markdown(saved: dict[str, Any]) -> str:
     """Return what the tables say, and the tables."""
     where = (
         "`python benchmarks/batch.py` on {processor} ({cores} cores), {system}, Python {python}, "
-        "Pinocchio {pinocchio}, {date}; load {load:.1f} when it began. What errors are measured by "
-        "is itself good to {error:.0e}."
+        "Pinocchio {pinocchio}, {date}; load {load:.1f} when it began. The reference motion is "
+        "accurate to {error:.0e}."
     )
     return "\n".join(
         [

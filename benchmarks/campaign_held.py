@@ -112,7 +112,7 @@ def run(seeds: range) -> dict[str, dict[str, Any]]:
 def table(saved: dict[str, Any]) -> str:
     """Return a row a solver on each Pinocchio."""
     lines = [
-        "| solver | Pinocchio | scenes | ok | of these wrong | said not to be ok | worst ok |",
+        "| solver | Pinocchio | scenes | ok | of these wrong | not ok | worst error of ok |",
         "|---|---|---|---|---|---|---|",
     ]
     for version, here in saved.items():

@@ -62,8 +62,8 @@ def sentence(summaries: Mapping[str, Line]) -> str:
     parts = [dict.fromkeys(each) for each in zip(*(n.split("-") for n in summaries), strict=True)]
     return (
         f"{sum(found['problems'] for found in summaries.values())} random problems against an "
-        f"oracle that knows positions only: of {ok['solves']} answers and {ok['derivatives']} "
-        f"derivatives that said ok **{len(wrong)} were wrong**{f' ({named})' if named else ''}.\n"
+        f"oracle that knows only positions: of {ok['solves']} answers and {ok['derivatives']} "
+        f"derivatives reported ok **{len(wrong)} were wrong**{f' ({named})' if named else ''}.\n"
         f"`benchmarks/campaign.py`, Pinocchio {' and '.join(parts[0])}, kernels "
         f"{' and '.join(parts[1])}; limits: a {SOLVED:.0e}, forces {FORCES:.0e}, derivatives "
         f"{DERIVATIVES:.0e}."

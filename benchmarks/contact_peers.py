@@ -140,10 +140,10 @@ def markdown(
     versions = ", ".join(f"{r.peer} {r.version}" for r in {r.peer: r for r in rows}.values())
     lines += [
         "",
-        "First table: processor time for 1 ms of motion by the fastest way to the error, over that "
-        "of one step of 1 ms by MuJoCo's default in the same process, and the step that it takes; "
-        "an empty cell: no way that was tried. Second table: error [m], and a step over one of "
-        "MuJoCo's default.",
+        "First table: processor time for 1 ms of motion with the fastest setting that meets the "
+        "error, relative to one step of 1 ms by MuJoCo's default in the same process, and the step "
+        "size used; an empty cell: no setting that was tried meets it. Second table: error [m], "
+        "and the time of a step relative to one of MuJoCo's default.",
         "",
         *(f"- {scene}: {what}." for scene, what in errors.items()),
         *(f"- Not there: {name}: {why}." for name, why in missing.items()),

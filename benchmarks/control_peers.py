@@ -108,12 +108,12 @@ def markdown(rows: Sequence[dict[str, Any]], missing: dict[str, str], about: dic
     lines += [
         "",
         "Talos on both feet, the same tasks, weights, limits and states; no inequality is active. "
-        "Factors are of Pinocchio's ABA, called from Python in the same environment between the "
-        "ticks: of least times, the median of the passes with the smallest and the largest, and "
-        "the factor of medians in brackets. Times: the least, and the median. Errors are the worst "
-        "over the states: the equations of motion by Newton-Euler; how the feet accelerate, which "
-        "are not to; and how far the centre of mass is from what is wanted of it, which other "
-        "tasks weigh against.",
+        "Factors are relative to Pinocchio's ABA, called from Python in the same environment "
+        "between the ticks: the ratio of minima, as the median of the passes with the smallest and "
+        "the largest, and the ratio of medians in brackets. Times: the minimum, and the median. "
+        "Errors are the worst over the states: the equations of motion by Newton-Euler; the "
+        "acceleration of the feet, which should be zero; and the error of the centre of mass, "
+        "against which other tasks weigh.",
         "",
         *(f"- {peer}: {note}." for peer, note in notes.items()),
         *(f"- Not there: {name}: {why}." for name, why in missing.items()),

@@ -125,9 +125,8 @@ def in_cpp(table: BenchTable) -> str:
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
     where = (
         "`python benchmarks/results.py --native --from-json` on {processor}, {C++ compiler}, "
-        "headers of {C++ headers}, {C++ date}. Median of a batch of 20 closed states, without "
-        "Python in between, for one; x: times faster than the fastest that is dense; worst error "
-        "of a."
+        "headers of {C++ headers}, {C++ date}. Median time per state of a batch of 20 closed "
+        "states, without Python; x: times faster than the fastest dense method; worst error of a."
     ).format(**table.machine)
     return "\n".join([*lines, "", where])
 
