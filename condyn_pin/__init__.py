@@ -2,10 +2,10 @@
 
     M(q) a + h(q, v) = tau + J(q)^T lam,    J a + gamma = a_ref
 
-What a user meets first is here, everything else in its room: `condyn_pin.study`,
-`condyn_pin.simulation`, ... The names are those that the stub beside this file imports, and those
-beside the `__init__.py` of the rooms. They are imported when they are first used, so that
-`condyn doctor` also works where Pinocchio itself does not import.
+The names that users need first are here, everything else is in its room: `condyn_pin.study`,
+`condyn_pin.simulation`, ... The stubs next to this file and next to the `__init__.py` of each room
+list them. They are imported on first use, so that `condyn doctor` works even if Pinocchio does not
+import.
 """
 
 from __future__ import annotations

@@ -1,6 +1,6 @@
-"""Constraints as users name them, as rows of a model, and what is asked of those rows.
+"""Constraints as users name them, their rows in a model, and the right side of those rows.
 
-Beside them forces from outside, on the same frames.
+External forces, which act on the same frames, are here too.
 
 Nouns: `Constraint` and its kinds, a file each, of which `base` has the contract; `AppliedForce`;
 `AnyBound`, a constraint on joints and columns; `Equations`, which has their M, h, J and gamma;

@@ -1,4 +1,4 @@
-"""Contacts that may let go: cones of forces that a floor can give, and impulses that obey them.
+"""Contacts that may let go: friction cones, and contact problems with their solvers.
 
 Nouns: `FrictionCone`, `WrenchCone`, `Margin`, `ConeRows`; `ContactProblem`, `ContactSolution` and
 its solvers. Verbs: `margins`, `cone_rows`, `solve_contact`.

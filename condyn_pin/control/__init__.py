@@ -1,4 +1,4 @@
-"""Control: which joints have motors, what these can do, what they feel, and what to ask of them.
+"""Control: which joints have motors, inverse dynamics and transmission, and whole-body control.
 
 Nouns: `Actuation`, `InverseDynamics`, `OperationalSpace`, `Transmission`; `Controller`, `Task`,
 `Hierarchy`, `ControlAnswer`, `QPSolver`; `ForceDistribution`; `Balance`, `SupportPolygon`.

@@ -1,4 +1,4 @@
-"""One state: the two equations, their answer, what proves it, and how it changes.
+"""One state: the two equations, their solution, its verification, and its derivatives.
 
     M(q) a + h(q, v) = tau + J(q)^T lam,    J(q) a + gamma(q, v) = a_ref
 

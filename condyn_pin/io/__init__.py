@@ -1,7 +1,7 @@
 """Descriptions on disk: URDF, SDF, MJCF and robot.toml are read, MJCF is written.
 
 Verbs: `load_robot`, `available_robots`, and a reader for each format, all of which return a
-`Description`. What strangers wrote is measured before it is read, and refused by name.
+`Description`. Files from strangers are checked before they are read, and refused by name.
 
 It must not know scenes, nor solve anything.
 """

@@ -1,7 +1,7 @@
 """The laboratory: hard questions, benchmark problems, model hierarchies, drift.
 
-`extremes/` asks what breaks methods, `problems/` has answers from the literature, `ladders/` scenes
-that become smaller one by one. Asked for by name; only `cli` and tests import it.
+`extremes/` tests what breaks methods, `problems/` has answers from the literature, `hierarchies/`
+scenes that become smaller one by one. Only `cli` and tests import this room.
 """
 
 import lazy_loader

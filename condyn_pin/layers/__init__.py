@@ -1,4 +1,4 @@
-"""Answers as layers of programs that learn and optimise.
+"""Answers as differentiable layers, for learning and optimisation.
 
 Nouns: `Layer`, a function of arrays that another library differentiates through, and `Action`, a
 step as optimal control has it. Verbs: `torch_solve`, `torch_step`, `torch_simulate`, the same of

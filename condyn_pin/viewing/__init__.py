@@ -1,8 +1,8 @@
 """Pictures of robots, scenes, answers and motions, in meshcat's viewer.
 
-What is seen is a list of parts. A part is a shape that never changes, and a pose in the world that
-is a function of the moment: a triangle mesh with the pose of its joint, a segment that spans a gap,
-an arrow as long as its force. One moment makes a still picture, many make an animation.
+A picture is a list of parts. A part is a shape that never changes, and a pose in the world that
+depends on the moment: a triangle mesh with the pose of its joint, a segment that spans a gap, an
+arrow as long as its force. One moment makes a still picture, many make an animation.
 
     descriptions, geoms, meshes    what the robot's description draws
     bodies                         that of each joint, or what stands for it where nothing is drawn
