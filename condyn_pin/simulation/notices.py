@@ -44,9 +44,15 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
     said += solver_notices(trajectory) + _tensile_contacts(trajectory)
     energy = trajectory.energy
     error, scale = float(np.abs(energy.error).max()), energy.scale
-    if error > max(tolerances.BALANCED * scale, energy.kept, _hardly_lifted(trajectory.scene)):
+    small = max(tolerances.BALANCED * scale, energy.kept, _hardly_lifted(trajectory.scene))
+    if error > small:
         said.append(
             f"{error:.3g} J of energy appeared or vanished without work, of {scale:.3g} J exchanged"
+        )
+    if (added := float(energy.algorithmic[-1])) > small:
+        said.append(
+            f"steps added {added:.3g} J that no contact would, of {scale:.3g} J exchanged: use a "
+            "smaller dt"
         )
     if beyond := _beyond_limits(trajectory):
         said.append(f"{beyond_text(beyond)}; the dynamics ignore joint limits")
