@@ -5,8 +5,9 @@
 With --from-json the table in docs/results.md is made from the committed results.
 
 Each robot is let go 2 cm above the floor, in a random state, without torques. Of every step: the
-natural residual of the contact problem, how far loops are open, and how deep contacts penetrate.
-What a step costs is beside what `pin.aba` costs on the same robot.
+natural residual of the contact problem, how far loops are open, how deep contacts penetrate, and
+what they do to the energy; `contact_step.py` has what a step costs.
+With --only the row of one robot is measured, and those of the others stay.
 """
 
 from __future__ import annotations
@@ -16,7 +17,6 @@ import json
 import os
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
@@ -25,7 +25,6 @@ import marks
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._core._pin import pin
 from condyn_pin._core.machine import machine
 from condyn_pin.dynamics import contact_gaps
 
@@ -34,7 +33,6 @@ ROBOTS = {"solo12": {}, "go2": {}, "talos": {}, "cassie": {"variant": {"feet": "
 FRICTION = 0.7  # [1]
 HEIGHT = 0.02  # [m]
 DURATION = 1.0  # [s]
-CALLS = 200
 
 # What is allowed: natural residual [1], loops [m, rad], penetration [m].
 NATURAL, LOOPS, DEPTH = 1e-8, 1e-5, 1e-3
@@ -53,14 +51,17 @@ class Falls:
     penetration: float = 0.0  # [m]
     deep: int = 0  # falls that penetrate further than DEPTH
     fastest: float = 0.0  # [rad/s, m/s]
-    step_us: float = 0.0  # median over falls
-    aba_us: float = 0.0
+    # of the energy that a fall loses, at most: what corrections have done, and what steps gave
+    corrected: float = 0.0  # [1]
+    algorithmic: float = 0.0  # [1]
+    given: float = 0.0  # the same in a single step [1]
+    taken: float = 0.0  # median work of friction and impacts [J]
 
 
 def fall(robot: str, count: int, dt: float) -> Falls:
     """Return what `count` falls of a robot have shown."""
     scene = scene_of(robot)
-    found, times = Falls(robot, aba_us=aba(scene)), []
+    found, taken = Falls(robot), []
     for seed in range(count):
         q, v = scene.sample(np.random.default_rng(seed), spread=0.3)
         q[2] += HEIGHT - min(contact_gaps(scene, q).values())
@@ -76,8 +77,13 @@ def fall(robot: str, count: int, dt: float) -> Falls:
         found.penetration = max(found.penetration, depth)
         found.deep += int(depth > DEPTH)
         found.fastest = max(found.fastest, float(np.abs(run.v).max()))
-        times.append(1e6 * run.run.wall_time / (len(run) - 1))
-    found.step_us = float(np.median(times))
+        energy = run.energy
+        size = float(np.ptp(energy.total))
+        found.corrected = max(found.corrected, float(np.abs(energy.correction).max()) / size)
+        found.algorithmic = max(found.algorithmic, float(energy.algorithmic[-1]) / size)
+        found.given = max(found.given, float(np.diff(energy.algorithmic).max()) / size)
+        taken.append(float(energy.contact[-1]))
+    found.taken = float(np.median(taken))
     return found
 
 
@@ -87,18 +93,6 @@ def scene_of(robot: str) -> cp.Scene:
     return cp.Scene(loaded, loaded.loops, contacts=loaded.frictional_contacts(FRICTION))
 
 
-def aba(scene: cp.Scene) -> float:
-    """Return what `pin.aba` takes on this machine now [us]."""
-    model = pin.Model(scene.robot.model)
-    data, q, v = model.createData(), pin.neutral(model), np.zeros(model.nv)
-    times = []
-    for _ in range(CALLS):
-        begun = perf_counter()
-        pin.aba(model, data, q, v, v)
-        times.append(perf_counter() - begun)
-    return 1e6 * float(np.median(times))
-
-
 def table(rows: list[Falls], dt: float, about: dict[str, str]) -> str:
     """Return the falls as text."""
     lines = [
@@ -106,18 +100,20 @@ def table(rows: list[Falls], dt: float, about: dict[str, str]) -> str:
         f"{NATURAL:g}, loops {LOOPS:g} m, penetration {1e3 * DEPTH:g} mm.",
         "",
         "| robot | falls | broken | natural | loops [m] | deepest [mm] | deeper than 1 mm "
-        "| fastest [rad/s] | step [us] | aba |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| contacts took [J] | corrections | algorithmic | in a step | fastest [rad/s] |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     lines += [
         f"| {r.robot} | {r.falls} | {len(r.broken)} | {r.natural:.1e} | {r.loops:.1e} | "
-        f"{1e3 * r.penetration:.2f} | {r.deep} | {r.fastest:.0f} | {r.step_us:.0f} | "
-        f"{r.step_us / r.aba_us:.0f} |"
+        f"{1e3 * r.penetration:.2f} | {r.deep} | {-r.taken:.3g} | "
+        f"{r.corrected:.1e} | {r.algorithmic:.1e} | {r.given:.1e} | {r.fastest:.0f} |"
         for r in rows
     ]
     where = (
         "`python benchmarks/falls.py` on {processor} ({cores} cores, one thread), {system}, Python "
-        "{python}, Pinocchio {pinocchio}, {date}; aba: a step over `pin.aba` of the robot."
+        "{python}, Pinocchio {pinocchio}, {date}; contacts took: friction and impacts, median. Of "
+        "the energy that a fall loses, at most: corrections, which push penetrations out and close "
+        "loops; algorithmic, which steps gave, in a fall and in a step."
     )
     return "\n".join([*lines, "", where.format(**about)])
 
@@ -148,9 +144,11 @@ def main() -> None:
     asked = parser.parse_args()
     if not asked.from_json:
         rows = [fall(name, asked.falls, asked.dt) for name in ROBOTS if asked.only in (None, name)]
-        print(table(rows, asked.dt, machine()), reasons(rows), sep="\n\n")
         if asked.only is not None:
-            return
+            new, (rows, dt, _) = rows[0], load()
+            if dt != asked.dt:
+                parser.error(f"the other rows are of steps of {dt:g} s")
+            rows = [new if row.robot == new.robot else row for row in rows]
         saved = {"machine": machine(), "dt": asked.dt, "rows": [asdict(row) for row in rows]}
         (RESULTS / "falls.json").write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
     rows, dt, about = load()
