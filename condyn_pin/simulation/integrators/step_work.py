@@ -10,7 +10,8 @@ The rest has a sign. Impulses act against velocities: lam . (J_c v+) is -mu |lam
 friction and -lam_n gap / dt of gaps that close, and what they change them by is lost. But they
 act along J of one place of a step, for velocities at its end. Where paths bend, or what moves comes
 to rest and is held within the step, W may be positive: such a step gives what no contact would.
-That is `algorithmic`, and goes to zero with dt.
+That is `algorithmic`, and goes to zero with dt. What Newton's law of restitution may give where
+several contacts meet with friction is in it too, and does not.
 """
 
 from __future__ import annotations
