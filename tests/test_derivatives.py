@@ -563,3 +563,30 @@ def test_pinocchios_own_are_right_or_refused_however_light_a_part_is(decades):
         wanted = getattr(ours, name) * step
         off = np.abs(getattr(theirs, name) * step - wanted).sum(axis=1).max()
         assert off < DERIVATIVES * np.abs(wanted).max()
+
+
+def test_many_kinds_between_bodies_at_once():
+    """Their slips are taken together: each is what it is alone, with its turning of J^T lam."""
+    talos = robot("talos")
+    arms = [(f"arm_left_{i}_link", f"arm_right_{i}_link") for i in (3, 5, 7)]
+    loops = [
+        cp.Loop(*arms[0], "hinge", axis="y"),
+        cp.Loop(*arms[1][::-1], "slider", axis="x"),
+        cp.Loop(*arms[2], "rod", length=0.7),
+        cp.Loop("leg_left_6_link", "leg_right_6_link", "weld"),
+        cp.Loop("world", "base_link", "hinge", axis="x"),
+        cp.Loop("leg_left_4_link", "world", "planar", axis="x"),
+    ]
+    rng, n = np.random.default_rng(0), 38
+    q = pin.integrate(talos.model, talos.postures["half_sitting"], 0.3 * rng.normal(size=n))
+    v, a = rng.normal(size=(2, n))
+
+    def linearised(*chosen, lam=()):
+        scene = cp.Scene(talos, chosen)
+        return cp.Workspace(scene).linearisation.at(q, v, a, np.array(lam)).rhs
+
+    forces = [rng.normal(size=bound.size) for bound in cp.Scene(talos, loops).bounds]
+    free, together = linearised(), linearised(*loops, lam=np.concatenate(forces))
+    alone = [linearised(loop, lam=lam) for loop, lam in zip(loops, forces, strict=True)]
+    wanted = np.vstack([free + sum(each[:n] - free for each in alone), *(x[n:] for x in alone)])
+    assert np.abs(together - wanted).max() <= 1e-13 * np.abs(wanted).max()

@@ -67,6 +67,15 @@ class Condensed(NamedTuple):
         """v_free (nv,): the velocity after the step if no contact took part."""
         return np.asarray(dtrtrs(self.factors.L.T, self.free)[0])
 
+    def changed(self, f: Array, s: Array) -> tuple[Array, Array]:
+        """Return how L^T v_free and J_c v_free change with p and s, for columns of both (., k)."""
+        factors, y = self.factors, dtrtrs(self.factors.L.T, f, trans=1)[0]
+        if not factors.rank:
+            return y, self.X.T.dot(y)
+        held = (factors.U[:, : factors.rank] / factors.S[: factors.rank]).T.dot(s)
+        y += factors.V.dot(held - factors.V.T.dot(y))
+        return y, self.X.T.dot(y) + self.blocked.T.dot(held)
+
     def with_contacts(self, J_c: Array) -> Condensed:
         """Return the same step with other rows of contacts (m, nv)."""
         X, blocked = _along(self.factors, J_c)

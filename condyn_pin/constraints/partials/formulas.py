@@ -1,13 +1,8 @@
 """How the rows of one constraint change with q and v, at fixed accelerations and forces.
 
-With delta = J_s dq the slip of c1 past c2 that a step dq makes,
-
-    d(R x) = -delta_ang x (R x) + R dx,    dr = -delta_lin,    d(X y) = -delta x (X y) + X dy,
-
-the last cross product that of spatial motions. The rows themselves are in
-`condyn_pin.constraints.rows.loops`, `cut_joints` and `rods`; their partials follow by the product
-rule. A force that is fixed in c1 turns in c2: its wrench on body 2 changes too, and that on body 1
-where its lever does.
+The rows themselves are in `condyn_pin.constraints.rows.loops`, `cut_joints` and `rods`, and how
+slips change in `slips` beside this; the rest follows by the product rule. A force that is fixed in
+c1 turns in c2: its wrench on body 2 changes too, and that on body 1 where its lever does.
 """
 
 from __future__ import annotations
@@ -18,6 +13,7 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.partials.slips import Slip, apart, slip_of, spatial_cross, twist_of
 from condyn_pin.constraints.rows.bound import FRAME, Bound
 from condyn_pin.constraints.rows.related import Related
 
@@ -25,7 +21,7 @@ _skew = pin.skew
 
 
 class End(NamedTuple):
-    """One end of a constraint: a frame on a joint, everything in its own axes."""
+    """One end of a constraint: a frame on a joint, everything in its own axes; or many of them."""
 
     v: Array  # (6,)
     a: Array  # (6,), spatial
@@ -44,6 +40,10 @@ class End(NamedTuple):
             self.a_v[:3] + W @ self.J[:3] - V @ self.J[3:],
         )
 
+    def of(self, i: int) -> End:
+        """Return one among many."""
+        return End(*(part[i] for part in self))
+
     def by_twist(self) -> End:
         """Return it with its partials by a twist of the frame on its body."""
         turning = spatial_cross(self.v), spatial_cross(self.a)
@@ -56,6 +56,19 @@ class Frames:
     def __init__(self, model: Any, data: Any) -> None:
         self._model, self.data = model, data
         self._world = End(*np.zeros((2, 6)), *np.zeros((4, 6, model.nv)))
+
+    @property
+    def nv(self) -> int:
+        """Number of coordinates."""
+        return int(self._model.nv)
+
+    def moves(self, joint: int) -> Array:
+        """Return one where a coordinate moves a joint (nv,)."""
+        moved = np.zeros(self.nv)
+        for above in list(self._model.supports[joint])[1:]:
+            at = self._model.idx_vs[above]
+            moved[at : at + self._model.nvs[above]] = 1.0
+        return moved
 
     def between(self, b: Bound | Related) -> Any:
         """Return c1Mc2."""
@@ -110,109 +123,49 @@ def of_point(one: End) -> Partials:
 
 def of_pair(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
     """Return the partials of a loop between two bodies, or with an anchor in the world."""
-    if b.is_plain and b.size == 6:
-        return of_weld(one, two, c1Mc2, lam)
-    return of_points(b, one, two, c1Mc2, lam)
-
-
-def of_weld(one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
-    """Return the partials of a weld between two bodies."""
     X = c1Mc2.toActionMatrix()
-    X_J2 = X @ two.J
-    J = one.J - X_J2
-    v2, a2 = X @ two.v, X @ two.a
-    by_v2, by_slip = spatial_cross(v2), spatial_cross(one.v - v2)
-    v2_q = by_v2 @ J + X @ two.v_q
-    s_q = one.a_q - spatial_cross(a2) @ J - X @ two.a_q
-    s_q += by_slip @ v2_q - by_v2 @ (one.v_q - v2_q)
-    s_v = one.a_v - X @ two.a_v + by_slip @ X_J2 - by_v2 @ J
-    return Partials(J, s_q, s_v, None, X.T @ dual_cross(lam) @ J)
-
-
-def of_points(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
-    """Return the partials of a ball or of a cut joint between two bodies."""
-    R, r = c1Mc2.rotation, c1Mc2.translation
-    slip = slip_of(one, two, R, r, at_c2=not b.is_plain)
+    twist = twist_of(one, two, X)
+    if b.is_plain and b.size == 6:
+        return of_weld(twist, X, lam)
+    if b.is_plain:
+        return of_cut(b, apart(one, two, c1Mc2, twist), c1Mc2.rotation, lam)
+    of = slip_of(twist, c1Mc2.translation)
     if b.is_rod:
-        return _of_rod(one, two, R, r, slip, float(lam[0]))
-    turn = turn_of(one, two, R)
+        return of_rod(c1Mc2.rotation, c1Mc2.translation, of, float(lam[0]))
+    return of_cut(b, of, c1Mc2.rotation, lam)
+
+
+def of_weld(twist: Slip, X: Array, lam: Array) -> Partials:
+    """Return the partials of a weld between two bodies."""
+    return Partials(twist.J, twist.s_q, twist.s_v, None, X.T @ dual_cross(lam) @ twist.J)
+
+
+def of_cut(b: Bound, of: Slip, R: Array, lam: Array) -> Partials:
+    """Return the partials of a ball or of a cut joint between two bodies."""
     chosen, six = list(b.selection), np.zeros(6)
     six[chosen] = lam
     F, T = _skew(six[:3]), _skew(six[3:])
-    w1_q = None if b.is_plain else np.concatenate([np.zeros_like(slip.dr), -F @ slip.dr])
-    w2_q = -np.concatenate([R.T @ F @ turn.J, R.T @ T @ turn.J])
-    J, s_q, s_v = (np.concatenate(pair)[chosen] for pair in zip(slip[:3], turn[:3], strict=True))
-    return Partials(J, s_q, s_v, w1_q, w2_q)
+    # a plain ball is held at both origins: no lever changes
+    w1_q = None if b.is_plain else np.concatenate([np.zeros_like(of.dr), -F @ of.dr])
+    w2_q = -np.concatenate([R.T @ F @ of.J[3:], R.T @ T @ of.J[3:]])
+    return Partials(of.J[chosen], of.s_q[chosen], of.s_v[chosen], w1_q, w2_q)
 
 
-class Slip(NamedTuple):
-    """The linear part of the slip and of its derivative in time, with their partials."""
-
-    J: Array  # (3, nv), of the slip by v
-    s_q: Array  # (3, nv), of its derivative in time
-    s_v: Array
-    slip: Array  # (3,)
-    slip_q: Array
-    s: Array  # (3,), its derivative in time
-    dr: Array  # (3, nv), of r by q
-
-
-class Turn(NamedTuple):
-    """The same of the angular part."""
-
-    J: Array
-    s_q: Array
-    s_v: Array
-
-
-def slip_of(one: End, two: End, R: Array, r: Array, *, at_c2: bool) -> Slip:
-    """Return the slip at the origin of c2; or with the two origins compared as if r were zero."""
-    dr = _skew(r) @ one.J[3:] + R @ two.J[:3] - one.J[:3]
-    Ja = one.J[3:] - R @ two.J[3:]
-    (a1, a1_q, a1_v), (a2, a2_q, a2_v) = one.classical(), two.classical()
-    v2, a2 = R @ two.v[:3], R @ a2
-    slip = one.v[:3] - v2
-    slip_q = one.v_q[:3] - _skew(v2) @ Ja - R @ two.v_q[:3]
-    s, s_q, s_v = a1 - a2, a1_q - _skew(a2) @ Ja - R @ a2_q, a1_v - R @ a2_v
-    if not at_c2:
-        return Slip(one.J[:3] - R @ two.J[:3], s_q, s_v, slip, slip_q, s, dr)
-    W, A, r_x = _skew(one.v[3:]), _skew(one.a[3:]), _skew(r)
-    slip, slip_q = slip + W @ r, slip_q + W @ dr - r_x @ one.v_q[3:]
-    y = W @ r - 2 * slip
-    y_q = W @ dr - r_x @ one.v_q[3:] - 2 * slip_q
-    y_v = 2 * dr - r_x @ one.J[3:]
-    Y = _skew(y)
-    s = s + A @ r + W @ y
-    s_q = s_q + A @ dr - r_x @ one.a_q[3:] + W @ y_q - Y @ one.v_q[3:]
-    s_v = s_v - r_x @ one.a_v[3:] + W @ y_v - Y @ one.J[3:]
-    return Slip(-dr, s_q, s_v, slip, slip_q, s, dr)
-
-
-def turn_of(one: End, two: End, R: Array) -> Turn:
-    """Return the angular part of the slip."""
-    J = one.J[3:] - R @ two.J[3:]
-    w2, alpha2 = _skew(R @ two.v[3:]), _skew(R @ two.a[3:])
-    W = _skew(one.v[3:])
-    s_q = one.a_q[3:] - alpha2 @ J - R @ two.a_q[3:]
-    s_q += W @ (w2 @ J + R @ two.v_q[3:]) - w2 @ one.v_q[3:]
-    s_v = one.a_v[3:] - R @ two.a_v[3:] + W @ R @ two.J[3:] - w2 @ one.J[3:]
-    return Turn(J, s_q, s_v)
-
-
-def _of_rod(one: End, two: End, R: Array, r: Array, of: Slip, lam: float) -> Partials:
+def of_rod(R: Array, r: Array, of: Slip, lam: float) -> Partials:
     """Return the partials of n . s' - (|s|^2 - (n . s)^2) / |r|, and of the force lam n."""
-    distance = float(np.linalg.norm(r))
-    n, n_q = direction(r, of.dr)
-    along, along_q = n @ of.slip, n @ of.slip_q + of.slip @ n_q
-    across = of.slip @ of.slip - along**2
-    s_q = n @ of.s_q + of.s @ n_q + across / distance**2 * (n @ of.dr)
-    s_q -= 2 * (of.slip @ of.slip_q - along * along_q) / distance
-    s_v = n @ of.s_v - 2 * (of.slip @ of.J - along * (n @ of.J)) / distance
+    slip, slip_q, dr = of.slip[:3], of.slip_q[:3], of.dr
+    distance, J = float(np.linalg.norm(r)), of.J[:3]
+    n, n_q = direction(r, dr)
+    along, along_q = n @ slip, n @ slip_q + slip @ n_q
+    across = slip @ slip - along**2
+    s_q = n @ of.s_q[:3] + of.s[:3] @ n_q + across / distance**2 * (n @ dr)
+    s_q -= 2 * (slip @ slip_q - along * along_q) / distance
+    s_v = n @ of.s_v[:3] - 2 * (slip @ J - along * (n @ J)) / distance
     F_q, F = lam * n_q, lam * _skew(n)
-    w1_q = np.concatenate([F_q, _skew(r) @ F_q - F @ of.dr])
-    turned = R.T @ (F_q - F @ (one.J[3:] - R @ two.J[3:]))
+    w1_q = np.concatenate([F_q, _skew(r) @ F_q - F @ dr])
+    turned = R.T @ (F_q - F @ of.J[3:])
     w2_q = np.concatenate([turned, np.zeros_like(turned)])
-    return Partials((n @ of.J)[None], s_q[None], s_v[None], w1_q, w2_q)
+    return Partials((n @ J)[None], s_q[None], s_v[None], w1_q, w2_q)
 
 
 def direction(r: Array, dr: Array) -> tuple[Array, Array]:
@@ -220,11 +173,6 @@ def direction(r: Array, dr: Array) -> tuple[Array, Array]:
     distance = np.linalg.norm(r)
     n = r / distance
     return n, (np.eye(3) - np.outer(n, n)) @ dr / distance
-
-
-def spatial_cross(x: Array) -> Array:
-    """Return the matrix of the spatial cross product x times."""
-    return np.array(pin.Motion(x).action)
 
 
 def dual_cross(wrench: Array) -> Array:

@@ -1,13 +1,14 @@
-"""How the rows of constraints between two frames change with q and v, one constraint at a time.
+"""How the rows of constraints between two frames change with q and v.
 
-Surfaces and edges on the world, welds, cut joints, rods and relations. The formulas are in
-`condyn_pin.constraints.partials.formulas`; points are taken all at once, in
+Surfaces and edges on the world, welds, cut joints, rods and relations: the slips of all of them at
+once (`condyn_pin.constraints.partials.ends`), and what each makes of its own. The formulas are in
+`condyn_pin.constraints.partials.formulas`, and those of points, which have less to do, in
 `condyn_pin.constraints.partials.points`.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -15,24 +16,26 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.partials.ends import EndPartials
 from condyn_pin.constraints.partials.formulas import (
     End,
     Frames,
     Partials,
-    Slip,
     direction,
     dual_cross,
+    of_cut,
     of_frame,
     of_pair,
     of_point,
-    slip_of,
-    spatial_cross,
+    of_rod,
+    of_weld,
 )
 from condyn_pin.constraints.partials.relations import (
     gap_of_relation,
     of_relation,
     wrenches_of_relation,
 )
+from condyn_pin.constraints.partials.slips import Slip, apart, slip_of, twist_of
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import POINT, Bound
 from condyn_pin.constraints.rows.related import Related
@@ -51,13 +54,16 @@ class PairPartials:
             b for b in bounds if isinstance(b, Related) or (isinstance(b, Bound) and not b.is_point)
         ]
         self._pairs = chosen
+        self._held = [b for b in chosen if isinstance(b, Bound) and b.is_held]
+        self._between = [b for b in chosen if isinstance(b, Related) or not b.is_held]
+        several = len(self._between) > 1
+        self._ends = EndPartials(frames, self._between) if several else None
 
     def write(self, lam: Array, lhs: Array, J: Array) -> None:
         """Write the rows into J (m, nv) and [s_q, s_v], and take the turning of J^T lam off r_q."""
         n = J.shape[1]
         s_q, s_v = lhs[n:, :n], lhs[n:, n:]
-        for b in self._pairs:
-            of = self._partials(b, _force(b, lam), lhs[:n, :n])
+        for b, of in self._partials(lam, lhs[:n, :n]):
             J_b, by_q, by_v = J[b.rows], s_q[b.rows], s_v[b.rows]
             J_b[:], by_q[:], by_v[:] = of.J, of.s_q, of.s_v
             if b.sign < 0:
@@ -67,17 +73,38 @@ class PairPartials:
                 c_q, v_q = gap_of(b, *self._frames.ends(b), self._frames.between(b))
                 by_q += b.sign * (self._drift.Kp * c_q + self._drift.Kd * v_q)
 
-    def _partials(self, b: Bound | Related, force: Array, r_q: Array) -> Partials:
-        """Return the partials of one constraint; take what turns of its J^T lam off r_q."""
-        if isinstance(b, Bound) and b.is_held:
-            return of_frame(b, *self._frames.partials(b.joint1, b.placement1))
-        one, two = self._frames.ends(b)
-        of = _of_pair(b, one, two, self._frames.between(b), force)
-        if of.w1_q is not None:
-            r_q -= one.J.T @ of.w1_q
-        if of.w2_q is not None:
-            r_q += two.J.T @ of.w2_q
-        return of
+    def _partials(self, lam: Array, r_q: Array) -> Iterator[tuple[Bound | Related, Partials]]:
+        """Yield the partials of each constraint; take what turns of J^T lam off r_q."""
+        for held in self._held:
+            yield held, of_frame(held, *self._frames.partials(held.joint1, held.placement1))
+        for b, one, two, of in self._of_between(lam):
+            if of.w1_q is not None:
+                r_q -= one.J.T @ of.w1_q
+            if of.w2_q is not None:
+                r_q += two.J.T @ of.w2_q
+            yield b, of
+
+    def _of_between(self, lam: Array) -> Iterator[tuple[Bound | Related, End, End, Partials]]:
+        """Yield the constraints between two frames with their ends and partials."""
+        if self._ends is None:  # a single one is quicker by itself
+            for b in self._between:
+                ends = self._frames.ends(b)
+                yield b, *ends, _of_pair(b, *ends, self._frames.between(b), _force(b, lam))
+            return
+        at = self._ends.evaluate()
+        twists = twist_of(at.one, at.two, at.X)
+        slips = slip_of(twists, at.r)
+        for i, b in enumerate(self._between):
+            R, r, force = at.R[i], at.r[i], _force(b, lam)
+            if isinstance(b, Related):
+                of = of_relation(b, slips.of(i), R, r, force)
+            elif b.is_plain:
+                of = of_weld(twists.of(i), at.X[i], force)
+            elif b.is_rod:
+                of = of_rod(R, r, slips.of(i), float(force[0]))
+            else:
+                of = of_cut(b, slips.of(i), R, force)
+            yield b, at.one.of(i), at.two.of(i), of
 
     def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q."""
@@ -140,7 +167,9 @@ def wrenches(b: Bound | Related, c1Mc2: Any, force: Array) -> tuple[Array, Array
 def _of_pair(b: Bound | Related, one: End, two: End, c1Mc2: Any, force: Array) -> Partials:
     """Return the partials of a constraint whose other side is somewhere."""
     if isinstance(b, Related):
-        return of_relation(b, one, two, c1Mc2, force)
+        R, r = c1Mc2.rotation, c1Mc2.translation
+        of = slip_of(twist_of(one, two, c1Mc2.toActionMatrix()), r)
+        return of_relation(b, of, R, r, force)
     return of_pair(b, one, two, c1Mc2, force)
 
 
@@ -157,35 +186,29 @@ def gap_of(b: Bound | Related, one: End, two: End, c1Mc2: Any) -> tuple[Array, A
 
         d(-log6 M) = Jlog6(M) X^-1 delta,   d(-log R) = Jlog(R) R^T delta_ang,   du = u x delta_ang.
     """
+    X, R, r = c1Mc2.toActionMatrix(), c1Mc2.rotation, c1Mc2.translation
+    twist = twist_of(one, two, X)
     if isinstance(b, Related):
-        return gap_of_relation(b, one, two, c1Mc2)
+        return gap_of_relation(b, slip_of(twist, r), R, r)
     if b.is_plain and b.size == 6:
-        c_q, v_q = _of_weld(one, two, c1Mc2)
+        c_q, v_q = pin.Jlog6(c1Mc2) @ np.linalg.solve(X, twist.J), twist.slip_q
     else:
-        R, r = c1Mc2.rotation, c1Mc2.translation
         # Pinocchio's ball compares the origins, and a contact without anchor has one only
         at_c2 = not b.is_plain and (b.anchored or b.joint2 > 0)
-        slip = slip_of(one, two, R, r, at_c2=at_c2)
+        of = slip_of(twist, r) if at_c2 else apart(one, two, c1Mc2, twist)
         if b.is_rod:
-            c_q, v_q = _of_rod(slip, r)
+            c_q, v_q = _of_rod(of, r)
         else:
-            pairs = zip((-slip.dr, slip.slip_q), _of_turn(b, one, two, R), strict=True)
-            c_q, v_q = (np.concatenate(pair)[list(b.selection)] for pair in pairs)
+            chosen = list(b.selection)
+            c_q = np.concatenate([-of.dr, _turned(b, R, of.J[3:])])[chosen]
+            v_q = of.slip_q[chosen]
     return c_q if b.anchored else np.zeros_like(c_q), v_q
 
 
-def _of_weld(one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
-    X = c1Mc2.toActionMatrix()
-    J = one.J - X @ two.J
-    c_q = pin.Jlog6(c1Mc2) @ np.linalg.solve(X, J)
-    return c_q, one.v_q - spatial_cross(X @ two.v) @ J - X @ two.v_q
-
-
-def _of_turn(b: Bound, one: End, two: End, R: Array) -> tuple[Array, Array]:
-    Ja = one.J[3:] - R @ two.J[3:]
-    v_q = one.v_q[3:] - _skew(R @ two.v[3:]) @ Ja - R @ two.v_q[3:]
+def _turned(b: Bound, R: Array, Ja: Array) -> Array:
+    """Return the partials of the angular part of c."""
     if not b.is_hinge:
-        return pin.Jlog3(R) @ R.T @ Ja, v_q
+        return np.asarray(pin.Jlog3(R) @ R.T @ Ja)
     e = np.eye(3)[b.axis]
     u = R @ e
     across, cosine = _skew(u) @ e, float(u @ e)
@@ -194,9 +217,9 @@ def _of_turn(b: Bound, one: End, two: End, R: Array) -> tuple[Array, Array]:
     scale = angle / sine if sine else 1.0
     bend = 1 / 3 if angle < _STRAIGHT else (1 - angle * cosine / sine) / sine**2
     u_q = _skew(u) @ Ja
-    return -scale * _skew(e) @ u_q - bend * np.outer(across, e @ u_q), v_q
+    return np.asarray(-scale * _skew(e) @ u_q - bend * np.outer(across, e @ u_q))
 
 
-def _of_rod(slip: Slip, r: Array) -> tuple[Array, Array]:
-    n, n_q = direction(r, slip.dr)
-    return -(n @ slip.dr)[None], (n @ slip.slip_q + slip.slip @ n_q)[None]
+def _of_rod(of: Slip, r: Array) -> tuple[Array, Array]:
+    n, n_q = direction(r, of.dr)
+    return -(n @ of.dr)[None], (n @ of.slip_q[:3] + of.slip[:3] @ n_q)[None]

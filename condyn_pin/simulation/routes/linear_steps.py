@@ -15,7 +15,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from math import inf
 from typing import NamedTuple
 
 import numpy as np
@@ -65,7 +64,8 @@ class LinearSteps:
     Not to be shared between threads.
     """
 
-    size: float  # (m g dt) (g dt), with 9.81 m/s^2 where there is no gravity [J]
+    falls: float  # g dt, with 9.81 m/s^2 where there is no gravity [m/s]
+    size: float  # (m g dt) (g dt) [J]
 
     def __init__(
         self, scene: Scene, scheme: ContactScheme, dt: float, system: System | None = None,
@@ -76,10 +76,9 @@ class LinearSteps:
         self.steps = ContactSteps(scheme, self.system, dt)
         model = self.system.model
         self.floating, self.paths = self.steps.floating, self.steps.paths
-        self._normals = self.system.contacts.normals
         self.partials = FloatingPartials(model)
-        self._falls = (float(np.linalg.norm(model.gravity.linear)) or 9.81) * dt
-        self.size = sum(inertia.mass for inertia in list(model.inertias)) * self._falls**2
+        self.falls = (float(np.linalg.norm(model.gravity.linear)) or 9.81) * dt
+        self.size = sum(inertia.mass for inertia in list(model.inertias)) * self.falls**2
         self.turning = ContactTurning(model, scene.contact_bounds)
         self.asked = scheme, dt, self.wrt
         self.inertias = InertiaPartials(scene.robot.unedited) if "inertias" in wrt else None
@@ -144,24 +143,23 @@ class LinearSteps:
         """
         if not len(law.lam):
             return self._untouched(posed, v1, start)
-        J_c = posed.J_c
-        l_b = posed.condensed.constraint_impulses(law.lam)
+        condensed = posed.condensed
+        l_b = condensed.constraint_impulses(law.lam)
         of = self._linearised(posed.at, posed.v, posed.v, v1, l_b)
         rows = row_partials(self, posed, law.lam, v1, start, along)
         f = self._balance(of, posed, v1, start, start.v) + rows.pulls
-        dv0, _ = posed.condensed.factors.solve(f, self._slip(of, posed, posed.v, v1, start))
-        dsigma = J_c @ dv0 + rows.slips + asked_partials(self, posed, law, start, rows)
+        free, dsigma = condensed.changed(f, self._slip(of, posed, posed.v, v1, start))
+        dsigma += rows.slips + asked_partials(self, posed, law, start, rows)
         R = posed.problem.R
         G = posed.problem.G if R is None else posed.problem.G + np.diag(R)
         A = law.by_sigma @ G + law.by_lam
         b = law.by_sigma @ dsigma
         b[:, self._friction(posed)] += law.by_friction
         if self.inertias and law.by_size is not None:
-            size = self._falls**2 * self.inertias.mass()
+            size = self.falls**2 * self.inertias.mass()
             b[:, self.columns.inertias] += np.outer(law.by_size, size)
-        moved = least(A, -b)
-        factors, X = posed.condensed.factors, posed.condensed.X
-        return np.asarray(dv0 + dtrtrs(factors.L.T, X.dot(moved))[0])
+        free -= condensed.X.dot(least(A, b))
+        return np.asarray(dtrtrs(condensed.factors.L.T, free)[0])
 
     def _linearised(self, at: Array, v: Array, mean: Array, v1: Array, l_b: Array) -> Linearised:
         """Return the linearised equations of a step whose h is that of `mean`."""
@@ -177,8 +175,8 @@ class LinearSteps:
         M = self.system.equations.mass(posed.at) if of.M is None else of.M
         W = self.partials.turning(posed.mean)
         L = posed.condensed.factors.L
-        f = dt * (of.rhs[:n, :n] @ start.at + of.rhs[:n, n:] @ mean + start.pulled + M @ (W @ mean))
-        f += L @ (L.T @ start.v)
+        f = dt * (of.rhs[:n, :n] @ start.at + start.pulled)
+        f += dt * (of.rhs[:n, n:] + M @ W) @ mean + L @ L.T @ start.v
         if self.inertias:
             a = (v1 - posed.v) / dt - self.floating.turning(posed.mean)
             f[:, self.columns.inertias] -= dt * self.inertias.forces(posed.at, posed.mean, a)
@@ -234,24 +232,6 @@ class LinearSteps:
             return np.asarray(U.T @ (weights * (U @ x)))
 
         return np.column_stack([slope(pull, along) for along in np.eye(len(x))])
-
-    def margin(self, ended: Ended) -> float:
-        """Return how far a step is from other modes, relative to its velocities and to g dt.
-
-        By complementarity: a contact changes its mode where both of a pair are small, impulse and
-        velocity, or slip and what is left of the cone. Of what takes no part the impulse is zero,
-        and the other one the gap / dt by which it misses.
-        """
-        posed, lam = ended.posed, ended.law.lam
-        speed = posed.problem.scale[1] if posed.problem.rows else 0.0
-        off = ended.law.margin * speed if posed.problem.rows else inf
-        away = ~posed.chosen.near
-        if away.any():
-            missed = (posed.gaps[away] - self.scheme.touching) / self.dt
-            if self.scheme.closes_gaps:
-                missed += posed.J[self._normals[away]] @ posed.condensed.velocity(lam)
-            off = min(off, float(np.abs(missed).min()))
-        return off / max(speed, self._falls)
 
     def _friction(self, posed: Posed) -> Indices:
         return self.columns.friction[posed.chosen.cones]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -163,7 +164,7 @@ def differentiated(route: Route, steps: LinearSteps, ended: Ended) -> StepDeriva
     if not (np.isfinite(ended.dq).all() and np.isfinite(ended.dv).all()):
         raise SolveFailed(f"{route!r}: the derivatives of this step are not finite", None)
     state, matrices = (ended.q, ended.v), (ended.dq, ended.dv)
-    return made(route, steps, state, matrices, modes_of(steps, ended), steps.margin(ended))
+    return made(route, steps, state, matrices, modes_of(steps, ended), _margin(steps, ended))
 
 
 def made(
@@ -194,3 +195,22 @@ def _found(problem: ContactProblem, law: Law) -> Modes:
     if law.modes is not None:
         return law.modes
     return contact_modes(problem, law.lam, 100 * tolerances.CONTACT_POLISHED)
+
+
+def _margin(steps: LinearSteps, ended: Ended) -> float:
+    """Return how far a step is from other modes, relative to its velocities and to g dt.
+
+    By complementarity: a contact changes its mode where both of a pair are small, impulse and
+    velocity, or slip and what is left of the cone. Of what takes no part the impulse is zero,
+    and the other one the gap / dt by which it misses.
+    """
+    posed, lam = ended.posed, ended.law.lam
+    speed = posed.problem.scale[1] if posed.problem.rows else 0.0
+    off = ended.law.margin * speed if posed.problem.rows else inf
+    away = ~posed.chosen.near
+    if away.any():
+        missed = (posed.gaps[away] - steps.scheme.touching) / steps.dt
+        if steps.scheme.closes_gaps:
+            missed += posed.J[steps.system.contacts.normals[away]] @ posed.condensed.velocity(lam)
+        off = min(off, float(np.abs(missed).min()))
+    return off / max(speed, steps.falls)
