@@ -49,7 +49,15 @@ DIFFERENTIATED = 1e-10 if SAME else SOLVED
 MOVED = 1e-9
 N = 12
 
-# Every kind that the core has rows for; others are refused.
+# Scenes of rods, gears, sliders, planes, edges and of what rolls: by another method than Python's,
+# so that answers agree to rounding. Of a sleigh the joint is refused.
+DIRECT = (
+    "rolling_ball contacts", "rolling_disc contacts", "unicycle contacts", "four_bar rod",
+    "four_bar geared", "talos hands on a rod", "talos hands on a slider", "talos hand on a beam",
+    "talos on edges and planes", "talos arms geared",
+)  # fmt: skip
+
+# What Proximal takes.
 TAKEN = (
     "talos contacts", "talos corners", "cassie loops", "cassie loops + contacts",
     "solo12 contacts", "solo12 alone", "four_bar loops", "four_bar backwards", "four_bar hinge",
@@ -112,11 +120,149 @@ def test_off_the_constraints_with_gains(label, drift):
     np.testing.assert_allclose(found.velocity_violation, wanted.velocity_violation, rtol=1e-9)
 
 
-def test_kinds_that_proximal_does_not_take_are_refused_by_name():
-    for label, scene in all_scenes().items():
-        if not isinstance(default_solver(scene), cp.Proximal):
-            with pytest.raises(UnsupportedBackend, match="the compiled core does not take"):
-                cp.solve_batch(scene, *batch_of(label, 1), executor=cp.Native(threads=1))
+def near(found: np.ndarray, wanted: np.ndarray, share: float) -> bool:
+    """Whether they differ by a share of the largest number at most."""
+    size = max(1.0, float(np.abs(wanted).max(initial=0.0)))
+    return float(np.abs(found - wanted).max(initial=0.0)) <= share * size
+
+
+def test_every_scene_with_rows_of_other_kinds_is_here():
+    solvers = {label: default_solver(scene) for label, scene in all_scenes().items()}
+    others = {label for label, solver in solvers.items() if not isinstance(solver, cp.Proximal)}
+    assert set(DIRECT) | {"sleigh contacts"} == others
+
+
+@pytest.mark.parametrize("label", DIRECT)
+def test_rows_of_every_kind_are_answered(label):
+    scene, states = all_scenes()[label], batch_of(label)
+    wanted = cp.solve_batch(scene, *states)
+    found = cp.solve_batch(scene, *states, executor=cp.Native(threads=2))
+    np.testing.assert_array_equal(found.statuses, wanted.statuses)
+    assert near(found.a, wanted.a, 1e-10)
+    assert near(found.lam, wanted.lam, 1e-9)
+    assert near(found.violation, wanted.violation, 1e-12)
+    assert near(found.velocity_violation, wanted.velocity_violation, 1e-12)
+    assert not left_to_python(scene, states).size
+
+
+def left_to_python(scene: cp.Scene, states: tuple, solver: cp.dynamics.Solver | None = None):
+    """Return the rows that the core leaves."""
+    q, nv = states[0], scene.robot.nv
+    outputs = {
+        "a": np.zeros((len(q), nv)), "lam": np.zeros((len(q), scene.rows)),
+        "residuals": np.zeros((len(q), 5)), "statuses": np.zeros(len(q), np.int8),
+        "iterations": np.zeros(len(q), np.int32), "solve_times": np.zeros(len(q)),
+    }  # fmt: skip
+    core = cp.Workspace(scene, solver).compiled
+    return core.solve(states, outputs, accuracy=None, threads=1)
+
+
+@pytest.mark.parametrize("label", DIRECT)
+def test_rows_of_every_kind_are_differentiated(label):
+    scene, states = all_scenes()[label], batch_of(label)
+    wanted = cp.simulation.derivatives_batch(scene, *states)
+    found = cp.simulation.derivatives_batch(scene, *states, executor=cp.Native(threads=2))
+    for name in BLOCKS:
+        assert near(getattr(found, name), getattr(wanted, name), 1e-8), name
+
+
+@pytest.mark.parametrize("label", DIRECT)
+def test_rows_of_every_kind_off_the_constraints_with_gains(label):
+    scene, (q, v, tau) = all_scenes()[label], batch_of(label)
+    rng, drift = np.random.default_rng(0), cp.Baumgarte(3.0, 20.0)
+    off = np.array(
+        [pin.integrate(scene.robot.model, x, 1e-3 * rng.normal(size=v.shape[1])) for x in q]
+    )
+    wanted = cp.solve_batch(scene, off, v, tau, drift=drift)
+    found = cp.solve_batch(scene, off, v, tau, drift=drift, executor=cp.Native(threads=1))
+    np.testing.assert_array_equal(found.statuses, wanted.statuses)
+    assert near(found.a, wanted.a, 1e-10)
+    assert near(found.lam, wanted.lam, 1e-9)
+    batch = cp.simulation.derivatives_batch
+    wanted = batch(scene, off, v, tau, drift=drift)
+    found = batch(scene, off, v, tau, drift=drift, executor=cp.Native(threads=1))
+    for name in BLOCKS:
+        assert near(getattr(found, name), getattr(wanted, name), 1e-8), name
+
+
+@pytest.mark.parametrize("solver", [cp.DenseKKT(), cp.dynamics.NullSpace()])
+@pytest.mark.parametrize("label", ["solo12 contacts", "talos contacts", "solo12 alone"])
+def test_direct_solvers_answer_where_rows_are_independent(label, solver):
+    scene, states = all_scenes()[label], batch_of(label)
+    wanted = cp.solve_batch(scene, *states, solver=solver)
+    found = cp.solve_batch(scene, *states, solver=solver, executor=cp.Native(threads=1))
+    np.testing.assert_array_equal(found.statuses, wanted.statuses)
+    assert near(found.a, wanted.a, 1e-10)
+    assert near(found.lam, wanted.lam, 1e-9)
+    assert not left_to_python(scene, states, solver).size
+
+
+def redundant_with_a_rod() -> cp.Scene:
+    talos = robot("talos")
+    left, right = talos.contacts
+    hands = ("gripper_left_base_link", "gripper_right_base_link")
+    again = cp.SurfaceContact("left_sole_link", name="again")
+    return cp.Scene(talos, [left, again, right, cp.Loop(*hands, "rod", length=0.5, name="rod")])
+
+
+def test_redundant_rows_get_the_smallest_lam():
+    """Of DenseKKT, which takes none, Python says that they are singular."""
+    for scene in (redundant_with_a_rod(), all_scenes()["cassie loops"]):
+        rng, solver = np.random.default_rng(1), cp.dynamics.NullSpace()
+        states = [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(N)]
+        q, v, tau = map(np.array, zip(*states, strict=True))
+        wanted = cp.solve_batch(scene, q, v, tau, solver=solver)
+        found = cp.solve_batch(scene, q, v, tau, solver=solver, executor=cp.Native(threads=1))
+        np.testing.assert_array_equal(found.statuses, wanted.statuses)
+        assert near(found.a, wanted.a, 1e-9)
+        assert near(found.lam, wanted.lam, 1e-8)
+        assert not left_to_python(scene, (q, v, tau), solver).size
+        dense = cp.solve_batch(
+            scene, q, v, tau, solver=cp.DenseKKT(), executor=cp.Native(threads=1)
+        )
+        alone = cp.solve_batch(scene, q, v, tau, solver=cp.DenseKKT())
+        np.testing.assert_array_equal(dense.statuses, alone.statuses)
+        assert dense.statuses.any()
+
+
+def test_a_joint_that_is_held_is_a_coupling_of_one():
+    solo = robot("solo12")
+    held = cp.constraints.HeldJoint("FL_KFE", -1.0)
+    scene = cp.Scene(solo, [*solo.contacts[1:], held])
+    rng = np.random.default_rng(3)
+    states = [(*scene.sample(rng), motor_torque(solo, rng)) for _ in range(N)]
+    q, v, tau = map(np.array, zip(*states, strict=True))
+    batch = cp.simulation.derivatives_batch
+    wanted, found = batch(scene, q, v, tau), batch(scene, q, v, tau, executor=cp.Native(threads=1))
+    assert near(found.solution.lam, wanted.solution.lam, 1e-9)
+    for name in BLOCKS:
+        assert near(getattr(found, name), getattr(wanted, name), 1e-9), name
+
+
+FORCED_ON = {"solo12 contacts": "FL_FOOT", "talos hands on a rod": "gripper_left_base_link"}
+
+
+@pytest.mark.parametrize("axes", ["world", "body"])
+@pytest.mark.parametrize("label", FORCED_ON)
+def test_forces_from_outside(label, axes):
+    scene, states = all_scenes()[label], batch_of(label)
+    rng, frame = np.random.default_rng(7), FORCED_ON[label]
+    forces = [
+        cp.AppliedForce(frame, rng.normal(size=6) * 20.0, axes),
+        cp.AppliedForce("base_link", rng.normal(size=(N, 3)) * 30.0, axes),
+    ]
+    wanted = cp.solve_batch(scene, *states, forces=forces)
+    found = cp.solve_batch(scene, *states, forces=forces, executor=cp.Native(threads=2), chunk=5)
+    assert not near(wanted.a, cp.solve_batch(scene, *states).a, 1e-3)
+    np.testing.assert_array_equal(found.statuses, wanted.statuses)
+    assert near(found.a, wanted.a, 1e-10)
+    assert near(found.lam, wanted.lam, 1e-9)
+    assert near(found.error_bound, wanted.error_bound, 1e-11)
+    batch = cp.simulation.derivatives_batch
+    wanted = batch(scene, *states, forces=forces)
+    found = batch(scene, *states, forces=forces, executor=cp.Native(threads=1))
+    for name in BLOCKS:
+        assert near(getattr(found, name), getattr(wanted, name), 1e-9), name
 
 
 def test_where_the_usual_weight_does_not_do_answers_stay_those_of_python():
@@ -172,22 +318,29 @@ def test_bad_arguments_are_refused_as_in_python():
     with pytest.raises(cp.InvalidArgument, match=r"Q\[2, 3:7\]"):
         cp.solve_batch(scene, q, v, tau, executor=cp.Native())
     core = cp.Workspace(scene).compiled.core
-    empty = {
-        "a": v,
-        "lam": v,
-        "sizes": v,
-        "iterations": np.zeros(1, np.int32),
-        "times": np.zeros(1),
-    }
+    answers = {
+        "a": np.zeros_like(v), "lam": np.zeros((N, scene.rows)), "sizes": np.zeros((N, 9)),
+        "iterations": np.zeros(N, np.int32), "times": np.zeros(N), "loads": np.zeros_like(v),
+    }  # fmt: skip
+    forces = {
+        "pushes": np.array([[1, 0]], np.int32), "placements": np.zeros((1, 12)),
+        "wrenches": np.zeros((N, 6)),
+    }  # fmt: skip
+    core.solve(q, v, tau, **answers, **forces, threads=1)
+    for bad in (
+        {"a": v[:, :-1].copy()}, {"sizes": v}, {"wrenches": np.zeros((N, 3))},
+        {"pushes": np.array([[99, 0]], np.int32)}, {"loads": v[:2]},
+    ):  # fmt: skip
+        with pytest.raises(ValueError, match="does not fit the scene"):
+            core.solve(q, v, tau, **(answers | forces | bad), threads=1)
     with pytest.raises(ValueError, match="does not fit the scene"):
-        core.solve(q[:, :-1].copy(), v, tau, **empty, threads=1)
+        core.solve(q[:, :-1].copy(), v, tau, **answers, **forces, threads=1)
 
 
 def test_what_the_core_does_not_take_is_refused_by_name_or_done_by_python():
     scene, states = all_scenes()["solo12 contacts"], batch_of("solo12 contacts")
-    push = [cp.AppliedForce("base_link", (1.0, 0.0, 0.0))]
-    dense = cp.DenseKKT()
-    for more, word in (({"solver": dense}, "DenseKKT"), ({"forces": push}, "forces")):
+    damped, sparse = cp.DenseKKT(mu=1e-9), cp.dynamics.SparseKKT()
+    for more, word in (({"solver": damped}, "mu=1e-09"), ({"solver": sparse}, "SparseKKT")):
         with pytest.raises(UnsupportedBackend, match=word):
             cp.solve_batch(scene, *states, **more, executor=cp.Native())
         found = cp.solve_batch(scene, *states, **more, executor=cp.Native(where_possible=True))
@@ -377,6 +530,34 @@ def assert_moved_alike(
         np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-9, err_msg=name)
 
 
+@pytest.mark.parametrize("drift", DRIFTS)
+@pytest.mark.parametrize("steps", STEPS)
+@pytest.mark.parametrize("label", ["four_bar rod", "unicycle contacts", "rolling_disc contacts"])
+def test_motions_of_rods_and_of_what_rolls(label, steps, drift):
+    assert_moved_like_python(*starts(label), steps, drift)
+
+
+@pytest.mark.parametrize("drift", ["Baumgarte", "post"])
+@pytest.mark.parametrize("label", ["talos on edges and planes", "talos arms geared"])
+def test_motions_of_edges_and_planes_that_are_anchored_where_they_begin(label, drift):
+    assert_moved_like_python(*starts(label), "semi-implicit", drift)
+
+
+def test_motions_of_redundant_rows_of_every_kind():
+    scene, rng = redundant_with_a_rod(), np.random.default_rng(1)
+    q, v = (np.array(x) for x in zip(*(scene.sample(rng) for _ in range(4)), strict=True))
+    assert_moved_like_python(scene, q, 0.1 * v, 0.0 * v, "semi-implicit", "post")
+
+
+def assert_moved_like_python(scene, q, v, tau, steps, drift):
+    how = {"duration": 0.02, "dt": 2e-4, "integrator": STEPS[steps], "drift": DRIFTS[drift]}
+    wanted = cp.simulate_batch(scene, q, v, tau, **how, record=7)
+    found = cp.simulate_batch(scene, q, v, tau, **how, record=7, executor=cp.Native(threads=2))
+    assert_moved_alike(found, wanted, bits=False)
+    for name, its in wanted.samples.arrays.items():
+        assert_near(found.samples.arrays[name], its, name, bits=False)
+
+
 def test_motions_without_samples_are_measured_as_in_python():
     scene, q, v, tau = starts("cassie loops", 9)
     how = {"duration": 0.2, "dt": 1e-3, "integrator": cp.simulation.LinearlyImplicitMidpoint()}
@@ -415,7 +596,7 @@ def test_a_motion_of_the_core_is_a_trajectory_like_any_other():
         ({"integrator": cp.simulation.StormerVerlet()}, "StormerVerlet"),
         ({"drift": cp.simulation.Projection()}, "Projection"),
         ({"forces": [cp.AppliedForce("base_link", (1.0, 0.0, 0.0))]}, "forces"),
-        ({"solver": cp.DenseKKT()}, "DenseKKT"),
+        ({"solver": cp.dynamics.SparseKKT()}, "SparseKKT"),
     ],
 )
 def test_motions_that_the_core_does_not_take_are_refused_or_left_to_python(more, word):
@@ -480,11 +661,12 @@ def test_a_workspace_says_of_a_hard_state_what_python_says():
 
 def test_a_workspace_refuses_or_leaves_what_the_core_does_not_take():
     scene, states = all_scenes()["solo12 contacts"], batch_of("solo12 contacts", 1)
-    with pytest.raises(UnsupportedBackend, match="DenseKKT"):
-        cp.Workspace(scene, cp.DenseKKT(), native=True)
-    workspace = cp.Workspace(scene, cp.DenseKKT(), native="where possible")
+    with pytest.raises(UnsupportedBackend, match="mu=1e-09"):
+        cp.Workspace(scene, cp.DenseKKT(mu=1e-9), native=True)
+    damped = cp.DenseKKT(mu=1e-9, refinements=1)
+    workspace = cp.Workspace(scene, damped, native="where possible")
     state = [x[0] for x in states]
-    wanted = cp.solve(scene, *state, solver=cp.DenseKKT())
+    wanted = cp.solve(scene, *state, solver=damped)
     np.testing.assert_array_equal(workspace.solve(*state).a, wanted.a)
     with pytest.raises(cp.InvalidArgument, match="native = 3"):
         cp.Workspace(scene, native=3)

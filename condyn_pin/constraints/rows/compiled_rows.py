@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Final, NamedTuple
 
 # How the core evaluates rows, by their number there (`native/src/core/constraint.hpp`).
-HELD, BALL, WELD, CUT, ROD, COUPLING = range(6)
+HELD, BALL, WELD, CUT, ROD, COUPLING, ROLL = range(7)
 
 # Rotation by rows and translation of a frame that stays where its joint is.
 STILL: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
@@ -18,9 +18,10 @@ class CompiledRows(NamedTuple):
     ----------
     integers : list of int
         How they are evaluated, first row and number of rows, joint 1 and 2, which rows of the slip
-        as bits, anchored, axis, hinge, slider, and of a coupling where q and v hold its joints: 14.
+        as bits, anchored, axis or axle (-1 of a ball), hinge, slider, and of a coupling where q and
+        v hold its joints: 14.
     numbers : list of float
-        Placements 1 and 2, 12 each; sign, length [m] or ratio, offset: 27.
+        Placements 1 and 2, 12 each; sign, length or radius [m] or ratio, offset: 27.
     """
 
     integers: list[int]

@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.any_bound import Drive, OnFrames
+from condyn_pin.constraints.rows.compiled_rows import ROLL, CompiledRows, placement
 from condyn_pin.constraints.rows.cut_joints import cross
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import FrameJacobian, rows_of
@@ -84,6 +85,19 @@ class Rolled(OnFrames):
     def row_names(self) -> tuple[str, ...]:
         """A name for each row: the constraint's and the direction."""
         return tuple(f"{self.name}.{DIRECTIONS[i]}" for i in self.selection)
+
+    def compiled(self) -> CompiledRows | None:
+        """Return its rows as the compiled core has them; None where they follow a path."""
+        if self.drive:
+            return None
+        chosen = sum(1 << row for row in self.selection)
+        axle = -1 if self.axle is None else self.axle
+        integers = [
+            ROLL, self.rows.start, self.size, self.joint1, 0, chosen, self.anchored, axle,
+            False, False, 0, 0, 0, 0,
+        ]  # fmt: skip
+        placed = [*placement(self.placement1), *placement(self.placement2)]
+        return CompiledRows(integers, [*placed, self.sign, self.radius, 0.0])
 
     def whole(self, lam: Array) -> Array:
         """Return the force (3,) with zero for the directions that slip [N]."""

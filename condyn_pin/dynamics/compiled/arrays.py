@@ -6,7 +6,7 @@ numbers. ``native/src/core`` reads them; the places of its fields are those here
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -16,9 +16,14 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes, indices
 from condyn_pin.constraints.rows.compiled_rows import placement
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
+from condyn_pin.dynamics.solvers.null_space import NullSpace
 from condyn_pin.dynamics.solvers.proximal import Proximal
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.applied_force import AppliedForce
+    from condyn_pin.constraints.loads import Loads
     from condyn_pin.dynamics.workspace import Workspace
     from condyn_pin.model.robot import Robot
 
@@ -30,11 +35,17 @@ JOINTS: Final = (
 )
 
 
+# Solvers by the number of their method there. These are exact, and so is what the core has in their
+# place: nothing but rounding tells them from it. `Proximal`, number 0, has parameters.
+_DIRECT: Final[dict[Solver, int]] = {DenseKKT(): 1, NullSpace(): 2}
+
+
 def untaken(workspace: Workspace) -> Iterator[str]:
     """Yield what the core does not take of a workspace, in words."""
     solver = workspace.solver
     if type(solver) is not Proximal:
-        yield f"solver = {solver!r}: it has Proximal() alone"
+        if solver not in _DIRECT:
+            yield f"solver = {solver!r}: it has Proximal, DenseKKT() and NullSpace()"
     elif solver.iteration(workspace.scene.nominal).refinements:
         yield f"solver = {solver!r}: it makes no refinements, which this scene needs"
     for name, joint in zip(workspace.model.names, workspace.model.joints, strict=True):
@@ -81,37 +92,56 @@ def of_springs(robot: Robot) -> dict[str, Any]:
 def of_constraints(workspace: Workspace) -> dict[str, Any]:
     """Return the rows of the scene, and the constraints that Pinocchio has in their place."""
     found = workspace.pinocchio_constraints
+    taken = found.constraints if type(workspace.solver) is Proximal else ()
     rows = [made for bound in workspace.bounds if (made := bound.compiled())]
     plain = [
         ([c.size, c.joint1, c.joint2, c.anchored, c.approximates],
          [*placement(c.placement1), *placement(c.placement2)])
-        for c in found.constraints
+        for c in taken
     ]  # fmt: skip
     drift, none = workspace.drift, np.zeros((0, 0))
-    to_scene = none if found.to_scene is None else np.ascontiguousarray(found.to_scene)
+    to_scene = found.to_scene if taken and found.to_scene is not None else none
     return {
         "constraints": np.array([ints for ints, _ in rows], np.int32).reshape(-1, 14),
         "of_constraints": np.array([numbers for _, numbers in rows], float).reshape(-1, 27),
         "plain": np.array([ints for ints, _ in plain], np.int32).reshape(-1, 5),
         "of_plain": np.array([numbers for _, numbers in plain], float).reshape(-1, 24),
-        "to_scene": to_scene,
+        "to_scene": np.ascontiguousarray(to_scene),
         "drift": np.array([drift.Kp, drift.Kd] if drift else [0.0, 0.0]),
     }
 
 
 def of_solver(workspace: Workspace) -> dict[str, Any]:
-    """Return what `Proximal` iterates with, and what its answers are judged by."""
+    """Return how it answers, what `Proximal` iterates with, and what answers are judged by."""
     solver, nominal = workspace.solver, workspace.scene.nominal
-    assert isinstance(solver, Proximal)
-    mu, accuracy, limit, patient, _ = solver.iteration(nominal)
-    better = solver.mu_at_state(workspace).numbers if patient else (0.0,) * 9
+    plan = [0.0] * 14
+    if isinstance(solver, Proximal):
+        mu, accuracy, limit, patient, _ = solver.iteration(nominal)
+        better = solver.mu_at_state(workspace).numbers if patient else (0.0,) * 9
+        plan = [solver.absolute_accuracy, accuracy, mu, limit, patient, *better]
     return {
+        "method": _DIRECT.get(solver, 0),
         "weights": np.ascontiguousarray(nominal.estimator.weights),
         "open_squared": (0.1 * tolerances.CLOSED) ** 2,
         "watched": nominal.pivots.watched.astype(np.int32),
         "nominal_pivots": np.ascontiguousarray(nominal.pivots.nominal),
         "rank": np.array([nominal.dependent, workspace.equations.least], float),
-        "proximal": np.array([solver.absolute_accuracy, accuracy, mu, limit, patient, *better]),
+        "proximal": np.array(plan, float),
+    }
+
+
+def of_forces(loads: Loads, forces: Sequence[AppliedForce], count: int) -> dict[str, Any]:
+    """Return forces from outside at some states: where they act, and their six numbers at each."""
+    bound = loads.bind([force.row(0) for force in forces]) if count else ()
+    wrenches = np.zeros((count, 6 * len(bound)))
+    for k, force in enumerate(forces[: len(bound)]):
+        wrenches[:, 6 * k : 6 * k + force.numbers.shape[-1]] = force.numbers
+    placements = [placement(push.place.placement) for push in bound]
+    pushes = [(push.place.joint, push.in_world) for push in bound]
+    return {
+        "pushes": np.array(pushes, np.int32).reshape(-1, 2),
+        "placements": np.array(placements, float).reshape(-1, 12),
+        "wrenches": wrenches,
     }
 
 

@@ -48,10 +48,8 @@ def refuse(reasons: Iterable[str]) -> None:
         )
 
 
-def untaken_beside(forces: Sequence[AppliedForce], method: str = "kkt") -> Iterator[str]:
-    """Yield what the core does not take beside a scene and its solver."""
-    if forces:
-        yield f"forces = {forces!r}: it has no forces from outside"
+def untaken_method(method: str) -> Iterator[str]:
+    """Yield what it does not take of the methods of derivatives."""
     if method != "kkt":
         yield f"method = {method!r}: its derivatives are those of 'kkt'"
 
@@ -70,25 +68,30 @@ class CompiledCore:
         )
 
     def check(self, forces: Sequence[AppliedForce] = (), method: str = "kkt") -> None:
-        """Refuse what it does not take beside a state."""
-        refuse(untaken_beside(applied_forces(forces), method))
+        """Refuse what it does not take beside a single state."""
+        if applied_forces(forces):
+            refuse([f"forces = {forces!r}: it has forces from outside for batches alone"])
+        refuse(untaken_method(method))
 
     def solve(
-        self, state: State, outputs: Outputs, *, accuracy: float | None, threads: int
-    ) -> NDArray[np.intp]:
+        self, state: State, outputs: Outputs, *, accuracy: float | None, threads: int,
+        forces: Sequence[AppliedForce] = (),
+    ) -> NDArray[np.intp]:  # fmt: skip
         """Fill the outputs of a `BatchSolution`; return the rows that are left to Python.
 
-        The others are ok. `state` is q (k, nq), v (k, nv) and tau, (k, nv) or (nv,).
+        The others are ok. `state` is q (k, nq), v (k, nv) and tau, (k, nv) or (nv,); `forces` are
+        the same for all, or have a row a state.
         """
-        return self._answer(self.core.solve, state, outputs, accuracy, threads=threads)
+        more = {"threads": threads}
+        return self._answer(self.core.solve, state, outputs, accuracy, forces, more)
 
     def differentiate(
-        self, state: State, outputs: Outputs, *, accuracy: float | None, threads: int
-    ) -> NDArray[np.intp]:
+        self, state: State, outputs: Outputs, *, accuracy: float | None, threads: int,
+        forces: Sequence[AppliedForce] = (),
+    ) -> NDArray[np.intp]:  # fmt: skip
         """Fill the outputs of a `BatchDerivatives`; return the rows that are left to Python."""
-        blocks = [outputs[name] for name in BLOCKS]
-        work = self.core.differentiate
-        return self._answer(work, state, outputs, accuracy, threads=threads, blocks=blocks)
+        more = {"threads": threads, "blocks": [outputs[name] for name in BLOCKS]}
+        return self._answer(self.core.differentiate, state, outputs, accuracy, forces, more)
 
     def one(self, q: Array, v: Array, tau: Array, accuracy: float) -> Solution | None:
         """Return the solution of one state; None where it is left to Python."""
@@ -141,16 +144,19 @@ class CompiledCore:
 
     def _answer(
         self, work: Callable[..., None], state: State, outputs: Outputs, accuracy: float | None,
-        **more: Any,
+        forces: Sequence[AppliedForce], more: dict[str, Any],
     ) -> NDArray[np.intp]:  # fmt: skip
         accuracy = self._workspace.solver.accuracy if accuracy is None else accuracy
         q, v, tau = state
         tau, sizes = arrays.contiguous(tau, len(q)), np.zeros((len(q), 9))
+        loads = np.zeros_like(tau)
         work(
             q, v, tau, a=outputs["a"], lam=outputs["lam"], sizes=sizes,
-            iterations=outputs["iterations"], times=outputs["solve_times"], **more,
+            iterations=outputs["iterations"], times=outputs["solve_times"],
+            **arrays.of_forces(self._workspace.loads, forces, len(q)), loads=loads, **more,
         )  # fmt: skip
-        outputs["residuals"][:], clear = self._judged(q, tau, sizes, accuracy)
+        torques = np.abs(tau) + loads if forces else tau
+        outputs["residuals"][:], clear = self._judged(q, torques, sizes, accuracy)
         outputs["statuses"][:] = 0
         return np.flatnonzero(~clear)
 

@@ -22,6 +22,7 @@ from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.compiled.arrays import contiguous
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import LARGEST, Workspace
+from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.simulation.batch.compiled_steps import untaken_steps
 from condyn_pin.simulation.breakdown import LOST
 from condyn_pin.simulation.drift.no_drift import NoDrift
@@ -49,7 +50,8 @@ _INTEGRATORS: Final[dict[Integrator, int]] = {
 def untaken(plan: Plan, forces: bool) -> Iterator[str]:
     """Yield what the core does not take of a plan, in words."""
     if plan.tau.constant is None or forces:
-        yield "TAU is a function, or there are forces: it has constant torques alone"
+        what = "TAU is a function" if plan.tau.constant is None else "there are forces from outside"
+        yield f"{what}: its motions have constant torques alone"
     if plan.scene.contacts:
         yield from untaken_steps(plan.scene, plan.integrator)
         if not isinstance(plan.drift, NoDrift):
@@ -66,7 +68,11 @@ def untaken(plan: Plan, forces: bool) -> Iterator[str]:
 
 def untaken_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
     """Yield what it does not take of the constraints, beside what no solve by it takes."""
-    found = workspace.pinocchio_constraints
+    found, solver = workspace.pinocchio_constraints, workspace.solver
+    if not isinstance(solver, Proximal):
+        if isinstance(drift, PostStabilization) and drift.metric != "mass":
+            yield f"drift = {drift!r}: it corrects in the metric of M"
+        return
     for name in found.approximated:
         yield f"constraint {name!r} stands for two points, which steps leave a little open"
     moved = len(found.constraints) != len(workspace.bounds) or any(
@@ -76,11 +82,10 @@ def untaken_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
     for bound in workspace.bounds:
         if moved and not bound.anchored:
             yield f"constraint {bound.name!r} has no anchor, and is taken together with others"
-    if isinstance(drift, PostStabilization):
-        solver = workspace.solver
-        own = isinstance(solver, Proximal) and uses_the_solver(workspace, solver)
-        if drift.metric != "mass" or not own:
-            yield f"drift = {drift!r}: it corrects by the factor of a solve, in the metric of M"
+    if isinstance(drift, PostStabilization) and not (
+        drift.metric == "mass" and uses_the_solver(workspace, solver)
+    ):
+        yield f"drift = {drift!r}: it corrects by the factor of a solve, in the metric of M"
 
 
 @dataclass(frozen=True)
@@ -112,11 +117,12 @@ class MovedRows:
         }
         done = np.zeros(count, np.int32)
         corrects = self.drift.every if isinstance(self.drift, PostStabilization) else 0
-        reach = Manifold(model).reach
+        rank = chains_of(workspace.scene).rank if corrects and workspace.scene.rows else 0
+        limits = tolerances.NEARLY_CLOSED / 10, LARGEST, LOST, Manifold(model).reach, rank
         workspace.compiled.core.simulate(
             q0, inputs["v0"], tau, integrator=_INTEGRATORS[self.integrator], dt=self.dt,
             steps=self.steps, every=self.every, correct_every=corrects, with_answers=answers > 0,
-            limits=np.array([tolerances.NEARLY_CLOSED / 10, LARGEST, LOST, reach]),
+            limits=np.array(limits, float),
             **found, done=done, times=outputs["run_times"], threads=threads,
         )  # fmt: skip
         put_motions(outputs, np.flatnonzero(done), found, tau, workspace)

@@ -69,6 +69,13 @@ class RowForces:
     forces: tuple[AppliedForce, ...] = ()
     rows: tuple[tuple[int, str], ...] = ()  # which have a row a state, and the name of the input
 
+    def of_all(self, inputs: Arrays) -> tuple[AppliedForce, ...]:
+        """Return the forces at all states of some inputs, with their rows."""
+        found = list(self.forces)
+        for k, name in self.rows:
+            found[k] = AppliedForce(found[k].frame, inputs[name], found[k].frame_of)
+        return tuple(found)
+
     def at(self, inputs: Arrays, i: int) -> tuple[AppliedForce, ...]:
         """Return the forces at state i of some inputs."""
         if not self.rows:

@@ -22,7 +22,7 @@ from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.compiled.arrays import untaken
-from condyn_pin.dynamics.compiled.core import untaken_beside
+from condyn_pin.dynamics.compiled.core import untaken_method
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import Scene, check_scene
@@ -115,7 +115,7 @@ def solve_batch(
     recipe = Recipe(scene, solver, drift)
     python = partial(_answer_rows, None, accuracy, of_rows)
     kernel, executor, chunk = workers(
-        executor, partial(_by_core, False, accuracy), python, reasons=untaken_beside(applied),
+        executor, partial(_by_core, False, accuracy, of_rows), python, reasons=(),
         untaken=lambda: untaken(recipe.workspace()), chunk=chunk, most=2000,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 1000, progress)
@@ -175,8 +175,8 @@ def derivatives_batch(
     recipe = Recipe(scene, solver, drift)
     python = partial(_answer_rows, method, accuracy, of_rows)
     kernel, executor, chunk = workers(
-        executor, partial(_by_core, True, accuracy), python,
-        reasons=untaken_beside(applied, method), untaken=lambda: untaken(recipe.workspace()),
+        executor, partial(_by_core, True, accuracy, of_rows), python,
+        reasons=untaken_method(method), untaken=lambda: untaken(recipe.workspace()),
         chunk=chunk, most=500,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 100, progress)
@@ -244,6 +244,7 @@ def _answer_rows(
 def _by_core(
     differentiates: bool,
     accuracy: float | None,
+    forces: RowForces,
     workspace: Workspace,
     inputs: Arrays,
     outputs: Arrays,
@@ -253,7 +254,8 @@ def _by_core(
     core = workspace.compiled
     work = core.differentiate if differentiates else core.solve
     state = inputs["q"], inputs["v"], inputs["tau"]
-    return work(state, outputs, accuracy=accuracy, threads=threads)
+    applied = forces.of_all(inputs)
+    return work(state, outputs, accuracy=accuracy, threads=threads, forces=applied)
 
 
 def _put(outputs: Arrays, i: int, solution: Solution) -> None:

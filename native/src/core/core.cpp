@@ -28,7 +28,7 @@ std::vector<Constraint> constraint_specs(const IntegerTable & ints, const Table 
   {
     const int * k = ints.data() + 14 * i;
     const double * x = row(numbers, i).data();
-    want(0 <= k[0] && k[0] <= int(Kind::coupling), "kind of a constraint");
+    want(0 <= k[0] && k[0] <= int(Kind::roll), "kind of a constraint");
     Constraint c{};
     c.kind = Kind(k[0]), c.first = k[1], c.size = k[2], c.joint1 = k[3], c.joint2 = k[4];
     for (int bit = 0; bit < 6; ++bit)
@@ -38,8 +38,8 @@ std::vector<Constraint> constraint_specs(const IntegerTable & ints, const Table 
     c.q_a = k[10], c.q_b = k[11], c.v_a = k[12], c.v_b = k[13];
     c.placement1 = placement(x), c.placement2 = placement(x + 12);
     c.sign = x[24], c.length = x[25], c.offset = x[26];
-    const bool scalar = c.kind == Kind::rod || c.kind == Kind::coupling;
-    want(c.size == (scalar ? 1 : int(c.selection.size())), "rows of a constraint");
+    want(c.size == (c.is_scalar() ? 1 : int(c.selection.size())), "rows of a constraint");
+    want(-1 <= c.axis && c.axis < 3, "axis of a constraint");
     specs.push_back(c);
   }
   return specs;
@@ -70,7 +70,7 @@ Core::Core(
   const std::vector<std::string> & kinds, const Integers & parents, const Table & joints, const List & gravity,
   const List & armature, const IntegerTable & constraints, const Table & of_constraints,
   const IntegerTable & plain, const Table & of_plain, const Table & to_scene, const List & drift,
-  const List & weights, double open_squared, const List & proximal, const List & rank,
+  const List & weights, double open_squared, int method, const List & proximal, const List & rank,
   const List & damping, const Table & springs, const IntegerTable & of_springs, const Integers & watched,
   const List & nominal_pivots)
 {
@@ -83,7 +83,9 @@ Core::Core(
   scene_.open_squared = open_squared;
   scene_.proximal = proximal_plan(proximal);
   want(rank.size() == 2, "rank");
-  rank_ = {bool(rank.data()[0]), rank.data()[1]};
+  scene_.rank = {bool(rank.data()[0]), rank.data()[1]};
+  want(0 <= method && method <= int(Method::minimum_norm), "method");
+  scene_.method = Method(method);
   const int nq = scene_.model.nq, nv = scene_.model.nv;
   want(int(damping.size()) == nv && springs.shape(0) == of_springs.shape(0), "damping, springs");
   want(springs.shape(1) == 2 && of_springs.shape(1) == 2, "springs");
@@ -114,6 +116,22 @@ void Core::check(const States & states, const Answers & answers) const
   want(answers.lam.shape(0) == n && answers.lam.shape(1) == std::size_t(scene_.rows), "lam");
   want(answers.sizes.shape(0) == n && answers.sizes.shape(1) == 9, "sizes");
   want(answers.iterations.size() == n && answers.times.size() == n, "iterations or times");
+  const std::size_t forces = states.pushes.shape(0);
+  want(states.pushes.shape(1) == 2 && states.placements.shape(0) == forces && states.placements.shape(1) == 12
+         && states.wrenches.shape(0) == n && states.wrenches.shape(1) == 6 * forces, "forces");
+  want(answers.loads.shape(0) == n && answers.loads.shape(1) == nv, "loads");
+}
+
+std::vector<Push> Core::pushes(const States & states) const
+{
+  std::vector<Push> found;
+  for (std::size_t i = 0; i < states.pushes.shape(0); ++i)
+  {
+    const int * k = states.pushes.data() + 2 * i;
+    want(0 < k[0] && k[0] < scene_.model.njoints, "joint of a force");
+    found.push_back({k[0], placement(row(states.placements, i).data()), bool(k[1])});
+  }
+  return found;
 }
 
 void Core::prepare(int threads)
@@ -124,19 +142,29 @@ void Core::prepare(int threads)
     workers_.push_back(std::make_unique<Worker>(scene_));
 }
 
+void Core::load(const States & states, int threads)
+{
+  prepare(threads);
+  const auto found = pushes(states);
+  for (auto & worker : workers_)
+    worker->loads = std::make_unique<Loads>(scene_.model, found);
+}
+
 const VectorXd & Core::answer(Worker & own, std::size_t i, const States & states, const Answers & answers) const
 {
   own.q = row(states.q, i), own.v = row(states.v, i), own.tau = row(states.tau, i);
   const auto begun = std::chrono::steady_clock::now();
-  const VectorXd & a = own.solver.acceleration(own.q, own.v, own.tau);
+  own.loads->at(own.q, states.wrenches.data() + i * states.wrenches.shape(1));
+  const VectorXd & a = own.solver->acceleration(own.q, own.v, own.tau + own.loads->torque);
   answers.times.data()[i] = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
-  const VectorXd lam = own.solver.scene_forces();
-  const Sizes s = own.proof(own.q, own.v, own.tau, a, lam);
+  const VectorXd lam = own.solver->scene_forces();
+  const Sizes s = own.proof(own.q, own.v, own.tau, a, lam, own.loads.get());
+  row(answers.loads, i) = own.loads->size;
   row(answers.a, i) = a;
   row(answers.lam, i) = lam;
-  answers.iterations.data()[i] = own.solver.iterations;
+  answers.iterations.data()[i] = own.solver->iterations;
   row(answers.sizes, i) << s.dynamics, s.a, s.violation, s.velocity, s.constraint, s.lam, s.weighted,
-    own.solver.is_exact() ? 1.0 : 0.0, own.solver.pivots_left();
+    own.solver->is_exact() ? 1.0 : 0.0, own.solver->pivots_left();
   return a;
 }
 
@@ -152,7 +180,7 @@ void give_up(const Answers & answers, std::size_t i)
 void Core::solve(const States & states, const Answers & answers, int threads)
 {
   check(states, answers);
-  prepare(threads);
+  load(states, threads);
   std::atomic<bool> stop{false};
   nb::gil_scoped_release released;
   share(states.q.shape(0), threads, stop, [&](int worker, std::size_t i) {
@@ -177,15 +205,15 @@ Eigen::Matrix<double, 11, 1> Core::solve_one(
   Worker & own = *workers_[0];
   own.q = vector(q), own.v = vector(v), own.tau = vector(tau);
   const auto begun = std::chrono::steady_clock::now();
-  const VectorXd & found = own.solver.acceleration(own.q, own.v, own.tau);
+  const VectorXd & found = own.solver->acceleration(own.q, own.v, own.tau);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
-  const VectorXd forces = own.solver.scene_forces();
+  const VectorXd forces = own.solver->scene_forces();
   const Sizes s = own.proof(own.q, own.v, own.tau, found, forces);
   Out(a.data(), nv) = found;
   Out(lam.data(), scene_.rows) = forces;
   Eigen::Matrix<double, 11, 1> sizes;
   sizes << s.dynamics, s.a, s.violation, s.velocity, s.constraint, s.lam, s.weighted,
-    own.solver.is_exact() ? 1.0 : 0.0, own.solver.pivots_left(), double(own.solver.iterations), seconds;
+    own.solver->is_exact() ? 1.0 : 0.0, own.solver->pivots_left(), double(own.solver->iterations), seconds;
   return sizes;
 }
 
@@ -198,7 +226,7 @@ void Core::differentiate(
   for (int k = 0; k < 6; ++k)
     want(blocks[k].shape(0) == n && blocks[k].shape(1) == (k < 3 ? nv : std::size_t(scene_.rows))
            && blocks[k].shape(2) == nv, "a block");
-  prepare(threads);
+  load(states, threads);
   std::atomic<bool> stop{false};
   nb::gil_scoped_release released;
   share(n, threads, stop, [&](int worker, std::size_t i) {
@@ -207,12 +235,12 @@ void Core::differentiate(
     {
       const VectorXd & a = answer(own, i, states, answers);
       if (!own.derivatives)
-        own.derivatives = std::make_unique<Derivatives>(scene_, rank_);
+        own.derivatives = std::make_unique<Derivatives>(scene_);
       double * out[6];
       for (int k = 0; k < 6; ++k)
         out[k] = blocks[k].data() + i * nv * blocks[k].shape(1);
       const VectorXd lam = row(answers.lam, i);
-      if (!a.allFinite() || !(*own.derivatives)(own.q, own.v, a, lam, out))
+      if (!a.allFinite() || !(*own.derivatives)(own.q, own.v, a, lam, *own.loads, out))
         give_up(answers, i);
     }
     catch (...)
@@ -222,13 +250,14 @@ void Core::differentiate(
   });
 }
 
-void Core::simulate(const States & states, const MotionPlan & plan, const Motions & motions, int threads)
+void Core::simulate(
+  const Table & Q, const Table & V, const Table & TAU, const MotionPlan & plan, const Motions & motions, int threads)
 {
-  const std::size_t n = states.q.shape(0), nq = scene_.model.nq, nv = scene_.model.nv;
+  const std::size_t n = Q.shape(0), nq = scene_.model.nq, nv = scene_.model.nv;
   want(plan.steps > 0 && plan.every > 0 && plan.dt > 0, "plan");
   const std::size_t kept = (plan.steps + plan.every - 1) / plan.every + 1, answers = plan.with_answers ? kept : 0;
-  want(states.q.shape(1) == nq && states.v.shape(1) == nv && states.tau.shape(1) == nv, "width of q, v or tau");
-  want(states.v.shape(0) == n && states.tau.shape(0) == n, "number of v or tau");
+  want(Q.shape(1) == nq && V.shape(1) == nv && TAU.shape(1) == nv, "width of q, v or tau");
+  want(V.shape(0) == n && TAU.shape(0) == n, "number of v or tau");
   const auto fits = [&](const Array<double, 3> & x, std::size_t rows, std::size_t width) {
     return x.shape(0) == n && x.shape(1) == rows && x.shape(2) == width;
   };
@@ -246,7 +275,7 @@ void Core::simulate(const States & states, const MotionPlan & plan, const Motion
     {
       if (!own.mover)
         own.mover = std::make_unique<Mover>(scene_);
-      own.q = row(states.q, i), own.v = row(states.v, i), own.tau = row(states.tau, i);
+      own.q = row(Q, i), own.v = row(V, i), own.tau = row(TAU, i);
       const Samples samples{
         motions.t.data() + i * kept, motions.q.data() + i * kept * nq, motions.v.data() + i * kept * nv,
         motions.a.data() + i * answers * nv, motions.lam.data() + i * answers * scene_.rows,

@@ -1,30 +1,33 @@
 // Core: a scene and its solver, and the memory of the threads that work on it.
 #pragma once
 #include "arrays.hpp"
+#include "answers.hpp"
 #include "derivatives.hpp"
 #include "motion.hpp"
 #include "proof.hpp"
-#include "proximal.hpp"
-#include <memory>
 
 namespace condyn
 {
 /// What one thread has to itself.
 struct Worker
 {
-  Proximal solver;
+  std::unique_ptr<Solver> solver;
   Proof proof;
   std::unique_ptr<Derivatives> derivatives; // made when they are first asked for
   std::unique_ptr<Mover> mover;
+  std::unique_ptr<Loads> loads; // of the batch
   VectorXd q, v, tau;
 
-  explicit Worker(const Scene & scene) : solver(scene), proof(scene) {}
+  explicit Worker(const Scene & scene) : solver(solver_of(scene)), proof(scene) {}
 };
 
-/// States, a row each.
+/// States, a row each, and the forces from outside at each: how they act, and six numbers of each of them.
 struct States
 {
   Table q, v, tau;
+  IntegerTable pushes; // joint, whether in the axes of the world
+  Table placements;
+  Table wrenches;
 };
 
 /// Answers, a row a state.
@@ -33,6 +36,7 @@ struct Answers
   Array<double, 2> a, lam, sizes; // sizes: `Sizes`, whether the rows were exact, and what is left of pivots
   Array<int, 1> iterations;
   Array<double, 1> times; // [s]
+  Array<double, 2> loads; // sizes of what the forces from outside do to the joints
 };
 
 /// Motions, a row each: their samples, with a and lam or without rows for them.
@@ -52,8 +56,9 @@ public:
     const std::vector<std::string> & kinds, const Integers & parents, const Table & joints, const List & gravity,
     const List & armature, const IntegerTable & constraints, const Table & of_constraints,
     const IntegerTable & plain, const Table & of_plain, const Table & to_scene, const List & drift,
-    const List & weights, double open_squared, const List & proximal,
-    const List & rank, const List & damping, const Table & springs, const IntegerTable & of_springs, const Integers & watched,
+    const List & weights, double open_squared, int method,
+    const List & proximal, const List & rank, const List & damping, const Table & springs,
+    const IntegerTable & of_springs, const Integers & watched,
     const List & nominal_pivots);
   Core(const Core &) = delete; // its workers hold references to its scene
 
@@ -69,17 +74,20 @@ public:
   void differentiate(
     const States & states, const Answers & answers, const std::vector<Array<double, 3>> & blocks, int threads);
 
-  void simulate(const States & states, const MotionPlan & plan, const Motions & motions, int threads);
+  void simulate(const Table & Q, const Table & V, const Table & TAU, const MotionPlan & plan,
+    const Motions & motions, int threads);
 
 private:
   void check(const States & states, const Answers & answers) const;
+  std::vector<Push> pushes(const States & states) const;
   /// The memory of so many threads; made when it is first asked for.
   void prepare(int threads);
+  /// Readies the memory of so many threads for some forces.
+  void load(const States & states, int threads);
   /// Answers one state; returns its a, in the memory of the worker.
   const VectorXd & answer(Worker & own, std::size_t i, const States & states, const Answers & answers) const;
 
   Scene scene_;
-  Rank rank_;
   std::vector<std::unique_ptr<Worker>> workers_;
 };
 } // namespace condyn

@@ -1,80 +1,41 @@
 #include "derivatives.hpp"
 #include <pinocchio/algorithm/kinematics.hpp>
 #include <pinocchio/algorithm/rnea-derivatives.hpp>
-#include <Eigen/Cholesky>
-#include <Eigen/QR>
 
 namespace condyn
 {
-namespace
-{
-const double eps = std::ldexp(1.0, -52);
-const double rank_tolerance = 1e-7, noise = 1e3; // as in Python: RANK and _NOISE
-
-// Pivots between these, relative to the first, are neither rounding nor clearly more: Python looks.
-const double nothing_below = 1e-9, something_above = 1e-5;
-
-std::vector<char> moved_by(const Model & model, int joint)
-{
-  std::vector<char> moved(model.nv, 0);
-  for (auto above : model.supports[joint])
-    for (int k = 0; above && k < model.nvs[above]; ++k)
-      moved[model.idx_vs[above] + k] = 1;
-  return moved;
-}
-} // namespace
-
-Derivatives::Derivatives(const Scene & scene, const Rank & rank)
-: scene_(scene), rank_(rank), data_(scene.model), on_joint_(scene.model.njoints, Force::Zero())
+Derivatives::Derivatives(const Scene & scene)
+: scene_(scene), data_(scene.model), on_joint_(scene.model.njoints, Force::Zero()), factors_(scene)
 {
   for (const auto & k : scene.constraints)
-  {
-    const auto one = moved_by(scene.model, k.joint1), two = moved_by(scene.model, k.joint2);
-    columns_.emplace_back(), moves1_.emplace_back(), moves2_.emplace_back();
-    for (int j = 0; j < scene.model.nv && k.kind != Kind::coupling; ++j)
-      if (one[j] || two[j])
-        columns_.back().push_back(j), moves1_.back().push_back(one[j]), moves2_.back().push_back(two[j]);
-  }
+    moved_.emplace_back(scene.model, k);
 }
 
 bool Derivatives::operator()(
-  const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam, double * const out[6])
+  const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam, const Loads & loads,
+  double * const out[6])
 {
   const int n = scene_.model.nv, m = scene_.rows;
-  linearise(q, v, a, lam);
-  const Eigen::LLT<MatrixXd, Eigen::Upper> llt(data_.M);
-  if (llt.info() != Eigen::Success || (m && !(J_.squaredNorm() > rank_.least)))
+  linearise(q, v, a, lam, loads);
+  if (!factors_.factorise(data_.M, J_))
     return false;
-  L_ = llt.matrixL();
-  null_.resize(0, 0);
-  if (m && (rank_.dependent || !independent()) && !minimum_norm(q, lam))
-    return false;
-  MatrixXd x = rhs_.topRows(n), z; // y, and then da
-  L_.triangularView<Eigen::Lower>().solveInPlace(x);
-  if (m)
-  {
-    z.noalias() = -Q_.transpose() * x;
-    z.leftCols(2 * n).noalias() += B_inverse_ * rhs_.bottomLeftCorner(m, 2 * n);
-    x.noalias() += Q_ * z;
-    z = B_inverse_.transpose() * z; // dlam
-  }
-  L_.triangularView<Eigen::Lower>().transpose().solveInPlace(x);
-  if (null_.size())
-    z.leftCols(n) += null_;
+  MatrixXd da = rhs_.topRows(n), dlam = factors_.solve(da, rhs_.bottomLeftCorner(m, 2 * n));
+  if (factors_.dependent())
+    dlam.leftCols(n) += along_redundant_rows(q, lam);
   for (int k = 0; k < 3; ++k)
   {
-    Eigen::Map<RowMajor>(out[k], n, n) = x.middleCols(k * n, n);
+    Eigen::Map<RowMajor>(out[k], n, n) = da.middleCols(k * n, n);
     if (m)
-      Eigen::Map<RowMajor>(out[3 + k], m, n) = z.middleCols(k * n, n);
+      Eigen::Map<RowMajor>(out[3 + k], m, n) = dlam.middleCols(k * n, n);
   }
-  return x.allFinite() && z.allFinite();
+  return da.allFinite() && dlam.allFinite();
 }
 
-void Derivatives::linearise(const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam)
+void Derivatives::linearise(
+  const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam, const Loads & loads)
 {
   const int n = scene_.model.nv, m = scene_.rows;
-  for (auto & f : on_joint_)
-    f.setZero();
+  on_joint_ = loads.on_joint;
   VectorXd of_couplings = VectorXd::Zero(n); // J^T lam that does not change
   pinocchio::forwardKinematics(scene_.model, data_, q);
   add_wrenches(scene_, data_, lam, on_joint_, of_couplings);
@@ -84,6 +45,30 @@ void Derivatives::linearise(const VectorXd & q, const VectorXd & v, const Vector
   rhs_.topRightCorner(n, n).setIdentity();
   for (std::size_t i = 0; i < scene_.constraints.size(); ++i)
     write(i, lam);
+  for (std::size_t i = 0; i < loads.pushes.size(); ++i)
+    if (loads.pushes[i].in_world)
+      turn(loads.pushes[i], loads.wrenches[i]);
+}
+
+/// Adds what turns of J_f^T f to -r_q, for a force that is fixed in the world: x_q = x x J_w for both its parts.
+void Derivatives::turn(const Push & push, const Vector6d & wrench)
+{
+  const SE3 E = data_.oMi[push.joint] * push.placement;
+  std::vector<int> columns;
+  for (auto above : scene_.model.supports[push.joint])
+    for (int j = scene_.model.idx_vs[above]; above && j < scene_.model.idx_vs[above] + scene_.model.nvs[above]; ++j)
+      columns.push_back(j);
+  Matrix6x J(6, columns.size()), turned(6, columns.size());
+  for (std::size_t c = 0; c < columns.size(); ++c)
+  {
+    J.col(c) = E.actInv(Motion(data_.J.col(columns[c]).head<3>(), data_.J.col(columns[c]).tail<3>())).toVector();
+    const Vector3d J_w = J.col(c).tail<3>();
+    turned.col(c) << wrench.head<3>().cross(J_w), wrench.tail<3>().cross(J_w);
+  }
+  const MatrixXd by = J.transpose() * turned;
+  for (std::size_t c = 0; c < columns.size(); ++c)
+    for (std::size_t b = 0; b < columns.size(); ++b)
+      rhs_(columns[b], columns[c]) += by(b, c);
 }
 
 /// Writes the rows of a constraint into J and -[s_q, s_v], and adds what turns of J^T lam to -r_q.
@@ -94,23 +79,23 @@ void Derivatives::write(std::size_t i, const VectorXd & lam)
   const double kp = scene_.kp, kd = scene_.kd;
   if (k.kind == Kind::coupling)
   {
-    J_(k.first, k.v_a) = 1.0, J_(k.first, k.v_b) = -k.length;
+    write_coupling(k, J_.row(k.first));
     rhs_.row(n + k.first).head(n) = -kp * J_.row(k.first);
     rhs_.row(n + k.first).segment(n, n) = -kd * J_.row(k.first);
     return;
   }
   const Linearised of(k, data_, k.sign * lam.segment(k.first, k.size));
-  const auto & columns = columns_[i];
+  const auto & columns = moved_[i].columns;
   const int count = int(columns.size());
   Matrix6x J1(6, count), J2(6, count), w1(6, count), w2(6, count);
   for (int c = 0; c < count; ++c)
   {
     const int j = columns[c];
-    const Column one = of.at1(j, moves1_[i][c]), two = of.at2(j, moves2_[i][c]);
+    const Column one = of.at1(j, moved_[i].one[c]), two = of.at2(j, moved_[i].two[c]);
     const RowPartials by = of(one, two);
     for (int row = 0; row < k.size; ++row)
     {
-      const int from = k.kind == Kind::rod ? 0 : k.selection[row], to = k.first + row;
+      const int from = k.component(row), to = k.first + row;
       J_(to, j) = k.sign * by.J[from];
       rhs_(n + to, j) = -k.sign * (by.s_q[from] + kp * by.c_q[from] + kd * by.v_q[from]);
       rhs_(n + to, n + j) = -k.sign * (by.s_v[from] + kd * by.J[from]);
@@ -129,52 +114,14 @@ void Derivatives::write(std::size_t i, const VectorXd & lam)
       rhs_(columns[b], columns[c]) += turned(b, c);
 }
 
-/// By L^-1 J^T = Q R, unless a pivot of R is rounding.
-bool Derivatives::independent()
+/// What keeps lam the smallest as the rows turn.
+MatrixXd Derivatives::along_redundant_rows(const VectorXd & q, const VectorXd & lam)
 {
-  const int n = int(L_.rows()), m = int(J_.rows());
-  if (m > n)
-    return false;
-  MatrixXd A = J_.transpose();
-  L_.triangularView<Eigen::Lower>().solveInPlace(A);
-  const Eigen::HouseholderQR<MatrixXd> qr(A);
-  const VectorXd pivots = qr.matrixQR().diagonal().cwiseAbs();
-  const double largest = scene_.weights.maxCoeff(); // squared, the largest of M^-1: what J M^-1 J^T is rounded by
-  const double rounding = eps * largest * largest * J_.squaredNorm();
-  const double least = std::max(rank_tolerance * pivots.maxCoeff(), std::sqrt(noise * rounding));
-  if (!(pivots.minCoeff() > least))
-    return false;
-  Q_ = qr.householderQ() * MatrixXd::Identity(n, m);
-  B_inverse_ = qr.matrixQR().topRows(m).triangularView<Eigen::Upper>().transpose().solve(MatrixXd::Identity(m, m));
-  return true;
-}
-
-/// With pivots on the columns, and what keeps lam the smallest as the rows turn.
-bool Derivatives::minimum_norm(const VectorXd & q, const VectorXd & lam)
-{
-  const int n = int(L_.rows()), m = scene_.rows;
-  MatrixXd A = J_.transpose();
-  L_.triangularView<Eigen::Lower>().solveInPlace(A);
-  const Eigen::ColPivHouseholderQR<MatrixXd> qr(A);
-  const VectorXd pivots = qr.matrixR().diagonal().cwiseAbs();
-  int rank = 0;
-  for (double pivot : pivots)
-    if (pivot > something_above * pivots[0])
-      ++rank;
-    else if (!(pivot < nothing_below * pivots[0]))
-      return false;
-  Q_ = qr.householderQ() * MatrixXd::Identity(n, rank);
-  const MatrixXd R = qr.matrixR().topRows(rank).triangularView<Eigen::Upper>();
-  const MatrixXd B = qr.colsPermutation() * R.transpose(); // of full column rank: Q2 R2
-  const Eigen::HouseholderQR<MatrixXd> of_rows(B);
-  const MatrixXd Q2 = of_rows.householderQ() * MatrixXd::Identity(m, rank);
-  B_inverse_ = of_rows.matrixQR().topRows(rank).triangularView<Eigen::Upper>().solve(MatrixXd(Q2.transpose()));
   // lam = J w, with the smallest w in the metric of M
-  VectorXd w = Q_ * (B_inverse_ * lam);
-  L_.triangularView<Eigen::Lower>().transpose().solveInPlace(w);
+  VectorXd w = factors_.Q * (factors_.B_inverse * lam);
+  factors_.L.triangularView<Eigen::Lower>().transpose().solveInPlace(w);
   const MatrixXd turned = turning(q, w);
-  null_ = turned - Q2 * (Q2.transpose() * turned);
-  return true;
+  return turned - factors_.Q2 * (factors_.Q2.transpose() * turned);
 }
 
 /// How J w changes with q while w stays: as the slip does at v = w.
@@ -199,12 +146,12 @@ MatrixXd Derivatives::turning(const VectorXd & q, const VectorXd & w)
     if (k.kind == Kind::coupling)
       continue;
     const Linearised of(k, data_, VectorXd::Zero(k.size));
-    for (std::size_t c = 0; c < columns_[i].size(); ++c)
+    for (std::size_t c = 0; c < moved_[i].columns.size(); ++c)
     {
-      const int j = columns_[i][c];
-      const RowPartials by = of(of.at1(j, moves1_[i][c]), of.at2(j, moves2_[i][c]));
+      const int j = moved_[i].columns[c];
+      const RowPartials by = of(of.at1(j, moved_[i].one[c]), of.at2(j, moved_[i].two[c]));
       for (int row = 0; row < k.size; ++row)
-        turned(k.first + row, j) = k.sign * by.v_q[k.kind == Kind::rod ? 0 : k.selection[row]];
+        turned(k.first + row, j) = k.sign * by.v_q[k.component(row)];
     }
   }
   return turned;

@@ -10,24 +10,26 @@ NB_MODULE(_core, m)
   m.attr("pinocchio") = PINOCCHIO_VERSION;
   m.attr("simd") = Eigen::SimdInstructionSetsInUse();
   m.attr("arch") = CONDYN_ARCH;
-  m.attr("protocol") = 2; // of the arrays: what condyn_pin hands over has to be of the same
+  m.attr("protocol") = 3; // of the arrays: what condyn_pin hands over has to be of the same
   using namespace nanobind::literals;
   nb::class_<Core>(m, "Core")
     .def(nb::init<const std::vector<std::string> &, const Integers &, const Table &, const List &, const List &,
                   const IntegerTable &, const Table &, const IntegerTable &, const Table &, const Table &,
-                  const List &, const List &, double, const List &, const List &, const List &, const Table &,
+                  const List &, const List &, double, int, const List &, const List &, const List &, const Table &,
                   const IntegerTable &, const Integers &, const List &>(),
          nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,
          "of_constraints"_a, "plain"_a, "of_plain"_a, "to_scene"_a, "drift"_a, "weights"_a, "open_squared"_a,
-         "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a, "watched"_a, "nominal_pivots"_a)
+         "method"_a, "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a, "watched"_a, "nominal_pivots"_a)
     .def(
       "solve",
       [](Core & core, const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a,
          const Array<double, 2> & lam, const Array<double, 2> & sizes, const Array<int, 1> & iterations,
-         const Array<double, 1> & times, int threads) {
-        core.solve({Q, V, TAU}, {a, lam, sizes, iterations, times}, threads);
+         const Array<double, 1> & times, const IntegerTable & pushes, const Table & placements, const Table & wrenches,
+         const Array<double, 2> & loads, int threads) {
+        core.solve({Q, V, TAU, pushes, placements, wrenches}, {a, lam, sizes, iterations, times, loads}, threads);
       },
-      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "a"_a, "lam"_a, "sizes"_a, "iterations"_a, "times"_a, "threads"_a)
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "a"_a, "lam"_a, "sizes"_a, "iterations"_a, "times"_a, "pushes"_a,
+      "placements"_a, "wrenches"_a, "loads"_a, "threads"_a)
     .def(
       "solve_one",
       [](Core & core, const List & q, const List & v, const List & tau, const Array<double, 1> & a,
@@ -40,11 +42,13 @@ NB_MODULE(_core, m)
       "differentiate",
       [](Core & core, const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a,
          const Array<double, 2> & lam, const Array<double, 2> & sizes, const Array<int, 1> & iterations,
-         const Array<double, 1> & times, const std::vector<Array<double, 3>> & blocks, int threads) {
-        core.differentiate({Q, V, TAU}, {a, lam, sizes, iterations, times}, blocks, threads);
+         const Array<double, 1> & times, const IntegerTable & pushes, const Table & placements, const Table & wrenches,
+         const Array<double, 2> & loads, const std::vector<Array<double, 3>> & blocks, int threads) {
+        core.differentiate(
+          {Q, V, TAU, pushes, placements, wrenches}, {a, lam, sizes, iterations, times, loads}, blocks, threads);
       },
-      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "a"_a, "lam"_a, "sizes"_a, "iterations"_a, "times"_a, "blocks"_a,
-      "threads"_a)
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "a"_a, "lam"_a, "sizes"_a, "iterations"_a, "times"_a, "pushes"_a,
+      "placements"_a, "wrenches"_a, "loads"_a, "blocks"_a, "threads"_a)
     .def(
       "simulate",
       [](Core & core, const Table & Q, const Table & V, const Table & TAU, int integrator, double dt, int steps,
@@ -52,11 +56,11 @@ NB_MODULE(_core, m)
          const Array<double, 3> & q, const Array<double, 3> & v, const Array<double, 3> & a,
          const Array<double, 3> & lam, const Array<double, 3> & measures, const Array<int, 1> & done,
          const Array<double, 1> & times, int threads) {
-        want(limits.size() == 4 && 0 <= integrator && integrator <= int(Integrator::runge_kutta_4), "plan");
+        want(limits.size() == 5 && 0 <= integrator && integrator <= int(Integrator::runge_kutta_4), "plan");
         const double * x = limits.data();
         const MotionPlan plan{
-          Integrator(integrator), dt, steps, every, correct_every, with_answers, x[0], x[1], x[2], x[3]};
-        core.simulate({Q, V, TAU}, plan, {t, q, v, a, lam, measures, done, times}, threads);
+          Integrator(integrator), dt, steps, every, correct_every, with_answers, x[0], x[1], x[2], x[3], int(x[4])};
+        core.simulate(Q, V, TAU, plan, {t, q, v, a, lam, measures, done, times}, threads);
       },
       "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "integrator"_a, "dt"_a, "steps"_a, "every"_a, "correct_every"_a,
       "with_answers"_a, "limits"_a, "t"_a, "q"_a, "v"_a, "a"_a, "lam"_a, "measures"_a, "done"_a, "times"_a,

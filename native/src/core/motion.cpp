@@ -1,11 +1,18 @@
 #include "motion.hpp"
+#include "answers.hpp"
 #include <pinocchio/algorithm/joint-configuration.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
 
 namespace condyn
 {
+namespace
+{
+/// The foot of a point on the line along n through the origin.
+Vector3d onto(const Vector3d & n, const Vector3d & point) { return n.dot(point) * n; }
+} // namespace
+
 Mover::Mover(const Scene & scene)
-: scene_(scene), solver_(scene_), data_(scene_.model), rows_(scene_.rows), q1_(scene_.model.nq)
+: scene_(scene), solver_(solver_of(scene_)), data_(scene_.model), rows_(scene_.rows), q1_(scene_.model.nq)
 {
   const Model & model = scene_.model;
   for (int i = 1; i < model.njoints; ++i)
@@ -69,18 +76,28 @@ bool Mover::begin(VectorXd & q, VectorXd & v)
 /// Gives contacts without an anchor the place where they are at q.
 void Mover::anchor(const VectorXd & q)
 {
-  if (scene_.unanchored.empty())
-    return;
-  pinocchio::forwardKinematics(scene_.model, data_, q);
+  if (!scene_.unanchored.empty())
+    pinocchio::forwardKinematics(scene_.model, data_, q);
   for (int i : scene_.unanchored)
   {
     Constraint & c = scene_.constraints[i];
-    c.placement2 = data_.oMi[c.joint1] * c.placement1;
+    const SE3 E1 = data_.oMi[c.joint1] * c.placement1, E2 = data_.oMi[c.joint2] * c.placement2;
+    if (c.joint1 == 0) // a plane through a point of body 2
+      c.placement1.translation() = onto(E1.rotation().col(2), E2.translation());
+    else if (c.kind == Kind::roll)
+    {
+      const Touch at(c, E1.rotation().transpose() * E2.rotation(), Vector3d::Zero());
+      c.placement2.translation() = onto(E2.rotation().col(2), E1.act(at.r.x));
+    }
+    else
+      c.placement2 = E1;
+    if (c.kind == Kind::held && !c.is_point() && c.size < 6)
+      c.kind = Kind::cut; // an edge: off its anchor the world enters its rows
     c.anchored = true;
-    scene_.plain_specs[i].anchored = true;
-    solver_.constraints[i].joint2_placement = c.placement2;
-    solver_.constraints[i].m_baumgarte_parameters.Kp = scene_.kp;
+    if (scene_.method == Method::proximal)
+      scene_.plain_specs[i].anchored = true;
   }
+  solver_->begin(plan_.rank);
 }
 
 /// The torques applied with those of springs and damping: -(d + drag k) v - k (q - rest).
@@ -105,8 +122,8 @@ void Mover::torque(const VectorXd & q, const VectorXd & v, double drag)
 
 bool Mover::solve(const VectorXd & q, const VectorXd & v, VectorXd & a, Inertia inertia)
 {
-  solver_.model.armature = inertia == Inertia::heavy ? heavy_ : scene_.model.armature;
-  a = solver_.acceleration(q, v, tau_);
+  solver_->model.armature = inertia == Inertia::heavy ? heavy_ : scene_.model.armature;
+  a = solver_->acceleration(q, v, tau_);
   for (int i : roots_) // what is not finite anywhere is not finite there
     if (!(std::abs(a[i]) < plan_.largest))
       return false;
@@ -258,23 +275,13 @@ bool Mover::turns_too_far(const VectorXd & v) const
 /// One Newton step back to the constraints; the acceleration of the look counts for what it leads to.
 bool Mover::correct(VectorXd & q, VectorXd & v)
 {
-  if (!acceleration(q, v, a_, drag_, first_))
+  known_ = solver_->closes_by_its_factor();
+  if (known_ && !acceleration(q, v, a_, drag_, first_))
     return false;
-  gaps_.setZero(scene_.plain_rows + scene_.model.nv, 2);
-  int row = 0;
-  for (std::size_t k = 0; k < solver_.constraints.size(); ++k)
-  {
-    const auto & spec = scene_.plain_specs[k];
-    if (spec.anchored)
-      gaps_.col(0).segment(row, spec.rows) = solver_.datas[k].contact_placement_error.toVector().head(spec.rows);
-    gaps_.col(1).segment(row, spec.rows) = solver_.datas[k].contact_velocity_error.toVector().head(spec.rows);
-    row += spec.rows;
-  }
-  solver_.solve_in_place(gaps_);
-  along_ = -gaps_.col(0).tail(scene_.model.nv);
-  move(q, along_);
-  v -= gaps_.col(1).tail(scene_.model.nv);
-  known_ = true;
+  if (!solver_->close(q, v, dq_, dv_))
+    return false;
+  move(q, dq_);
+  v += dv_;
   return true;
 }
 
@@ -295,7 +302,7 @@ bool Mover::sample(int row, double t, const VectorXd & q, const VectorXd & v, bo
   if (plan_.with_answers)
   {
     Out(samples_.a + std::size_t(row) * model.nv, model.nv) = a_;
-    Out(samples_.lam + std::size_t(row) * scene_.rows, scene_.rows) = solver_.scene_forces();
+    Out(samples_.lam + std::size_t(row) * scene_.rows, scene_.rows) = solver_->scene_forces();
   }
   measure(row, q, v);
   return true;

@@ -7,16 +7,16 @@
 //   Runge-Kutta 4          in the coordinates theta of a step, q (+) theta, theta' = Jr(theta)^-1 v
 //
 // Springs and damping at the end of a step are inertia, h D + h^2 K (`condyn_pin/simulation/implicit.py`).
-// One Newton step back to the constraints, with the factor that a solve leaves behind:
+// One Newton step back to the constraints, the least in the metric of M:
 //
-//   [ -mu 1  J ] [ . ]     [ c  J v ]
-//   [  J^T   M ] [ d ] = - [ 0   0  ],    q (+) d_1,    v + d_2
+//   q (+) dq,    v + dv,    [dq, dv] = -M^-1 J^T G^+ [c, J v]
 //
 // A motion that cannot go on is given up: Python makes it again, and says why.
 #pragma once
-#include "proximal.hpp"
 #include "rows.hpp"
+#include "solver.hpp"
 #include <atomic>
+#include <memory>
 
 namespace condyn
 {
@@ -33,6 +33,7 @@ struct MotionPlan
   double largest; // acceleration, and
   double lost; // velocity of no machine [rad/s, m/s]
   double reach; // how far joints may be from the world's origin, all shifts at zero [m]
+  int rank; // of the rows, at configurations that are not singular by accident
 };
 
 /// Where a motion writes its samples, a row each.
@@ -75,7 +76,7 @@ private:
   void move(VectorXd & q, const VectorXd & along);
 
   Scene scene_; // its own: contacts are anchored where each motion begins
-  Proximal solver_;
+  std::unique_ptr<Solver> solver_;
   Data data_;
   Rows rows_;
   std::vector<int> roots_; // where v begins for each joint on the world
@@ -83,11 +84,10 @@ private:
 
   MotionPlan plan_;
   Samples samples_;
-  VectorXd applied_, tau_, heavy_, inertia_, a_, a_middle_, middle_q_, middle_v_, along_, q1_;
+  VectorXd dq_, dv_, applied_, tau_, heavy_, inertia_, a_, a_middle_, middle_q_, middle_v_, along_, q1_;
   double drag_ = 0; // what springs ahead add to the damping [s]
   Inertia first_ = Inertia::plain; // of the solve that a step begins with
   bool known_ = false; // whether a_ is that of the state already
   bool begun_ = false; // whether a_middle_ is that of a step
-  MatrixXd gaps_;
 };
 } // namespace condyn

@@ -101,6 +101,7 @@ public:
     case Kind::weld: return weld(one, two);
     case Kind::cut: return cut(one, two);
     case Kind::rod: return rod(one, two);
+    case Kind::roll: return roll(one);
     default: return {};
     }
   }
@@ -228,6 +229,35 @@ private:
     const Vector3d F_q = length_ * n_q;
     of.w1 << F_q, r_.cross(F_q) - length_ * n.cross(lin.dr);
     of.w2.head<3>() = F_q - length_ * n.cross(one.J.angular() - two.J.angular());
+    return of;
+  }
+
+  RowPartials roll(const Column & one) const
+  {
+    RowPartials of;
+    const Vector3d w = one_.v.angular(), alpha = one_.a.angular(), J_w = one.J.angular(), w_q = one.v_q.angular();
+    const Touch at(k_, R_, w, J_w, w_q);
+    const Turning & r = at.r;
+    const Vector3d s = one_.v.linear() + w.cross(r.x);
+    const Vector3d rate = one_.a.linear() + alpha.cross(r.x) + w.cross(r.dot);
+    const Vector3d s_q = one.v_q.linear() - r.x.cross(w_q) + w.cross(r.x_q);
+    const Vector3d s_v = one.J.linear() - r.x.cross(J_w);
+    const Vector3d rate_q = one.a_q.linear() - r.x.cross(one.a_q.angular()) + alpha.cross(r.x_q) + w.cross(r.dot_q)
+      - r.dot.cross(w_q);
+    const Vector3d rate_v = one.a_v.linear() - r.x.cross(one.a_v.angular()) + w.cross(r.x_q) - r.dot.cross(J_w);
+    Vector3d force_q = Vector3d::Zero();
+    for (int i = 0; i < 3; ++i)
+    {
+      const Turning & t = at.axes[i];
+      of.J[i] = t.x.dot(s_v);
+      of.s_q[i] = t.x.dot(rate_q) + rate.dot(t.x_q) + t.dot.dot(s_q) + s.dot(t.dot_q);
+      of.s_v[i] = t.x.dot(rate_v) + t.dot.dot(s_v) + s.dot(t.x_q);
+      of.v_q[i] = t.x.dot(s_q) + s.dot(t.x_q);
+      force_q += force_[i] * t.x_q;
+    }
+    if (k_.anchored)
+      of.c_q[2] = of.J[2]; // the rate of the gap
+    of.w1 << force_q, r.x.cross(force_q) - at.force(force_).cross(r.x_q);
     return of;
   }
 

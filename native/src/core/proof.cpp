@@ -15,6 +15,24 @@ double largest(const VectorXd & x)
       found = std::abs(x[i]);
   return found;
 }
+
+/// Newton-Euler from the bodies back to the root, after forward kinematics with a: M a + h less what the
+/// wrenches on the joints do. `rnea` would go through the kinematics once more.
+const VectorXd & newton_euler(const Model & model, Data & data, const VectorXd & a, const Forces & on_joint)
+{
+  for (int i = 1; i < model.njoints; ++i)
+  {
+    const auto & Y = model.inertias[i];
+    Motion felt = data.a[i];
+    felt.linear() -= data.oMi[i].rotation().transpose() * model.gravity.linear();
+    data.f[i] = Y * felt + data.v[i].cross(Y * data.v[i]) - on_joint[i];
+  }
+  data.tau = model.armature.cwiseProduct(a);
+  using Step = pinocchio::impl::RneaBackwardStep<double, 0, Joints>;
+  for (int i = model.njoints - 1; i > 0; --i)
+    Step::run(model.joints[i], data.joints[i], Step::ArgsType(model, data));
+  return data.tau;
+}
 } // namespace
 
 Proof::Proof(const Scene & scene)
@@ -23,18 +41,18 @@ Proof::Proof(const Scene & scene)
 {}
 
 Sizes Proof::operator()(
-  const VectorXd & q, const VectorXd & v, const VectorXd & tau, const VectorXd & a, const VectorXd & lam)
+  const VectorXd & q, const VectorXd & v, const VectorXd & tau, const VectorXd & a, const VectorXd & lam,
+  const Loads * loads)
 {
   pinocchio::forwardKinematics(scene_.model, data_, q, v, a);
   rows_.evaluate(scene_, data_, q, v, a);
   if (scene_.kp != 0 || scene_.kd != 0)
     rows_.acceleration += scene_.kd * rows_.velocity + scene_.kp * rows_.c;
-  for (auto & f : on_joint_)
-    f.setZero();
+  for (std::size_t i = 0; i < on_joint_.size(); ++i)
+    on_joint_[i] = loads ? loads->on_joint[i] : Force::Zero();
   torque_.setZero();
   add_wrenches(scene_, data_, lam, on_joint_, torque_);
-  pinocchio::rnea(scene_.model, data_, q, v, a, on_joint_);
-  r_ = (data_.tau - tau - torque_).cwiseAbs();
+  r_ = (newton_euler(scene_.model, data_, a, on_joint_) - tau - torque_).cwiseAbs();
   return {largest(r_), largest(a), largest(rows_.c), largest(rows_.velocity), largest(rows_.acceleration),
           largest(lam), scene_.weights.dot(r_)};
 }

@@ -3,6 +3,7 @@
 //   r = M a + h - tau - J^T lam        by Newton-Euler, lam as forces on the bodies
 //   s = J a + gamma - a_ref            by forward kinematics
 #pragma once
+#include "loads.hpp"
 #include "rows.hpp"
 
 namespace condyn
@@ -19,7 +20,8 @@ public:
   explicit Proof(const Scene & scene);
 
   Sizes operator()(
-    const VectorXd & q, const VectorXd & v, const VectorXd & tau, const VectorXd & a, const VectorXd & lam);
+    const VectorXd & q, const VectorXd & v, const VectorXd & tau, const VectorXd & a, const VectorXd & lam,
+    const Loads * loads = nullptr);
 
 private:
   const Scene & scene_;

@@ -5,8 +5,7 @@
 namespace condyn
 {
 Proximal::Proximal(const Scene & scene)
-: scene(scene), model(scene.model), data(model), constraints(scene.plain)
-, lam(VectorXd::Zero(scene.plain_rows))
+: Solver(scene), constraints(scene.plain), lam(VectorXd::Zero(scene.plain_rows))
 , settings_(scene.proximal.absolute, scene.proximal.relative, scene.proximal.mu, scene.proximal.limit)
 {
   for (auto & c : constraints)
@@ -59,22 +58,41 @@ VectorXd Proximal::scene_forces() const
   return scene.to_scene.size() ? VectorXd(scene.to_scene * lam) : lam;
 }
 
-void Proximal::solve_in_place(MatrixXd & rhs)
+/// Gives contacts that were anchored their place.
+void Proximal::begin(int)
 {
+  for (int i : scene.unanchored)
+  {
+    constraints[i].joint2_placement = scene.constraints[i].placement2;
+    constraints[i].m_baumgarte_parameters.Kp = scene.kp;
+  }
+}
+
+/// By [[-mu 1, J], [J^T, M]] x = rhs, with the factor that the last acceleration left.
+bool Proximal::close(const VectorXd &, const VectorXd &, VectorXd & dq, VectorXd & dv)
+{
+  gaps_.setZero(scene.plain_rows + model.nv, 2);
+  int row = 0;
+  for (std::size_t k = 0; k < constraints.size(); ++k)
+  {
+    const auto & spec = scene.plain_specs[k];
+    if (spec.anchored)
+      gaps_.col(0).segment(row, spec.rows) = datas[k].contact_placement_error.toVector().head(spec.rows);
+    gaps_.col(1).segment(row, spec.rows) = datas[k].contact_velocity_error.toVector().head(spec.rows);
+    row += spec.rows;
+  }
   if (reweighted_)
     data.constraint_chol.compute(model, data, constraints, datas, settings_.mu);
   reweighted_ = false;
-  data.constraint_chol.solveInPlace(rhs);
+  data.constraint_chol.solveInPlace(gaps_);
+  dq = -gaps_.col(0).tail(model.nv), dv = -gaps_.col(1).tail(model.nv);
+  return true;
 }
 
-double Proximal::pivots_left() const
+double Proximal::pivots_left()
 {
   // M is the last block of a matrix U D U^T: the last entries of D are its pivots
-  const auto pivots = data.constraint_chol.D.tail(model.nv);
-  double left = 1.0;
-  for (std::size_t i = 0; i < scene.watched.size(); ++i)
-    left = std::min(left, pivots[scene.watched[i]] / scene.nominal_pivots[i]);
-  return left;
+  return share_of_pivots(data.constraint_chol.D.tail(model.nv));
 }
 
 bool Proximal::is_exact() const

@@ -12,6 +12,7 @@
 //
 // `condyn_pin/constraints/rows` has the same in Python, where each is derived.
 #pragma once
+#include "rolling.hpp"
 #include "scene.hpp"
 #include <cmath>
 
@@ -50,6 +51,7 @@ struct Rows
       case Kind::weld: weld(k, data); break;
       case Kind::cut: cut(k, data); break;
       case Kind::rod: rod(k, data); break;
+      case Kind::roll: roll(k, data); break;
       case Kind::coupling:
         c[k.first] = q[k.q_a] - k.length * q[k.q_b] - k.offset;
         velocity[k.first] = v[k.v_a] - k.length * v[k.v_b];
@@ -151,6 +153,25 @@ private:
     velocity[k.first] = along;
     acceleration[k.first] = (s_dot.dot(r) - s.dot(s) + along * along) * per_distance;
   }
+
+  void roll(const Constraint & k, const Data & data)
+  {
+    const End one(data, k.joint1, k.placement1);
+    const SE3 plane = one.E.actInv(k.placement2);
+    const Vector3d w = one.v.angular();
+    const Touch at(k, plane.rotation(), w);
+    const Vector3d s = one.v.linear() + w.cross(at.r.x);
+    const Vector3d s_dot = one.a.linear() + one.a.angular().cross(at.r.x) + w.cross(at.r.dot);
+    Vector6d gap = Vector6d::Zero(), slip = gap, rate = gap;
+    for (int i = 0; i < 3; ++i)
+    {
+      slip[i] = at.axes[i].x.dot(s);
+      rate[i] = at.axes[i].x.dot(s_dot) + at.axes[i].dot.dot(s);
+    }
+    if (k.anchored)
+      gap[2] = at.axes[2].x.dot(at.r.x - plane.translation());
+    put(k, gap, slip, rate);
+  }
 };
 
 /// Adds lam, in the axes of each constraint, to the wrenches on the joints; J^T lam of couplings,
@@ -180,6 +201,12 @@ inline void add_wrenches(
     else
       for (int i = 0; i < k.size; ++i)
         six[k.selection[i]] = k.sign * lam[k.first + i];
+    if (k.kind == Kind::roll)
+    {
+      const Touch at(k, R, Vector3d::Zero());
+      const Vector3d force = at.force(six);
+      six << force, at.r.x.cross(force);
+    }
     one.toVector() = six;
     if (k.kind == Kind::weld)
       two = between.actInv(one);

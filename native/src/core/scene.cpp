@@ -61,7 +61,9 @@ void add_constraints(
       want(valid(c.joint1) && valid(c.joint2), "joints of a constraint");
     for (int row : c.selection)
       want(0 <= row && row < 6, "selection of a constraint");
-    if (!c.anchored && c.kind == Kind::held)
+    want(c.joint2 == 0 || c.kind != Kind::roll, "joints of what rolls");
+    // a blade belongs everywhere; of edges, points and welds on the world one has a place
+    if (!c.anchored && (c.kind != Kind::held || c.size > 1))
       scene.unanchored.push_back(int(scene.constraints.size()));
     scene.constraints.push_back(c);
     scene.rows += c.size;

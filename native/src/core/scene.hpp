@@ -47,6 +47,16 @@ struct Passive
   std::vector<int> at_q, at_v; // where q and v hold its joint
 };
 
+/// What Python knows of the rows of a scene at its nominal state.
+struct Rank
+{
+  bool dependent; // whether there are redundant rows
+  double least; // |J|^2 of a J that is more than rounding
+};
+
+/// Who answers: `Proximal`, or `Direct` for rows that are to be independent, or for any.
+enum class Method { proximal, independent, minimum_norm };
+
 struct Scene
 {
   Model model;
@@ -61,7 +71,9 @@ struct Scene
   std::vector<int> watched; // pivots of M that may fall
   VectorXd nominal_pivots; // of the watched
   double open_squared; // |gap|^2 above which what is approximated is not exact
+  Method method;
   ProximalPlan proximal;
+  Rank rank;
   Passive passive;
 };
 
