@@ -29,7 +29,7 @@ class Native:
         Whose workers use the core, each with so many threads: `Processes`, or Dask's
         ``client.get_executor()``. This process by default.
     where_possible : bool
-        What the core does not take, such as other solvers than `Proximal`, raises
+        What the core does not take, such as torques that are a function, raises
         `UnsupportedBackend` by default; with True Python does that.
 
     Raises
