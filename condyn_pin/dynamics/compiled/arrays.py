@@ -35,9 +35,9 @@ JOINTS: Final = (
 )
 
 
-# Solvers by the number of their method there. These are exact, and so is what the core has in their
-# place: nothing but rounding tells them from it. `Proximal`, number 0, has parameters.
-_DIRECT: Final[dict[Solver, int]] = {DenseKKT(): 1, NullSpace(): 2}
+# Solvers in the order of their methods there, after `Proximal`. These are exact, and so is what the
+# core has in their place: nothing but rounding tells them from it.
+_DIRECT: Final[tuple[Solver, ...]] = (DenseKKT(), NullSpace())
 
 
 def untaken(workspace: Workspace) -> Iterator[str]:
@@ -120,7 +120,7 @@ def of_solver(workspace: Workspace) -> dict[str, Any]:
         better = solver.mu_at_state(workspace).numbers if patient else (0.0,) * 9
         plan = [solver.absolute_accuracy, accuracy, mu, limit, patient, *better]
     return {
-        "method": _DIRECT.get(solver, 0),
+        "method": 1 + _DIRECT.index(solver) if solver in _DIRECT else 0,
         "weights": np.ascontiguousarray(nominal.estimator.weights),
         "open_squared": (0.1 * tolerances.CLOSED) ** 2,
         "watched": nominal.pivots.watched.astype(np.int32),
