@@ -147,7 +147,8 @@ void Core::load(const States & states, int threads)
   prepare(threads);
   const auto found = pushes(states);
   for (auto & worker : workers_)
-    worker->loads = std::make_unique<Loads>(scene_.model, found);
+    if (!worker->loads || !worker->loads->pushes.empty() || !found.empty())
+      worker->loads = std::make_unique<Loads>(scene_.model, found);
 }
 
 const VectorXd & Core::answer(Worker & own, std::size_t i, const States & states, const Answers & answers) const
@@ -240,7 +241,7 @@ void Core::differentiate(
       for (int k = 0; k < 6; ++k)
         out[k] = blocks[k].data() + i * nv * blocks[k].shape(1);
       const VectorXd lam = row(answers.lam, i);
-      if (!a.allFinite() || !(*own.derivatives)(own.q, own.v, a, lam, *own.loads, out))
+      if (!a.allFinite() || !(*own.derivatives)(own.q, own.v, a, lam, *own.loads, own.proof.data(), out))
         give_up(answers, i);
     }
     catch (...)

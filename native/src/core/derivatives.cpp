@@ -13,10 +13,10 @@ Derivatives::Derivatives(const Scene & scene)
 
 bool Derivatives::operator()(
   const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam, const Loads & loads,
-  double * const out[6])
+  const Data & placed, double * const out[6])
 {
   const int n = scene_.model.nv, m = scene_.rows;
-  linearise(q, v, a, lam, loads);
+  linearise(q, v, a, lam, loads, placed);
   if (!factors_.factorise(data_.M, J_))
     return false;
   MatrixXd da = rhs_.topRows(n), dlam = factors_.solve(da, rhs_.bottomLeftCorner(m, 2 * n));
@@ -32,13 +32,13 @@ bool Derivatives::operator()(
 }
 
 void Derivatives::linearise(
-  const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam, const Loads & loads)
+  const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam, const Loads & loads,
+  const Data & placed)
 {
   const int n = scene_.model.nv, m = scene_.rows;
   on_joint_ = loads.on_joint;
   VectorXd of_couplings = VectorXd::Zero(n); // J^T lam that does not change
-  pinocchio::forwardKinematics(scene_.model, data_, q);
-  add_wrenches(scene_, data_, lam, on_joint_, of_couplings);
+  add_wrenches(scene_, placed, lam, on_joint_, of_couplings);
   pinocchio::computeRNEADerivatives(scene_.model, data_, q, v, a, on_joint_);
   rhs_.setZero(n + m, 3 * n), J_.setZero(m, n);
   rhs_.topLeftCorner(n, n) = -data_.dtau_dq, rhs_.block(0, n, n, n) = -data_.dtau_dv;
@@ -149,7 +149,7 @@ MatrixXd Derivatives::turning(const VectorXd & q, const VectorXd & w)
     for (std::size_t c = 0; c < moved_[i].columns.size(); ++c)
     {
       const int j = moved_[i].columns[c];
-      const RowPartials by = of(of.at1(j, moved_[i].one[c]), of.at2(j, moved_[i].two[c]));
+      const RowPartials by = of(of.slip1(j, moved_[i].one[c]), of.slip2(j, moved_[i].two[c]));
       for (int row = 0; row < k.size; ++row)
         turned(k.first + row, j) = k.sign * by.v_q[k.component(row)];
     }

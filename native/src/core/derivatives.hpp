@@ -17,14 +17,16 @@ class Derivatives
 public:
   explicit Derivatives(const Scene & scene);
 
-  /// Writes da/dq, da/dv, da/dtau, dlam/dq, dlam/dv, dlam/dtau; false where the rank is in doubt.
+  /// Writes da/dq, da/dv, da/dtau, dlam/dq, dlam/dv, dlam/dtau; false where the rank is in doubt. `placed` has
+  /// the placements of joints at q.
   bool operator()(
     const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam, const Loads & loads,
-    double * const out[6]);
+    const Data & placed, double * const out[6]);
 
 private:
   void linearise(
-    const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam, const Loads & loads);
+    const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam, const Loads & loads,
+    const Data & placed);
   void turn(const Push & push, const Vector6d & wrench);
   void write(std::size_t i, const VectorXd & lam);
   MatrixXd along_redundant_rows(const VectorXd & q, const VectorXd & lam);

@@ -41,14 +41,23 @@ struct Body
   }
 };
 
-/// Of coordinate j, which moves a body with the velocity v; what turns with that body is taken off.
-inline Column column(const Data & data, int j, const SE3 & seen_from, const Motion & v)
+/// A column of the world, seen from a frame.
+inline Motion seen(const Data::Matrix6x & all, int j, const SE3 & from)
 {
-  const auto at = [&](const Data::Matrix6x & all) {
-    return seen_from.actInv(Motion(all.col(j).head<3>(), all.col(j).tail<3>()));
-  };
-  const Motion J = at(data.J), v_q = at(data.dVdq);
-  return {J, v_q, at(data.dAdq) - v.cross(v_q), at(data.dAdv) - v.cross(J)};
+  return from.actInv(Motion(all.col(j).head<3>(), all.col(j).tail<3>()));
+}
+
+/// Of coordinate j, which moves a body with the velocity v; what turns with that body is taken off.
+inline Column column(const Data & data, int j, const SE3 & from, const Motion & v)
+{
+  const Motion J = seen(data.J, j, from), v_q = seen(data.dVdq, j, from);
+  return {J, v_q, seen(data.dAdq, j, from) - v.cross(v_q), seen(data.dAdv, j, from) - v.cross(J)};
+}
+
+inline Column slip_column(const Data & data, int j, const SE3 & from)
+{
+  const Motion zero(Motion::Zero());
+  return {seen(data.J, j, from), seen(data.dVdq, j, from), zero, zero};
 }
 
 inline Column nothing()
@@ -91,6 +100,10 @@ public:
   /// Columns of coordinate j at both ends, zero at one that it does not move.
   Column at1(int j, bool moves) const { return moves ? column(data_, j, E1_, one_.v) : nothing(); }
   Column at2(int j, bool moves) const { return moves ? column(data_, j, seen2_, two_.v) : nothing(); }
+
+  /// The same without accelerations, for what needs `v_q` alone.
+  Column slip1(int j, bool moves) const { return moves ? slip_column(data_, j, E1_) : nothing(); }
+  Column slip2(int j, bool moves) const { return moves ? slip_column(data_, j, seen2_) : nothing(); }
 
   RowPartials operator()(const Column & one, const Column & two) const
   {

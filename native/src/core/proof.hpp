@@ -23,6 +23,9 @@ public:
     const VectorXd & q, const VectorXd & v, const VectorXd & tau, const VectorXd & a, const VectorXd & lam,
     const Loads * loads = nullptr);
 
+  /// Kinematics of the last state that was looked at.
+  const Data & data() const { return data_; }
+
 private:
   const Scene & scene_;
   Data data_;
