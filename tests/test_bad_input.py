@@ -630,6 +630,14 @@ SCENES: dict[str, Case] = {
     "q by joints": (
         asked("four_bar", "assemble", {"crank": 0.3}), r"^q: .*robot.configuration\(\{joint: value",
     ),
+    "q by posture": (
+        lambda: cp.solve(scene("talos"), "half_sitting", np.zeros(38), np.zeros(38)),
+        r"^q: .*not 'half_sitting'; scene.state\(name\)",
+    ),
+    "start by posture": (
+        lambda: robot("talos").configuration({"head_1_joint": 0.1}, start="half_sitting"),
+        r"^start: .*not 'half_sitting'; .*robot.postures\[name\]",
+    ),
     "tau by joints": (
         lambda: cp.solve(scene("four_bar"), np.zeros(3), np.zeros(3), {"crank": 1.0}),
         r"^tau: .*robot.joint_vector\(\{joint: value",

@@ -287,6 +287,7 @@ MISTAKES = {
     "solve cassie --tau root_joint=1,2": "root_joint has shape (2,)",
     "solve cassie --force pelvi=0,0,1": "did you mean 'pelvis'",
     "solve cassie --force pelvis=0,1": "force on 'pelvis' has shape (2,)",
+    "solve cassie --q 'left-knee-op = x'": "--q left-knee-op=x: numbers with commas",
     "view four_bar --at 0.1": "--at 0.1: it is of a motion",
     "view m.npz": "m.npz: no file of a trajectory (No such file or directory)",
     "nothing": "No such command 'nothing'; `condyn --help`",

@@ -824,6 +824,19 @@ def test_what_is_wrong_is_named():
         (lambda: Controller(scene, STAND, rigid="FL_KFE", **good), "a list of names is needed"),
         (lambda: at_rate(STAND, 1e-3), "a Controller is needed"),
         (lambda: at_rate(Controller(scene, STAND, **good), 0.0), "period = 0"),
+        (lambda: at_rate(Controller(scene, STAND, **good), 1000), "rate in Hz the period is 1 /"),
+        (
+            lambda: cp.simulate(
+                scene, *scene.state(), Controller(scene, STAND, **good), duration=1
+            ),
+            r"tau = Controller: .*control.at_rate\(controller, 1e-3\)",
+        ),
+        (
+            lambda: cp.simulate(
+                scene, *scene.state(), Controller(scene, STAND, **good).solve, duration=1
+            ),
+            r"tau takes \(q.*it is called with \(t, q, v\), in this order",
+        ),
         (lambda: at_rate(Controller(scene, STAND, **good), 1e-3, watch=3), "watch"),
         (lambda: Controller(scene, STAND, **good).solve(q, v[:3]), "v has shape"),
         (lambda: Controller(scene, STAND, **good).solve(q, v, np.nan), "finite numbers"),

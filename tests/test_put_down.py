@@ -51,3 +51,10 @@ def test_q_is_checked_and_kept():
     assert np.array_equal(q, before)
     with pytest.raises(cp.InvalidArgument, match="q"):
         put_down(scene, q[:3])
+
+
+def test_contacts_that_never_let_go_have_no_floor_to_be_put_on():
+    solo = cp.load_robot("solo12")
+    scene = cp.Scene(solo, solo.contacts)
+    with pytest.raises(cp.InvalidArgument, match=r"contacts=robot.frictional_contacts"):
+        put_down(scene, scene.state()[0])

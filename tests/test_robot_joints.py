@@ -149,3 +149,8 @@ def test_a_body_without_mass_has_no_inertia_to_grow():
     model.armature = np.full(model.nv, 0.1)
     with pytest.raises(cp.InvalidArgument, match="moves a body without mass"):
         cp.Robot("light", model).with_masses({first: 1.0})
+
+
+def test_a_link_in_the_place_of_a_joint_is_told_its_joint(cassie):
+    with pytest.raises(cp.errors.UnknownName, match="that 'root_joint' moves; did you mean"):
+        cassie.with_masses({"pelvis": 3.0})

@@ -513,6 +513,11 @@ def test_one_moment_of_a_motion_is_a_still_picture_with_its_own_forces():
         drawing(run.scene, t=0.0)
 
 
+def test_a_name_or_a_path_is_read_first():
+    with pytest.raises(cp.InvalidArgument, match=r"load_robot makes a Robot.*Trajectory.load"):
+        cp.view("four_bar")
+
+
 def test_a_loop_that_is_closed_says_so(monkeypatch):
     _, (text,) = said_by(closures, monkeypatch, swinging())
     assert text.endswith(": closed")

@@ -70,6 +70,11 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
             return plain  # without the questions below
     needed = f"an array of shape {wanted}" if wanted else "one finite number"
     found = name if wanted else f"{name} = {shown(value)}"
+    if isinstance(value, str) and name in ("q", "start"):
+        raise InvalidArgument(
+            f"{name}: {needed} is needed, not {shown(value)}; scene.state(name) closes the loops "
+            "of a posture, and robot.postures[name] is as described"
+        )
     if isinstance(value, Mapping) and len(wanted) == 1:
         raise InvalidArgument(
             f"{found}: {needed} is needed, not a dict; robot.configuration({{joint: value}}) makes "

@@ -112,6 +112,12 @@ def check_called(name: str, function: object, words: str) -> None:
         raise InvalidArgument(
             f"{name} takes {signature}: it is called with ({words}), so {error}"
         ) from error
+    wanted = words.split(", ")
+    for word, own in zip(wanted, signature.parameters, strict=False):
+        if own != word and own in wanted:
+            raise InvalidArgument(
+                f"{name} takes {signature}: it is called with ({words}), in this order"
+            )
 
 
 class Call(NamedTuple):

@@ -64,7 +64,7 @@ def pairs_in(option: str, texts: Sequence[str] | None, needed: str) -> dict[str,
     """Return texts NAME=VALUE of an option as a mapping."""
     found = {}
     for text in texts or ():
-        name, equals, value = text.partition("=")
+        name, equals, value = (part.strip() for part in text.partition("="))
         if not (name and equals and value):
             raise InvalidArgument(f"{option} {text}: {needed}")
         if name in found:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import floor
+from typing import Final
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.controller import Controller
 from condyn_pin.errors import InvalidArgument, SolveFailed
+
+_LONGEST: Final = 1.0  # [s]; no robot is controlled more slowly, and rates in Hz are larger
 
 # Share of a period: times of steps are sums, and rounded.
 _ROUNDING = 1e-6
@@ -46,7 +49,7 @@ def at_rate(
     Raises
     ------
     InvalidArgument
-        If there is no controller, or the period is not positive.
+        If there is no controller, or the period is not positive, or longer than a second.
 
     Notes
     -----
@@ -56,6 +59,11 @@ def at_rate(
     if not isinstance(controller, Controller):
         raise InvalidArgument(f"controller = {controller!r}: a Controller is needed")
     check_positive("time [s]", period=period)
+    if period > _LONGEST:
+        raise InvalidArgument(
+            f"period = {period:g} s: torques would be held for so long; at a rate in Hz the period "
+            "is 1 / rate"
+        )
     if watch is not None:
         check_called("watch", watch, "answer")
     return _Held(controller, float(period), watch)

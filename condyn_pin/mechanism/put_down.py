@@ -11,6 +11,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.errors import InvalidArgument
 
 # Shifts until every plane is clear: one for each of those that form a wedge, and some.
 _SHIFTS = 20
@@ -36,11 +37,16 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
     Raises
     ------
     InvalidArgument
-        If q is no configuration.
+        If q is no configuration, or the contacts of the scene never let go.
     """
     check_scene(scene)
     model = scene.robot.unedited
     placed = normalised(model, "q", q)
+    if not scene.contacts and any(each.presses for each in scene.constraints):
+        raise InvalidArgument(
+            "scene: its contacts are held where they are; one with contacts that may let go is "
+            "needed, Scene(robot, contacts=robot.frictional_contacts(friction=0.7))"
+        )
     candidates = Candidates(model, scene.contact_bounds)
     if not candidates.cones or model.joints[1].shortname() != "JointModelFreeFlyer":
         return placed

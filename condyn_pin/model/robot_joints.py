@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.errors import InvalidArgument, unknown_name
+from condyn_pin.errors import InvalidArgument, UnknownName, unknown_name
 
 if TYPE_CHECKING:
     from condyn_pin.model.robot import Robot
@@ -30,6 +30,13 @@ def joint_of(model: Any, name: str) -> Any:
         raise InvalidArgument(f"joint = {name!r}: the name of a joint is needed")
     index = model.getJointId(name)
     if not 0 < index < model.njoints:  # the world, or no joint
+        carrying = [f.parentJoint for f in model.frames if f.name == name and f.parentJoint]
+        if carrying:
+            joint = model.names[carrying[0]]
+            raise UnknownName(
+                f"no joint named {name!r}, a frame on the body that {joint!r} moves; did you mean "
+                f"{joint!r}?"
+            )
         raise unknown_name("joint", name, tuple(model.names)[1:])
     return model.joints[index]
 

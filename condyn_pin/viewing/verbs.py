@@ -170,6 +170,11 @@ def drawing_of(
 ) -> Drawing:
     """Return what `view` shows of a subject, without a page."""
     if not isinstance(subject, Subject):
+        if isinstance(subject, str):
+            raise InvalidArgument(
+                f"subject = {subject!r}: load_robot makes a Robot of a name or a path, and "
+                "Trajectory.load a motion of a file"
+            )
         raise InvalidArgument(
             f"subject = {subject!r}: a Robot, a Scene, a Solution, a StepSolution, an "
             "InverseDynamics, a ControlAnswer, a Trajectory or an Assembly is needed; of a batch, "
