@@ -502,6 +502,16 @@ SAID = {
     ),
     "contact twice": (ARM + POINT + POINT, r"contacts\[1\]: two constraints are named 'b'"),
     "ofset": (ARM + POINT + "ofset = 1", r"contacts\[0\]: no entry named 'ofset'"),
+    "motors below a table": (
+        ARM + '\nactuated = ["j"]', r"named 'description.actuated'; actuated goes to the top",
+    ),
+    "motors below a loop": (
+        ARM + LOOP + 'actuated = ["j"]', r"loops\[0\]: no entry named 'actuated'; actuated goes to",
+    ),
+    "a number without its zero": (
+        ARM + "[postures.up]\nj = -.5", r"at line \d+.*: 'j = -.5'; numbers have digits on both",
+    ),
+    "a text without quotes": (ARM + "[postures.up]\nj = bent", r"at line \d+.*: 'j = bent'$"),
     "motors in one text": ('actuated = "j"\n' + ARM, "entry actuated = 'j': a list of texts"),
     "motor twice": ('actuated = ["j", "j"]\n' + ARM, "actuated: 'j' is named twice"),
     "description in one text": ('description = "arm.urdf"', "description = 'arm.urdf': a table"),

@@ -12,7 +12,7 @@ merged, lists grow, and the rest is replaced.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import MISSING, fields
 from typing import Any, Final
 
@@ -122,7 +122,7 @@ def _made(kind: Callable[..., Constraint], table: Table, where: str) -> Constrai
 def _check_names(where: str, table: Table, known: Sequence[str], needed: Sequence[str]) -> None:
     for key in table:
         if key not in known:
-            raise InvalidModel(f"{where}: {unknown_name('entry', key, known)}")
+            raise InvalidModel(f"{where}: {_unknown_entry('', key, known)}")
     for key in needed:
         if key not in table:
             raise InvalidModel(f"{where}: the entry {key!r} is missing")
@@ -131,8 +131,15 @@ def _check_names(where: str, table: Table, known: Sequence[str], needed: Sequenc
 def _check_table(where: str, table: Table, known: Mapping[str, Check]) -> None:
     for key, value in table.items():
         if key not in known:
-            raise InvalidModel(str(unknown_name("entry", f"{where}{key}", known)))
+            raise InvalidModel(_unknown_entry(where, key, known))
         _check(where, key, value, known[key])
+
+
+def _unknown_entry(where: str, key: str, known: Collection[str]) -> str:
+    """Return what to say of an entry that does not exist, or is below a table that it is not of."""
+    if key in _CONFIG and known is not _CONFIG:
+        return f"no entry named '{where}{key}'; {key} goes to the top, above the first [table]"
+    return str(unknown_name("entry", f"{where}{key}", known))
 
 
 def _check(where: str, key: str, value: Any, check: Check) -> None:

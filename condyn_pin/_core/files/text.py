@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import tomllib
 from collections.abc import Callable
 from os import PathLike
@@ -12,6 +13,8 @@ from typing import Any, Final
 # A text takes up to thirty times its size when it is parsed: a gigabyte. The largest robots and
 # tables have a tenth of this.
 LARGEST: Final = 2**25  # [bytes]
+
+_SHOWN: Final = 60  # characters of a line in an error
 
 
 def read_bytes(path: str | PathLike[str]) -> bytes:
@@ -43,9 +46,23 @@ def parse_json(text: str | bytes) -> Any:
 
 def parse_toml(text: str) -> dict[str, Any]:
     """Return what a toml says, or raise ValueError."""
-    config: dict[str, Any] = _parsed(tomllib.loads, text, tomllib.TOMLDecodeError)
+    try:
+        config: dict[str, Any] = _parsed(tomllib.loads, text, tomllib.TOMLDecodeError)
+    except tomllib.TOMLDecodeError as error:
+        raise tomllib.TOMLDecodeError(f"{error}{_line_of(text, str(error))}") from error
     _check_depth(config)
     return config
+
+
+def _line_of(text: str, said: str) -> str:
+    """Return the line that an error speaks of, and what is wrong there most often."""
+    found = re.search(r"at line (\d+)", said)
+    if not found:
+        return ""
+    line = text.splitlines()[int(found[1]) - 1 :][:1]
+    short = any(re.search(r"=\s*[+-]?\.\d|=\s*[+-]?\d+\.(\D|$)", each) for each in line)
+    why = "; numbers have digits on both sides of the point, 0.5 and 1.0" if short else ""
+    return "".join(f": {each.strip()[:_SHOWN]!r}{why}" for each in line)
 
 
 def _parsed(parse: Callable[[Any], Any], text: Any, known: type[ValueError]) -> Any:
