@@ -642,7 +642,7 @@ SCENES: dict[str, Case] = {
     ),
     "q by posture": (
         lambda: cp.solve(scene("talos"), "half_sitting", np.zeros(38), np.zeros(38)),
-        r"^q: .*not 'half_sitting'; scene.state\(name\)",
+        r"^q: .*not 'half_sitting'; .*robot.postures\[name\] is one",
     ),
     "start by posture": (
         lambda: robot("talos").configuration({"head_1_joint": 0.1}, start="half_sitting"),

@@ -113,7 +113,7 @@ def test_independent_coordinates_do_not_jump_at_a_dead_point():
     )
     assert not run.status.ok
     assert "velocities jump by" in run.reason
-    assert "as near a dead point; take a smaller dt than 0.001 s, or RungeKutta4()" in run.reason
+    assert "as at a dead point; take a smaller dt than 0.001 s, or RungeKutta4()" in run.reason
     assert np.abs(run.energy.error).max() < 1e-8
     hangs = cp.load_robot("n_four_bar")
     scene = cp.Scene(hangs, hangs.loops)

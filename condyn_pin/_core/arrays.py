@@ -15,6 +15,11 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 T = TypeVar("T")
 
+# What makes arrays of values by joint, and of the name of a posture.
+_MADE_BY: Final = dict.fromkeys(
+    ("q", "start"), "robot.configuration({joint: value}) makes one, robot.postures[name] is one"
+) | dict.fromkeys(("v", "a", "tau"), "robot.joint_vector({joint: value}) makes one")
+
 _SHOWN: Final = 200  # characters of a value in an error
 
 
@@ -70,16 +75,8 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
             return plain  # without the questions below
     needed = f"an array of shape {wanted}" if wanted else "one finite number"
     found = name if wanted else f"{name} = {shown(value)}"
-    if isinstance(value, str) and name in ("q", "start"):
-        raise InvalidArgument(
-            f"{name}: {needed} is needed, not {shown(value)}; scene.state(name) closes the loops "
-            "of a posture, and robot.postures[name] is as described"
-        )
-    if isinstance(value, Mapping) and len(wanted) == 1:
-        raise InvalidArgument(
-            f"{found}: {needed} is needed, not a dict; robot.configuration({{joint: value}}) makes "
-            "a q of it, robot.joint_vector({joint: value}) a v, an a or a tau"
-        )
+    if name in _MADE_BY and isinstance(value, str | Mapping):
+        raise InvalidArgument(f"{name}: {needed} is needed, not {shown(value)}; {_MADE_BY[name]}")
     try:
         array = np.asarray(value)
         if array.dtype.kind == "b" or _has_flags(value):

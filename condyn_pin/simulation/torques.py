@@ -71,7 +71,7 @@ class Applied:
         self._robot = robot
         for force in forces:
             self._loads.place(force.frame)  # what is no frame is refused before the run
-        if hasattr(tau, "solve"):
+        if hasattr(tau, "solve") and not hasattr(tau, "__array__"):
             raise InvalidArgument(
                 f"tau = {type(tau).__name__}: torques or a function of (t, q, v) are needed; "
                 "control.at_rate(controller, 1e-3) makes one of a Controller"

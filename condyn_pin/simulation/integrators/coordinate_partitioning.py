@@ -87,7 +87,7 @@ def _check_jump(t: float, dt: float, v: Array, v1: Array, smooth: Array) -> None
     if jump > _JUMP * float(np.abs((v, v1)).max(initial=_AT_REST)):
         raise StepFailed(
             f"{CoordinatePartitioning.title} at t = {t + dt:g} s: the dependent velocities jump by "
-            f"{jump:.1e} (m/s, rad/s), as near a dead point; take a smaller dt than {dt:g} s, or "
+            f"{jump:.1e} (m/s, rad/s), as at a dead point; take a smaller dt than {dt:g} s, or "
             "RungeKutta4()"
         )
 
