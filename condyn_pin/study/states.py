@@ -118,7 +118,7 @@ class SampledStates(States):
         made = []
         for _, load in zip(range(self.count), cycle(self.loads), strict=False):
             q, v = scene.sample(rng, spread=self.spread, speed=self.speed)
-            q = put_down(scene, q)
+            q = put_down(scene, q) if scene.contacts else q
             made.append(LOADS[load](scene, q, v, motor_torque(scene.robot, rng)))
         return tuple(made)
 
