@@ -843,7 +843,10 @@ def test_what_is_wrong_is_named():
         (lambda: Controller(scene, STAND, **good).solve(q, v, passive=[1.0]), "passive"),
         (lambda: CenterOfMass(weight=-1.0), "weight"),
         (lambda: CenterOfMass(kp=-1.0), "kp"),
-        (lambda: CenterOfMass(reference=(0, 0, 0), a=(0, 0, 0)), "give only one of them"),
+        (
+            lambda: CenterOfMass(reference=(0, 0, 0), a=(0, 0, 0)),
+            "an acceleration or a reference, not both",
+        ),
         (
             lambda: Controller(scene, [CenterOfMass(reference=(0, 0))], **good).solve(q, v),
             "reference",
