@@ -117,7 +117,11 @@ class Trajectory:
 
     @property
     def modes(self) -> dict[str, NDArray[np.str_]]:
-        """Mode of each contact at each sample (k,): open, stick or slide."""
+        """Mode of each contact at each sample (k,): open, stick or slide.
+
+        One without an impulse is open, also where it touches: which corners of a flat foot carry it
+        is not determined. `gaps` says which of them are on the floor.
+        """
         return self.contact.modes if self.contact else {}
 
     @cached_property
