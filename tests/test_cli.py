@@ -288,7 +288,7 @@ MISTAKES = {
     "solve cassie --force pelvi=0,0,1": "did you mean 'pelvis'",
     "solve cassie --force pelvis=0,1": "force on 'pelvis' has shape (2,)",
     "solve cassie --q 'left-knee-op = x'": "--q left-knee-op=x: numbers with commas",
-    "view four_bar --at 0.1": "--at 0.1: it is of a motion",
+    "view four_bar --at 0.1": "--at 0.1: it is for a motion",
     "view m.npz": "m.npz: no file of a trajectory (No such file or directory)",
     "nothing": "No such command 'nothing'; `condyn --help`",
     "lab nothing": "No such command 'nothing'; `condyn lab --help`",

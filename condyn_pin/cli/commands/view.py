@@ -72,7 +72,7 @@ def view(
         if motion is not None:
             raise InvalidArgument(f"--motion {motion}: it is for a batch (.npz), not for {subject}")
         if at is not None:
-            raise InvalidArgument(f"--at {at:g}: it is of a motion (.npz), not of {subject}")
+            raise InvalidArgument(f"--at {at:g}: it is for a motion (.npz), not for {subject}")
         chosen = _standing(subject, contacts, loops, posture, forces, variant, floating)
     elif posture or forces or contacts or variant or floating or not loops:
         raise InvalidArgument(f"{subject}: a motion has its own states, constraints and forces")
