@@ -277,6 +277,28 @@ def test_loops_are_condensed_and_closed() -> None:
     assert found.errors[:, 3].max() <= 1e-12
 
 
+def test_a_foot_that_is_held_beside_feet_that_are_not() -> None:
+    """Anchored where each motion begins, and nowhere in steps that follow."""
+    scene, q, _, tau = on_feet("solo12", friction=0.5)
+    its = scene.robot
+    held = cp.Scene(its, its.contacts[:1], contacts=scene.contacts[1:])
+    V = np.random.default_rng(5).normal(scale=0.2, size=(4, its.nv))
+    rest = cp.Scene(its, its.contacts[:1])
+    V = np.array([cp.impact(rest, q, each).v for each in V])
+    Q = np.tile(q, (4, 1))
+    about = {"duration": 0.03, "dt": DT, "integrator": EXACT, "record": 10}
+    wanted = cp.simulate_batch(held, Q, V, tau, **about)
+    found = cp.simulate_batch(held, Q, V, tau, **about, **CORE)
+    assert wanted.ok
+    assert_array_equal(found.statuses, wanted.statuses)
+    assert_allclose(found.samples.v, wanted.samples.v, rtol=0, atol=MOVED)
+    assert_allclose(found.violation, wanted.violation, rtol=0, atol=1e-12)
+    moved = wanted.q.copy()
+    moved[:, 0] += 0.1
+    one = step_batch(held, moved, wanted.v, tau, dt=DT, integrator=EXACT, **CORE)
+    assert_same_steps(one, step_batch(held, moved, wanted.v, tau, dt=DT, integrator=EXACT))
+
+
 def test_a_start_that_penetrates_is_refused_by_python() -> None:
     scene, q, v, tau = on_feet("solo12", friction=0.7)
     q[2] -= 0.01
