@@ -569,6 +569,16 @@ def test_derivatives_of_a_step_solve_no_contact_problem_again(monkeypatch):
         cp.step(scene, q, 0.1 * v, dt=DT)
 
 
+def test_routes_in_turns_do_not_disturb_each_other():
+    scene, q = solo()
+    now = cp.step(scene, q, 0.1 * np.ones(18), dt=DT)
+    routes = ActiveSet(), Softened(), Kappa(1e-2), Kappa(1e-4), ActiveSet()
+    alone = [now.derivatives(route=route).matrices for route in routes]
+    for _ in range(2):
+        for route, wanted in zip(routes, alone, strict=True):
+            assert all(map(np.array_equal, now.derivatives(route=route).matrices, wanted))
+
+
 def test_what_a_step_does_not_depend_on_is_refused():
     of = pushed(8.0, ActiveSet())
     with pytest.raises(cp.InvalidArgument, match="restitution"):

@@ -23,7 +23,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import ClassVar
+from typing import ClassVar, Final
 
 import numpy as np
 
@@ -147,18 +147,27 @@ def check_parameters(
     return tuple(wrt)
 
 
-# The memory of this thread's last call: a loop over derivatives of one scene makes only one.
+# The memory of this thread's last scene: a loop over derivatives, also by several routes, whose
+# schemes differ, makes what it needs only once.
 _last = threading.local()
+
+# How many are kept.
+_MOST: Final = 4
 
 
 def linear_steps(
     scene: Scene, scheme: ContactScheme, dt: float, wrt: Sequence[str] = ()
 ) -> LinearSteps:
-    """Return this thread's linear steps of a scene and a scheme: the last ones, or new ones."""
-    kept: LinearSteps | None = getattr(_last, "kept", None)
-    asked = scheme, dt, tuple(wrt)
-    if kept is None or kept.scene is not scene or kept.asked != asked:
-        _last.kept = kept = LinearSteps(scene, scheme, dt, wrt=wrt)
-    else:
+    """Return this thread's linear steps of a scene and a scheme: earlier ones, or new ones."""
+    if getattr(_last, "scene", None) is scene:
         scene.robot.check_unedited()
-    return kept
+    else:
+        _last.scene, _last.kept = scene, []
+    kept: list[LinearSteps] = _last.kept
+    asked = scheme, dt, tuple(wrt)
+    for steps in kept:
+        if steps.asked == asked:
+            return steps
+    kept.append(LinearSteps(scene, scheme, dt, wrt=wrt))
+    del kept[:-_MOST]
+    return kept[-1]
