@@ -278,6 +278,20 @@ def test_what_is_wrong_is_named():
     unsized = cp.Scene(block(), [cp.SurfaceContact("float", name="sole")])
     with pytest.raises(cp.InvalidArgument, match="half_length or half_width is not set"):
         support_polygon(unsized, Q)
+    with pytest.raises(cp.InvalidArgument, match=r"v has numbers up to 1e\+200"):
+        balance(scene, Q, STILL + 1e200, STILL, np.zeros(6))
+    with pytest.raises(cp.InvalidArgument, match=r"a has numbers up to 1e\+308"):
+        balance(scene, Q, STILL, STILL + 1e308, np.zeros(6))
+
+
+def test_contacts_that_may_open_are_not_left_out_in_silence():
+    made = block()
+    foot = cp.FrictionalContact("float", friction=0.5)
+    for scene in (cp.Scene(made, contacts=[foot]), cp.Scene(made, [SOLE], contacts=[foot])):
+        with pytest.raises(cp.errors.UnsupportedConstraint, match="1 contact may open"):
+            balance(scene, Q, STILL, STILL, np.zeros(scene.rows))
+        with pytest.raises(cp.errors.UnsupportedConstraint, match="1 contact may open"):
+            support_polygon(scene, Q)
 
 
 # Capturability
@@ -303,6 +317,7 @@ def test_what_no_friction_and_no_reach_leave_is_nothing():
     assert cp.control.capturable_speed(0.1, 1.0, friction=0.0) == 0.0
     assert cp.control.capturable_speed(-0.1, 1.0) == 0.0
     assert cp.control.capturable_speed(0.1, 0.9) == pytest.approx(0.1 * np.sqrt(G / 0.9))
-    for wrong in ({"height": 0.0}, {"reach": np.nan}, {"friction": -0.1}, {"friction": np.nan}):
+    wrongs = ({"height": 0.0}, {"reach": np.nan}, {"friction": -0.1}, {"friction": np.nan})
+    for wrong in (*wrongs, {"reach": 1e308, "height": 1e-300}):
         with pytest.raises(cp.InvalidArgument, match=next(iter(wrong))):
             cp.control.capturable_speed(**{"reach": 0.1, "height": 1.0, **wrong})

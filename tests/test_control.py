@@ -40,7 +40,7 @@ from condyn_pin.control import (
     support_polygon,
 )
 from condyn_pin.dynamics.force import Sites
-from condyn_pin.mechanism import project_velocity, without
+from condyn_pin.mechanism import anchored, project_velocity, without
 
 pytest.importorskip("proxsuite")
 pytest.importorskip("daqp")
@@ -746,6 +746,24 @@ def test_contacts_that_drifted_are_drawn_back():
     assert np.allclose(R @ foot, [0.0, 0.0, -0.4], atol=1e-9)
 
 
+def test_anchored_feet_belong_where_they_stood():
+    """Lifted by 1 mm they are drawn back, and without an anchor they stay where they are."""
+    scene, q, v = solo()
+    stood = anchored(scene, q)
+    assert anchored(stood, q) is stood
+    lifted = q.copy()
+    lifted[2] += 1e-3
+    gains = cp.Baumgarte(20.0, 20.0)
+    for each, wanted in ((scene, 0.0), (stood, -0.4)):
+        out = Controller(each, STAND, cones=OCTAGON, drift=gains).solve(lifted, v)
+        assert out.status.ok
+        feet = (Sites(each, lifted).jacobian @ out.a).reshape(-1, 3)
+        for foot, force in zip(feet, out.forces.values(), strict=True):
+            assert np.allclose(force.rotation @ foot, [0.0, 0.0, wanted], atol=1e-9)
+    with pytest.raises(cp.InvalidArgument, match="q has shape"):
+        anchored(scene, q[:5])
+
+
 def test_a_contact_without_a_cone_is_held_like_a_loop():
     scene, q, v = solo()
     out = Controller(scene, STAND, cones=dict.fromkeys(FEET[1:], OCTAGON)).solve(q, v)
@@ -785,6 +803,15 @@ def test_distributions_keep_the_motion_and_are_best_at_what_they_say(name):
 def least_slack(scene, q, answer, cone) -> float:
     rows = cp.contact.cone_rows(scene, q, cone)
     return float(-(rows.A @ answer.lam).max())
+
+
+@pytest.mark.parametrize("criterion", [LeastNorm, LeastTorque, LargestMargin, CentredPressure])
+def test_a_mechanism_without_contacts_has_its_torques(criterion):
+    bar = cp.model.four_bar()
+    scene = cp.Scene(bar, bar.loops)
+    q = scene.state()[0]
+    out = gravity_compensation(scene, q, distribution=criterion({}))
+    assert np.allclose(out.u, gravity_compensation(scene, q).u, atol=1e-12)
 
 
 def test_feet_never_pull_and_what_the_floor_cannot_give_is_said():
@@ -841,7 +868,15 @@ def test_what_is_wrong_is_named():
         (lambda: Controller(scene, STAND, **good).solve(q, v[:3]), "v has shape"),
         (lambda: Controller(scene, STAND, **good).solve(q, v, np.nan), "finite numbers"),
         (lambda: Controller(scene, STAND, **good).solve(q, v, passive=[1.0]), "passive"),
+        (
+            lambda: Controller(scene, STAND, **good).solve(q, v, passive=np.full(18, 1e308)),
+            "passive .* overflows",
+        ),
+        (lambda: at_rate(Controller(scene, STAND, **good), 1e-3)(np.nan, q, v), "t = nan"),
+        (lambda: at_rate(Controller(scene, STAND, **good), 1e-320)(1.0, q, v), "periods"),
+        (lambda: gravity_compensation(scene, q, distribution="least"), "distribution = 'least'"),
         (lambda: CenterOfMass(weight=-1.0), "weight"),
+        (lambda: CenterOfMass(weight=np.ones(3)), "weight has shape|one finite number"),
         (lambda: CenterOfMass(kp=-1.0), "kp"),
         (
             lambda: CenterOfMass(reference=(0, 0, 0), a=(0, 0, 0)),
@@ -880,6 +915,15 @@ def test_what_is_wrong_is_named():
     ):
         with pytest.raises(cp.errors.UnknownName):
             wrong()
+
+
+def test_tasks_that_are_read_once_are_all_done():
+    scene, q, v = solo()
+    once = Controller(scene, (task for task in STAND), cones=OCTAGON)
+    assert once.tasks == STAND
+    out = once.solve(q, v)
+    assert set(out.errors) == {task.name for task in STAND}
+    assert np.allclose(out.tau, Controller(scene, STAND, cones=OCTAGON).solve(q, v).tau, atol=1e-9)
 
 
 def test_values_compare_hash_and_pickle():

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import floor
+from math import floor, isfinite
 from typing import Final
 
 import numpy as np
@@ -85,7 +85,12 @@ class _Held:
 
     def __call__(self, t: float, q: Array, v: Array) -> Array:
         """Return the torques of the tick (nv,) [N m, N]."""
-        tick = floor(t / self._period + _ROUNDING)
+        ticks = t / self._period
+        if not isfinite(ticks):
+            raise InvalidArgument(
+                f"t = {t!r}: not a finite number of periods of {self._period:g} s"
+            )
+        tick = floor(ticks + _ROUNDING)
         if tick != self._tick or t < self._t or (t == self._t and self._is_elsewhere(q, v)):
             self._tau = self._answer(t, q, v)
             self._tick, self._t, self._state = tick, t, (q.copy(), v.copy())

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.contact_wrenches import wrench_margin
 from condyn_pin.control.support import (
@@ -39,7 +39,7 @@ from condyn_pin.control.support import (
     touching_points,
 )
 from condyn_pin.dynamics.force import Sites, upward
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -131,8 +131,10 @@ def balance(
     Raises
     ------
     InvalidArgument
-        If an argument has a wrong size or is not finite, nothing presses on a floor, or a contact
-        does not say its size.
+        If an argument has a wrong size, is not finite or so large that forces overflow, nothing
+        presses on a floor, or a contact does not say its size.
+    UnsupportedConstraint
+        If contacts may open: `scene.closed()` has those that count, `motion_balance` asks a run.
 
     Notes
     -----
@@ -145,13 +147,18 @@ def balance(
     point: a step toward humanoid push recovery. Humanoids, 2006.
     """
     check_scene(scene)
+    check_bilateral(scene)
     model = scene.robot.unedited
     q_, v_, a_ = Arguments(model).check(q, v, a)
     forces = finite("lam", lam, scene.rows)
     at = Sites(scene, q_)
     pressure = pressed(at, forces)
     check_touching(pressure.points)
-    found = balanced(scene, q_, v_, a_, pressure)
+    with np.errstate(all="ignore"):  # what overflows is refused
+        found = balanced(scene, q_, v_, a_, pressure)
+        check_overflow("v", v_, found.com_velocity, found.com_velocity**2)
+        check_overflow("a", a_, found.force, found.moment)
+        check_overflow("lam", forces, found.missing)
     if cones is None:
         return found
     return replace(found, wrench_margin=wrench_margin(at, cones, found.force, found.moment))

@@ -13,7 +13,7 @@ brakes best with p as far ahead as it may be, and comes to rest at the edge from
 
 from __future__ import annotations
 
-from math import inf, sqrt
+from math import inf, isfinite, sqrt
 from numbers import Real
 
 from condyn_pin._core import tolerances
@@ -66,4 +66,7 @@ def capturable_speed(
     if isinstance(friction, bool) or not isinstance(friction, Real) or not friction >= 0:
         raise InvalidArgument(f"friction = {friction!r}: a number >= 0 is needed")
     leans = friction * height
-    return sqrt(gravity / height) * d if d <= leans else sqrt(friction * gravity * (2 * d - leans))
+    speed = sqrt(gravity / height) * d if d <= leans else sqrt(friction * gravity * (2 * d - leans))
+    if not isfinite(speed):
+        raise InvalidArgument(f"reach = {reach!r}: the speed overflows; a smaller one is needed")
+    return speed

@@ -144,7 +144,7 @@ class Controller(OneThread):
         self.actuation = motors_of(scene, settings.actuation)
         self.scene = scene
         self.tasks = tasks if isinstance(tasks, Hierarchy) else check_tasks(tasks)
-        levels = tasks.levels if isinstance(tasks, Hierarchy) else (check_tasks(tasks),)
+        levels = self.tasks.levels if isinstance(self.tasks, Hierarchy) else (self.tasks,)
         names = [task.name for level in levels for task in level]
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise InvalidArgument(f"tasks: two are named {twice[0]!r}; give one of them a name=")
@@ -269,6 +269,7 @@ class Controller(OneThread):
         with np.errstate(all="ignore"):  # what overflows is refused
             if not isfinite(q_ @ q_ + v_ @ v_):  # not finite, or very large
                 self._arguments.check(q_, v_, still)
+            check_overflow("passive", extra, extra @ extra)
             given, levels = self._program.assemble(q_, v_, time, extra)
             if not isfinite(given.b @ given.b + sum(level.b @ level.b for level in levels)):
                 check_overflow("v", v_, given.b, *(level.b for level in levels))

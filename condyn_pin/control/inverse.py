@@ -25,6 +25,7 @@ from condyn_pin.control.drive import Drive
 from condyn_pin.dynamics.at_state import at_state, load_on
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
 
 # Torques are large where motors drive a direction this much more weakly than their strongest.
 _WEAK = 1e-3
@@ -202,6 +203,10 @@ def inverse_dynamics(
     based on linear projection operator. IEEE Transactions on Robotics, 2005.
     """
     actuation = motors_of(scene, actuation)
+    if not isinstance(distribution, ForceDistribution | None):
+        raise InvalidArgument(
+            f"distribution = {distribution!r}: one such as LargestMargin(cones) is needed, or None"
+        )
     state = at_state(scene, q, v)
     terms, factors, n = state.terms, state.factors, scene.robot.nv
     asked = finite("a", a, n)

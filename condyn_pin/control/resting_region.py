@@ -36,7 +36,7 @@ from condyn_pin.control.support import (
     touching_points,
 )
 from condyn_pin.dynamics.force import Sites, upward
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene
 from condyn_pin.errors import InvalidArgument
 
 _MOST_CORNERS = 200  # of a region on uneven ground; round cones have more
@@ -64,6 +64,8 @@ def support_polygon(scene: Scene, q: ArrayLike, cones: Cones | None = None) -> S
     InvalidArgument
         If nothing presses on a floor, a contact does not say its size, or, without cones, contacts
         are not on one plane.
+    UnsupportedConstraint
+        If contacts may open: `scene.closed()` has those that count.
 
     Notes
     -----
@@ -74,6 +76,7 @@ def support_polygon(scene: Scene, q: ArrayLike, cones: Cones | None = None) -> S
     Bretl, Lall. Testing static equilibrium for legged robots. IEEE Transactions on Robotics, 2008.
     """
     check_scene(scene)
+    check_bilateral(scene)
     at = Sites(scene, normalised(scene.robot.model, "q", q))
     points = touching_points(at)
     check_touching(points)

@@ -1,5 +1,6 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
+from .anchoring import anchored as anchored
 from .assembling_many import assemble_batch as assemble_batch
 from .assembly import Assembly as Assembly
 from .assembly import AssemblyStatus as AssemblyStatus

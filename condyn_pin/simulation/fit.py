@@ -1,16 +1,13 @@
-"""Where a scene takes up a state: its contacts get their place, and its loops have to be closed."""
+"""Where a scene takes up a state: its loops have to be closed, and its contacts apart."""
 
 from __future__ import annotations
 
-from collections.abc import MutableMapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.at_state import gaps, slips
 from condyn_pin.dynamics.contact_gaps import gaps_at
 from condyn_pin.dynamics.scene import Scene
@@ -19,29 +16,6 @@ from condyn_pin.mechanism.check import Check
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.measures import gauge_of
-
-
-def anchored(
-    scene: Scene, q: Array, places: MutableMapping[Constraint, Constraint] | None = None
-) -> Scene:
-    """Return the scene with every contact anchored: those without an anchor where they are at q.
-
-    A contact without an anchor holds what it touches wherever that is. In a simulation it would
-    creep with every rounding error, for nothing says where it was. `places` are those of contacts
-    that have one already; new ones are added.
-    """
-    if all(bound.anchored for bound in scene.bounds):
-        return scene
-    places = {} if places is None else places
-    frames: list[Any] = gauge_of(scene).equations.placements(q)
-    pairs = zip(scene.constraints, scene.bounds, frames, strict=True)
-    for constraint, bound, frame in pairs:
-        if constraint not in places:
-            places[constraint] = constraint if bound.anchored else constraint.anchored_at(*frame)
-    placed = replace(scene, constraints=tuple(places[c] for c in scene.constraints))
-    # J, and all that was measured with it, is the same where the contacts touch
-    vars(placed)["nominal"] = scene.nominal
-    return placed
 
 
 def check_fit(scene: Scene, q: Array, v: Array, *, slip: float = 0.0, what: str = "") -> None:

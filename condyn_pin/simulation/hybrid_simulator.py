@@ -22,10 +22,10 @@ from math import inf
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.anchoring import with_anchors
 from condyn_pin.simulation.contact_work import NO_WORK
 from condyn_pin.simulation.events import Ended, Event, Happened, Snapshot, ZenoDetected
 from condyn_pin.simulation.fit import (
-    anchored,
     check_deeper,
     check_fit,
     check_slip,
@@ -238,7 +238,7 @@ class HybridSimulator:
 
     def _placed(self, scene: Scene) -> Scene:
         """Return a scene as it takes part: its contacts with their places, effects off or on."""
-        return anchored(self.plan.effects.applied_to(scene), self.q, self._places)
+        return with_anchors(self.plan.effects.applied_to(scene), self.q, self._places)
 
 
 def _happened(

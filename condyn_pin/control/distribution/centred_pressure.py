@@ -49,4 +49,4 @@ class CentredPressure(ForceDistribution):
             if size:
                 block[3:, columns] = flat @ R @ whole[:, 3:].T / size
             rows.append(block)
-        return np.vstack(rows)
+        return np.vstack([np.zeros((0, motors + scene.rows)), *rows])

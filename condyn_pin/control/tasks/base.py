@@ -23,6 +23,7 @@ import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
+from numbers import Real
 from typing import Any, ClassVar, Literal
 
 import numpy as np
@@ -77,7 +78,7 @@ class Task(ABC):
     name: str = field(default="", kw_only=True)
 
     def __post_init__(self) -> None:
-        if self.weight != math.inf:
+        if not (isinstance(self.weight, Real) and self.weight == math.inf):
             check_accuracy("weight", self.weight)
         if not isinstance(self.name, str):
             raise InvalidArgument(f"name = {shown(self.name)}: a text is needed")

@@ -20,9 +20,9 @@ from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import NotRecorded, WorkersLost
+from condyn_pin.mechanism.anchoring import with_anchors
 from condyn_pin.simulation.contact_columns import candidates_of, row_names
 from condyn_pin.simulation.contact_record import ContactRecord, width
-from condyn_pin.simulation.fit import anchored
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
@@ -219,7 +219,7 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
         if not kept:
             raise NotRecorded(f"motion {i} could not begin: {self.reasons[i]}")
         samples = {name: column[:kept] for name, column in columns.items()}
-        scene = anchored(self.scene, samples["q"][0])
+        scene = with_anchors(self.scene, samples["q"][0], {})
         run = Run(
             duration=self.duration, dt=self.dt, integrator=self.integrator, drift=self.drift,
             solver=self.solver, status=RUN_STATUSES[self.statuses[i]], reason=self.reasons[i],
