@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.linalg import eigh, null_space
 from shared import robot
 
 import condyn_pin as cp
+from condyn_pin._core._pin import pin
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.contact.cone import Cone
 from condyn_pin.control import (
@@ -24,7 +26,8 @@ from condyn_pin.control import (
     balance,
     capturable_speed,
 )
-from condyn_pin.mechanism import put_down
+from condyn_pin.dynamics.force import Sites
+from condyn_pin.mechanism import anchored, put_down
 
 pytest.importorskip("proxsuite")
 
@@ -60,14 +63,23 @@ class Standing:
         self.answers: list[ControlAnswer] = []
 
     def firm(self) -> Standing:
-        """Return it with a trunk that lets go, and with feet that are drawn back."""
+        """Return it with a trunk that lets go, and with feet that are drawn back.
+
+        The capture point decays with 2 omega, and gaps of the feet with 3.
+        """
+        omega = float(np.sqrt(9.81 / self.middle[2]))
         tasks = [
-            CenterOfMass(reference=self.middle, kp=100, weight=100),
+            CenterOfMass(reference=self.middle, kp=2 * omega**2, kd=3 * omega, weight=100),
             Orientation(self.base, kp=100, weight=5),
             Posture(weight=0.1),
         ]
-        cone, feet = FrictionCone(0.69, sides=8), cp.Baumgarte.critical(50.0)
-        self.controller = Controller(self.held, tasks, cones=cone, drift=feet)
+        self.controller = Controller(
+            anchored(self.held, self.q),
+            tasks,
+            cones=FrictionCone(0.65, sides=8),
+            drift=cp.Baumgarte.critical(3 * omega),
+            rigid=[spring.joint for spring in self.held.robot.springs],
+        )
         return self
 
     def run(
@@ -145,6 +157,65 @@ def test_nine_tenths_of_what_a_pendulum_can_stand_are_taken_up(
     assert np.linalg.norm(run.q[:, :2] - run.q[0, :2], axis=1).max() > 0.3 * d
     assert standing.off(run) < 0.01
     assert all(modes[-1] == "stick" for modes in run.modes.values())
+
+
+def test_cassie_stands_nine_tenths_of_it_sideways_on_feet_that_no_motor_rolls() -> None:
+    """One foot carries all of it, the other comes off and is drawn back; springs pass on both."""
+    cassie = at_rest()
+    run = cassie.run(1.5, sideways(cassie, 0.9), dt=5e-4)
+    assert run.status.ok
+    cassie.check(1.5)
+    assert (run.modes["right-foot/toe"] == "open").any()
+    assert all(modes[-1] == "stick" for modes in run.modes.values())
+    assert cassie.off(run) < 0.02
+
+
+def at_rest() -> Standing:
+    """Return Cassie on springs that have sunk, and that carry it."""
+    cassie = Standing("cassie", "pelvis", OCTAGON).firm()
+    rest = cassie.run(1.0)
+    cassie.q, cassie.v = rest.q[-1], rest.v[-1]
+    cassie.answers.clear()
+    return cassie
+
+
+def sideways(cassie: Standing, share: float) -> Array:
+    """Return a share of the largest impulse to the left [N s]."""
+    height = cassie.middle[2]
+    speed = capturable_speed(0.1305, height, friction=0.7) * height / cassie.q[2]
+    return np.array([0.0, share * cassie.held.robot.mass * speed, 0.0])
+
+
+def test_a_foot_that_carries_nothing_rattles_on_its_springs_where_gains_are_fast() -> None:
+    """What springs pass on swings at 200 / s: torques follow it from tick to tick."""
+    cassie = at_rest()
+    made, q = cassie.held.robot, cassie.q
+    free = null_space(Sites(cassie.held, q).jacobian, rcond=1e-8)
+    K = np.zeros(made.nv)
+    for spring in made.springs:
+        K[made.model.joints[made.model.getJointId(spring.joint)].idx_v] = spring.stiffness
+    M = np.array(pin.crba(made.model, made.model.createData(), q))
+    M = np.triu(M) + np.triu(M, 1).T
+    squares = eigh(free.T * K @ free, free.T @ M @ free, eigvals_only=True)
+    assert np.sqrt(squares[-4:]).min() == pytest.approx(205, abs=5)  # [rad/s]
+
+    def change() -> float:
+        """Return how much torques change from tick to tick, in the mean [N m]."""
+        cassie.answers.clear()
+        cassie.run(0.4, sideways(cassie, 0.6), dt=5e-4)
+        return float(np.abs(np.diff([each.u for each in cassie.answers], axis=0)).mean())
+
+    slow = change()
+    tasks = [
+        CenterOfMass(reference=cassie.middle, kp=100, weight=100),
+        Orientation("pelvis", kp=100, weight=5),
+        Posture(weight=0.1),
+    ]
+    cassie.controller = Controller(
+        cassie.held, tasks, cones=FrictionCone(0.65, sides=8), drift=cp.Baumgarte(50.0, 0.0),
+        rigid=[spring.joint for spring in made.springs],
+    )  # fmt: skip
+    assert change() > 5 * slow
 
 
 @pytest.mark.parametrize("way", [(1, 0), (0, 1)])
