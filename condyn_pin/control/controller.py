@@ -97,7 +97,7 @@ class Controller(OneThread):
     -----
     A controller has memory and belongs to one thread at a time. Each call starts from the active
     set of the last one, which changes only the last digits of an answer. A tick costs 0.3 ms on
-    Talos and 0.7 ms on Cassie, whose loops are eliminated; an infeasible one some tens of
+    Talos and 0.6 ms on Cassie, whose loops are eliminated; an infeasible one some tens of
     milliseconds.
 
     References

@@ -42,6 +42,7 @@ class Elimination:
     _undriven: Any  # X_2^T, likewise
     _Q: Array
     _R: Array
+    _rest: Array  # R', of rows that are redundant
     _pivots: NDArray[np.int_]
 
     @property
@@ -72,28 +73,23 @@ class Elimination:
         others = np.setdiff1d(np.arange(nv), columns)
         inner = np.zeros((len(columns), 0))
         drive, undriven = entries(columns), entries(others)
-        return cls(np.eye(nv), inner, drive, undriven, nothing, nothing, none)
+        return cls(np.eye(nv), inner, drive, undriven, nothing, nothing, nothing, none)
 
     @classmethod
     def of(cls, J: Array, columns: NDArray[np.int_]) -> Elimination:
         """Return the maps of held rows J (m, nv) and motors in some entries of v."""
         if not len(J):
             return cls.free(J.shape[1], columns)
-        # imported here: scipy.linalg takes as long to import as Pinocchio
-        from scipy.linalg import qr
-
-        Q, R, pivots = qr(J.T, pivoting=True, check_finite=False)
-        sizes = np.abs(np.diagonal(R))
-        rank = int(np.count_nonzero(sizes > tolerances.RANK * sizes[0]))
+        Q, R, pivots, rank = _pivoted_qr(J.T, J.shape[1])
         if not rank:
             return cls.free(J.shape[1], columns)
         N = Q[:, rank:]
         X, s, Yt = np.linalg.svd(N[columns].T)
         reached = int(np.count_nonzero(s > tolerances.RANK))
         drive = (Yt[:reached].T / s[:reached]) @ X[:, :reached].T
-        return cls(
-            N, Yt[reached:].T, drive, X[:, reached:].T, Q[:, :rank], R[:rank, :rank], pivots[:rank]
-        )
+        inner, undriven = Yt[reached:].T, X[:, reached:].T
+        R, rest = R[:rank, :rank], R[:rank, rank:]
+        return cls(N, inner, drive, undriven, Q[:, :rank], R, rest, pivots)
 
     def particular(self, r: Array) -> Array:
         """Return a_0, the smallest acceleration with J a = r (m,)."""
@@ -101,26 +97,49 @@ class Elimination:
 
         if not self.holds:
             return np.zeros(len(self.N))
-        return np.asarray(self._Q @ dtrtrs(self._R, r[self._pivots], trans=1)[0])
+        independent = self._pivots[: len(self._R)]
+        return np.asarray(self._Q @ dtrtrs(self._R, r[independent], trans=1)[0])
 
-    def forces(self, J: Array, f: Array) -> Array:
-        """Return lam (m,) of the held rows J (m, nv) with J^T lam = f, the smallest if many."""
+    def forces(self, f: Array) -> Array:
+        """Return lam (m,) of the held rows with J^T lam = f, the smallest if many.
+
+        Where rows are redundant, J^T P = Q_1 (R, R'), it is, with W = R^-1 R',
+
+            P^T lam = (y, W^T y),    (1 + W W^T) y = R^-1 Q_1^T f.
+        """
         from scipy.linalg.lapack import dtrtrs
 
-        if len(self._pivots) < len(J):
-            return np.asarray(np.linalg.lstsq(J.T, f, rcond=tolerances.RANK)[0])
-        lam = np.empty(len(J))
-        lam[self._pivots] = dtrtrs(self._R, self._Q.T @ f)[0]
+        rank = len(self._R)
+        y, lam = dtrtrs(self._R, self._Q.T @ f)[0], np.empty(len(self._pivots))
+        if self._rest.size:
+            W = dtrtrs(self._R, self._rest)[0]
+            y = np.linalg.solve(np.eye(rank) + W @ W.T, y)
+            lam[self._pivots[rank:]] = W.T @ y
+        lam[self._pivots[:rank]] = y
         return lam
 
 
 def reached(J: Array, r: Array) -> tuple[Array, int]:
     """Return what is nearest to r (m,) of all J z, and the rank of J (m, k)."""
-    from scipy.linalg import qr
-
     if not J.size:
         return r, 0
-    Q, R, _ = qr(J, mode="economic", pivoting=True, check_finite=False)
-    sizes = np.abs(np.diagonal(R))
-    rank = int(np.count_nonzero(sizes > tolerances.RANK * sizes[0]))
+    Q, _, _, rank = _pivoted_qr(J, min(J.shape))
     return (Q[:, :rank] @ (Q[:, :rank].T @ r) if rank < len(J) else r), rank
+
+
+def _pivoted_qr(A: Array, columns: int) -> tuple[Array, Array, NDArray[np.int_], int]:
+    """Return Q (m, columns), R, pivots and rank of A (m, n) with Q R = A[:, pivots].
+
+    R is in the upper triangle; what is below is no part of it. LAPACK is asked itself: for matrices
+    of this size what `scipy.linalg.qr` does around it takes as long.
+    """
+    # imported here: scipy.linalg takes as long to import as Pinocchio
+    from scipy.linalg.lapack import dgeqp3, dorgqr
+
+    R, order, reflectors, _, _ = dgeqp3(A)
+    start = np.zeros((len(A), columns), order="F")
+    kept = min(A.shape[1], columns)
+    start[:, :kept] = R[:, :kept]
+    Q = dorgqr(start, reflectors, overwrite_a=1)[0]
+    sizes = np.abs(R.diagonal())
+    return Q, R, order - 1, int(np.count_nonzero(sizes > tolerances.RANK * sizes[0]))

@@ -44,8 +44,6 @@ class _Eliminated(NamedTuple):
     Attributes
     ----------
     map : Elimination
-    rows : (l, nv) array
-        What is held.
     a_0 : (nv,) array
         What the held rows alone demand [rad/s^2, m/s^2].
     J_c, touch : (m_c, nv), (m_c, k) array
@@ -60,7 +58,6 @@ class _Eliminated(NamedTuple):
     """
 
     map: Elimination
-    rows: Array
     a_0: Array
     J_c: Array
     touch: Array
@@ -168,7 +165,7 @@ class Program:
         if E.inner.shape[1]:
             torque = np.hstack((torque, E.inner))
         law = E.unreached(force), E.unreached(force_0)
-        return _Eliminated(E, rows, a_0, J_c, touch, r_c, *law, torque, E.torques(force_0))
+        return _Eliminated(E, a_0, J_c, touch, r_c, *law, torque, E.torques(force_0))
 
     @property
     def _size(self) -> int:
@@ -245,7 +242,7 @@ class Program:
         if not at.map.holds:
             return a, tau, lam, np.zeros(0)
         left = terms.M @ a + terms.h - self.passive - tau - at.J_c.T @ f
-        forces = at.map.forces(at.rows, left)
+        forces = at.map.forces(left)
         lam[held] = forces[: len(held)]
         return a, tau, lam, forces[len(held) :]
 
