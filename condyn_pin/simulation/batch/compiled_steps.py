@@ -62,6 +62,8 @@ def untaken_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
         rows = bound.compiled()
         if rows is not None and rows.integers[0] not in _CONDENSED:
             yield f"constraint {bound.name!r}: it does not condense a {type(bound).__name__}"
+        elif not bound.anchored and not bound.is_plain:
+            yield f"constraint {bound.name!r} has no anchor: it anchors points and welds alone"
     yield from untaken_contacts(scene)
 
 
