@@ -647,6 +647,19 @@ def test_a_workspace_of_the_core_answers_one_state_as_python_does(label):
             np.testing.assert_allclose(left, right, rtol=1e-8, atol=1e-8 * np.abs(right).max())
 
 
+@pytest.mark.parametrize("label", ["four_bar rod", "rolling_disc contacts", "talos arms geared"])
+def test_a_workspace_of_the_core_answers_rows_of_every_kind(label):
+    scene, states = all_scenes()[label], batch_of(label, 3)
+    native, python = cp.Workspace(scene, native=True), cp.Workspace(scene)
+    for state in zip(*states, strict=True):
+        found, wanted = native.solve(*state), python.solve(*state)
+        assert near(found.a, wanted.a, 1e-10)
+        assert near(found.lam, wanted.lam, 1e-9)
+        one, two = native.derivatives(*state), python.derivatives(*state)
+        for name in BLOCKS:
+            assert near(getattr(one, name), getattr(two, name), 1e-9), name
+
+
 def test_a_workspace_says_of_a_hard_state_what_python_says():
     scene, (q, v, tau) = all_scenes()["talos contacts"], batch_of("talos contacts", 1)
     native, python = cp.Workspace(scene, native=True), cp.Workspace(scene)

@@ -320,6 +320,10 @@ def test_what_it_does_not_take_is_refused_by_name() -> None:
             cp.simulate_batch(scene, *state, duration=0.01, integrator=by, **CORE)
         where = cp.Native(threads=1, where_possible=True)
         assert step_batch(scene, *state, dt=DT, integrator=by, executor=where).ok
+    planes = [cp.constraints.PlanarContact("base_link")]
+    held = cp.Scene(scene.robot, planes, contacts=scene.contacts)
+    with pytest.raises(UnsupportedBackend, match="has no anchor"):
+        step_batch(held, *state, dt=DT, **CORE)
     half = Box(0.1, 0.1, 0.05)
     two = together({name: free_box(size=(0.2, 0.2, 0.1)) for name in ("lower", "upper")})
     stacked = cp.Scene(
