@@ -48,6 +48,7 @@ SCRIPTS = {
     "falls": lambda script: script.load(),
     "campaign_held": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
     "native_contact": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
+    "at_scale": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
     "native_core": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
 }
 
