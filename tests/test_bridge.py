@@ -273,7 +273,7 @@ def test_joints_of_other_names():
 
 HELD = ["crate", "finger"]
 REFUSED = {
-    "more joints in MuJoCo": (lambda: (arm(), {"without": ["crate"]}), "has not: finger; name"),
+    "more joints in MuJoCo": (lambda: (arm(), {"without": ["crate"]}), "lacks: finger; name"),
     "fewer": (lambda: (arm(second="e"), {"without": HELD}), "'elbow' of arm is not in .* has e;"),
     "held and needed": (lambda: (arm(), {"without": [*HELD, "elbow"]}), "'elbow' of arm is not in"),
     "another type": (lambda: (arm(kind="slide"), {"without": HELD}), "'elbow' is a JointModelRZ"),

@@ -179,7 +179,7 @@ def test_a_chromium_that_hangs_is_started_once_more(monkeypatch, tmp_path):
 @pytest.mark.parametrize(
     ("wrong", "said"),
     [
-        (lambda: cp.view("cassie"), "a Robot, a Scene"),
+        (lambda: cp.view("cassie"), "load_robot makes a Robot of a name"),
         (lambda: cp.view(cp.model.pendulum(), [1.0, 2.0]), "shape"),
         (lambda: cp.view(cp.model.pendulum(), [0.0], posture="up"), "give only one of them"),
         (lambda: cp.view(cp.model.pendulum(), posture="nothing"), "nothing"),
