@@ -299,6 +299,18 @@ def test_a_foot_that_is_held_beside_feet_that_are_not() -> None:
     assert_same_steps(one, step_batch(held, moved, wanted.v, tau, dt=DT, integrator=EXACT))
 
 
+def test_corners_of_a_sole_that_constraints_hold() -> None:
+    """Where the other foot slides, Talos' velocities are not unique."""
+    its = robot("talos")
+    held = cp.Scene(its, its.contacts, contacts=its.frictional_contacts(friction=0.7))
+    q, _ = held.state()
+    rng = np.random.default_rng(0)
+    V = [cp.mechanism.project_velocity(held, q, rng.normal(size=its.nv)) for _ in range(4)]
+    Q, V, tau = np.tile(q, (4, 1)), np.array(V), np.zeros(its.nv)
+    found = step_batch(held, Q, V, tau, dt=DT, integrator=EXACT, **CORE)
+    assert_same_steps(found, step_batch(held, Q, V, tau, dt=DT, integrator=EXACT), rounded=1e-10)
+
+
 def test_a_start_that_penetrates_is_refused_by_python() -> None:
     scene, q, v, tau = on_feet("solo12", friction=0.7)
     q[2] -= 0.01

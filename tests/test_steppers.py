@@ -643,3 +643,22 @@ def test_a_box_that_tumbles_comes_to_rest(seed: int) -> None:
     scene = cp.Scene(free_box(), contacts=[contact])
     run = cp.simulate(scene, q, v, duration=2.0, dt=1e-3, integrator=Moreau())
     assert run.status.ok, run.reason
+
+
+@pytest.mark.parametrize("scheme", [StewartTrinkle(), Anitescu(), Moreau()])
+@pytest.mark.parametrize("soles", [1, 2])
+def test_corners_of_a_sole_that_constraints_hold_move_nothing(soles, scheme) -> None:
+    """G of them was rounding: impulses of 1e29 N s were said to be ok."""
+    talos = cp.load_robot("talos")
+    feet = talos.frictional_contacts(friction=0.7)
+    scene = cp.Scene(talos, talos.contacts[:soles], contacts=feet)
+    q, _ = scene.state()
+    rng = np.random.default_rng(0)
+    for size in (0.0, 0.3, 3.0):
+        v = cp.mechanism.project_velocity(scene, q, size * rng.normal(size=talos.nv))
+        taken = cp.simulation.step(scene, q, v, dt=1e-3, integrator=scheme)
+        assert taken.dynamics_error < 1e-10
+        assert taken.constraint_error < 1e-10
+        assert np.abs(taken.v).max() < 10 * max(np.abs(v).max(), 1.0)
+        held = {name for name in taken.gaps if name.startswith(talos.contacts[0].name)}
+        assert all(taken.modes[name] == "open" for name in held), taken.modes

@@ -10,6 +10,7 @@ constraints block, L^-1 J_b^T = V S U^T,
     v+ = v_free + L^-T X lam,      J_c v+ = G lam + J_c v_free,
     l_b = U S^-1 (S^-1 U^T s - V^T (L^T v + L^-1 p + L^-1 J_c^T lam)).
 
+A row that the constraints hold is theirs alone: it is zero here, not what rounding leaves of it.
 A contact solver sees a pure cone problem: constraints of any kind, redundant ones too, are in G and
 v_free, and J_b v+ = s holds to rounding whatever it answers.
 """
@@ -21,6 +22,7 @@ from typing import Final, NamedTuple
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm
 
@@ -129,7 +131,13 @@ def _along(factors: MinimumNorm, J_c: Array) -> tuple[Array, Array]:
         return X, np.zeros((0, len(J_c)))
     blocked = factors.V.T.dot(X)
     X -= factors.V.dot(blocked)
+    # squares: einsum takes a pass, and no square root
+    held = np.einsum("ij,ij->j", X, X) <= _HELD * np.einsum("ij,ij->j", blocked, blocked)
+    X[:, held] = blocked[:, held] = 0.0
     return X, blocked
 
+
+# What is left of a row that constraints hold is rounding: impulses of 1e29 N s would move it.
+_HELD: Final = tolerances.REFERENCE_RANK**2
 
 _NOTHING: Final = np.zeros(0)

@@ -200,6 +200,9 @@ def _first(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
 ) -> tuple[Attempt, float]:
     """Return what costs little where the natural residual accepts it, or the first attempt."""
+    if _closes_unmoved(problem, accuracy):
+        lam = np.zeros(problem.rows)
+        return Attempt(lam, 0, (), answered=False), natural_residual(problem, lam)
     if guess is None and (quick := solver.at_once(problem)) is not None:
         natural = natural_residual(problem, quick.lam)
         if natural <= accuracy:
@@ -220,7 +223,7 @@ def _others(
 ) -> tuple[Attempt, float]:
     """Return the best of a first attempt, whose residual is `least`, and of what else is tried."""
     found = best
-    if least <= accuracy:
+    if least <= accuracy or _closes_unmoved(problem, accuracy):
         return best, least
     for found in solver.alternatives(problem, best):
         error = natural_residual(problem, found.lam)
@@ -230,6 +233,15 @@ def _others(
             break
     # all that was tried had its part, whichever was the best
     return best._replace(iterations=found.iterations), least
+
+
+def _closes_unmoved(problem: ContactProblem, accuracy: float) -> bool:
+    """Return whether a contact closes that nothing moves, its row of G zero: no impulse helps."""
+    cones, lines, _ = problem.sets.parts
+    normals = [*range(2, cones.stop, 3), *range(lines.start, lines.stop)]
+    stiffness = problem.G.diagonal() if problem.R is None else problem.G.diagonal() + problem.R
+    closing = problem.g[normals] < -accuracy * problem.scale[1]
+    return bool((closing & (stiffness[normals] == 0.0)).any())
 
 
 def _share(part: ContactProblem, whole: ContactProblem) -> float:

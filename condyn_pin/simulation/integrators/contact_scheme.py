@@ -195,9 +195,14 @@ def closing_velocities(near: Near) -> Array:
     """Return g of gaps that are zero at the end of a step, and penetrations a fifth less.
 
     g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + (s + 0.2 gap) / dt  (gap < 0)
+
+    Where G_nn is zero, constraints hold the contact: it goes where they go, whatever is asked for.
     """
-    g = near.free.copy()
-    g[near.normals] += (near.bends + allowed_gaps(near.gaps)) / near.dt
+    g, n = near.free.copy(), near.normals
+    g[n] += (near.bends + allowed_gaps(near.gaps)) / near.dt
+    stiff = near.G.diagonal()[n]
+    if not stiff.all():
+        g[n] = np.where(stiff == 0.0, np.maximum(g[n], 0.0), g[n])
     return g
 
 

@@ -1,5 +1,6 @@
 #include "contact_steps.hpp"
 #include "contact_solve.hpp"
+#include <algorithm>
 #include <cmath>
 
 namespace condyn
@@ -8,6 +9,7 @@ namespace
 {
 constexpr int again_at_most = 6; // as `_AGAIN`
 constexpr int closings_at_most = 10; // as `_CLOSINGS`
+constexpr double held_share = 1e-22; // as `_HELD`
 
 double largest(const VectorXd & x) { return x.size() ? x.cwiseAbs().maxCoeff() : 0.0; }
 } // namespace
@@ -262,6 +264,10 @@ void ContactSteps::eliminate()
   {
     posed_.blocked = blocked_.V.transpose() * X;
     X.noalias() -= blocked_.V * posed_.blocked;
+    // a row that constraints hold is theirs alone: what is left of it is rounding
+    for (int i = 0; i < X.cols(); ++i)
+      if (X.col(i).squaredNorm() <= held_share * posed_.blocked.col(i).squaredNorm())
+        X.col(i).setZero(), posed_.blocked.col(i).setZero();
   }
   posed_.before.noalias() = J_c * v0_;
 }
@@ -276,7 +282,12 @@ void ContactSteps::ask(const VectorXd & gaps, const VectorXd & bends)
   if (blocked_.rank)
     problem.g.noalias() += posed_.blocked.transpose() * held_;
   for (int i = 0; i < posed_.with_gaps; ++i)
-    problem.g[problem.normal(i)] += (bends[i] + allowed(gaps[i])) / plan_.dt;
+  {
+    const int n = problem.normal(i);
+    problem.g[n] += (bends[i] + allowed(gaps[i])) / plan_.dt;
+    if (problem.G(n, n) == 0.0) // constraints hold it: it goes where they go
+      problem.g[n] = std::max(problem.g[n], 0.0);
+  }
 }
 
 /// The chosen contacts as they are where the step begins.
