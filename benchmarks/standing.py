@@ -50,7 +50,7 @@ from condyn_pin.control import (
     balance,
     capturable_speed,
 )
-from condyn_pin.mechanism import put_down
+from condyn_pin.mechanism import anchored, put_down
 
 RESULTS = Path(__file__).resolve().parent / "results" / "standing.json"
 # base, cone of the controller within that of the floor, step [s]
@@ -60,11 +60,11 @@ ROBOTS: dict[str, tuple[str, Cone, float]] = {
     "talos": ("base_link", WrenchCone(0.5), 1e-3),
 }
 SHARES = (0.5, 0.9, 1.25)
-PERIOD, EVERY, FIRST, LASTS, FRICTION = 1e-3, 2.0, 0.2, 0.05, 0.7  # [s], ..., [1]
+PERIOD, EVERY, FIRST, LASTS, FRICTION = 1e-3, 2.0, 1.0, 0.05, 0.7  # [s], ..., [1]
 GRAVITY = 9.81  # [m/s^2]
-# Feet that a push takes off are drawn back to where they stood [1/s]: without that none is, and the
-# next tick asks for forces that are not there.
-FEET = cp.Baumgarte.critical(50.0)
+# Over omega: of the capture point, and of feet that a push takes off and that are drawn back to
+# where they stood. Both are slow beside springs between motors and feet, 200 / s on Cassie.
+FIRMNESS, FEET = 2.0, 3.0
 FALLEN = 0.6  # of the height of the base
 # What motors give here, by what the names of joints end in, where the files have no limit, or
 # 1000: about as much as those of the machines [N m]. Without a limit what falls is flung about.
@@ -105,23 +105,27 @@ class Stand:
     def __init__(self, name: str) -> None:
         base, cone, self.dt = ROBOTS[name]
         made = robot_of(name)
-        self.closed = cp.Scene(made, [*made.loops, *made.contacts])
+        closed = cp.Scene(made, [*made.loops, *made.contacts])
         self.floor = cp.Scene(made, made.loops, contacts=made.frictional_contacts(FRICTION))
-        q, self.v = self.closed.state()
+        q, self.v = closed.state()
         self.q, self.base = put_down(self.floor, q), base
+        self.closed = anchored(closed, self.q)
         now = self.balance(self.q, self.v)
         assert now.polygon is not None
         self.corners = now.polygon.in_world[:, :2]
         self.middle = np.array([*self.corners.mean(axis=0), now.com[2]])
         self.mass, self.height = made.mass, float(now.com[2])
         self.lever = float(self.q[2]) / self.height  # the base is the floating body
+        omega, k = float(np.sqrt(GRAVITY / self.height)), FIRMNESS
+        firm = {"kp": k * omega**2, "kd": (k + 1) * omega}  # xi decays with k omega
         tasks = [
-            CenterOfMass(reference=self.middle, kp=100, weight=100),
+            CenterOfMass(reference=self.middle, **firm, weight=100),
             Orientation(base, kp=100, weight=5),  # where the mass needs it, it lets go
             Posture(weight=0.1),
         ]
         rigid = [spring.joint for spring in made.springs]
-        self.controller = Controller(self.closed, tasks, cones=cone, rigid=rigid, drift=FEET)
+        feet = cp.Baumgarte.critical(FEET * omega)
+        self.controller = Controller(self.closed, tasks, cones=cone, rigid=rigid, drift=feet)
 
     def balance(self, q: np.ndarray, v: np.ndarray) -> Balance:
         """Return where the mass is, and the capture point."""
