@@ -30,7 +30,11 @@ public:
     factor_.compute(whitened);
     rank = int(factor_.rank());
     T_ = factor_.matrixT().topLeftCorner(rank, rank);
-    Z_ = factor_.matrixZ();
+    // without a redundant row Eigen leaves the coefficients of Z unset, and multiplies by them all the same
+    if (rank < rows_)
+      Z_ = factor_.matrixZ();
+    else
+      Z_ = MatrixXd::Identity(rows_, rows_);
     V = factor_.householderQ().setLength(rank) * MatrixXd::Identity(whitened.rows(), rank);
   }
 

@@ -338,6 +338,14 @@ bool ContactSteps::solve()
   natural = solve_contact(posed_.problem, plan_.sticks_first, plan_.solved, posed_.lam);
   if (!(natural <= plan_.solved))
     return false;
+  // any impulse on what constraints hold meets the law: the smallest is none
+  const MatrixXd & G = posed_.problem.G;
+  for (int i = 0; i < posed_.with_gaps; ++i)
+  {
+    const int n = posed_.problem.normal(i), size = i < posed_.problem.cones() ? 3 : 1;
+    if (G.diagonal().segment(n + 1 - size, size).isZero(0.0))
+      posed_.lam.segment(n + 1 - size, size).setZero();
+  }
   VectorXd & v1 = posed_.v1;
   v1 = free_;
   if (posed_.lam.size())
