@@ -60,9 +60,7 @@ def unmet_contacts(problem: ContactProblem) -> tuple[str, ...]:
 
 def _normals(problem: ContactProblem) -> Array:
     """Return the normals of cones and the rows of half-lines, as columns."""
-    cones, lines, _ = problem.sets.parts
-    rows = [*range(2, cones.stop, 3), *range(lines.start, lines.stop)]
-    return np.eye(problem.rows)[:, rows]
+    return np.eye(problem.rows)[:, problem.sets.normals]
 
 
 def _edges(problem: ContactProblem) -> Array:

@@ -14,7 +14,7 @@ from typing import Final
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, Indices
+from condyn_pin._core.arrays import Array
 from condyn_pin.contact.islands import island_of
 from condyn_pin.contact.low_rank import factor_of
 from condyn_pin.contact.problem import ContactProblem
@@ -40,7 +40,7 @@ def with_fewer(problem: ContactProblem, solve: Solve) -> Iterator[tuple[Array, i
     solve : (problem, guess) -> (lam, iterations)
         What solves the smaller ones.
     """
-    normals, (_, speed) = normals_of(problem), problem.scale
+    normals, (_, speed) = problem.sets.normals, problem.scale
     count, lam = len(normals), np.zeros(problem.rows)
     asked = np.arange(len(problem.names)) >= count  # dry friction always
     X = factor_of(problem)
@@ -66,9 +66,3 @@ def with_fewer(problem: ContactProblem, solve: Solve) -> Iterator[tuple[Array, i
         idle = asked[:count] & (lam[normals] <= 0) & ~dropped
         dropped |= idle
         asked[:count] &= ~idle
-
-
-def normals_of(problem: ContactProblem) -> Indices:
-    """Return the rows of normals of cones and of half-lines, in the order of contacts."""
-    cones, lines, _ = problem.sets.parts
-    return np.array([*range(2, cones.stop, 3), *range(lines.start, lines.stop)], dtype=int)

@@ -237,9 +237,10 @@ def _others(
 
 def _closes_unmoved(problem: ContactProblem, accuracy: float) -> bool:
     """Return whether a contact closes that nothing moves, its row of G zero: no impulse helps."""
-    cones, lines, _ = problem.sets.parts
-    normals = [*range(2, cones.stop, 3), *range(lines.start, lines.stop)]
     stiffness = problem.G.diagonal() if problem.R is None else problem.G.diagonal() + problem.R
+    if stiffness.all():
+        return False
+    normals = problem.sets.normals
     closing = problem.g[normals] < -accuracy * problem.scale[1]
     return bool((closing & (stiffness[normals] == 0.0)).any())
 

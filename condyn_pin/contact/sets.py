@@ -65,6 +65,12 @@ class ContactSets:
         return np.concatenate([np.repeat(np.arange(k), 3), k + np.arange(singles)])
 
     @cached_property
+    def normals(self) -> Indices:
+        """The rows of normals of cones and of half-lines, in the order of contacts."""
+        cones, lines, _ = self.parts
+        return np.array([*range(2, cones.stop, 3), *range(lines.start, lines.stop)], dtype=int)
+
+    @cached_property
     def of_cones(self) -> Indices:
         """The three rows of each cone (k, 3)."""
         return np.arange(3 * len(self.friction)).reshape(-1, 3)

@@ -91,9 +91,9 @@ def _trajectory(robot: Robot, header: Header, content: Content) -> Trajectory:
     contact = None
     if "contact" in content:
         names = dict.fromkeys(n for phase in phases for n in candidates_of(phase.scene).names)
-        columns = written_before(content["contact"], len(names))
+        kept = written_before(content["contact"], len(names))
         shape = (len(content["t"]), width(len(names)))
-        contact = ContactRecord(tuple(names), finite("contact", columns, shape))
+        contact = ContactRecord(tuple(names), finite("contact", kept, shape))
     arrays = {name: content[name] for name in _ARRAYS}
     return Trajectory(phases=phases, run=made, contact=contact, **arrays)
 

@@ -52,6 +52,8 @@ def range_space(M: Array, J: Array, mu: float = 0.0) -> RangeSpace | None:
 
     With mu > 0 [1/kg] the rows may be anything: G + mu I takes the place of G.
     """
+    if mu:
+        return damped_range_space(M, J, mu)
     # imported here: scipy.linalg takes as long to import as Pinocchio
     from scipy.linalg.lapack import dpotrf
 
@@ -60,17 +62,18 @@ def range_space(M: Array, J: Array, mu: float = 0.0) -> RangeSpace | None:
         return None
     U, W, G = whitened
     of_G = np.sqrt(G.diagonal())
-    if mu:
-        G[np.diag_indices_from(G)] += mu
     C, info = dpotrf(G, clean=0, overwrite_a=1)
     # a pivot is the part of its row that the rows before it do not have
-    if info or not (mu or (C.diagonal() > tolerances.RANK * of_G).all()):
+    if info or not (C.diagonal() > tolerances.RANK * of_G).all():
         return None
     return RangeSpace(U, W, C)
 
 
-def damped_range_space(M: Array, J: Array, R: Array) -> RangeSpace | None:
-    """Factorise M and J with G + diag(R), R (m,) [1/kg]; None if one is not positive definite."""
+def damped_range_space(M: Array, J: Array, R: float | Array) -> RangeSpace | None:
+    """Factorise M and J with G + diag(R), R (m,) or the same for all rows [1/kg].
+
+    None if M or G + diag(R) is not positive definite.
+    """
     from scipy.linalg.lapack import dpotrf
 
     whitened = whiten(M, J)

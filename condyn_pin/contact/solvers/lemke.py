@@ -122,13 +122,12 @@ def _linear(problem: ContactProblem, angles: Array) -> tuple[Array, Array, Array
 
     Dry friction of a joint is a polygon with two sides, and a load that does not depend on l_n.
     """
-    cones, lines, intervals = problem.sets.parts
+    intervals = problem.sets.parts[2]
     (k, sides), n, m = angles.shape, problem.half_lines, len(problem.g)
     directions = np.array([np.cos(angles), np.sin(angles)])
-    pushes = [*range(2, cones.stop, 3), *range(lines.start, lines.stop)]
     two = len(problem.limits)
     B = np.zeros((m, k + n + sides * k + 2 * two))
-    B[pushes, np.arange(k + n)] = 1.0
+    B[problem.sets.normals, np.arange(k + n)] = 1.0
     E = np.zeros((sides * k + 2 * two, k + two))  # which slip a direction belongs to
     for i in range(k):
         at = slice(k + n + sides * i, k + n + sides * (i + 1))

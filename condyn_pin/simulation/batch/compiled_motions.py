@@ -14,16 +14,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.drift import Drift
-from condyn_pin.dynamics.compiled.arrays import contiguous
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import LARGEST, Workspace
 from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.simulation.batch.compiled_steps import untaken_steps
+from condyn_pin.simulation.batch.compiled_steps import states_of, untaken_steps
 from condyn_pin.simulation.breakdown import LOST
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization
@@ -105,8 +103,7 @@ class MovedRows:
         model, count = workspace.model, len(inputs["q0"])
         kept, nv = len(range(0, self.steps, self.every)) + 1, workspace.model.nv
         answers = kept if "samples_a" in outputs else 0
-        q0 = np.array([normalised(model, "q", q) for q in inputs["q0"]]).reshape(count, -1)
-        tau = contiguous(inputs["tau0"], count)
+        q0, v0, tau = states_of(workspace, inputs)
         found = {
             "t": np.zeros((count, kept)),
             "q": np.zeros((count, kept, model.nq)),
@@ -120,7 +117,7 @@ class MovedRows:
         rank = chains_of(workspace.scene).rank if corrects and workspace.scene.rows else 0
         limits = tolerances.NEARLY_CLOSED / 10, LARGEST, LOST, Manifold(model).reach, rank
         workspace.compiled.core.simulate(
-            q0, inputs["v0"], tau, integrator=_INTEGRATORS[self.integrator], dt=self.dt,
+            q0, v0, tau, integrator=_INTEGRATORS[self.integrator], dt=self.dt,
             steps=self.steps, every=self.every, correct_every=corrects, with_answers=answers > 0,
             limits=np.array(limits, float),
             **found, done=done, times=outputs["run_times"], threads=threads,
