@@ -16,8 +16,6 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
-import json
 import resource
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -28,10 +26,10 @@ from typing import Any
 
 import marks
 import numpy as np
+import script
 from processor_time import processor_time
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
 from condyn_pin.dynamics.catalogue import motor_torque
 
 JSON = marks.ROOT / "benchmarks" / "results" / "at_scale.json"
@@ -188,21 +186,11 @@ def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run, write, and update the docs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="20 000 states; nothing is written")
-    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
-    given = parser.parse_args(words)
-    if given.from_json:
-        saved = json.loads(JSON.read_text(encoding="utf-8"))
-    else:
-        load = os.getloadavg()[0]
-        found = measure(20_000 if given.quick else 1_000_000)
-        saved = {"machine": machine(), "load": load, **found}
-    print(table(saved))
-    if given.quick:
-        return
-    JSON.write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
-    marks.write(pages(saved))
+    script.run(
+        words, about=__doc__, quick="20 000 states; nothing is written", path=JSON,
+        measure=lambda given: measure(20_000 if given.quick else 1_000_000),
+        table=table, pages=pages,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -22,7 +22,6 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import argparse
 import importlib.util
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -30,12 +29,12 @@ from typing import Any
 
 import marks
 import numpy as np
+import script
 from batch_motions import DURATION, MOTIONS, WORKERS, Motions, answer, motions
 from processor_time import processor_time
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
-from condyn_pin._core.machine import machine
 from condyn_pin.dynamics.catalogue import motor_torque
 
 DIFFERENT = 1000  # more states would take longer to sample than to solve: they repeat
@@ -231,25 +230,18 @@ def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
     return {marks.RESULTS: {"batch": markdown(saved)}}
 
 
+def _measured(given: argparse.Namespace) -> dict[str, Any]:
+    found, (moved, error) = measure(10_000 if given.quick else 100_000, given.rounds)
+    rows = {"answers": [asdict(r) for r in found], "motions": [asdict(r) for r in moved]}
+    return {"error": error, **rows}
+
+
 def main(words: Sequence[str] | None = None) -> None:
     """Run, write, and update the docs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="10 000 states, nothing is written")
-    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
-    parser.add_argument("--rounds", type=int, default=5)
-    given = parser.parse_args(words)
-    if given.from_json:
-        saved = json.loads(JSON.read_text(encoding="utf-8"))
-    else:
-        load = os.getloadavg()[0]
-        found, (moved, error) = measure(10_000 if given.quick else 100_000, given.rounds)
-        rows = {"answers": [asdict(r) for r in found], "motions": [asdict(r) for r in moved]}
-        saved = {"machine": machine(), "load": load, "error": error, **rows}
-    print(markdown(saved))
-    if given.quick:
-        return
-    JSON.write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
-    marks.write(pages(saved))
+    script.run(
+        words, about=__doc__, quick="10 000 states, nothing is written", path=JSON, rounds=5,
+        measure=_measured, table=markdown, pages=pages,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

@@ -17,9 +17,7 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
 import importlib.util
-import json
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
 from functools import partial
@@ -28,13 +26,13 @@ from typing import Any
 import contact_step
 import marks
 import numpy as np
+import script
 from native_core import turns, where
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
-from condyn_pin._core.machine import machine
 
 JSON = marks.ROOT / "benchmarks" / "results" / "native_contact.json"
 PAGE = "docs/how-to-run-at-scale.md"
@@ -197,7 +195,7 @@ def table(saved: dict[str, Any]) -> str:
             f"| {row.motion} | {row.engine} | {row.rate:.0f} | {row.rate / (python or 1):.1f} | "
             f"{beside} | {row.deepest:.0e} | {carried} |"
         )
-    return "\n".join([*lines, "", where(saved).replace("native_core", "native_contact")])
+    return "\n".join([*lines, "", where(saved, "native_contact")])
 
 
 def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
@@ -207,20 +205,10 @@ def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run, write, and update the docs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="few rounds; nothing is written")
-    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
-    given = parser.parse_args(words)
-    if given.from_json:
-        saved = json.loads(JSON.read_text(encoding="utf-8"))
-    else:
-        load = os.getloadavg()[0]
-        saved = {"machine": machine(), "load": load, **measure(3 if given.quick else 15)}
-    print(table(saved))
-    if given.quick:
-        return
-    JSON.write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
-    marks.write(pages(saved))
+    script.run(
+        words, about=__doc__, quick="few rounds; nothing is written", path=JSON,
+        measure=lambda given: measure(3 if given.quick else 15), table=table, pages=pages,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

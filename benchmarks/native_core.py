@@ -16,9 +16,7 @@ import os
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import argparse
 import importlib.util
-import json
 import resource
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass
@@ -28,12 +26,12 @@ from typing import Any
 import batch_motions
 import marks
 import numpy as np
+import script
 from processor_time import processor_time
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled
-from condyn_pin._core.machine import machine
 from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 
@@ -268,14 +266,14 @@ def motions_table(saved: dict[str, Any]) -> str:
     return "\n".join([*lines, "", f"A thread takes {saved['memory']:.1f} MB.", where(saved)])
 
 
-def where(saved: dict[str, Any]) -> str:
-    """Return on what it was measured."""
+def where(saved: dict[str, Any], name: str = "native_core") -> str:
+    """Return on what it was measured, by the script of that name."""
     about = (
-        "`python benchmarks/native_core.py` on {processor} ({cores} cores), {system}, Python "
+        "`python benchmarks/{script}.py` on {processor} ({cores} cores), {system}, Python "
         "{python}, Pinocchio {pinocchio}, {date}; headers {headers}, {simd}; load {load:.1f} when "
         "it began."
     )
-    return about.format(**saved["machine"], **saved["core"], load=saved["load"])
+    return about.format(script=name, **saved["machine"], **saved["core"], load=saved["load"])
 
 
 def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
@@ -286,22 +284,11 @@ def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
 
 def main(words: Sequence[str] | None = None) -> None:
     """Run, write, and update the docs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="few states; nothing is written")
-    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
-    parser.add_argument("--rounds", type=int, default=7)
-    given = parser.parse_args(words)
-    if given.from_json:
-        saved = json.loads(JSON.read_text(encoding="utf-8"))
-    else:
-        load = os.getloadavg()[0]
-        count, moved = (40, 2) if given.quick else (400, 8)
-        saved = {"machine": machine(), "load": load, **measure(count, moved, given.rounds)}
-    print(verbs_table(saved), "\n\n", motions_table(saved), sep="")
-    if given.quick:
-        return
-    JSON.write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
-    marks.write(pages(saved))
+    script.run(
+        words, about=__doc__, quick="few states; nothing is written", path=JSON, rounds=7,
+        measure=lambda given: measure(*((40, 2) if given.quick else (400, 8)), given.rounds),
+        table=lambda saved: f"{verbs_table(saved)}\n\n{motions_table(saved)}", pages=pages,
+    )  # fmt: skip
 
 
 if __name__ == "__main__":

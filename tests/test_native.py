@@ -15,25 +15,18 @@ from time import sleep
 
 import numpy as np
 import pytest
+from needs_native import HEADERS, needs_native
 from shared import all_scenes, robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.compiled import compiled
 from condyn_pin._core.tolerances import FORCES, SOLVED
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
-from condyn_pin.errors import MissingExtra, UnsupportedBackend
+from condyn_pin.errors import UnsupportedBackend
 
-try:
-    HEADERS = compiled().pinocchio
-except MissingExtra:
-    HEADERS = ""
-pytestmark = pytest.mark.skipif(
-    not HEADERS and os.environ.get("CI") != "true",
-    reason="the compiled core is not installed: make native",
-)
+pytestmark = needs_native
 
 SAME = pin.__version__ == HEADERS
 

@@ -5,33 +5,25 @@ Without the core these tests are left out; where CI=true they fail.
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from needs_native import HEADERS, needs_native
 from numpy.testing import assert_allclose, assert_array_equal
 from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.compiled import compiled
 from condyn_pin._core.tolerances import CONTACT_SOLVED
 from condyn_pin.constraints import Ball, Box, Capsule, FrictionalContact, Plane
 from condyn_pin.contact import ADMM, PGS, SemismoothNewton
-from condyn_pin.errors import MissingExtra, UnsupportedBackend
+from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.model import free_box, together
 from condyn_pin.simulation import step_batch
 from condyn_pin.simulation.batch import compiled_contact_motions, motions, steps
 
-try:
-    HEADERS = compiled().pinocchio
-except MissingExtra:
-    HEADERS = ""
-pytestmark = pytest.mark.skipif(
-    not HEADERS and os.environ.get("CI") != "true",
-    reason="the compiled core is not installed: make native",
-)
+pytestmark = needs_native
 
 # Both end Newton's method at rounding; what is left is that of M, h and J, and of their products.
 EXACT = cp.StewartTrinkle(contact=SemismoothNewton())
