@@ -361,6 +361,44 @@ def test_the_time_of_an_impact(dt, duration):
         assert trajectory_derivatives(motion).dx_dx[2, 2] == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.parametrize("dt", [1e-3, 5e-3])
+def test_feet_on_their_way_out_of_the_ground(dt):
+    """0.1 mm inside and not out within 1 ms: times at which they would close were 1e-33 s apart."""
+    scene = touching("solo12")
+    q, v = scene.state()[0].copy(), np.full(scene.robot.nv, 0.1)
+    q[2] -= min(cp.dynamics.contact_gaps(scene, q).values()) + 1e-4
+    rng, model = np.random.default_rng(3), scene.robot.model
+
+    def end(q_, v_):
+        of = cp.step(scene, q_, v_, dt=dt, throw=False).derivatives(route=EventLocated())
+        return of.q, of.v
+
+    of = cp.step(scene, q, v, dt=dt).derivatives(route=EventLocated())
+    assert dt > 1e-3 or set(of.modes.values()) == {"open"}
+    x, zero = rng.normal(size=model.nv), np.zeros(model.nv)
+    for moved, along in (
+        (lambda s: end(pin.integrate(model, q, s * x), v), (x, zero, zero)),
+        (lambda s: end(q, v + s * x), (zero, x, zero)),
+    ):
+        expected = slope(model, moved, 1e-6)
+        off = np.concatenate(of.jvp(*along)) - expected
+        assert np.abs(off).max() < 1e-7 * max(1.0, np.abs(expected).max())
+
+
+@pytest.mark.parametrize("speed", [0.0, 1e-6, 1e-2, -1e-2, -1.0])
+@pytest.mark.parametrize("depth", [-1e-3, 0.0, 5e-10, 1e-6, 1e-3])
+def test_events_come_to_an_end_wherever_a_step_begins(depth, speed):
+    """A ball beside the floor, just in it or deep: no more than eight cuts, and none goes in."""
+    scene, q, v = bounce()
+    q[2], v[2] = 0.05 - depth, speed
+    for dt in (1e-4, 1e-2):
+        of = cp.step(scene, q, v, dt=dt, integrator=cp.Moreau(), throw=False)
+        of = of.derivatives(route=EventLocated())
+        assert np.isfinite(of.dv_dq).all()
+        assert np.isfinite(of.dv_dv).all()
+        assert of.q[2] - 0.05 > min(-depth, 0.0) - 1e-6
+
+
 def test_a_located_impact_with_spin_and_friction():
     scene, q, _ = bounce()
     q[2] = 0.06

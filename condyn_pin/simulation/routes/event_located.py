@@ -30,11 +30,14 @@ _INSTANT: Final = 1e-12
 _TOUCHES: Final = 1e-9
 _RESTS: Final = 1e-7
 
-# Impacts in one step, at most: what bounces more often rests.
-_IMPACTS: Final = 8
+# Cuts of one step, at most: what bounces more often rests.
+_CUTS: Final = 8
 
 # Halvings of the step in which an impact is looked for: to rounding.
 _HALVINGS: Final = 100
+
+# Halvings of the step in which a gap is looked for that opens: a millionth of a millionth of it.
+_OPENINGS: Final = 40
 
 # How flows are differenced by their length, as a share of the step.
 _SHARE: Final = 1e-4
@@ -54,7 +57,8 @@ class EventLocated(Route):
     Notes
     -----
     The end differs from that of the scheme, which rebounds before or after the true impact. A
-    contact that bounces more than eight times within a step rests from then on.
+    contact that bounces more than eight times within a step rests from then on. One that is on its
+    way out of the ground and does not get there within the step closes nothing: it goes on.
 
     References
     ----------
@@ -115,12 +119,12 @@ class _Parts:
     def __init__(self, steps: LinearSteps) -> None:
         self._steps, self._dt, self._system = steps, steps.dt, steps.system
         self._law = partial(ActiveSet().law, size=steps.size)
-        self._bounces = 0
+        self._cuts = 0
 
     def taken(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of a step."""
         done = 0.0
-        self._bounces = 0
+        self._cuts = 0
         while done < self._dt:
             q, v = self._struck(t + done, q, v)
             cut = self._next(t, done, q, v)
@@ -134,7 +138,7 @@ class _Parts:
         dq, dv, done, ds = columns.empty(), columns.empty(), 0.0, np.zeros(columns.size)
         dq[:, columns.q], dv[:, columns.v] = np.eye(n), np.eye(n)
         modes: dict[str, str] = {}
-        self._bounces, margin = 0, inf
+        self._cuts, margin = 0, inf
         while done < self._dt:
             held = self._impact(q, v)
             if held is not None:
@@ -194,10 +198,8 @@ class _Parts:
         """Return which contacts touch, if one of them closes; None if none does."""
         gaps, closing = self._approach(q, v)
         touches = gaps <= _TOUCHES
-        if not (touches & (closing < -_RESTS)).any() or self._bounces >= _IMPACTS:
-            return None
-        self._bounces += 1
-        return touches
+        struck = (touches & (closing < -_RESTS)).any() and self._cuts < _CUTS
+        return touches if struck else None
 
     def _approach(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the gaps, and how fast they open."""
@@ -217,16 +219,25 @@ class _Parts:
     def _next(self, t: float, done: float, q: Array, v: Array) -> _Cut:
         """Return the flow from a state to the first gap that closes, or to the end of the step."""
         gaps, opening = self._approach(q, v)
-        rests = (gaps <= _TOUCHES) & (opening <= _RESTS)
-        whole = _Cut(done, self._dt - done, rests, -1)
-        if self._bounces >= _IMPACTS:
-            return whole._replace(held=gaps <= _TOUCHES)
+        touches = gaps <= _TOUCHES
+        held = touches & (opening <= _RESTS)
+        whole = _Cut(done, self._dt - done, held, -1)
+        if self._cuts >= _CUTS:
+            return whole._replace(held=touches)
+        # what goes out and does not get there takes part: it may not go in again
+        leaves = np.flatnonzero(touches & ~held).tolist()
+        inside = [i for i in leaves if self._opened(whole, t, q, v, i) is None]
+        if inside:
+            held = held.copy()
+            held[inside] = True
+            whole = whole._replace(held=held)
         ends = self._gaps_after(whole, t, q, v)
         first, closing = whole.length, -1
-        for i in np.flatnonzero((ends < 0) & ~rests):
+        for i in np.flatnonzero((ends < 0) & ~held):
             s = self._located(whole, t, q, v, int(i))
             if s < first:
                 first, closing = s, int(i)
+        self._cuts += closing >= 0
         return whole._replace(length=first, closing=closing)
 
     def _gaps_after(self, cut: _Cut, t: float, q: Array, v: Array) -> Array:
@@ -234,14 +245,20 @@ class _Parts:
         return self._approach(there, v)[0]
 
     def _located(self, whole: _Cut, t: float, q: Array, v: Array, i: int) -> float:
-        """Return when a gap closes, by secants within an interval that holds the root."""
+        """Return when a gap closes, by secants within an interval that holds the root.
+
+        The end of the flow, if it never opens.
+        """
         low, high = 0.0, whole.length
         f_low, f_high = (
             float(self._approach(q, v)[0][i]),
             float(self._gaps_after(whole, t, q, v)[i]),
         )
         if f_low <= _TOUCHES:  # it has just left: the gap opens first
-            low, f_low = self._opened(whole, t, q, v, i)
+            opened = self._opened(whole, t, q, v, i)
+            if opened is None:
+                return high
+            low, f_low = opened
         for k in range(_HALVINGS):
             s = high - f_high * (high - low) / (f_high - f_low) if k % 3 < 2 else (low + high) / 2
             f = float(self._gaps_after(whole._replace(length=s), t, q, v)[i])
@@ -253,15 +270,17 @@ class _Parts:
                 high, f_high = s, f
         return high
 
-    def _opened(self, whole: _Cut, t: float, q: Array, v: Array, i: int) -> tuple[float, float]:
-        """Return a time at which a gap that closes again is open."""
+    def _opened(
+        self, whole: _Cut, t: float, q: Array, v: Array, i: int
+    ) -> tuple[float, float] | None:
+        """Return a time at which a gap is open, and how far; None if there is none."""
         s = whole.length
-        for _ in range(_HALVINGS):
-            s /= 2
+        for _ in range(_OPENINGS):
             f = float(self._gaps_after(whole._replace(length=s), t, q, v)[i])
             if f > 0:
                 return s, f
-        return s, 0.0
+            s /= 2
+        return None
 
 
 def _composed(ended: Ended, dq: Array, dv: Array) -> tuple[Array, Array]:
