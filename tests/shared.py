@@ -162,3 +162,19 @@ def takes(solver: cp.dynamics.Solver, scene: cp.Scene) -> bool:
     """Whether a solver can say ok on a scene."""
     redundant = bool(scene.nominal.redundant)
     return not untaken(scene, solver) and (solver.takes_redundant or not redundant)
+
+
+def short_lever(r: float) -> cp.Scene:
+    """A body that is held, and a limb on it whose tip is r [m] from its axis, a pin's rounding."""
+    model = pin.Model()
+    here = pin.SE3.Identity()
+    body = model.addJoint(0, pin.JointModelFreeFlyer(), here, "body")
+    model.appendBodyToJoint(body, pin.Inertia.FromSphere(1.0, 0.1), here)
+    model.addFrame(pin.Frame("body", body, 0, here, pin.FrameType.OP_FRAME))
+    limb = model.addJoint(body, pin.JointModelRY(), here, "limb")
+    model.appendBodyToJoint(limb, pin.Inertia.FromSphere(0.1, 0.02), here)
+    tip = pin.SE3(np.eye(3), np.array([r, 0, 0]))
+    model.addFrame(pin.Frame("tip", limb, 0, tip, pin.FrameType.OP_FRAME))
+    held = cp.SurfaceContact("body")
+    tips = [cp.FrictionalContact("tip", cp.constraints.Point(), friction=0.0)]
+    return cp.Scene(cp.Robot("lever", model), [held], contacts=tips)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from needs_native import HEADERS, needs_native
 from numpy.testing import assert_allclose, assert_array_equal
-from shared import robot
+from shared import robot, short_lever
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -342,3 +342,12 @@ def test_what_it_does_not_take_is_refused_by_name() -> None:
     q[9] = 0.1
     with pytest.raises(UnsupportedBackend, match="no shapes on each other"):
         step_batch(stacked, q[None], np.zeros((1, 12)), dt=DT, **CORE)
+
+
+@pytest.mark.parametrize(("r", "ok"), [(1e-6, 2), (2e-11, 0)])
+def test_impulses_that_rounding_balances_are_not_ok_here_either(r, ok):
+    scene = short_lever(r)
+    q, v = scene.state()
+    q[2] = -1e-6
+    batch = step_batch(scene, [q, q], [v, v], dt=DT, **CORE)
+    assert len(batch) - len(batch.failed) == ok

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from shared import short_lever
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -643,6 +644,43 @@ def test_a_box_that_tumbles_comes_to_rest(seed: int) -> None:
     scene = cp.Scene(free_box(), contacts=[contact])
     run = cp.simulate(scene, q, v, duration=2.0, dt=1e-3, integrator=Moreau())
     assert run.status.ok, run.reason
+
+
+@pytest.mark.parametrize(("r", "is_right"), [(1e-6, True), (3e-10, False), (2e-11, False)])
+def test_impulses_that_rounding_balances_are_not_ok(r: float, is_right: bool) -> None:
+    """They lift the tip by 1e11 N s, and all but 1e-6 of what they do is taken back by what holds.
+
+    The contact problem is solved to rounding; Newton and Euler see that momentum is not conserved.
+    """
+    scene = short_lever(r)
+    q, v = scene.state()
+    q[2] = -1e-6
+    now = cp.step(scene, q, v, dt=1e-3, throw=False)
+    assert now.contact.status.ok
+    assert now.status.ok == is_right
+    assert (now.dynamics_error <= now.dynamics_limit) == is_right
+    assert any("M (v+ - v) is off by" in notice for notice in now.notices) != is_right
+    assert ("note: M (v+ - v)" in str(now)) != is_right
+    batch = cp.simulation.step_batch(scene, [q, q], [v, v], dt=1e-3)
+    assert (not len(batch.failed)) == is_right
+    if not is_right:
+        with pytest.raises(cp.errors.SolveFailed, match=r"inaccurate: .*; M .v. - v. is off by"):
+            cp.step(scene, q, v, dt=1e-3)
+
+
+@pytest.mark.parametrize("dt", [1e-9, 1e-6, 1e-3])
+@pytest.mark.parametrize("gravity", [0.0, 9.81])
+def test_what_may_be_off_is_never_less_than_rounding(dt: float, gravity: float) -> None:
+    """Of fast bodies in short steps momentum hardly changes, and rounds all the same."""
+    scene = robot_scene("solo12")
+    model = pin.Model(scene.robot.model)
+    model.gravity.linear = np.array([0, 0, -gravity])
+    scene = replace(scene, robot=replace(scene.robot, model=model))
+    rng = np.random.default_rng(1)
+    q, _ = standing(scene)
+    for speed in (0.0, 1.0, 1e3):
+        now = cp.step(scene, q, speed * rng.normal(size=18), dt=dt, throw=False)
+        assert now.status == now.contact.status
 
 
 @pytest.mark.parametrize("scheme", [StewartTrinkle(), Anitescu(), Moreau()])

@@ -82,7 +82,8 @@ def step(
     InvalidArgument
         If an argument cannot be used, or the scheme cannot let a contact of the scene rebound.
     SolveFailed
-        If the contact problem has no answer that is good enough; its `solution` is the step.
+        If the contact problem has no answer that is good enough, or rounding is as large as what
+        its impulses do; its `solution` is the step.
 
     Notes
     -----
@@ -95,7 +96,7 @@ def step(
     memory = _memory(scene, dt, integrator)
     solution = memory.step(*_state(scene, q, v), tau, forces)
     if throw and not solution.status.ok:
-        said = "; ".join((str(solution.status), *solution.contact.notices))
+        said = "; ".join((str(solution.status), *solution.notices))
         raise SolveFailed(
             f"a step of {dt:g} s by {integrator!r}: {said} "
             f"(natural residual {solution.contact.natural:.1e})",
@@ -201,7 +202,8 @@ class _Memory:
         return StepSolution(
             q=q1, v=v1, lam=lam, gaps=dict(zip(candidates.names, gaps.tolist(), strict=False)),
             modes=dict(zip(candidates.names, modes, strict=True)), contact=contact,
-            dynamics_error=dynamics, constraint_error=slip, violation=violation,
+            dynamics_error=dynamics, dynamics_limit=self._dynamics_limit(posed, ended, a),
+            constraint_error=slip, violation=violation,
             penetration=float(np.maximum(-gaps, 0.0).max(initial=0.0)),
             energy_lost=0.0 - work.contact, correction_work=work.correction,
             algorithmic_work=work.algorithmic,
@@ -231,6 +233,15 @@ class _Memory:
         # a - gained is -w x u of floating bodies
         slip = np.abs(equations.gaps(at, ended + 0.5 * self._dt * (a - gained))[1] - wanted)
         return self._dt * float(np.abs(left).max()), float(slip.max(initial=0.0))
+
+    def _dynamics_limit(self, posed: Posed, ended: Array, a: Array) -> float:
+        """Return the largest error of the balance of momentum that is right [N s, N m s]."""
+        model, data, L = self._system.model, self._system.equations.data, posed.condensed.factors.L
+        M, h = L.dot(L.T), pin.nonLinearEffects(model, data, posed.at, posed.mean)
+        a, v1 = np.abs((a, ended))
+        sizes = self._dt * (np.abs(M).dot(a) + np.abs(h) + np.abs(posed.tau))
+        momenta = np.abs(M).dot(np.abs(posed.v) + v1)
+        return float((tolerances.FORCES * sizes + tolerances.FINEST * momenta).max())
 
     def _push(self, posed: Posed, lam: Array) -> Load:
         """Return what contacts do to the robot, where the step has taken them."""

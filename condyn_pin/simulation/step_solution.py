@@ -46,6 +46,9 @@ class StepSolution:
     dynamics_error : float
         The largest entry of M (v+ - v) - dt (tau - h) - J_b^T l_b - J_c^T lam, by Newton-Euler and
         wrenches on the bodies, with neither M nor J [N s, N m s].
+    dynamics_limit : float
+        The largest `dynamics_error` of a step that is ok: 1e-7 of |M| |v+ - v| + dt (|h| + |tau|)
+        of the joint where that is largest, and the rounding of M v [N s, N m s].
     constraint_error : float
         max abs(J_b v+ + dt gamma / 2), by forward kinematics [m/s, rad/s].
     violation : float
@@ -75,6 +78,7 @@ class StepSolution:
     modes: dict[str, str]
     contact: ContactSolution
     dynamics_error: float  # [N s, N m s]
+    dynamics_limit: float  # [N s, N m s]
     constraint_error: float  # [m/s, rad/s]
     violation: float  # [m, rad]
     penetration: float  # [m, rad]
@@ -129,8 +133,29 @@ class StepSolution:
 
     @property
     def status(self) -> ContactStatus:
-        """How the contact problem ended: OK if its natural residual is within the accuracy."""
-        return self.contact.status
+        """OK if the contact problem is answered, and its answer balances the momentum."""
+        status = self.contact.status
+        if status.ok and not self._is_balanced:
+            return ContactStatus.INACCURATE
+        return status
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each."""
+        if self._is_balanced:
+            return self.contact.notices
+        return (
+            f"M (v+ - v) is off by {self.dynamics_error:.1e} N s or N m s, and at most "
+            f"{self.dynamics_limit:.1e} is right: rounding is as large as what impulses do; look "
+            "at contacts that the constraints hold but for a short lever, and at masses that are "
+            "far apart",
+            *self.contact.notices,
+        )
+
+    @property
+    def _is_balanced(self) -> bool:
+        """Whether the step does what Newton and Euler ask for, to the accuracy of forces."""
+        return self.dynamics_error <= self.dynamics_limit
 
     @property
     def impulses(self) -> dict[str, Array]:
@@ -171,4 +196,6 @@ class StepSolution:
             force = np.array2string(self.forces[name], precision=4, suppress_small=True)
             gap = f", gap {1e3 * self.gaps[name]:.4g} mm" if name in self.gaps else ""
             lines.append(f"{name:<28} {mode:<6} {force} N{gap}")
+        if not self.status.ok:
+            lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)

@@ -31,7 +31,7 @@ from condyn_pin.dynamics.compiled.contacts import of_contacts, untaken_contacts
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.simulation.batch.batch_step import STATUSES
+from condyn_pin.simulation.batch.batch_step import ERRORS, STATUSES
 from condyn_pin.simulation.integrators import Integrator, closings, path_ends
 from condyn_pin.simulation.integrators.contact_scheme import sizes_of_gaps
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
@@ -83,6 +83,11 @@ def step_plan(integrator: Integrator, dt: float) -> Array:
     )
 
 
+# The column of what momentum is off by, and a share of the weight from which on it is Python that
+# judges whether that is much: a hundredth of what may be ok.
+_DYNAMICS: Final = ERRORS.index("dynamics_error")
+_DOUBTFUL: Final = tolerances.FORCES / 100
+
 # The contacts of this thread's last chunk: a worker does chunk after chunk of one batch.
 _last = threading.local()
 
@@ -125,4 +130,7 @@ class SteppedRows:
             modes=codes, done=done, threads=threads,
         )  # fmt: skip
         outputs["codes"][:], outputs["statuses"][:] = codes, STATUSES.index(ContactStatus.OK)
-        return np.flatnonzero(done == 0)
+        doubtful = (
+            outputs["errors"][:, _DYNAMICS] > _DOUBTFUL * self.dt * workspace.scene.nominal.weight
+        )
+        return np.flatnonzero((done == 0) | doubtful)
