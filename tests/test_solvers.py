@@ -29,7 +29,9 @@ DAMPED = [
     cp.DenseKKT,
     cp.dynamics.SparseKKT,
     cp.dynamics.ConjugateGradient,
+    cp.dynamics.MinimumResidual,
 ]
+ITERATIVE = [cp.dynamics.ConjugateGradient, cp.dynamics.MinimumResidual]
 SMALLEST_LAM = [cp.dynamics.NullSpace(), cp.dynamics.GaussPrinciple()]
 REDUNDANT = [label for label, scene in all_scenes().items() if scene.nominal.redundant]
 
@@ -41,7 +43,7 @@ def test_damping_costs_accuracy_in_proportion(kind, label):
     scene, state, right = all_scenes()[label], states(label)[1], truth(label)[1]
     errors = []
     for share in (1e-4, 1e-5, 1e-6):
-        parameters = {"tolerance": 1e-12} if kind is cp.dynamics.ConjugateGradient else {}
+        parameters = {"tolerance": 1e-12} if kind in ITERATIVE else {}
         solver = kind(mu=share * scene.nominal.delassus_norm, **parameters)
         errors.append(relative(cp.solve(scene, *state, solver=solver, throw=False).a, right.a))
     assert np.allclose(np.array(errors[:-1]) / errors[1:], 10.0, rtol=0.05), errors
@@ -159,17 +161,18 @@ def test_a_row_that_is_nothing_at_the_nominal_state_is_not_blown_up():
     assert scaling(scene.nominal.terms)[4:].max() < 1e3
 
 
-# --- Conjugate gradients
+# --- Conjugate gradients and MINRES
 
 
-def test_conjugate_gradients_form_no_jacobian(monkeypatch):
+@pytest.mark.parametrize("kind", ITERATIVE)
+def test_sweeps_form_no_jacobian(kind, monkeypatch):
     def formed(*_):
         raise AssertionError("J was formed")
 
     for label in ("talos corners", "cassie loops", "four_bar geared", "talos hands on a rod"):
         scene, state = all_scenes()[label], states(label)[0]
         right = truth(label)[0].a
-        workspace = cp.Workspace(scene, cp.dynamics.ConjugateGradient())
+        workspace = cp.Workspace(scene, kind())
         with monkeypatch.context() as patch:
             patch.setattr(Equations, "_raw_jacobian", formed)
             assert relative(workspace.acceleration(*state), right) < SOLVED
@@ -183,17 +186,33 @@ def test_an_iteration_for_every_independent_row_is_enough():
         assert 0 < found.iterations <= scene.nominal.rank + 2
 
 
-def test_too_few_iterations_are_told():
+@pytest.mark.parametrize("kind", ITERATIVE)
+def test_too_few_iterations_are_told(kind):
     scene, state = all_scenes()["talos contacts"], states("talos contacts")[0]
-    found = cp.solve(
-        scene, *state, solver=cp.dynamics.ConjugateGradient(max_iterations=3), throw=False
-    )
+    found = cp.solve(scene, *state, solver=kind(max_iterations=3), throw=False)
     assert found.iterations == 3
     assert found.status is cp.Status.INACCURATE
-    loose = cp.dynamics.ConjugateGradient(tolerance=0.1)
-    found = cp.solve(scene, *state, solver=loose, throw=False)
+    enough = cp.solve(scene, *state, solver=kind())
+    found = cp.solve(scene, *state, solver=kind(tolerance=0.1), throw=False)
     assert 1e-9 < found.constraint_error < 0.1
-    assert found.iterations < 12
+    assert found.iterations < enough.iterations
+
+
+def test_minres_takes_three_steps_with_the_ideal_preconditioner():
+    """At the nominal state the preconditioned matrix has three eigenvalues."""
+    scene = all_scenes()["talos contacts"]
+    state = (*scene.state(), np.ones(scene.robot.nv))
+    found = cp.solve(scene, *state, solver=cp.dynamics.MinimumResidual())
+    assert found.iterations <= 3
+    assert relative(found.a, cp.solve(scene, *state, solver=cp.dynamics.Reference()).a) < SOLVED
+
+
+def test_minres_takes_at_most_four_times_the_steps_of_conjugate_gradients():
+    for label in ("solo12 contacts", "talos contacts", "talos corners", "cassie loops"):
+        cg, minres = (
+            cp.solve(all_scenes()[label], *states(label)[0], solver=kind()) for kind in ITERATIVE
+        )
+        assert cg.iterations < minres.iterations <= 4 * cg.iterations
 
 
 @settings(max_examples=40)

@@ -76,6 +76,11 @@ ENGINES: Final = 1e-6
 # ones met in robots are at 1e-3.
 RANK: Final = 1e-7
 
+# Where a run of MINRES ends and the next begins: its residual in the norm of the preconditioner,
+# relative to the first. Half the digits of a double; below, the residual that is carried along
+# drifts from the real one. From 1e-4 to 1e-12 all runs together take about as many iterations.
+RUN_OF_MINRES: Final = 1e-7
+
 # The same for Reference, which is called at states on the manifold and has to see what is nearly
 # singular as what it is.
 REFERENCE_RANK: Final = 1e-11

@@ -22,6 +22,7 @@ from .solvers.delassus_cholesky import DelassusCholesky as DelassusCholesky
 from .solvers.dense_kkt import DenseKKT as DenseKKT
 from .solvers.gauss_principle import GaussPrinciple as GaussPrinciple
 from .solvers.lcaba import LCABA as LCABA
+from .solvers.minimum_residual import MinimumResidual as MinimumResidual
 from .solvers.null_space import NullSpace as NullSpace
 from .solvers.proximal import Proximal as Proximal
 from .solvers.pv import PV as PV
