@@ -11,6 +11,7 @@ constraints block, L^-1 J_b^T = V S U^T,
     l_b = U S^-1 (S^-1 U^T s - V^T (L^T v + L^-1 p + L^-1 J_c^T lam)).
 
 A row that the constraints hold is theirs alone: it is zero here, not what rounding leaves of it.
+Where they move it along a path, G is zero and the velocity stays: it is the slip of dry friction.
 A contact solver sees a pure cone problem: constraints of any kind, redundant ones too, are in G and
 v_free, and J_b v+ = s holds to rounding whatever it answers.
 """
@@ -44,6 +45,8 @@ class Condensed(NamedTuple):
         V^T (L^T v + L^-1 p).
     free : (nv,) array
         L^T v_free.
+    path : (rank,) array, optional
+        S^-1 U^T s' of constraints that follow a path.
     """
 
     factors: MinimumNorm
@@ -52,6 +55,7 @@ class Condensed(NamedTuple):
     held: Array
     momentum: Array
     free: Array
+    path: Array | None = None
 
     @property
     def G(self) -> Array:
@@ -80,7 +84,7 @@ class Condensed(NamedTuple):
 
     def with_contacts(self, J_c: Array) -> Condensed:
         """Return the same step with other rows of contacts (m, nv)."""
-        X, blocked = _along(self.factors, J_c)
+        X, blocked = _along(self.factors, J_c, self.path)
         return self._replace(X=X, blocked=blocked)
 
     def velocity(self, lam: Array) -> Array:
@@ -94,7 +98,9 @@ class Condensed(NamedTuple):
         return np.asarray(factors.U[:, :rank].dot(missing / factors.S[:rank]))
 
 
-def condense(factors: MinimumNorm, J_c: Array, v: Array, p: Array, s: Array) -> Condensed:
+def condense(
+    factors: MinimumNorm, J_c: Array, v: Array, p: Array, s: Array, rates: Array | None = None
+) -> Condensed:
     """Return the contacts of a robot with its constraints eliminated.
 
     Parameters
@@ -109,6 +115,8 @@ def condense(factors: MinimumNorm, J_c: Array, v: Array, p: Array, s: Array) -> 
         Impulses of all other forces [N s, N m s].
     s : (rows,) array
         J_b v+ [m/s, rad/s].
+    rates : (rows,) array, optional
+        The part of s that is the rate s' of a path [m/s, rad/s].
 
     Notes
     -----
@@ -116,15 +124,21 @@ def condense(factors: MinimumNorm, J_c: Array, v: Array, p: Array, s: Array) -> 
     """
     V, rank = factors.V, factors.rank
     w = v.dot(factors.L) + dtrtrs(factors.L.T, p, trans=1)[0]
-    X, blocked = _along(factors, J_c)
+    path = None if rates is None or not rank else _held(factors, rates)
+    X, blocked = _along(factors, J_c, path)
     if not rank:
         return Condensed(factors, X, blocked, _NOTHING, _NOTHING, w)
-    momentum = V.T.dot(w)
-    held = s.dot(factors.U[:, :rank]) / factors.S[:rank]
-    return Condensed(factors, X, blocked, held, momentum, w + V.dot(held - momentum))
+    momentum, held = V.T.dot(w), _held(factors, s)
+    return Condensed(factors, X, blocked, held, momentum, w + V.dot(held - momentum), path)
 
 
-def _along(factors: MinimumNorm, J_c: Array) -> tuple[Array, Array]:
+def _held(factors: MinimumNorm, s: Array) -> Array:
+    """Return S^-1 U^T s."""
+    rank = factors.rank
+    return np.asarray(s.dot(factors.U[:, :rank]) / factors.S[:rank])
+
+
+def _along(factors: MinimumNorm, J_c: Array, path: Array | None) -> tuple[Array, Array]:
     """Return X, rows of contacts without what the constraints block, and what they block."""
     X = dtrtrs(factors.L.T, J_c.T, trans=1)[0]
     if not factors.rank:
@@ -133,11 +147,17 @@ def _along(factors: MinimumNorm, J_c: Array) -> tuple[Array, Array]:
     X -= factors.V.dot(blocked)
     # squares: einsum takes a pass, and no square root
     held = np.einsum("ij,ij->j", X, X) <= _HELD * np.einsum("ij,ij->j", blocked, blocked)
-    X[:, held] = blocked[:, held] = 0.0
+    X[:, held] = 0.0
+    if path is not None:
+        held &= np.abs(path.dot(blocked)) <= _MOVED
+    blocked[:, held] = 0.0
     return X, blocked
 
 
 # What is left of a row that constraints hold is rounding: impulses of 1e29 N s would move it.
 _HELD: Final = tolerances.REFERENCE_RANK**2
+
+# Rates of held rows that are rounding [m/s, rad/s].
+_MOVED: Final = 1e-12
 
 _NOTHING: Final = np.zeros(0)

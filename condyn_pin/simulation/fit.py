@@ -37,7 +37,9 @@ def slip_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, dt: 
     """
     if not (scene.rows and isinstance(integrator, ContactScheme)):
         return 0.0
-    _, _, _, gamma = gauge_of(scene).equations.parts(q, v)
+    equations = gauge_of(scene).equations
+    equations.at(None)
+    _, _, _, gamma = equations.parts(q, v)
     return 2 * dt * float(np.abs(gamma).max())
 
 

@@ -115,7 +115,7 @@ def _check_rows(scene: Scene, integrator: Integrator) -> None:
         names = ", ".join(c.name for c in scene.constraints if c.is_rheonomic)
         raise UnsupportedConstraint(
             f"{names}: driven along a path, and {integrator.title} holds its rows at rest; use "
-            "RungeKutta4(), or a scene without contacts that open"
+            "StewartTrinkle() or Moreau()"
         )
     if not integrator.needs_positions:
         return

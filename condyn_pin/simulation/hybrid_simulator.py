@@ -226,8 +226,9 @@ class HybridSimulator:
         else:
             after = self._placed(event.scene)
             what = f"event {event.name!r}: its scene does not fit the state: "
-            slip = slip_of_steps(after, self.q, self.v, self.plan.integrator, self.plan.dt)
-            check_fit(after.at(self.t), self.q, self.v, slip=slip, what=what)
+            now = after.at(self.t)
+            slip = slip_of_steps(now, self.q, self.v, self.plan.integrator, self.plan.dt)
+            check_fit(now, self.q, self.v, slip=slip, what=what)
             check_deeper(after, before, self.q, self.plan.integrator, what=what)
             self._asked = event.scene
             self.phase = HybridPhase(after, self.plan)

@@ -1,6 +1,6 @@
 """The contract of a time-stepping scheme with contacts, and how to write one.
 
-    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = -dt gamma / 2
+    M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = s' - dt gamma / 2
     sigma = G lam + g,    K contains lam,    K* contains sigma + (0, 0, mu |sigma_t|),   orthogonal
 
 A scheme says where M, h and J are taken, which contacts take part, what g is, and how the velocity
@@ -145,7 +145,6 @@ class ContactScheme(Integrator, ABC):
     a_at = "end"
     keeps_constraints: ClassVar[bool] = True
     takes_contacts: ClassVar[bool] = True
-    takes_driven: ClassVar[bool] = False
 
     law: ClassVar[Law] = "ncp"
     at_midpoint: ClassVar[bool] = False

@@ -1,11 +1,12 @@
 """ContactSteps: steps of one size of a robot whose contacts open, stick and slide.
 
     M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,
-    J_b v+ = -dt gamma / 2,    sigma = G lam + g
+    J_b v+ = s' - dt gamma / 2,    sigma = G lam + g
 
-Constraints are eliminated (`condyn_pin.contact.condense`), and the answer of the contact solver is
-proved in every step. Springs and joint damping act at the end of it: M has dt D + dt^2 K more, and
-tau has dt K v less.
+with gamma less s'' for rows that are driven along s(t), and s' = 0 for all others. Constraints are
+eliminated (`condyn_pin.contact.condense`), and the answer of the contact solver is proved in every
+step. Springs and joint damping act at the end of it: M has dt D + dt^2 K more, and tau has dt K v
+less.
 
 The velocity is tangent to the constraints in the middle of the step, where J_b is dt/2 Jdot_b more,
 and Jdot_b v = gamma: loops stay closed to dt^3. One with J_b v+ = 0 would lose dt gamma in each
@@ -83,6 +84,7 @@ class ContactSteps:
         self._rank = chains_of(system.scene).rank if system.scene.rows else 0
         self._chosen: tuple[bytes, Chosen] | None = None
         self._normals = self._candidates.normals
+        self._is_driven = system.scene.is_driven
         self._share = 0.5 if scheme.at_midpoint else 1.0  # of dt, from `at` to the end
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -91,9 +93,26 @@ class ContactSteps:
         StepFailed if the contact solver has no answer.
         """
         taken = self.attempt(t, q, v)
+        if self._is_driven:
+            self._check_path(t, taken[0])
         if not self.last.natural <= tolerances.CONTACT_SOLVED:
             self._check_answer(t)
         return taken
+
+    def _check_path(self, t: float, q1: Array) -> None:
+        """Refuse paths that press bodies into each other, where nothing gives way."""
+        posed = self.last.posed
+        stuck = posed.near.G.diagonal()[posed.chosen.normals] == 0.0
+        if not stuck.any():
+            return
+        gaps = self._candidates.gaps(self._equations.data, q1)
+        for place in np.flatnonzero(posed.chosen.near)[stuck]:
+            if gaps[place] < min(-MISSED, posed.gaps[place]):
+                raise StepFailed(
+                    f"{self._candidates.names[place]} at t = {t + self._dt:g} s: driven rows move "
+                    f"it {-gaps[place]:.2g} m or rad into what it touches, and nothing gives way; "
+                    "end the path before"
+                )
 
     def _check_answer(self, t: float) -> None:
         """Refuse the last step, unless it has all that its contact solver promises."""
@@ -145,22 +164,27 @@ class ContactSteps:
         at, tau = q, self._torque(t, q, v)
         if scheme.at_midpoint:
             at, v = floating.integrate(q, 0.5 * dt * v), floating.turned(v, 0.5 * dt)
+        system.at(t + (1.0 - self._share) * dt)  # with what is driven where it is there
         M, h, J_b, gamma = self._equations.parts(at, v)
+        rates = self._equations.wanted[1].copy() if self._is_driven else None
+        system.at(t + dt)  # where loops are closed behind the step
         data = self._equations.data  # it has the placements and Jacobians of `at` now
         gaps, J = self._candidates.evaluate(data, at)
         chosen = self._choose(scheme.near(gaps, v, dt) if active is None else active)
         J_c, turning = J[chosen.rows], floating.turning(v)
         before = J_c.dot(v)
         slip = -0.5 * dt * (gamma - J_b.dot(turning)) if len(J_b) else gamma  # none
+        if rates is not None:
+            slip += rates
         # without springs and damping: they act in v+ - v, as it is in these axes
         inertia = M.copy() if self._is_implicit else M
         factors, mean = self._factors(M, J_b, at), v
-        now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip)
+        now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip, rates)
         if not len(J_c):
             mean = 0.5 * (v + now.free_velocity)
             h = pin.nonLinearEffects(system.model, data, at, mean)
             turning = floating.turning(mean)
-            now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip)
+            now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip, rates)
         here = gaps[chosen.gaps]
         bends = self.paths.bends(at, v, here, before, chosen) if scheme.closes_gaps else 0.0 * here
         near = Near(
