@@ -362,7 +362,8 @@ def test_a_run_that_does_not_follow_the_map_is_no_right_one():
 
 
 def test_what_takes_gigabytes_is_left_out_where_time_is_limited():
-    heavy = {(t.family, t.severity) for t in set(tasks()) - set(tasks(heavy=False))}
+    light = {repr(task) for task in tasks(heavy=False)}  # a severity of nan equals no other
+    heavy = {(t.family, t.severity) for t in tasks() if repr(t) not in light}
     assert heavy == {("straight_chain", 400.0), ("bent_chain", 400.0)}
 
 
