@@ -152,6 +152,13 @@ def test_assemble_without_loops_says_so():
     assert "note" not in run("assemble four_bar").output
 
 
+def test_advice_names_options_of_the_line(condyn):
+    code, _, said = condyn("assemble cassie --q left-knee-op=9")
+    assert code == 2
+    assert "say --no-limits" in said
+    assert "within_limits" not in said
+
+
 def test_assemble_keeps_the_joints_that_it_is_given():
     answer = json.loads(run("assemble four_bar --q crank=0.9 --json").stdout)
     assert answer["status"] == "closed"

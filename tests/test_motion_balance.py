@@ -168,3 +168,12 @@ _MARKED = ("cop", "capture_point", "dcm")
 def test_what_has_no_velocity_has_no_balance_to_be_drawn():
     with pytest.raises(cp.InvalidArgument, match="a Scene does not know v"):
         drawing(scene_of_box(), balance=True)
+
+
+def test_a_linkage_without_contacts_says_why_it_has_no_marks():
+    bar = cp.model.four_bar()
+    scene = cp.Scene(bar, bar.loops)
+    run = cp.simulate(scene, *scene.state(), duration=0.01)
+    notes = drawing(run, balance=True).notes
+    assert any(note.startswith("no balance: no contacts press on one plane") for note in notes)
+    assert not any("no balance" in note for note in drawing(sliding(), balance=True).notes)

@@ -200,6 +200,43 @@ def test_a_batch_is_a_data_frame_with_a_motion_a_row():
     assert frame["energy_error"][0] == batch.energy_error[0]
 
 
+def test_answers_are_data_frames_with_a_state_a_row():
+    if "CI" not in os.environ:
+        pandas = pytest.importorskip("pandas")
+    else:
+        import pandas
+    bar = cp.model.four_bar()
+    scene = cp.Scene(bar, bar.loops)
+    q, v = scene.state()
+    batch = cp.solve_batch(scene, [q, q], [v, 1e200 + v], np.zeros((2, 3)))
+    frame = batch.to_pandas()
+    assert frame["status"].tolist() == batch.status_names
+    assert frame["a crank"].tolist()[0] == batch.a[0, bar.index_v("crank")]
+    assert frame["q crank"].tolist() == batch.q[:, bar.index_q("crank")].tolist()
+    assert frame[f"lam {scene.row_names[1]}"].tolist()[0] == batch.lam[0, 1]
+    assert frame["error_bound"].tolist()[0] == batch.error_bound[0]
+    assert frame["iterations"].tolist() == batch.iterations.tolist()
+    ones = pandas.concat([batch[0].to_pandas(), cp.solve(scene, q, v, np.ones(3)).to_pandas()])
+    assert ones["status"].tolist() == ["ok", "ok"]
+    assert ones["a crank"].tolist()[0] == batch.a[0, 0]
+    assert set(ones) ^ set(frame) == {"solve_time", "solve_times"}
+    alone = cp.Scene(bar)
+    assert cp.solve(alone, q, v, np.zeros(3)).to_pandas()["q crank"].tolist() == [q[0]]
+
+
+def test_steps_are_a_data_frame_with_their_modes():
+    if "CI" not in os.environ:
+        pytest.importorskip("pandas")
+    fall = falling()
+    scene = fall.scene
+    batch = cp.simulation.step_batch(scene, fall.q[:3], fall.v[:3], dt=1e-3)
+    frame = batch.to_pandas()
+    name = scene.contacts[0].name
+    assert frame[f"mode {name}"].tolist() == batch.modes[name].tolist()
+    assert frame["v root_joint[2]"].tolist() == batch.v[:, 2].tolist()
+    assert frame["natural"].tolist() == batch.natural.tolist()
+
+
 def test_without_pandas_the_remedy_is_named(monkeypatch):
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(cp.errors.MissingExtra, match=r"pip install 'condyn_pin\[pandas\]'"):

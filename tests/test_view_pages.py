@@ -571,3 +571,13 @@ def test_names_are_words_on_a_page_and_nothing_else(tmp_path):
     assert answer["scripts"] == page.count("<script>") + 1 == 3
     assert f"r{_STRANGE}" in answer["legend"]
     assert answer["title"].startswith("r</script><img")
+
+
+@pytest.mark.parametrize(
+    ("argument", "name", "cure"), [("png", "x.jpg", "x.png"), ("html", "x.png", "x.html")]
+)
+def test_a_name_that_says_another_format_is_refused(tmp_path, argument, name, cure):
+    bar = cp.model.four_bar()
+    with pytest.raises(cp.InvalidArgument, match=rf"name it .*{cure}"):
+        cp.view(bar, browser=False, **{argument: tmp_path / name})
+    assert not list(tmp_path.iterdir())

@@ -42,6 +42,21 @@ def printable(text: str) -> str:
     )
 
 
+# What errors and advice say of arguments in Python, as a line says it.
+_OPTIONS: Final = {
+    "pass within_limits=False": "say --no-limits",
+    "pass save=False": "say --no-save",
+    "say close_start=False": "close_start=False in Python",
+}
+
+
+def with_options(text: str) -> str:
+    """Return a text with the options of the command line in place of Python's arguments."""
+    for argument, option in _OPTIONS.items():
+        text = text.replace(argument, option)
+    return text
+
+
 class _Screen(Console):
     """Where people read: what is not printable is written out."""
 
@@ -72,12 +87,12 @@ STDOUT: Final = Path("-")
 
 def say(text: str) -> None:
     """Print a text with its own lines: none is broken."""
-    console.print(text, soft_wrap=True)
+    console.print(with_options(text), soft_wrap=True)
 
 
 def warn(text: str) -> None:
     """Print a line to stderr."""
-    typer.echo(printable(text), err=True)
+    typer.echo(printable(with_options(text)), err=True)
 
 
 def words(*headings: str | Column) -> Table:

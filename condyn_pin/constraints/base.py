@@ -30,7 +30,7 @@ Pinocchio has it, and by which group its rows and their partial derivatives are 
 To add a kind: one file.
 
 1. One frozen dataclass. It inherits from `FrameRelation` (`condyn_pin.constraints.relation`) if it
-   relates two frames by equations of your own: then write `rows`, `violation`, `weights` and
+   relates two frames by new equations: then write `rows`, `violation`, `weights` and
    `weights_rate`, and nothing else. Other bases are `WithWorld` and `BetweenFrames`.
 2. Its fields are what a file says of it: texts, numbers, tuples. `__post_init__` checks them with
    `constraint_fields` and ends with `_set_name`. Fields in metres are listed in `lengths`.

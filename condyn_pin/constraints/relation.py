@@ -1,4 +1,4 @@
-"""Two frames related by equations of your own: a kind of constraint in four functions.
+"""Two frames related by new equations: a kind of constraint in four functions.
 
 With r the position of c2's origin in c1, R the axes of c2 in c1, and s = (s_lin, s_ang) how body 1
 slips past body 2 at the origin of c2, in the axes of c1 (`condyn_pin.constraints.loop`), the two

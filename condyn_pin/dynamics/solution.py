@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -221,6 +221,24 @@ class Solution:
     @cached_property
     def _sites(self) -> Sites:
         return Sites(self.scene, self.q)
+
+    def to_pandas(self) -> Any:
+        """Return it as a `pandas.DataFrame` of one row; ``pandas.concat`` puts several together.
+
+        Columns: status, q and a by joint, lam by row, the errors, iterations and solve_time [s].
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        from condyn_pin._core.pandas import require_pandas
+        from condyn_pin.dynamics.columns import solution_columns
+
+        status, errors = [self.status.name.lower()], np.array(self.residuals)
+        table = solution_columns(self.scene, status, self.q, self.a, self.lam, errors)
+        table |= {"iterations": [self.iterations], "solve_time": [self.solve_time]}
+        return require_pandas().DataFrame(table)
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""

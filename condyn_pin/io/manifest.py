@@ -159,7 +159,7 @@ def _locked(robot: Robot) -> Iterator[str]:
     if names:
         yield (
             f"the lower limit is the upper one ({few(names)}): loops are closed without moving "
-            "them, unless within_limits=False; fix them, or give them a range"
+            "them, unless you pass within_limits=False; fix them, or give them a range"
         )
 
 

@@ -7,7 +7,7 @@ v[joint], tau[joint]   nv numbers
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -39,6 +39,13 @@ def joint_of(model: Any, name: str) -> Any:
             )
         raise unknown_name("joint", name, tuple(model.names)[1:])
     return model.joints[index]
+
+
+def coordinate_names(model: Any, of: Literal["q", "v"]) -> Iterator[str]:
+    """Yield a name for each entry of q or v: the joint, with a number if it has several."""
+    for name, joint in list(zip(model.names, model.joints, strict=True))[1:]:
+        size = joint.nq if of == "q" else joint.nv
+        yield from [name] if size == 1 else (f"{name}[{i}]" for i in range(size))
 
 
 def index(robot: Robot, name: str, of: Literal["q", "v"]) -> int:

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.model.robot_joints import coordinate_names
 
 if TYPE_CHECKING:
+    from condyn_pin.simulation.batch.batch_step import BatchStep
     from condyn_pin.simulation.batch.trajectory import BatchTrajectory
     from condyn_pin.simulation.trajectory import Trajectory
 
@@ -32,20 +34,20 @@ def ends(batch: BatchTrajectory) -> dict[str, Any]:
     return table | {name: getattr(batch, name) for name in _ERRORS}
 
 
+def step_columns(batch: BatchStep, errors: Sequence[str]) -> dict[str, Any]:
+    """Return statuses, ends, modes and errors of steps by name, each (N,)."""
+    table: dict[str, Any] = {"status": batch.status_names} | _by_joint(batch, "q", "v")
+    table |= {f"mode {name}": modes for name, modes in batch.modes.items()}
+    return table | dict(zip(errors, batch.errors.T, strict=True))
+
+
 _ERRORS = ("violation", "constraint_velocity", "energy_error", "run_times")
 
 
-def _by_joint(of: Trajectory | BatchTrajectory, *kinds: str) -> dict[str, Array]:
+def _by_joint(of: Trajectory | BatchTrajectory | BatchStep, *kinds: str) -> dict[str, Array]:
     """Return the columns of some arrays, named by joint."""
     model, table = of.scene.robot.model, dict[str, Array]()
     for kind in kinds:
-        names = [f"{kind} {name}" for name in _entries(model, of_q=kind == "q")]
+        names = [f"{kind} {name}" for name in coordinate_names(model, "q" if kind == "q" else "v")]
         table |= dict(zip(names, getattr(of, kind).T, strict=True))
     return table
-
-
-def _entries(model: Any, *, of_q: bool) -> Iterator[str]:
-    """Yield a name for each entry of q, or of v: the joint, with a number if it has several."""
-    for name, joint in list(zip(model.names, model.joints, strict=True))[1:]:
-        size = joint.nq if of_q else joint.nv
-        yield from [name] if size == 1 else (f"{name}[{i}]" for i in range(size))

@@ -50,6 +50,17 @@ def balance_parts(moments: Sequence[Moment], size: float) -> Iterator[Part]:
         yield label(f"{path}/label", words, colour, pose, _LABEL * size)
 
 
+def balance_notes(moments: Sequence[Moment]) -> tuple[str, ...]:
+    """Return why nothing of the balance is drawn of moments that know it, if so."""
+    known = [at.balance for at in moments if at.balance is not None]
+    if not known or any(each.polygon for each in known):
+        return ()
+    return (
+        "no balance: no contacts press on one plane, so there is no support polygon, centre of "
+        "pressure or capture point",
+    )
+
+
 def _edge(i: int, at: Moment) -> Array | None:
     """Return the pose of edge i of the polygon; a line has one edge, and a point none."""
     polygon = None if at.balance is None else at.balance.polygon

@@ -12,7 +12,7 @@ from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.viewing import palette, three
 from condyn_pin.viewing.arrows import Peak, arrow_parts
-from condyn_pin.viewing.balance_marks import POINTS, balance_parts
+from condyn_pin.viewing.balance_marks import POINTS, balance_notes, balance_parts
 from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
 from condyn_pin.viewing.closures import closure_parts, contact_parts
 from condyn_pin.viewing.extent import extent, plane_normal, touched
@@ -182,6 +182,7 @@ def draw(
         parts += arrow_parts(scene, moments, size, peaks or {})
     parts += mass_parts(size)
     parts += balance_parts(moments, size)
+    notes = (*notes, *balance_notes(moments))
     if before is not None:
         opened = list(closure_parts(scenes[0], before.gaps, size))
         parts += [part.ghost(before) for part in (*bodies, *opened)]

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.files.beside import check_writable
+from condyn_pin._core.files.beside import check_format, check_writable
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.balancing import Balance
 from condyn_pin.control.balancing import balance as balance_of
@@ -29,7 +29,7 @@ from condyn_pin.viewing.moment import moment
 from condyn_pin.viewing.motion import gaps_of, moments_of, peaks_of, shown
 from condyn_pin.viewing.page import require_meshcat
 from condyn_pin.viewing.touching import Felt
-from condyn_pin.viewing.viewer import Viewer, check_port
+from condyn_pin.viewing.viewer import HTML, PNG, Viewer, check_port
 
 Subject = (
     Robot
@@ -129,8 +129,9 @@ def view(
         raise InvalidArgument(f"speed = {speed!r}: a positive number is needed")
     require_meshcat()
     check_port(port)
-    for path in (html, png):
+    for path, endings in ((html, HTML), (png, PNG)):
         if path is not None:
+            check_format(path, *endings)
             check_writable(path)
     viewer = Viewer(
         drawing_of(

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Final
 
 from condyn_pin._core.arrays import shown
-from condyn_pin._core.files.beside import check_writable, write_text
+from condyn_pin._core.files.beside import check_format, check_writable, write_text
 from condyn_pin._core.parameters import is_whole
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.viewing.chromium import screenshot
@@ -21,6 +21,10 @@ from condyn_pin.viewing.part import Part
 from condyn_pin.viewing.server import HOST, Server
 
 _PORTS: Final = 2**16
+# What the names of a page and of a picture may end with.
+HTML: Final = (".html", ".htm")
+PNG: Final = (".png",)
+
 _PATIENCE: Final = 10.0  # [s] in which a browser that was opened fetches the page
 
 
@@ -68,6 +72,7 @@ class Viewer:
 
     def save_html(self, path: str | Path) -> None:
         """Write the page to a file, which opens from disk without a network."""
+        check_format(path, *HTML)
         write_text(path, self.html)
 
     def save_png(self, path: str | Path) -> None:
@@ -79,7 +84,10 @@ class Viewer:
             If there is no Chromium; the text says how to get one.
         BrowserFailed
             If it made no picture.
+        InvalidArgument
+            If the name of the file says another format, or it cannot be written.
         """
+        check_format(path, *PNG)
         check_writable(path)  # a picture takes seconds
         still = self.drawing.first.html()
         screenshot(still.replace("</style>", ".dg { display: none; }</style>", 1), Path(path))

@@ -45,6 +45,16 @@ def written_beside(path: str | PathLike[str]) -> Iterator[Path]:
         raise _not_written(path, error) from error
 
 
+def check_format(path: str | PathLike[str], *endings: str) -> None:
+    """Refuse a file whose name says another format than it would have."""
+    ending = Path(path).suffix
+    if ending and ending.lower() not in endings:
+        raise InvalidArgument(
+            f"{path}: its name says {ending[1:]}, and what is written is {endings[0][1:]}; name it "
+            f"{Path(path).with_suffix(endings[0])}"
+        )
+
+
 def write_text(path: str | PathLike[str], text: str) -> None:
     """Write a text as UTF-8; see `written_beside`."""
     with written_beside(path) as new:

@@ -7,7 +7,7 @@ from typing import Annotated
 import typer
 
 from condyn_pin.cli import arguments as arg
-from condyn_pin.cli.output import leave, plain, print_json, say
+from condyn_pin.cli.output import leave, plain, print_json, say, with_options
 
 PANEL = "Solve"
 
@@ -41,7 +41,10 @@ def assemble(
         joint = scene.robot.model.joints[scene.robot.model.getJointId(name)]
         joints[name] = assembly.q[joint.idx_q : joint.idx_q + joint.nq]
     if as_json:
-        status = {"status": assembly.status.name.lower(), "advice": assembly.status.value}
+        status = {
+            "status": assembly.status.name.lower(),
+            "advice": with_options(assembly.status.value),
+        }
         print_json(plain(assembly) | status | {"joints": joints})
     else:
         say(str(assembly))

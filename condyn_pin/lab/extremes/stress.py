@@ -107,8 +107,8 @@ def stress(
     """Return what every method makes of every case.
 
     No case is begun after some seconds, and a method that takes longer than `patience` hangs [s].
-    Modules with solvers or extremes of your own are `imports`; progress is called with the number
-    of cases done and of all. The cases run in a process of their own, which imports the main script
+    `imports` names modules that register more solvers or extremes; progress is called with the
+    number of cases done and of all. The cases run in another process, which imports the main script
     again: guard it with ``if __name__ == "__main__"``.
 
     Raises

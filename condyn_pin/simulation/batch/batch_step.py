@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -94,6 +94,22 @@ class BatchStep(Outcome, Batch[StepSolution]):
     def natural(self) -> Array:
         """Natural residual of each contact problem (N,), without a unit."""
         return self.errors[:, 0]
+
+    def to_pandas(self) -> Any:
+        """Return it as a `pandas.DataFrame`, a step a row.
+
+        Columns: status, q and v by joint at the end of the step, the mode of each contact, and the
+        errors.
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        from condyn_pin._core.pandas import require_pandas
+        from condyn_pin.simulation.columns import step_columns
+
+        return require_pandas().DataFrame(step_columns(self, ERRORS))
 
     def __len__(self) -> int:
         return len(self.q)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -111,6 +111,24 @@ class BatchSolution(Outcome, Batch[Solution]):
             found[bound.name] = self.lam[:, row : row + bound.size]
             row += bound.size
         return found
+
+    def to_pandas(self) -> Any:
+        """Return it as a `pandas.DataFrame`, a state a row.
+
+        Columns: status, q and a by joint, lam by row, the errors, iterations and solve_times [s].
+
+        Raises
+        ------
+        MissingExtra
+            If pandas is not installed.
+        """
+        from condyn_pin._core.pandas import require_pandas
+        from condyn_pin.dynamics.columns import solution_columns
+
+        of_states = self.status_names, self.q, self.a, self.lam, self.residuals
+        table = solution_columns(self.scene, *of_states)
+        table |= {"iterations": self.iterations, "solve_times": self.solve_times}
+        return require_pandas().DataFrame(table)
 
     def __len__(self) -> int:
         return len(self.a)
