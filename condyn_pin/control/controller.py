@@ -267,12 +267,14 @@ class Controller(OneThread):
         time = t if type(t) is float and isfinite(t) else float(finite("t", t, ()))
         extra = still if passive is None else finite("passive", passive, len(still))
         with np.errstate(all="ignore"):  # what overflows is refused
-            if not isfinite(q_ @ q_ + v_ @ v_):  # not finite, or very large
+            if not isfinite(q_.dot(q_) + v_.dot(v_)):  # not finite, or very large
                 self._arguments.check(q_, v_, still)
-            check_overflow("passive", extra, extra @ extra)
+            if not isfinite(extra.dot(extra)):
+                check_overflow("passive", extra, extra**2)
             given, levels = self._program.assemble(q_, v_, time, extra)
-            if not isfinite(given.b @ given.b + sum(level.b @ level.b for level in levels)):
-                check_overflow("v", v_, given.b, *(level.b for level in levels))
+            wanted = (given.b, *(level.b for level in levels))
+            if not isfinite(sum(b.dot(b) for b in wanted)):
+                check_overflow("v", v_, *wanted)
         return given, levels
 
     def __repr__(self) -> str:

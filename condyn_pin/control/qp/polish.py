@@ -108,11 +108,11 @@ def _on_active_rows(program: QuadraticProgram, at: Polished) -> Polished:
     K[:n, :n], K[n : n + p, :n], K[n + p :, :n] = program.H, program.A, program.C[active]
     K[:n, n:] = K[n:, :n].T
     solve = _factorised(K, n, _DELTA / float(program.H.diagonal().max()))
-    xy = np.concatenate((at.x, at.y, at.z[active]))
+    xy, settled = np.concatenate((at.x, at.y, at.z[active])), _SETTLED * largest(wanted)
     for _ in range(_REPETITIONS):
         left = wanted - K.dot(xy)
         xy = xy + solve(left)
-        if largest(left) <= _SETTLED * largest(wanted):
+        if largest(left) <= settled:
             break
     x, y, z = xy[:n], xy[n : n + p], np.zeros(len(program.lower))
     z[active] = xy[n + p :]
