@@ -118,7 +118,7 @@ Some names mean the same everywhere:
 
 ``q``, ``v``, ``a``
     configuration (nq,) [rad, m], velocity (nv,) [rad/s, m/s], acceleration (nv,) [rad/s^2, m/s^2];
-    ``Q``, ``V`` are many, a row a state; ``q0``, ``v0``, ``Q0``, ``V0`` are those at the start
+    ``Q``, ``V`` are many, one row per state; ``q0``, ``v0``, ``Q0``, ``V0`` are those at the start
 ``tau``
     generalised forces (nv,) [N m, N]
 ``lam``

@@ -268,7 +268,7 @@ def test_shapes_and_quaternions_are_named():
     loose = q.copy()
     loose[5, 3:7] *= 1.1
     for states, text in (
-        ((q[0], v, tau), r"Q has shape \(39,\): .* shape \(N, 39\) is needed, a row a state"),
+        ((q[0], v, tau), r"Q has shape \(39,\): .* shape \(N, 39\) is needed, one row per state"),
         ((q[:, 1:], v, tau), r"Q has shape \(24, 38\): an array of shape \(24, 39\)"),
         ((q, v[1:], tau), r"V has shape \(23, 38\): an array of shape \(24, 38\)"),
         ((q, v, tau[:, :5]), r"TAU has shape \(24, 5\): an array of shape \(24, 38\)"),

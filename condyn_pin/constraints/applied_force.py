@@ -35,8 +35,8 @@ class AppliedForce:
         On whose body, and where: at its origin. `Robot.with_frame` makes one where none is.
     force : (3,) or (6,) array_like, or callable
         Force [N], or force and moment about the frame's origin, force first [N, N m]. For batches
-        also (N, 3) or (N, 6), a row a state. For `simulate` and `simulate_batch` also a function of
-        (t, q, v) that returns (3,) or (6,).
+        also (N, 3) or (N, 6), one row per state. For `simulate` and `simulate_batch` also a
+        function of (t, q, v) that returns (3,) or (6,).
     frame_of : {"world", "body"}
         Whose axes its components are in. Those of the ``world``, as of a wind or a hanging weight:
         it keeps its direction while the body turns. Or those of the frame itself, ``body``, as of a
@@ -72,7 +72,7 @@ class AppliedForce:
 
     @property
     def has_rows(self) -> bool:
-        """Whether it has a row a state, for a batch."""
+        """Whether it has one row per state, for a batch."""
         return not self.is_function and self.numbers.ndim == 2
 
     @property

@@ -48,7 +48,7 @@ class Driven(Constraint):
         The path, t -> (s, s', s'') [m, rad and per second]: `Sine`, `Polynomial`, `minimum_jerk`,
         or any function that returns the three. Only a `Path` can be written to a file.
     time : float, optional
-        When it is looked at [s]; ``scene.at(t)`` sets it. A motion begins at t = 0.
+        The time at which it is evaluated [s]; ``scene.at(t)`` sets it. A motion begins at t = 0.
     name : str, optional
         Name of the constraint; that of `constraint` by default.
 

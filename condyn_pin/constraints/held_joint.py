@@ -29,7 +29,7 @@ class HeldJoint(Constraint):
     joint : str
         A joint with one degree of freedom.
     value : float
-        [rad or m]
+        Where the joint is held [rad or m].
     name : str, optional
         Name of the constraint; that of the joint by default.
 

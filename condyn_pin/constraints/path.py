@@ -63,13 +63,13 @@ class Sine(Path):
     Parameters
     ----------
     amplitude : float or (rows,) sequence of float
-        [m, rad]
+        Amplitude of each row [m, rad].
     frequency : float or (rows,) sequence of float
-        [Hz]
+        Frequency of each row [Hz].
     phase : float or (rows,) sequence of float
-        [rad]
+        Phase at t = 0 [rad].
     offset : float or (rows,) sequence of float
-        [m, rad]
+        Mean of each row [m, rad].
     """
 
     amplitude: float | Sequence[float]  # [m, rad]
@@ -128,9 +128,9 @@ class MinimumJerk(Path):
     Parameters
     ----------
     start, end : (rows,) sequence of float
-        [m, rad]
+        Where it starts and ends [m, rad].
     duration : float
-        [s]
+        Length of the motion [s].
     begin : float
         When it leaves the start [s].
     """

@@ -23,7 +23,7 @@ class RollingBall(OnPlane):
     frame : str
         Frame of the robot in the middle of the ball.
     radius : float
-        [m].
+        Radius [m].
     normal : (3,) sequence of float
         Of the plane, in the world; any length.
     height : float, optional

@@ -27,7 +27,7 @@ class RollingWheel(OnPlane):
     frame : str
         Frame of the robot in the middle of the wheel.
     radius : float
-        [m].
+        Radius [m].
     axis : {"x", "y", "z"}
         Of `frame`: the axle.
     holds : sequence of {"rolling", "lateral", "normal"}

@@ -34,6 +34,7 @@ def without_contradiction(problem: ContactProblem, lam: Array) -> ContactProblem
     Parameters
     ----------
     problem : ContactProblem
+        The contact problem.
     lam : (m,) array
         The best impulses that were found: they say which contacts press and stick.
 

@@ -29,10 +29,11 @@ def directions(
     Parameters
     ----------
     problem : ContactProblem
+        The contact problem.
     guess : (m,) array or None
         Impulses to begin with [N s].
     tolerance : float
-        What the natural residual is to be [1].
+        The natural residual to reach [1].
     max_iterations : int
     anderson : int
         Steps that Pinocchio's acceleration remembers; ours has none.

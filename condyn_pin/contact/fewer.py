@@ -37,6 +37,7 @@ def with_fewer(problem: ContactProblem, solve: Solve) -> Iterator[tuple[Array, i
     Parameters
     ----------
     problem : ContactProblem
+        The contact problem.
     solve : (problem, guess) -> (lam, iterations)
         What solves the smaller ones.
     """

@@ -46,6 +46,7 @@ def solve_contact(
     Parameters
     ----------
     problem : ContactProblem
+        The contact problem.
     solver : ContactSolver, optional
         `ADMM()` by default.
     guess : (m,) array_like, optional
@@ -124,6 +125,7 @@ def attempt_contact(
     Parameters
     ----------
     problem : ContactProblem
+        The contact problem.
     solver : ContactSolver
         One that knows the law of the problem.
     guess : (m,) array or None

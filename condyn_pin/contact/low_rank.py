@@ -69,6 +69,7 @@ def alternate(
     Parameters
     ----------
     problem : ContactProblem
+        The contact problem.
     X : (r, m) array
         X^T X = G.
     start : (m,) array

@@ -52,6 +52,7 @@ def natural_residual(problem: ContactProblem, lam: Array) -> float:
     Parameters
     ----------
     problem : ContactProblem
+        The contact problem.
     lam : (m,) array
         Impulses [N s].
 
@@ -114,6 +115,7 @@ def contact_residuals(problem: ContactProblem, lam: Array) -> ContactResiduals:
     Parameters
     ----------
     problem : ContactProblem
+        The contact problem.
     lam : (m,) array
         Impulses [N s].
 

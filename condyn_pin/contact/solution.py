@@ -62,9 +62,9 @@ class ContactSolution:
     status : ContactStatus
         OK if `natural` is within the accuracy that was asked for.
     iterations : int
-        Of all methods that had a part.
+        Of all methods that were tried.
     path : tuple of str
-        The methods that had a part, the one that answered last.
+        The methods that were tried; the last one found the answer.
     solve_time : float
         Time of the solve without the proof [s].
     problem : ContactProblem

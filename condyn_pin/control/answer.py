@@ -129,17 +129,20 @@ class ControlAnswer:
     infeasible : Contradiction or None
         Which rows have to give, and how much at least.
     residuals : ControlResiduals
+        Of the program and of the equations of motion, recomputed.
     status : ControlStatus
     path : tuple of str
-        Who had a part in the answer: "last active set", or solvers in order.
+        What found the answer: "last active set", or the solvers that were tried, in order.
     iterations : int
         Of the solvers; 0 where the last active set was right.
     solve_time : float
         Of the program, without its assembly and without the proof [s].
     actuation : Actuation
     cones : Cone or dict of str to Cone
+        One for all contacts that press on a floor, or one each by name.
     scene : Scene
     q, v : (nq,), (nv,) array
+        Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear first.
     t : float
         Of the tick [s].
     """

@@ -36,7 +36,7 @@ def at_rate(
         Of the robot that moves, on contacts that it takes for closed; the scene that moves may
         have others. It is told `Robot.passive_torque`, which a simulation adds as well.
     period : float
-        From one tick to the next [s]: best a whole number of steps.
+        From one tick to the next [s], preferably a whole number of steps.
     watch : callable, optional
         Called with every answer that is applied, such as ``answers.append``.
 

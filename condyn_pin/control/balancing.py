@@ -119,6 +119,7 @@ def balance(
     scene : Scene
         With contacts that press on a floor.
     q, v, a : (nq,), (nv,), (nv,) array_like
+        Configuration, velocity [rad/s, m/s] and acceleration [rad/s^2, m/s^2].
     lam : (m,) array_like
         Constraint forces that belong to a, such as those of a `Solution` or a `ControlAnswer`.
     cones : Cone or dict of str to Cone, optional

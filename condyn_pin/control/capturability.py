@@ -43,7 +43,7 @@ def capturable_speed(
     friction : float
         Of the floor, mu [1]; infinite by default.
     gravity : float
-        [m/s^2]
+        Acceleration of gravity [m/s^2].
 
     Returns
     -------

@@ -205,6 +205,8 @@ class Controller(OneThread):
         Parameters
         ----------
         q, v : (nq,), (nv,) array_like
+            Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear
+            first.
         t : float
             Time, for references that are functions of it [s].
         passive : (nv,) array_like, optional
@@ -245,6 +247,8 @@ class Controller(OneThread):
         Parameters
         ----------
         q, v : (nq,), (nv,) array_like
+            Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear
+            first.
         t : float
             Time [s].
         passive : (nv,) array_like, optional

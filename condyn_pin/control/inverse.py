@@ -65,6 +65,7 @@ class InverseDynamics:
     actuation : Actuation
     scene : Scene
     q : (nq,) array
+        Configuration [rad, m].
     applied : tuple of AppliedForce
         The forces from outside that were applied.
     """
@@ -163,6 +164,7 @@ def inverse_dynamics(
     ----------
     scene : Scene
     q, v : (nq,), (nv,) array_like
+        Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear first.
     a : (nv,) array_like
         The acceleration that is wanted. Where it breaks the constraints, the nearest one in the
         metric of M that keeps them is taken, and `projected` says how far that was.
@@ -261,6 +263,7 @@ def gravity_compensation(
     ----------
     scene : Scene
     q : (nq,) array_like
+        Configuration [rad, m]; quaternions x y z w.
     actuation : Actuation, optional
     passive : (nv,) array_like, optional
         Torques that act anyway [N m, N], such as springs.

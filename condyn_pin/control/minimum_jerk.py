@@ -27,7 +27,7 @@ def minimum_jerk(
     start, end : (n,) array_like or float
         Such as two points of the world [m], or two angles of a joint [rad].
     duration : float
-        [s]
+        Length of the motion [s].
     begin : float
         When it leaves the start [s].
 

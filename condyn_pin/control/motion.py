@@ -31,6 +31,7 @@ class Motion:
     Attributes
     ----------
     q, v : (nq,), (nv,) array
+        Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear first.
     terms : Terms
         M, h, J, gamma and a_ref of the scene.
     """

@@ -54,6 +54,7 @@ class OperationalSpace:
         constraints against a push.
     scene : Scene
     frame : str
+        Name of a frame of the robot.
     """
 
     J: Array
@@ -87,6 +88,7 @@ def operational_space(
     scene : Scene
         Redundant rows are no trouble.
     q : (nq,) array_like
+        Configuration [rad, m]; quaternions x y z w.
     frame : str
         Name of a frame of the robot.
     task : {"pose", "position"}

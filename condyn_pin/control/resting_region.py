@@ -50,6 +50,7 @@ def support_polygon(scene: Scene, q: ArrayLike, cones: Cones | None = None) -> S
     ----------
     scene : Scene
     q : (nq,) array_like
+        Configuration [rad, m]; quaternions x y z w.
     cones : Cone or dict of str to Cone, optional
         Without, the contacts have to be on one plane, and the polygon is their hull: the centre of
         pressure is in it. With cones it is where the centre of mass can rest, on any ground, with

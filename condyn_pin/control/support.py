@@ -37,6 +37,7 @@ class SupportPolygon:
     Attributes
     ----------
     plane : SupportPlane
+        The plane of the contacts.
     corners : (k, 2) array
         Counter-clockwise, along the two directions of the plane [m]; two of an edge, one of a
         point, none where nothing is possible.

@@ -49,6 +49,7 @@ class Transmission:
     actuation : Actuation
     scene : Scene
     q : (nq,) array
+        Configuration [rad, m].
     """
 
     G: Array
@@ -125,6 +126,7 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
     ----------
     scene : Scene
     q : (nq,) array_like
+        Configuration [rad, m]; quaternions x y z w.
     actuation : Actuation, optional
         The motors; those of the robot by default.
 

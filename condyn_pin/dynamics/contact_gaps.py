@@ -21,6 +21,7 @@ def contact_gaps(scene: Scene, q: ArrayLike) -> dict[str, float]:
     ----------
     scene : Scene
     q : (nq,) array_like
+        Configuration [rad, m]; quaternions x y z w.
 
     Returns
     -------

@@ -52,6 +52,7 @@ class Impact:
         max abs(c(q)) [m, rad]: an impact does not close what is open.
     scene : Scene
     q : (nq,) array
+        Configuration [rad, m].
     """
 
     v: Array

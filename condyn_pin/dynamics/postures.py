@@ -26,6 +26,7 @@ def described_posture(scene: Scene, posture: str | None = None) -> Array:
     Returns
     -------
     q : (nq,) array
+        Configuration [rad, m].
 
     Raises
     ------

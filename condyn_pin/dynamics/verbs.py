@@ -116,6 +116,7 @@ def derivatives(
     ----------
     scene : Scene
     q, v, tau : (nq,), (nv,), (nv,) array_like
+        Configuration, velocity [rad/s, m/s] and joint torques [N m, N], as in `solve`.
     forces : sequence of AppliedForce, optional
         As in `solve`. Their numbers stay, and J_f^T f changes with q: r_q has that too.
     solver : Solver, optional

@@ -160,6 +160,7 @@ class Workspace(Memory):
         Parameters
         ----------
         q, v, tau : (nq,), (nv,), (nv,) array
+            Configuration, velocity [rad/s, m/s] and joint torques [N m, N], as in `solve`.
         forces : sequence of AppliedForce, optional
             Forces from outside; none by default.
 

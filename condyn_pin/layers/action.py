@@ -32,7 +32,7 @@ class Action:
     scene : Scene
         Its contacts may open and slide; its constraints hold.
     dt : float
-        [s]
+        Time step [s].
     integrator : ContactScheme
         `StewartTrinkle()` by default.
     route : Route

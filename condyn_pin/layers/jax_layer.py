@@ -72,7 +72,7 @@ def jax_step(
     ----------
     scene : Scene
     dt : float
-        [s]
+        Time step [s].
     integrator, route, wrt : optional
         As in `torch_step`.
 
@@ -111,7 +111,7 @@ def jax_simulate(
     ----------
     scene : Scene
     dt : float
-        [s]
+        Time step [s].
     integrator, route, wrt, every : optional
         As in `torch_simulate`.
 

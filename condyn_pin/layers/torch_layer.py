@@ -87,7 +87,7 @@ def torch_step(
     scene : Scene
         Its `contacts` may open and slide.
     dt : float
-        [s]
+        Time step [s].
     integrator : ContactScheme, optional
         `StewartTrinkle()` by default.
     route : Route, optional
@@ -137,7 +137,7 @@ def torch_simulate(
     scene : Scene
         With contacts that may open and slide, or without any.
     dt : float
-        [s]
+        Time step [s].
     integrator : ContactScheme, optional
         `StewartTrinkle()` by default. Without contacts `Moreau()` is of second order.
     route : Route, optional

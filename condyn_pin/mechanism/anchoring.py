@@ -27,6 +27,7 @@ def anchored(scene: Scene, q: ArrayLike) -> Scene:
     ----------
     scene : Scene
     q : (nq,) array_like
+        Configuration [rad, m]; quaternions x y z w.
 
     Returns
     -------

@@ -39,7 +39,7 @@ def assemble_batch(
     ----------
     scene : Scene
     angles : (n, k) array_like
-        Of the motors, a row a robot [rad, m].
+        Of the motors, one row per robot [rad, m].
     joints : sequence of str, optional
         The joints that the columns are of; those with motors by default.
     within_limits : bool

@@ -39,6 +39,7 @@ class CompleteState:
     Attributes
     ----------
     q : (nq,) array
+        Configuration [rad, m].
     v : (nv,) array
         G times the velocities of the motors.
     G : (nv, n_actuated) array

@@ -112,6 +112,7 @@ def curvature(scene: Scene, q: ArrayLike, v: ArrayLike) -> Array:
     ----------
     scene : Scene
     q, v : (nq,), (nv,) array_like
+        Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear first.
 
     Returns
     -------

@@ -52,13 +52,14 @@ def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, *, metric: Metric
     q : (nq,) array_like
         A closed configuration.
     v : (nv,) array_like
+        Velocity [rad/s, m/s].
     metric : {"mass", "euclidean"}
         What near means: kinetic energy of the difference, or its squares in rad/s and m/s.
 
     Returns
     -------
     v : (nv,) array
-        [rad/s, m/s].
+        The nearest velocity that the constraints allow [rad/s, m/s].
 
     Raises
     ------
@@ -88,13 +89,14 @@ def project_acceleration(
     v : (nv,) array_like
         A velocity with J v = 0.
     a : (nv,) array_like
+        Acceleration [rad/s^2, m/s^2].
     metric : {"mass", "euclidean"}
         With "mass", and a the unconstrained acceleration, this is Gauss's principle.
 
     Returns
     -------
     a : (nv,) array
-        [rad/s^2, m/s^2].
+        The nearest acceleration that the constraints allow [rad/s^2, m/s^2].
 
     Raises
     ------

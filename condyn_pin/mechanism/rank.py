@@ -43,6 +43,7 @@ class Rank:
     Attributes
     ----------
     q : (nq,) array
+        Configuration [rad, m].
     violation : dict of str to ConstraintViolation
         How far each loop is open at q [m, rad].
     rows, rank, generic_rank : int

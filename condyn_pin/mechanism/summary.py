@@ -34,8 +34,9 @@ class Summary:
     robot : str
     nq, nv : int
     mass : float
-        [kg]
+        Mass [kg].
     constraints : tuple of (name, kind, rows)
+        Each constraint: its name, its kind, and how many rows it has.
     rows, rank, mobility : int
         m; independent rows; nv - rank, the degrees of freedom left.
     gruebler : int
@@ -55,6 +56,7 @@ class Summary:
     unused : tuple of str
         What the description has and the dynamics do not use.
     source, licence : str
+        Where the description comes from, and its licence.
     contacts : tuple of (name, text)
         Candidates for contact, and how far each is from touching there.
     classification : Classification or None

@@ -184,6 +184,7 @@ class Robot:
         Returns
         -------
         q : (nq,) array
+            Configuration [rad, m].
 
         Raises
         ------
@@ -221,6 +222,7 @@ class Robot:
         Parameters
         ----------
         q : (nq,) array_like
+            Configuration [rad, m]; quaternions x y z w.
         frame : str
             One of `frames`.
         """

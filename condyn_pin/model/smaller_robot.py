@@ -39,6 +39,7 @@ def smaller_robot(
     robot : Robot
     joints : sequence of str
     q : (nq,) array
+        Configuration [rad, m].
     remark : str
         What the summary says about it.
     cut : bool

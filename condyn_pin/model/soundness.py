@@ -184,6 +184,7 @@ def massless_motion(
     ----------
     model : pin.Model
     q : (nq,) array
+        Configuration [rad, m].
     share : float
         The least inertia that counts, relative to those that each joint alone moves.
     data : pin.Data, optional

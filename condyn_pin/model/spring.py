@@ -54,9 +54,9 @@ class SpringDamper:
     frame_a, frame_b : str
         Frames of two bodies, or one of a body and one of the world.
     stiffness : float
-        [N/m]
+        Stiffness [N/m].
     damping : float
-        [N s/m]
+        Damping along the line between the frames [N s/m].
     rest_length : float
         Where it is relaxed [m].
 

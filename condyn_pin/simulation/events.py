@@ -29,7 +29,7 @@ class Snapshot:
     Attributes
     ----------
     t : float
-        [s]
+        Time [s].
     q, v : (nq,), (nv,) array
         Read-only: they are the state itself.
     """
@@ -217,7 +217,7 @@ class Happened:
     ----------
     name : str
     t : float
-        [s]
+        Time [s].
     sample : int
         The first sample after it; the one before is of the same time.
     energy_lost : float

@@ -44,7 +44,7 @@ class MotionBalance:
     Attributes
     ----------
     t : (k,) array
-        [s]
+        Times of the samples [s].
     com, zmp, cop, dcm, capture_point : (k, 3) array
         Of each sample [m], as in `Balance`.
     zmp_margin, cop_margin, capture_margin : (k,) array

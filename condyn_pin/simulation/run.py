@@ -80,7 +80,7 @@ def simulate(
         need no small dt then. Without it the fully implicit ones take differences where they need
         them, for 2 nv + 1 calls of tau a step, and `notices` says so. What `forces` do is added.
     duration : float
-        [s]
+        Length of the motion [s].
     dt : float
         The step [s]. If `duration` is not a whole number of steps, they are a little smaller.
     integrator : Integrator, optional
@@ -96,7 +96,8 @@ def simulate(
         As in `solve`; by default with four iterations at most where rows are redundant, since more
         move nothing (`condyn_pin.simulation.plan`).
     record : int
-        Every which sample is kept. The first and the last one, and those at events, always are.
+        Keep every `record`-th sample. The first and the last one, and those at events, are always
+        kept.
     events : sequence of Event, optional
         What happens on the way: other contacts, impacts, the end.
     close_start : bool

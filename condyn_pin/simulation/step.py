@@ -64,7 +64,7 @@ def step(
     tau : 0 or (nv,) array_like, optional
         Torques applied [N, N m]. Springs and damping of the robot act at the end of the step.
     dt : float
-        [s]
+        Time step [s].
     integrator : ContactScheme, optional
         `StewartTrinkle()` by default.
     forces : sequence of AppliedForce, optional
@@ -123,10 +123,11 @@ def contact_problem(
     ----------
     scene : Scene
     q, v : (nq,), (nv,) array_like
+        Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear first.
     tau : 0 or (nv,) array_like, optional
         Torques applied [N, N m].
     dt : float
-        [s]
+        Time step [s].
     integrator : ContactScheme, optional
         `StewartTrinkle()` by default.
     forces : sequence of AppliedForce, optional

@@ -64,9 +64,10 @@ class StepSolution:
         What impulses of contacts gave where friction and impacts only take, for a step knows J at
         one place only [J].
     dt : float
-        [s]
+        Time step [s].
     scene : Scene
     integrator : ContactScheme
+        The scheme that took the step.
     start : StepStart
         Where the step began, and what acts on it.
     """

@@ -36,8 +36,10 @@ class Trajectory:
     phases : tuple of Phase
         Its parts with the same constraints.
     t : (k,) array
-        [s]
+        Times of the samples [s].
     q, v, a : (k, nq), (k, nv), (k, nv) array
+        Configurations, velocities [rad/s, m/s] and accelerations [rad/s^2, m/s^2], one row per
+        sample.
     lam : (k, m) array
         Forces of constraints, and of contacts behind them [N, N m], rows in the order of
         `row_names`; zero while a constraint or a contact is away. Those of a step with contacts are

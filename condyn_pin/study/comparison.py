@@ -87,7 +87,7 @@ class Comparison:
     changes : tuple of Change
         Rows that both tables have.
     common : float
-        How many times slower the rows are in common, the median: the mood of the machine, or
+        How many times slower the rows are in common, the median: how busy the machine was, or
         something that hits them all. 1 where fewer than four rows have times in both.
     missing, added : tuple of Row
         Rows of the old table only, and of the new one only.

@@ -95,7 +95,7 @@ def print_bench(table: BenchTable, console: Console) -> None:
 
 
 def _print_in_cpp(table: BenchTable, in_cpp: Sequence[BenchRow], console: Console) -> None:
-    """Print what is compiled, a row a method, and the same of Python where there is one."""
+    """Print what is compiled, one row per method, and the same of Python where there is one."""
     shown = Grid(title="in C++, and the same in Python", title_justify="left")
     for heading in ("method", "C++", "x dense", "error of a", "Python", "x dense", "error of a"):
         shown.add_column(heading, justify="left" if heading == "method" else "right")

@@ -70,6 +70,7 @@ class SampledStates(States):
     Parameters
     ----------
     count : int
+        Number of states.
     seed : int
         The same seed gives the same states.
     spread, speed : float

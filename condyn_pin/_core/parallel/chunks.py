@@ -47,6 +47,7 @@ def map_chunks(
         Called with one chunk. For processes it has to be picklable, as have chunks and results. It
         may be called again with the same chunk, where a worker was lost.
     chunks : sequence
+        What is handed to `work`, one at a time.
     executor : Executor, optional
         Any `concurrent.futures.Executor`: `Processes`, a pool, Dask's ``Client.get_executor()``.
         By default this process does the work, one chunk when its result is asked for.

@@ -61,11 +61,11 @@ class Rows:
     def fill(
         self, count: int, inputs: Arrays, kinds: Kinds, batch: Callable[[Arrays], Batch]
     ) -> Batch:
-        """Return the `batch` that is made of the outputs, a row a state.
+        """Return the `batch` that is made of the outputs, one row per state.
 
-        Inputs with two axes have a row a state; with one, they are the same for all. `kinds` says
-        what a row of each output is; one of them is ``statuses``: MISSING where nobody has worked
-        on a row, and its floats are NaN. ``words`` has what the kernel said of each row.
+        Inputs with two axes have one row per state; with one, they are the same for all. `kinds`
+        says what a row of each output is; one of them is ``statuses``: MISSING where nobody has
+        worked on a row, and its floats are NaN. ``words`` has what the kernel said of each row.
         WorkersLost and Interrupted have the batch of what was worked on, as `done` and `table`.
         """
         kinds = {name: kind.times(count) for name, kind in kinds.items()}

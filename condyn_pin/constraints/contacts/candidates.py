@@ -117,6 +117,7 @@ class Candidates:
         data : pin.Data
             With data.oMi and data.J at q: after `pin.computeJointJacobians`.
         q : (nq,) array
+            Configuration [rad, m].
         """
         gaps, J = self._touches.evaluate(data)
         if self._pairs.size:

@@ -27,6 +27,7 @@ class JointFriction(Contact):
     Parameters
     ----------
     joint : str
+        Name of a joint of the robot.
     torque : float, optional
         The largest friction along each coordinate [N m, N]; that of the description by default.
     name : str, optional

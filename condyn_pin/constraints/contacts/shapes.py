@@ -69,7 +69,7 @@ class Ball(Shape):
     Parameters
     ----------
     radius : float
-        [m].
+        Radius [m].
     """
 
     radius: float  # [m]
@@ -96,7 +96,7 @@ class Capsule(Shape):
     Parameters
     ----------
     radius : float
-        [m].
+        Radius [m].
     half_length : float
         Half the distance between the middles of its two ends [m].
     """

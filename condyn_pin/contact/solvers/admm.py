@@ -28,13 +28,13 @@ class ADMM(ContactSolver):
     Parameters
     ----------
     tolerance : float
-        What the natural residual is to be [1]. Pinocchio is asked for a quarter: its own measure
+        The natural residual to reach [1]. Pinocchio is asked for a quarter: its own measure
         is up to three times smaller.
     max_iterations : int
         Of each run. The answer of a robot on its feet takes 10 to 50.
     anderson : int
-        Steps that the acceleration remembers. 4 takes a third of the iterations of 0 on robots; 10
-        saves nothing more, and fails more often. Pinocchio 3 has none.
+        Memory of Anderson's acceleration, in steps. 4 takes a third of the iterations of 0 on
+        robots; 10 saves nothing more, and fails more often. Pinocchio 3 has none.
     polish : bool
         End with Newton's method, which takes the residual to 1e-16: for derivatives, where what
         sticks and what slides has to be known. Else it is what is tried first where ADMM fails.

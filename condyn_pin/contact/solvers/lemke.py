@@ -84,6 +84,7 @@ def turned(problem: ContactProblem, lam: Array, width: float, sides: int) -> Att
     Parameters
     ----------
     problem : ContactProblem
+        The contact problem.
     lam : (m,) array
         Of other polygons, most often [N s].
     width : float

@@ -56,8 +56,8 @@ class SemismoothNewton(ContactSolver):
     Parameters
     ----------
     max_iterations : int
-        Steps from each start. Solo12 on four feet takes two, and five at most; forty are what a
-        stack of boxes with fifty contacts takes.
+        Newton steps from each starting point. Solo12 on four feet takes two to five, forty are what
+        a stack of boxes with fifty contacts takes.
 
     Notes
     -----

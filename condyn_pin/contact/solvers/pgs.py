@@ -29,8 +29,8 @@ class PGS(ContactSolver):
     Parameters
     ----------
     tolerance : float
-        On which Pinocchio stops, in units of the problem [1]. A hundredth of what the natural
-        residual is to be: it looks at how much the last round changed.
+        On which Pinocchio's iteration stops, in units of the problem [1]. A hundredth of what the
+        natural residual is to be: it looks at how much the last round changed.
     max_iterations : int
         Rounds.
     over_relaxation : float, optional

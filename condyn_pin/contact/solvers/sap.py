@@ -41,8 +41,8 @@ class SAP(ContactSolver):
     Parameters
     ----------
     max_iterations : int
-        Steps from each start. Ten are many where R is a hundredth of the diagonal of G, as in
-        MuJoCo and Drake; where it is a millionth, a hundred may be few.
+        Newton steps from each starting point. Ten are many where R is a hundredth of the diagonal
+        of G, as in MuJoCo and Drake; where it is a millionth, a hundred may be few.
 
     Notes
     -----

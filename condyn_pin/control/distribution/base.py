@@ -51,6 +51,7 @@ class ForceDistribution(ABC):
     cones : Cone or dict of str to Cone
         One for all contacts that press on a floor, or one each by name: forces stay within them.
     qp : QPSolver
+        Solver of the quadratic program.
     """
 
     title: ClassVar[str]
@@ -84,6 +85,7 @@ class ForceDistribution(ABC):
         at : Sites
             The scene and its configuration.
         u, lam : (k,), (m,) array
+            Torques of the motors [N m, N], and constraint forces [N, N m].
         N : (k + m, d) array
             Basis of the internal forces, torques first.
 

@@ -22,6 +22,7 @@ class CentredPressure(ForceDistribution):
     Parameters
     ----------
     cones : Cone or dict of str to Cone
+        One for all contacts that press on a floor, or one each by name.
 
     References
     ----------

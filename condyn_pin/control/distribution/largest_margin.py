@@ -21,6 +21,7 @@ class LargestMargin(LeastNorm):
     Parameters
     ----------
     cones : Cone or dict of str to Cone
+        One for all contacts that press on a floor, or one each by name.
     """
 
     title: ClassVar[str] = "largest margin"

@@ -19,6 +19,7 @@ class LeastTorque(ForceDistribution):
     Parameters
     ----------
     cones : Cone or dict of str to Cone
+        One for all contacts that press on a floor, or one each by name.
     """
 
     title: ClassVar[str] = "smallest torques"

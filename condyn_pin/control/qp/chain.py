@@ -46,7 +46,7 @@ class ChainAnswer:
     elastic : Elastic or None
         What rows have to give, where nothing answers the program.
     path : tuple of str
-        Who had a part in it, in order.
+        The solvers that were tried, in order.
     iterations : int
         Of the solvers.
     """

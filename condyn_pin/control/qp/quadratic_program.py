@@ -47,7 +47,7 @@ class QuadraticProgram:
     H : (n, n) array
         Positive definite [1].
     g : (n,) array
-        [m/s^2]
+        Linear term of the cost [m/s^2].
     A, b : (p, n), (p,) array
         Equations [1], [m/s^2]; rows may depend on each other.
     C, lower, upper : (r, n), (r,), (r,) array

@@ -27,7 +27,7 @@ class AngularMomentum(Task):
         In the axes of the world [kg m^2/s], or a function of t that returns it with its rate
         [N m]; zero by default.
     k : float
-        [1/s]
+        Gain of the feedback [1/s].
 
     References
     ----------

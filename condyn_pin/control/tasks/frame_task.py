@@ -27,6 +27,7 @@ class FrameTask(Tracking):
     Parameters
     ----------
     frame : str
+        Name of a frame of the robot.
     reference : (3,) or (7,) array_like, pin.SE3 or callable, optional
         Position [m], and for a pose the quaternion x y z w after it; or a function of t that
         returns (x, v, a), of a pose v and a (6,) linear first in the axes of the world. By default

@@ -24,6 +24,7 @@ class JointTask(Tracking):
     Parameters
     ----------
     joint : str
+        Name of a joint of the robot.
     reference : float or callable, optional
         [rad, m], or a function of t that returns (x, v, a). By default where the joint is in the
         first posture of the robot.

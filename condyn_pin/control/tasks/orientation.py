@@ -25,6 +25,7 @@ class Orientation(Tracking):
     Parameters
     ----------
     frame : str
+        Name of a frame of the robot.
     reference : (4,) or (3, 3) array_like or callable, optional
         Quaternion x y z w or rotation matrix, from the frame to the world; or a function of t that
         returns one with angular velocity [rad/s] and acceleration [rad/s^2] (3,), in the axes of

@@ -146,5 +146,5 @@ def of_forces(loads: Loads, forces: Sequence[AppliedForce], count: int) -> dict[
 
 
 def contiguous(x: Array, count: int) -> Array:
-    """Return an array with a row a state: what has one axis is the same for all."""
+    """Return an array with one row per state: what has one axis is the same for all."""
     return np.ascontiguousarray(np.broadcast_to(x, (count, x.shape[-1])))

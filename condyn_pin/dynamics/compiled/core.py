@@ -80,7 +80,7 @@ class CompiledCore:
         """Fill the outputs of a `BatchSolution`; return the rows that are left to Python.
 
         The others are ok. `state` is q (k, nq), v (k, nv) and tau, (k, nv) or (nv,); `forces` are
-        the same for all, or have a row a state.
+        the same for all, or have one row per state.
         """
         more = {"threads": threads}
         return self._answer(self.core.solve, state, outputs, accuracy, forces, more)

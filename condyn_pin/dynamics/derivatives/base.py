@@ -30,6 +30,7 @@ class Derivatives(ABC):
     solution : Solution
         The answer.
     da_dq, da_dv, da_dtau : (nv, nv) array
+        Of the joint accelerations a; the columns by q are tangent.
     dlam_dq, dlam_dv, dlam_dtau : (m, nv) array
         Where rows are redundant, those of the smallest lam.
     """

@@ -156,7 +156,7 @@ def _axes(joint: _Joint, q: Array, v: Array, a: Array) -> tuple[Array, Array, Ar
 
 
 def _by_q(joint: _Joint, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:
-    """Return S_q (k, 6, k), and S v and S a + c by q, each (k, 6): a row a coordinate."""
+    """Return S_q (k, 6, k), and S v and S a + c by q, each (k, 6): one row per coordinate."""
 
     def moved(step: Array) -> Array:
         return np.column_stack(_axes(joint, pin.integrate(joint.model, q, step), v, a))

@@ -43,9 +43,9 @@ class ConstrainedABA(ArticulatedSolver):
         Iterate until |J a + gamma - a_ref|_inf is below this [m/s^2]. By default a tenth of what
         a status of ok allows on the scene.
     refinements : int, optional
-        Corrections with residuals of our own (`condyn_pin.dynamics.recursion`), each for the price
-        of a look as in `solve` and another recursion. By default one where no mu is within a tenth
-        of what ok promises at the states that are measured.
+        Corrections by recomputed residuals (`condyn_pin.dynamics.recursion`); each costs as much as
+        the verification in `solve`, and another recursion. By default one where no mu is within a
+        tenth of what ok promises at the states that are measured.
 
     Notes
     -----

@@ -43,7 +43,7 @@ class DenseKKT(Solver):
         off by about mu / sigma relative, sigma the smallest nonzero eigenvalue of J M^-1 J^T.
     refinements : int
         Corrections by residuals of Newton-Euler and forward kinematics with the same factor: they
-        make up for mu and for rounding, each for the price of a look as in `solve`.
+        make up for mu and for rounding; each costs as much as the verification in `solve`.
 
     Notes
     -----

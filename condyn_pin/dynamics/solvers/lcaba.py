@@ -40,11 +40,11 @@ class LCABA(ArticulatedSolver):
         Iterate until |J a + gamma - a_ref|_inf is below this [m/s^2]. By default a tenth of what
         a status of ok allows on the scene: 1e-10 on Talos, 1e-11 on Cassie with her light rods.
     refinements : int, optional
-        Corrections with residuals of our own (`condyn_pin.dynamics.recursion`), each for the price
-        of a look as in `solve` and another recursion. By default one where no mu is within a tenth
-        of what ok promises at the states that are measured, as with light rods under a body on its
-        feet: rounding of 1/mu in their inertia is more than that. None anywhere else, with a mu of
-        yours, or where few sweeps or a rough accuracy are asked for.
+        Corrections by recomputed residuals (`condyn_pin.dynamics.recursion`); each costs as much as
+        the verification in `solve`, and another recursion. By default one where no mu is within a
+        tenth of what ok promises at the states that are measured, as with light rods under a body
+        on its feet: rounding of 1/mu in their inertia is more than that. None anywhere else, with a
+        mu of yours, or where few sweeps or a rough accuracy are asked for.
 
     Notes
     -----

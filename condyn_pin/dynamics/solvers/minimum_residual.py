@@ -124,7 +124,7 @@ class MinimumResidual(Solver):
                 missing = target - equations.slips(q, a) - mu * lam
                 residual = np.abs(missing).max(initial=0.0)
                 if not residual < smallest:
-                    return best
+                    return best if np.isfinite(smallest) else a  # numbers that overflow
                 best, latest[:], smallest = a, lam, residual
                 if residual <= enough or count[0] >= most:
                     return best

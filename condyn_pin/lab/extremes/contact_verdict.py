@@ -36,6 +36,7 @@ def judge_contact(problem: ContactProblem, solver: ContactSolver) -> tuple[Verdi
     Parameters
     ----------
     problem : ContactProblem
+        The contact problem.
     solver : ContactSolver
 
     Returns

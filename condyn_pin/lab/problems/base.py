@@ -49,7 +49,7 @@ class Problem(ABC):
     ----------
     name, title, source : str
     duration : float
-        [s].
+        Length of the motion [s].
     scene : Scene
     q0, v0 : (nq,), (nv,) array
         Where it starts.

@@ -34,7 +34,7 @@ class ProblemResult:
     setting : Setting
         What was asked for.
     duration : float
-        [s].
+        Length of the motion [s].
     cpu_seconds : float
         Processor time of `simulate`, its workspace included [s].
     evaluations : int

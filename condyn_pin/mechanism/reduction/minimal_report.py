@@ -19,6 +19,7 @@ class ReductionStep:
     what : str
         What it leaves out, and why that may do.
     kept : bool
+        Whether the step was kept.
     errors : ReductionErrors or None
         Of all simplifications so far, this one included; None if it could not be made.
     reason : str

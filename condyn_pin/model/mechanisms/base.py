@@ -46,9 +46,9 @@ def add_rod(model: Any, name: str, parent: int, at: float, length: float, mass: 
     at : float
         Its pivot, along x of the parent [m].
     length : float
-        [m].
+        Length of the rod [m].
     mass : float
-        [kg].
+        Mass [kg].
 
     Returns
     -------

@@ -27,9 +27,9 @@ def free_ball(*, mass: float = 1.0, radius: float = 0.05) -> Robot:
     Parameters
     ----------
     mass : float
-        [kg].
+        Mass [kg].
     radius : float
-        [m].
+        Radius [m].
 
     Returns
     -------
@@ -61,7 +61,7 @@ def free_box(*, mass: float = 1.0, size: Vector3 = (0.2, 0.2, 0.2)) -> Robot:
     Parameters
     ----------
     mass : float
-        [kg].
+        Mass [kg].
     size : (3,) sequence of float
         Its edges [m].
 
@@ -105,9 +105,9 @@ def painleve_rod(*, length: float = 2.0, mass: float = 1.0) -> Robot:
     Parameters
     ----------
     length : float
-        [m].
+        Length of the rod [m].
     mass : float
-        [kg].
+        Mass [kg].
 
     Returns
     -------

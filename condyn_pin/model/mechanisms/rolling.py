@@ -62,9 +62,9 @@ def rolling_ball(*, radius: float = 0.1, mass: float = 0.5) -> Robot:
     Parameters
     ----------
     radius : float
-        [m].
+        Radius [m].
     mass : float
-        [kg].
+        Mass [kg].
 
     Returns
     -------
@@ -106,9 +106,9 @@ def rolling_disc(*, radius: float = 0.1, mass: float = 0.5) -> Robot:
     Parameters
     ----------
     radius : float
-        [m].
+        Radius [m].
     mass : float
-        [kg].
+        Mass [kg].
 
     Returns
     -------
@@ -159,9 +159,9 @@ def unicycle(*, radius: float = 0.3, mass: float = 2.0) -> Robot:
     Parameters
     ----------
     radius : float
-        [m].
+        Radius [m].
     mass : float
-        [kg].
+        Mass [kg].
 
     Returns
     -------
@@ -214,7 +214,7 @@ def sleigh(*, arm: float = 0.2, mass: float = 1.0, inertia: float = 0.1) -> Robo
     arm : float
         From the blade forward to the centre of mass [m].
     mass : float
-        [kg].
+        Mass [kg].
     inertia : float
         About the vertical through the centre of mass [kg m^2].
 

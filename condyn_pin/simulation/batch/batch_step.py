@@ -30,7 +30,7 @@ ERRORS: Final = (
     *("energy_lost", "correction_work", "algorithmic_work"),
 )
 
-# The arrays with a row a state.
+# The arrays with one row per state.
 ROWS: Final = ("q", "v", "lam", "codes", "errors", "statuses", "q0", "v0", "tau0")
 
 
@@ -42,8 +42,9 @@ class BatchStep(Outcome, Batch[StepSolution]):
     ----------
     scene : Scene
     dt : float
-        [s]
+        Time step [s].
     integrator : ContactScheme
+        The scheme that took the step.
     q, v : (N, nq), (N, nv) array
         At the end of the step.
     lam : (N, m) array

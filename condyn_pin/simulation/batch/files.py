@@ -1,4 +1,4 @@
-"""Files of batches of motions: the archives that trajectories are in, a row a motion."""
+"""Files of batches of motions: the archives that trajectories are in, one row per motion."""
 
 from __future__ import annotations
 

@@ -57,7 +57,7 @@ def _rows(name: str, value: ArrayLike, width: int) -> int:
         raise InvalidArgument(f"{name}: an array of shape (N, {width}) is needed") from error
     if len(shape) != 2:
         raise InvalidArgument(
-            f"{name} has shape {shape}: an array of shape (N, {width}) is needed, a row a state"
+            f"{name} has shape {shape}: an array of shape (N, {width}) is needed, one row per state"
         )
     return int(shape[0])
 
@@ -67,7 +67,9 @@ class RowForces:
     """Forces as they travel with a kernel: those of the first state, and inputs with the others."""
 
     forces: tuple[AppliedForce, ...] = ()
-    rows: tuple[tuple[int, str], ...] = ()  # which have a row a state, and the name of the input
+    rows: tuple[
+        tuple[int, str], ...
+    ] = ()  # which have one row per state, and the name of the input
 
     def of_all(self, inputs: Arrays) -> tuple[AppliedForce, ...]:
         """Return the forces at all states of some inputs, with their rows."""

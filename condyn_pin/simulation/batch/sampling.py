@@ -42,6 +42,7 @@ def sample_batch(
     ----------
     scene : Scene
     n : int
+        Number of states.
     rng : numpy.random.Generator
         The source of randomness, made from a seed.
     spread, speed

@@ -76,13 +76,14 @@ def simulate_batch(
         taken in double precision: those of float32 have its 1e-7.
     TAU : 0, (nv,) or (N, nv) array_like, or callable, optional
         The torques applied [N, N m]: the same for all, constant for each, or tau(t, q, v), a
-        function of a module, or an object of its class, if there are processes.
+        function that is defined in a module, or an instance of a class there, if there are
+        processes.
     forces : sequence of AppliedForce, optional
-        Forces from outside, as in `simulate`; with two axes a row a motion. None by default.
+        Forces from outside, as in `simulate`; with two axes one row per motion. None by default.
     jacobian, duration, dt, integrator, drift, solver
         As in `simulate`.
     record : int, optional
-        Every which sample is kept, in 8 (1 + nq + 3 nv + m) bytes each: 1.2 kB of Cassie on its
+        Keep every `record`-th sample, in 8 (1 + nq + 3 nv + m) bytes each: 1.2 kB of Cassie on its
         loops. By default none is: every tenth is looked at, or fifty of each motion.
     executor, chunk, progress
         As in `solve_batch`; a chunk takes about a tenth of a second by default.

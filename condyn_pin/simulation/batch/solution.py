@@ -24,7 +24,7 @@ from condyn_pin.errors import WorkersLost
 # A status as a number is its place here.
 STATUSES: Final = tuple(Status)
 
-# The arrays with a row a state.
+# The arrays with one row per state.
 _ROWS: Final = ("q", "a", "lam", "residuals", "statuses", "iterations", "solve_times")
 
 
@@ -38,6 +38,7 @@ class BatchSolution(Outcome, Batch[Solution]):
     ----------
     scene : Scene
     q : (N, nq) array
+        Configurations, one row per state.
     a : (N, nv) array
         Joint accelerations [rad/s^2, m/s^2].
     lam : (N, m) array
@@ -179,6 +180,7 @@ class BatchDerivatives(Batch[Derivatives]):
     solution : BatchSolution
         The answers, with their statuses.
     da_dq, da_dv, da_dtau : (N, nv, nv) array
+        Of the joint accelerations a; the columns by q are tangent.
     dlam_dq, dlam_dv, dlam_dtau : (N, m, nv) array
         Where rows are redundant, those of the smallest lam.
     seconds : float

@@ -67,7 +67,7 @@ def step_batch(
     TAU : 0, (nv,) or (N, nv) array_like, optional
         Torques applied [N, N m].
     dt : float
-        [s]
+        Time step [s].
     integrator : ContactScheme, optional
         As in `step`.
     executor, chunk, progress

@@ -31,7 +31,7 @@ from condyn_pin.simulation.trajectory import Trajectory
 # A status as a number is its place here.
 RUN_STATUSES: Final = tuple(RunStatus)
 
-# The arrays with a row a motion, as numbers.
+# The arrays with one row per motion, as numbers.
 ENDS: Final = (
     *("q", "v", "t", "violation", "constraint_velocity", "energy_error", "run_times"),
     "statuses",

@@ -60,14 +60,15 @@ def solve_batch(
     ----------
     scene : Scene
     Q : (N, nq) array_like
-        Configurations, a row a state; quaternions x y z w, normalised. As all numbers here they
+        Configurations, one row per state; quaternions x y z w, normalised. As all numbers here they
         are taken in double precision: those of float32 have its 1e-7.
     V : (N, nv) array_like
         Velocities.
     TAU : (N, nv) or (nv,) array_like, or 0
         Joint torques [N, N m]; with one axis the same for all states.
     forces : sequence of AppliedForce, optional
-        Forces from outside; with two axes a row a state, else the same for all. None by default.
+        Forces from outside; with two axes one row per state, else the same for all. None by
+        default.
     solver, drift, accuracy
         As in `solve`.
     executor : Executor or Native, optional

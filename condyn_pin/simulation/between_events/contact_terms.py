@@ -38,7 +38,7 @@ class ContactTerms:
     Attributes
     ----------
     t : float
-        [s]
+        Time [s].
     q, v, tau : array
         The state, and the torques with springs and damping.
     M, h, J_b, gamma : array

@@ -48,7 +48,7 @@ class Near(NamedTuple):
     Attributes
     ----------
     dt : float
-        [s]
+        Time step [s].
     gaps : (k,) array
         Of cones and half-lines [m, rad].
     bends : (k,) array

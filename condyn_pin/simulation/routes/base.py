@@ -110,6 +110,7 @@ class LawRoute(Route, ABC):
         Parameters
         ----------
         problem : ContactProblem
+            The contact problem.
         lam : (m,) array
             The impulses of the step, where they can be a guess [N s].
         size : float
