@@ -590,3 +590,28 @@ def test_many_kinds_between_bodies_at_once():
     alone = [linearised(loop, lam=lam) for loop, lam in zip(loops, forces, strict=True)]
     wanted = np.vstack([free + sum(each[:n] - free for each in alone), *(x[n:] for x in alone)])
     assert np.abs(together - wanted).max() <= 1e-13 * np.abs(wanted).max()
+
+
+@pytest.mark.parametrize("label", ["four_bar", "cassie", "solo12"])
+def test_derivatives_share_no_state_with_what_was_asked_before(label):
+    """What a proof has evaluated serves its own derivatives: not another state, lam or load."""
+    machine = robot(label)
+    scene = cp.Scene(machine, [*machine.loops, *machine.contacts][:4])
+    rng = np.random.default_rng(3)
+    q, v, tau = (*scene.sample(rng), rng.normal(size=machine.nv))
+    last = machine.model.frames[len(machine.model.frames) - 1].name
+    load = [cp.AppliedForce(last, force=(3.0, 2.0, 1.0))]
+    asked = [
+        (q, v, tau, ()), (q, v, tau, load), (q, 2 * v, tau, ()), (q, v, 2 * tau, ()),
+        (scene.sample(rng)[0], v, tau, load), (q, v, tau, ()),
+    ]  # fmt: skip
+    used = cp.Workspace(scene)
+    for q_, v_, tau_, forces in asked:
+        found = used.derivatives(q_, v_, tau_, forces=forces)
+        alone = cp.Workspace(scene).derivatives(q_, v_, tau_, forces=forces)
+        for block in BLOCKS:  # dlam_dq of redundant rows turns them in the same memory
+            assert (getattr(found, block) == getattr(alone, block)).all(), block
+        at = found.solution
+        later = METHODS["kkt"](used, at, v_, tau_)
+        assert np.abs(later.da_dq - found.da_dq).max() < 1e-10 * np.abs(found.da_dq).max()
+        used.solve(q_, 0.5 * v_, tau_)

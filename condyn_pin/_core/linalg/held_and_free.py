@@ -54,17 +54,18 @@ class HeldAndFree(NamedTuple):
 
     def solve(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return (a, lam) for one or many right-hand sides x (nv, k), y (m, k)."""
-        rank = self.K.shape[1]
-        moved, asked = self.B.dot(x), self.K.T.dot(y)
-        lam = self.K.dot(asked - moved[:rank])
-        moved[:rank] = asked
-        return self.B.T.dot(moved), lam
+        answer = self.answer(x, y)
+        return answer[: len(x)], answer[len(x) :]
 
-    def pushed(self) -> tuple[Array, Array]:
-        """Return `solve` of all unit vectors x, for y = 0."""
-        rank = self.K.shape[1]
-        held, free = self.B[:rank], self.B[rank:]
-        return free.T.dot(free), -self.K.dot(held)
+    def answer(self, x: Array, y: Array) -> Array:
+        """Return the same, a above lam (nv + m,) or (nv + m, k)."""
+        n, rank = len(x), self.K.shape[1]
+        moved, asked = self.B.dot(x), self.K.T.dot(y)
+        found = np.empty((n + len(y), *x.shape[1:]))
+        np.dot(self.K, asked - moved[:rank], out=found[n:])
+        moved[:rank] = asked
+        np.dot(self.B.T, moved, out=found[:n])
+        return found
 
 
 def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:
@@ -78,7 +79,8 @@ def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:
     of = lapack()
     R, order, reflectors, _, _ = of.dgeqp3(L_inv.dot(J.T), overwrite_a=1)
     rank = len(reflectors)  # pivots fall
-    while rank and abs(R[rank - 1, rank - 1]) <= share * abs(R[0, 0]):
+    sizes = R.diagonal().tolist()
+    while rank and abs(sizes[rank - 1]) <= share * abs(sizes[0]):
         rank -= 1
     if not rank:
         return _all_free(L_inv, m)
@@ -87,9 +89,9 @@ def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:
         P_Z = of.dtrtri(R[:m])[0] * _upper(m)  # reflectors are below the diagonal
     else:
         T, turns, _ = of.dtzrzf(R[:rank])
-        P_Z = np.eye(m)
-        P_Z[:rank, :rank] = of.dtrtrs(T[:, :rank], P_Z[:rank, :rank])[0]
-        P_Z = of.dormrz(T, turns, P_Z, trans="T")[0]
+        P_Z = _unit(m).copy(order="F")
+        P_Z[:rank, :rank] = of.dtrtrs(T[:, :rank], _unit(rank))[0]
+        P_Z = of.dormrz(T, turns, P_Z, trans="T", overwrite_c=1)[0]
     P_Z = P_Z.take(order.argsort(), axis=0)
     return HeldAndFree(B, P_Z[:, :rank], P_Z[:, rank:])
 
@@ -98,6 +100,12 @@ def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:
 def _upper(m: int) -> Array:
     """Return ones on and above the diagonal (m, m)."""
     return read_only(np.triu(np.ones((m, m))))
+
+
+@cache
+def _unit(m: int) -> Array:
+    """Return the unit matrix (m, m), column by column as LAPACK has it."""
+    return read_only(np.eye(m, order="F"))
 
 
 def _all_free(L_inv: Array, m: int) -> HeldAndFree:

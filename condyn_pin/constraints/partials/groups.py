@@ -23,6 +23,7 @@ from condyn_pin.constraints.partials.rolling import RollingPartials
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.rows.couplings import Coupled
+from condyn_pin.constraints.rows.loops import Balls
 from condyn_pin.constraints.rows.related import Related
 from condyn_pin.constraints.rows.rolling import Rolled
 
@@ -40,20 +41,23 @@ class ConstraintPartials:
         self._bounds, self._drift = {b.name: b for b in bounds}, drift
         self._pairs = PairPartials(frames, bounds, drift)
         self._rolling = RollingPartials(frames, bounds, drift)
-        points = PointPartials(model, data, bounds, drift)
-        self._others: list[RollingPartials | PointPartials]
-        self._others = [part for part in (self._rolling, points) if part.k]
+        self._points = PointPartials(model, data, bounds, drift)
         self._couplings = [b for b in bounds if isinstance(b, Coupled)]
 
-    def write(self, lam: Array, lhs: Array, J: Array) -> None:
+    def write(self, lam: Array, lhs: Array, J: Array, balls: Balls | None = None) -> None:
         """Write all rows but those of couplings into lhs and J, and turn the sign of lhs.
 
-        To turn the sign of all at once is quicker.
+        To turn the sign of all at once is quicker. `balls` are the loops of three rows, where they
+        were evaluated at this state already.
         """
-        self._pairs.write(lam, lhs, J)
+        if self._pairs.k:
+            self._pairs.write(lam, lhs, J)
         np.negative(lhs, out=lhs)
-        for part in self._others:
-            part.write(lam, lhs, J)
+        if self._rolling.k:
+            self._rolling.write(lam, lhs, J)
+        if self._points.k:
+            known = self._points.k == self._points.between
+            self._points.write(lam, lhs, J, balls if known else None)
 
     def write_couplings(self, rhs: Array, J: Array) -> None:
         """Write the rows of couplings, whose accelerations change with neither q nor v."""
@@ -66,8 +70,9 @@ class ConstraintPartials:
 
     def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q."""
-        for part in (self._pairs, *self._others):
-            part.turning(out)
+        for part in (self._pairs, self._rolling, self._points):
+            if part.k:
+                part.turning(out)
 
     def by_frame(self, name: str, lam: Array, end: int) -> tuple[Array, Array]:
         """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2 of a constraint, in its axes."""

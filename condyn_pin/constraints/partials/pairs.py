@@ -53,7 +53,7 @@ class PairPartials:
         chosen = [
             b for b in bounds if isinstance(b, Related) or (isinstance(b, Bound) and not b.is_point)
         ]
-        self._pairs = chosen
+        self._pairs, self.k = chosen, len(chosen)
         self._held = [b for b in chosen if isinstance(b, Bound) and b.is_held]
         self._between = [b for b in chosen if isinstance(b, Related) or not b.is_held]
         several = len(self._between) > 1

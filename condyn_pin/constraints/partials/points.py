@@ -18,14 +18,14 @@ less body 2's,
     v_q = R1^T (v1_q - v2_q - v2 x Ja),         c_q = R1^T (J1 - J2 - (p2 - p1) x Ja_1),
 
 and the force F = R1 lam, fixed in c1, turns on body 2: J^T lam changes by J2^T F x Ja. One product
-does for all points: [1, -p x, -2 p' x, -p2' x, -p2'' x] of either end with the columns that each of
-them meets. On the world all of body 2 is zero.
+does for all points: [1, -p x, -2 p' x, -p2'' x] of either end with the columns that each of them
+meets, or [1, -p x, -p2' x] where v_q is asked for. On the world all of body 2 is zero.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import numpy as np
 
@@ -36,21 +36,23 @@ from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import rows_of
+from condyn_pin.constraints.rows.loops import Balls
 from condyn_pin.constraints.rows.rolling import skews
 
 
-def _factors_by_place() -> Array:
-    """Return the map (13, 45) of 1, p, p', p2' and p2'' to [1, -p x, -2 p' x, -p2' x, -p2'' x]."""
-    of = np.zeros((13, 3, 15))
+def _factors(*times: float) -> Array:
+    """Return the map of 1, p, x, ... (3 a block) to [1, -p x, -times x x, ...], three rows each."""
+    count = len(times)
+    of = np.zeros((1 + 3 * count, 3, 3 + 3 * count))
     of[0, :, :3] = np.eye(3)
-    for block, times in enumerate((1.0, 2.0, 1.0, 1.0)):
-        at = 3 * block
-        for i, e in enumerate(np.eye(3)):
-            of[1 + at + i, :, 3 + at : 6 + at] = -times * pin.skew(e)
-    return of.reshape(13, 45)
+    for i, e in enumerate(np.eye(3)):
+        for block, factor in enumerate(times):
+            of[1 + 3 * block + i, :, 3 + 3 * block : 6 + 3 * block] = -factor * pin.skew(e)
+    return of.reshape(len(of), -1)
 
 
-_FACTORS: Final = _factors_by_place()
+_ACCELERATED: Final = _factors(1.0, 2.0, 1.0)  # of 1, p, p' and p2''
+_MOVED: Final = _factors(1.0, 1.0)  # of 1, p and p2'
 
 
 class PointPartials:
@@ -83,75 +85,90 @@ class PointPartials:
         )
         self._signs = np.array([b.sign for b in points]).reshape(k, 1, 1)
         self._anchored = np.array([float(b.anchored) for b in points]).reshape(k, 1, 1)
-        # which columns move the bodies of c1, and those of c2
-        self._moved = _moved(model, points) * self._signs[:, :, None]
-        self._turned = (self._moved[0] - self._moved[1])[:between, 0]  # (between, 1, nv)
-        # J and v_q as they are; s_q and s_v are asked for with the other sign
-        self._chosen = self._moved * np.array([1.0, 1.0, -1.0, -1.0])[:, None]
-        # what 1, p x, 2 p' x, p2' x and p2'' x meet, for J, v_q, s_q and s_v each
-        self._columns = np.zeros((15, 4, model.nv))
-        self._places = np.ones((2, k, 13))  # 1, p and p' of each end, p' and p'' of c2
+        # which columns move the bodies of c1, and those of c2 where they move
+        moved = _moved(model, points) * self._signs[:, :, None]
+        self._moved_1 = moved[0, :, 0]
+        self._turned = (moved[0] - moved[1])[:between, 0]  # (between, 1, nv)
+        self._moved = np.concatenate((moved[0], moved[1, :between]))
+        # J as it is; s_q and s_v are asked for with the other sign
+        self._chosen = self._moved * np.array([1.0, -1.0, -1.0])[:, None]
+        # what 1, p x, 2 p' x and p2'' x meet, for J, s_q and s_v each; and 1, p, p', p2'' of ends
+        self._columns = columns = np.zeros((12, 3, model.nv))
+        self._places = places = np.zeros((k + between, 10))
+        places[:, 0] = 1.0
+        # views of both, and what goes there
+        J, dJ, A_q, A_v = self._left
+        self._dV = A_v[3:], dJ[3:], columns[6:9, 1]
+        self._copied = [
+            (columns[:6, 0], J), (columns[:6, 1], A_q), (columns[:6, 2], A_v),
+            (columns[6:9, 2], J[3:]), (columns[9:, 1], J[3:]),
+        ]  # fmt: skip
+        self._p_and_rate, self._a2 = places[:, 1:7], (places[:k, 7:], places[k:, 7:])
 
-    def write(self, lam: Array, rhs: Array, J: Array) -> None:
-        """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q."""
-        n, between, of = self._n, self.between, self._evaluate()
-        J[self._rows] = of.parts[:, :, 0].reshape(-1, n)
-        rhs[self._below] = of.parts[:, :, 2:].reshape(-1, 2 * n)
+    def write(self, lam: Array, rhs: Array, J: Array, balls: Balls | None = None) -> None:
+        """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q.
+
+        `balls` are where the points are, if all of them were evaluated at this state already.
+        """
+        n, k, between = self._n, self.k, self.between
+        axes, moving = (balls.axes, balls.moving) if balls else self._ends.in_world()
+        parts = self._accelerated(moving)
+        slip = parts[:k].reshape(k, 3, -1)
+        if between:
+            J2 = np.array(parts[k:, :, 0])
+            slip[:between] -= parts[k:].reshape(between, 3, -1)
+        rows = (axes[0] @ slip).reshape(-1, 3, n)
+        J[self._rows], rhs[self._below] = rows[:, 0], rows[:, 1:].reshape(-1, 2 * n)
         if self._drift:
-            by_q = self._drift.Kp * self._c_q(of) + self._drift.Kd * of.parts[:, :, 1]
+            by_q = self._drift.Kp * self._c_q(axes[0], moving, J)
+            by_q += self._drift.Kd * self._v_q(axes[0], moving)
             rhs[:, :n][self._below] -= by_q.reshape(-1, n)
         if between:
-            F = (self._forces(lam)[:between] @ of.axes[:between])[:, 0]
+            F = (lam[self._rows].reshape(-1, 1, 3) * self._signs)[:between] @ axes[0, :between]
             turning = skews(F).reshape(-1, 3).dot(self._left[0][3:]).reshape(-1, 3, n)
             turning *= self._turned  # F x Ja
-            rhs[:n, :n] += of.J2[:between].reshape(-1, n).T.dot(turning.reshape(-1, n))
+            rhs[:n, :n] += J2.reshape(-1, n).T.dot(turning.reshape(-1, n))
 
     def turning(self, out: Array) -> None:
         """Write v_q (m, nv) of these rows."""
-        out[self._rows] = self._evaluate().parts[:, :, 1].reshape(-1, self._n)
+        axes, moving = self._ends.in_world()
+        out[self._rows] = self._v_q(axes[0], moving).reshape(-1, self._n)
 
-    def _forces(self, lam: Array) -> Array:
-        """Return the forces on body 1 (k, 1, 3), in the axes of c1."""
-        return np.asarray(lam[self._rows].reshape(-1, 1, 3) * self._signs)
+    def _accelerated(self, moving: Array) -> Array:
+        """Return J, -a_q and -a_v of both ends (k + between, 3, 3, nv), in the world.
 
-    def _c_q(self, of: _Rows) -> Array:
+        Those of c2 come behind all of c1. Both have their part of a2 x Ja in -a_q.
+        """
+        for column, source in self._copied:
+            column[:] = source
+        A_v, dJ, dV = self._dV
+        np.subtract(A_v, dJ, out=dV)
+        self._p_and_rate[:] = moving.reshape(-1, 9)[: len(self._places), :6]
+        if self.between:  # a2 of the world is zero
+            of_1, of_2 = self._a2
+            of_1[:], of_2[:] = moving[1, :, 2], moving[1, : self.between, 2]
+        factors = self._places.dot(_ACCELERATED).reshape(-1, 12)
+        parts = factors.dot(self._columns.reshape(12, -1)).reshape(-1, 3, 3, self._n)
+        parts *= self._chosen
+        return np.asarray(parts)
+
+    def _v_q(self, axes: Array, moving: Array) -> Array:
+        """Return the partials of J v by q (k, 3, nv)."""
+        J, dJ, _, A_v = self._left
+        x = self._places[:, :7].copy()
+        x[:, 1:4] = moving.reshape(-1, 9)[: len(x), :3]
+        x[: self.k, 4:], x[self.k :, 4:] = moving[1, :, 1], moving[1, : self.between, 1]
+        columns = np.concatenate((A_v - dJ, J[3:]))
+        parts = x.dot(_MOVED).reshape(-1, 9).dot(columns).reshape(-1, 3, self._n)
+        parts *= self._moved[:, 0]
+        parts[: self.between] -= parts[self.k :]
+        return np.asarray(axes @ parts[: self.k])
+
+    def _c_q(self, axes: Array, moving: Array, J: Array) -> Array:
         """Return the partials of the violation (k, 3, nv), zero without an anchor."""
-        p1, p2 = self._places[:, :, 1:4]
-        Ja_1 = self._moved[0, :, 0] * self._left[0][3:]
-        turned = of.axes @ skews(p2 - p1) @ Ja_1
-        return np.asarray(self._anchored * (of.parts[:, :, 0] - turned))
-
-    def _evaluate(self) -> _Rows:
-        k, n, columns, x = self.k, self._n, self._columns, self._places
-        self._gather()
-        E = self._ends.placements()
-        x[..., 1:4] = E[:, :, 3]
-        motion = (self._ends.linear()[..., None, :] @ E[:, :, :3])[..., 0, :]
-        x[..., 4:7] = motion[0]
-        x[..., 7:10], x[..., 10:] = motion[:, 1]
-        factors = x.reshape(-1, 13).dot(_FACTORS).reshape(-1, 15)
-        points = factors.dot(columns.reshape(15, -1)).reshape(2, k, 3, 4, n)
-        points *= self._chosen
-        slip = (points[0] - points[1]).reshape(k, 3, -1)
-        axes = E[0, :, :3]
-        return _Rows((axes @ slip).reshape(k, 3, 4, n), axes, points[1, :, :, 0])
-
-    def _gather(self) -> None:
-        """Copy what the derivatives of Newton-Euler left behind."""
-        J, dJ, A_q, A_v = self._left
-        columns = self._columns
-        columns[:6, 0], columns[:6, 2], columns[:6, 3] = J, A_q, A_v
-        dV = np.subtract(A_v, dJ, out=columns[:6, 1])
-        columns[6:9, 2] = dV[3:]
-        columns[6:9, 3] = columns[9:12, 1] = columns[12:, 2] = J[3:]
-
-
-class _Rows(NamedTuple):
-    """Partial derivatives of the rows of k points, and what they are made of."""
-
-    parts: Array  # (k, 3, 4, nv), in the axes of c1: J and v_q, -s_q, -s_v
-    axes: Array  # (k, 3, 3), those of c1 in the world, one a row
-    J2: Array  # (k, 3, nv), of the point on body 2, in the world
+        apart = skews(moving[1, :, 0] - moving[0, :, 0])
+        turned = axes @ apart @ (self._moved_1 * self._left[0][3:])
+        return np.asarray(self._anchored * (J[self._rows].reshape(self.k, 3, -1) - turned))
 
 
 def _moved(model: Any, points: Sequence[Bound]) -> Array:

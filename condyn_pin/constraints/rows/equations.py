@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -27,12 +27,23 @@ from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.cancellation import Cancellation, least_of, more_than
 from condyn_pin.constraints.rows.groups import Groups
+from condyn_pin.constraints.rows.loops import Balls
 from condyn_pin.constraints.rows.terms import Terms
 
 # bound once: these are called in every residuals, which is to cost little more than they do
 _rnea, _crba, _bias = pin.rnea, pin.crba, pin.nonLinearEffects
 _forward_kinematics, _joint_jacobians = pin.forwardKinematics, pin.computeJointJacobians
 _largest = np.maximum.reduceat
+
+
+class Recursion(Protocol):
+    """Newton-Euler's recursion by another's hand: one whose derivatives are asked for next."""
+
+    def newton_euler(self, q: Array, v: Array, a: Array, lam: Array, wrenches: Any) -> Array:
+        """Return M a + h less what wrenches on the joints do, those of lam."""
+
+    def mass(self, q: Array) -> Array | None:
+        """Return M if that recursion has left it behind at q."""
 
 
 class Equations:
@@ -48,7 +59,11 @@ class Equations:
     ----------
     wanted : (3, m) array
         s, s' and s'' of rows that are driven; zero of all others.
+    recursion : Recursion, optional
+        What takes the place of rnea and crba in the errors of answers without loads.
     """
+
+    recursion: Recursion | None = None
 
     def __init__(
         self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
@@ -63,6 +78,7 @@ class Equations:
         self._flipped = bool((self.sign < 0).any())
         self._still = np.zeros(model.nv)
         self._pushed = b""  # q and lam whose wrenches are on the joints
+        self._moved = b""  # q, v and a that the groups were evaluated at
         self._drives = [(b.rows, b.drive, b.name) for b in bounds if b.drive]
         self.wanted = np.zeros((3, self.m))
         self.at(None)
@@ -138,7 +154,8 @@ class Equations:
 
     def mass(self, q: Array) -> Array:
         """Return M (nv, nv)."""
-        return np.array(pin.crba(self.model, self.data, q))
+        M = self.recursion.mass(q) if self.recursion else None
+        return np.array(_crba(self.model, self.data, q)) if M is None else M
 
     def target(self, q: Array, v: Array) -> Array:
         """Return a_ref - gamma (m,): what J a has to be."""
@@ -222,9 +239,14 @@ class Equations:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
         wrenches = self.wrenches(lam)
         self._pushed = q.tobytes() + lam.tobytes()
+        self._moved = q.tobytes() + v.tobytes() + a.tobytes()
         if load:
             wrenches = load.on_top_of(wrenches)
-        np.subtract(_rnea(self.model, self.data, q, v, a, wrenches), tau, out=self._dynamics)
+        if load or self.recursion is None:
+            bodies = _rnea(self.model, self.data, q, v, a, wrenches)
+        else:
+            bodies = self.recursion.newton_euler(q, v, a, lam, wrenches)
+        np.subtract(bodies, tau, out=self._dynamics)
         if self._couplings:
             self._dynamics -= self._couplings.torque(lam)
 
@@ -252,8 +274,14 @@ class Equations:
         self.motion(q, self._still, self._still)
         return self.wrenches(lam)
 
+    def balls_at(self, q: Array, v: Array, a: Array) -> Balls | None:
+        """Return the loops of three rows where these were evaluated last; None elsewhere."""
+        same = self._moved == q.tobytes() + v.tobytes() + a.tobytes()
+        return self._groups.balls if same else None
+
     def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
+        self._moved = b""
         _forward_kinematics(self.model, self.data, q, v, a)
         c, velocity, acceleration = rows = self._c, self._velocity, self._acceleration
         for evaluate in self._evaluators:

@@ -98,7 +98,8 @@ class Groups:
         self.plain = PlainRows(model, data, bounds)
         self.couplings = Couplings(coupled, model.nv) if coupled else None
         contacts = [WorldContacts(data, held, motion)] if held else []
-        loops: list[Loops] = [Balls(Ends(data, balls), balls)] if balls else []
+        self.balls = Balls(Ends(data, balls), balls) if balls else None
+        loops: list[Loops] = [self.balls] if self.balls else []
         loops += [Weld(data, b) for b in welds]
         others: list[tuple[UnlikePinocchio, Sequence[OnFrames], tuple[int, ...]]] = []
         kinds: list[tuple[Any, Sequence[OnFrames], tuple[int, ...]]] = [

@@ -25,26 +25,28 @@ from condyn_pin.constraints.rows.frames import rows_of
 
 
 class Balls:
-    """All 3-row loops at once: R1^T times the difference of both ends in the world."""
+    """All 3-row loops at once: R1^T times the difference of both ends in the world.
+
+    Attributes
+    ----------
+    axes : (2, k, 3, 3) array
+        Those of c1 and c2 in the world, one a row, of the last evaluation.
+    moving : (2, k, 3, 3) array
+        p, p' and p'' of both ends in the world, of the last evaluation.
+    """
 
     def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
         self._ends = ends
         self._rows = rows_of(bounds)
-        k = len(bounds)
-        self._axes1, self._axes2 = np.zeros((2, k, 3, 3))  # in the world, one a row
-        # rows (v, 0), (a, 0) and (0, 1) of each end: times its placement v, a and p in the world
-        self._motion = np.zeros((2, k, 3, 4))
-        self._motion[:, :, 2, 3] = 1.0
-        self._linear = self._motion[:, :, :2, :3].transpose(2, 0, 1, 3)  # a view
+        self.axes, self.moving = np.zeros((2, 2, len(bounds), 3, 3))
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
-        rows, E = self._rows, self._ends.placements()
-        self._axes1, self._axes2 = E[0, :, :3], E[1, :, :3]
-        self._linear[:] = self._ends.linear()
-        one, two = self._motion @ E
-        slip = (one - two) @ self._axes1.swapaxes(1, 2)
-        velocity[rows], acceleration[rows], c[rows] = slip.swapaxes(0, 1).reshape(3, -1)
+        rows = self._rows
+        self.axes, self.moving = self._ends.in_world()
+        one, two = self.moving
+        slip = (one - two) @ self.axes[0].swapaxes(1, 2)
+        c[rows], velocity[rows], acceleration[rows] = slip.swapaxes(0, 1).reshape(3, -1)
 
     def violation(self, c: Array) -> None:
         """Write c of these loops: placements in `data` are enough."""
@@ -53,8 +55,8 @@ class Balls:
 
     def stack(self, lam: Array, _: Array, f2: Array) -> None:
         """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
-        forces = lam[self._rows].reshape(-1, 1, 3) @ self._axes1
-        f2[self._rows] = (forces @ self._axes2.swapaxes(1, 2)).reshape(-1)
+        forces = lam[self._rows].reshape(-1, 1, 3) @ self.axes[0]
+        f2[self._rows] = (forces @ self.axes[1].swapaxes(1, 2)).reshape(-1)
 
 
 class Weld:

@@ -85,6 +85,7 @@ class ManyEnds(Ends):
         self._velocities = self._joints.velocities
         self._placed = np.zeros((MANY, *self._of_joints.shape))
         self._moved = np.zeros((MANY, self._joints.size))
+        self._make_room(MANY * self.k)
 
     def read(self, i: int) -> None:
         """Copy what forward kinematics has left, as state i."""

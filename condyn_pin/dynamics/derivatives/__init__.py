@@ -13,6 +13,7 @@ from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
 from condyn_pin.dynamics.derivatives.pinocchio import PinocchioDerivatives
+from condyn_pin.dynamics.solution import Status
 from condyn_pin.dynamics.verifier import failure
 from condyn_pin.errors import unknown_name
 
@@ -50,9 +51,16 @@ def differentiate(
     if workspace.core and method == "kkt" and not forces:
         found = workspace.core.derivatives(q_, v_, tau_, accuracy or workspace.solver.accuracy)
     if found is None:
-        exact = workspace.solver.exact
-        solution = workspace.solve(q_, v_, tau_, forces=forces, accuracy=accuracy, throw=exact)
-        if not np.isfinite(solution.a).all():
+        equations, linearisation = workspace.equations, workspace.linearisation
+        if method == "kkt" and linearisation.takes_the_model:
+            equations.recursion = linearisation  # once for the proof and for the derivatives
+        try:
+            solution = workspace.solve(
+                q_, v_, tau_, forces=forces, accuracy=accuracy, throw=workspace.solver.exact
+            )
+        finally:
+            equations.recursion = None
+        if solution.status is not Status.OK and not np.isfinite(solution.a).all():
             raise failure(workspace, solution)
         found = METHODS[method](workspace, solution, v_, tau_)
     if check:

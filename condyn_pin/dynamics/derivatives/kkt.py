@@ -5,8 +5,9 @@ Both residuals of `condyn_pin.dynamics.derivatives.linearised` stay zero along a
     M da - J^T dlam = dtau - r_q dq - r_v dv,        J da = -s_q dq - s_v dv
 
 Motions that are held and those that are free (`_core/linalg/held_and_free.py`) solve that for all
-columns at once. Where rows are redundant, the derivative is that of the smallest lam. With N the
-left null space of J, that lam keeps N^T lam = 0 as the rows turn: for any w with lam = J w
+columns at once, those by tau among them. Where rows are redundant, the derivative is that of the
+smallest lam. With N the left null space of J, that lam keeps N^T lam = 0 as the rows turn: for any
+w with lam = J w
 
     N^T dlam = N^T (dJ w).
 """
@@ -59,19 +60,15 @@ class KktDerivatives(Derivatives):
     @cached_property
     @of_workspace
     def _factored(self) -> tuple[Array, HeldAndFree]:
-        """What a step of q and v leaves to solve (nv + m, 2 nv), and what solves it."""
+        """What a step of q, v and tau leaves to solve (nv + m, 3 nv), and what solves it."""
         q, solution = self.solution.q, self.solution
         of = self._linearisation.at(q, self._v, solution.a, solution.lam)
         if solution.applied:
             loads = self._workspace.loads
-            of.rhs[: self._n, : self._n] += load_partial(loads, q, solution.applied)
+            of.asked[: self._n, : self._n] += load_partial(loads, q, solution.applied)
         J = self._equations.drop_roundoff_rows(of.J)
         M = self._equations.mass(q) if of.M is None else of.M
-        return of.rhs, held_and_free(inverse_factor(M), J, tolerances.RANK)
-
-    @property
-    def _rhs(self) -> Array:
-        return self._factored[0]
+        return of.asked, held_and_free(inverse_factor(M), J, tolerances.RANK)
 
     @property
     def _motions(self) -> HeldAndFree:
@@ -135,15 +132,14 @@ class KktDerivatives(Derivatives):
         return self._motions.solve(-r, -s)
 
     def _form(self) -> tuple[Array, Array, Array]:
-        n, rhs = self._n, self._rhs
-        by_state = np.concatenate(self._motions.solve(rhs[:n], rhs[n:]))
-        by_tau = np.concatenate(self._motions.pushed())
-        return by_state[:, :n], by_state[:, n:], by_tau
+        n, (asked, motions) = self._n, self._factored
+        found = motions.answer(asked[:n], asked[n:])
+        return found[:, :n], found[:, n : 2 * n], found[:, 2 * n :]
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
         n = self._n
-        x = self._rhs.dot(np.concatenate([dq, dv]))
-        da, dlam = self._motions.solve(x[:n] + dtau, x[n:])
+        x = self._factored[0].dot(np.concatenate([dq, dv, dtau]))
+        da, dlam = self._motions.solve(x[:n], x[n:])
         if dq.any() and self._null is not None:
             dlam += self._null @ dq
         return da, dlam
@@ -151,10 +147,11 @@ class KktDerivatives(Derivatives):
     def _backward(self, da: Array, dlam: Array) -> tuple[Array, Array, Array]:
         n = self._n
         by_tau, forced = self._motions.solve(da, -dlam)  # the transpose, but for signs
-        by_state = by_tau.dot(self._rhs[:n]) - forced.dot(self._rhs[n:])
+        asked = self._factored[0]
+        by = by_tau.dot(asked[:n]) - forced.dot(asked[n:])
         if dlam.any() and self._null is not None:
-            by_state[:n] += dlam @ self._null
-        return by_state[:n], by_state[n:], by_tau
+            by[:n] += dlam @ self._null
+        return by[:n], by[n : 2 * n], by_tau
 
 
 def turning_null_space(linearisation: Linearisation, q: Array, w: Array, N: Array) -> Array:

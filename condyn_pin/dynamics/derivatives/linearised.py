@@ -28,32 +28,41 @@ from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.derivatives.carried import Carried, in_series
 
+_rnea_derivatives = pin.computeRNEADerivatives  # bound once
+
 
 class Linearised(NamedTuple):
     """The partial derivatives at one (q, v, a, lam)."""
 
     J: Array  # (m, nv)
-    rhs: Array  # (nv + m, 2 nv), -[[r_q, r_v], [s_q, s_v]]: what a step of q and v leaves to solve
+    # what a step of q, v and tau leaves to solve, [[-r_q, -r_v, 1], [-s_q, -s_v, 0]]
+    asked: Array  # (nv + m, 3 nv)
     M: Array | None  # (nv, nv), r by a; None where free bodies carry joints
+
+    @property
+    def rhs(self) -> Array:
+        """(nv + m, 2 nv), -[[r_q, r_v], [s_q, s_v]]: what a step of q and v leaves to solve."""
+        return self.asked[:, : 2 * self.J.shape[1]]
 
     @property
     def r_q(self) -> Array:
         """(nv, nv)."""
         n = self.J.shape[1]
-        return -self.rhs[:n, :n]
+        return -self.asked[:n, :n]
 
     @property
     def s_q(self) -> Array:
         """(m, nv)."""
         n = self.J.shape[1]
-        return -self.rhs[n:, :n]
+        return -self.asked[n:, :n]
 
 
 class Linearisation:
     """The linearised equations of one model with its bound constraints, and their memory.
 
     `equations` of the same model put the constraint forces on the bodies; they have that done
-    already of an answer that they have proved just now.
+    already of an answer that they have proved just now, and where the loops are. As their
+    `recursion` in that proof, this has Newton-Euler's derivatives done too.
     """
 
     def __init__(
@@ -63,6 +72,7 @@ class Linearisation:
         given = model
         model, bounds = in_series(model, bounds)
         self._carried: Carried | None = None
+        self._done = b""  # q, v, a and lam of which `data` holds Newton-Euler's derivatives
         if model is not given and turning(model):
             self._carried = Carried(model)
             model = self._carried.model
@@ -71,36 +81,58 @@ class Linearisation:
         self._of_constraints = ConstraintPartials(model, self._data, bounds, drift)
         self._drift = drift
         self._m = sum(b.size for b in bounds)
+        self._asked = np.zeros((model.nv + self._m, 3 * model.nv))
+        self._asked[: model.nv, 2 * model.nv :] = np.eye(model.nv)
         if equations is None or model is not given:
             equations = Equations(model, bounds)
-        self._equations = equations
+        self._equations, self._given = equations, given
 
     def at(self, q: Array, v: Array, a: Array, lam: Array) -> Linearised:
         """Return the partial derivatives at a state and an answer."""
         if self._carried is None:
-            rhs, J = self._of_bodies(q, v, a, lam)
+            asked, J = self._of_bodies(q, v, a, lam)
             M = np.array(self._data.M)  # Newton-Euler's derivatives leave it behind
         else:
             free_q, nu, rate, chain = self._carried.state(q, v, a)
-            rhs, J = self._of_bodies(free_q, nu, rate, lam)
+            of_free, J = self._of_bodies(free_q, nu, rate, lam)
             r = np.array(self._data.tau)  # as Newton-Euler's derivatives left it
             by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
-            rhs, J, M = self._carried.back(chain, rhs, -by_a, -r), J @ chain.Phi, None
-        self._of_constraints.write_couplings(rhs, J)
-        return Linearised(J, rhs, M)
+            by_state = of_free[:, : 2 * self._model.nv]
+            rhs, J, M = self._carried.back(chain, by_state, -by_a, -r), J @ chain.Phi, None
+            asked = np.hstack([rhs, np.eye(len(rhs), len(v))])
+        self._of_constraints.write_couplings(asked[:, : 2 * len(v)], J)
+        return Linearised(J, asked, M)
+
+    @property
+    def takes_the_model(self) -> bool:
+        """Whether it works on the model that it was given: no axes turn in that."""
+        return self._model is self._given
+
+    def newton_euler(self, q: Array, v: Array, a: Array, lam: Array, wrenches: Any) -> Array:
+        """Return M a + h less what the wrenches of lam do; `at` finds their derivatives done."""
+        _rnea_derivatives(self._model, self._data, q, v, a, wrenches)
+        self._done = _key(q, v, a, lam)
+        return self._data.tau  # type: ignore[no-any-return]
+
+    def mass(self, q: Array) -> Array | None:
+        """Return M if `newton_euler` has left it behind at q."""
+        return np.array(self._data.M) if self._done.startswith(q.tobytes()) else None
 
     def _of_bodies(self, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
-        """Return -[[r_q, r_v], [s_q, s_v]] and J, but for couplings, where no axes turn."""
-        model, data, n = self._model, self._data, self._model.nv
-        wrenches = self._equations.wrenches_at(q, lam)
-        # it leaves behind all that the derivatives of frames read
-        pin.computeRNEADerivatives(model, data, q, v, a, wrenches)
-        rhs, J = np.zeros((n + self._m, 2 * n)), np.zeros((self._m, n))
+        """Return what a step leaves to solve and J, but for couplings, where no axes turn."""
+        data, n = self._data, self._model.nv
+        if self._done != _key(q, v, a, lam):
+            # it leaves behind all that the derivatives of frames read
+            self.newton_euler(q, v, a, lam, self._equations.wrenches_at(q, lam))
+        self._done = b""  # for one call
+        balls = self._equations.balls_at(q, v, a)
+        asked, J = self._asked.copy(), np.zeros((self._m, n))
+        rhs = asked[:, : 2 * n]
         rhs[:n, :n], rhs[:n, n:] = data.dtau_dq, data.dtau_dv
-        self._of_constraints.write(lam, rhs, J)
+        self._of_constraints.write(lam, rhs, J, balls)
         if self._drift:
             rhs[n:, n:] -= self._drift.Kd * J
-        return rhs, J
+        return asked, J
 
     def turning(self, q: Array, w: Array) -> Array:
         """Return how J w changes with q (m, nv) while w (nv,) stays: as the slip does at v = w."""
@@ -112,9 +144,9 @@ class Linearisation:
 
     def _slip_by_q(self, q: Array, w: Array) -> Array:
         """Return the partials of J w by q, where no axes turn."""
-        model, data = self._model, self._data
-        pin.computeRNEADerivatives(model, data, q, w, np.zeros_like(w))
-        of_rows = np.zeros((self._m, model.nv))
+        self._done = b""
+        _rnea_derivatives(self._model, self._data, q, w, np.zeros_like(w))
+        of_rows = np.zeros((self._m, self._model.nv))
         self._of_constraints.turning(of_rows)
         return of_rows
 
@@ -129,6 +161,12 @@ class Linearisation:
         chain = None
         if self._carried:
             q, v, a, chain = self._carried.state(q, v, a)
+        self._done = b""
         pin.computeForwardKinematicsDerivatives(self._model, self._data, q, v, a)
         r, s = self._of_constraints.by_frame(name, lam, end)
         return (chain.Phi.T @ r if chain else r), s
+
+
+def _key(*of: Array) -> bytes:
+    """Return what tells a state and an answer from all others."""
+    return b"".join([x.tobytes() for x in of])
