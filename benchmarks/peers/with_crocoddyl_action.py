@@ -2,9 +2,11 @@
 
     python benchmarks/crocoddyl_action.py
 
-Talos on two soles, above legs that stand: costs are those of crocoddyl, and the step is that of
-its contact dynamics by Euler, with gains [0, 1 / dt], to the order of both. Accelerations and
-their derivatives, from steps of four sizes extrapolated to dt = 0, are the same to 1e-9. FDDP
+Talos on two soles, above legs that stand: costs are those of crocoddyl. So are `solve` and
+`derivatives`, with the drift control that crocoddyl's gains stand for: a and its derivatives by x
+and u are the same to 1e-9, no step between them. A step is that of its contact dynamics by Euler,
+with gains [0, 1 / dt], to the order of both: over steps of four sizes, extrapolated to dt = 0, the
+same to 1e-9. FDDP
 finds the same motion with both. Solo12 crouches by FDDP on contacts that may open, for which
 crocoddyl has no dynamics. It fails where one of these does not hold.
 """
@@ -25,6 +27,7 @@ STATES = 5
 SIZES = 1e-3 / 2.0 ** np.arange(4)  # [s], of steps that are extrapolated
 SAME = 1e-9
 MOTION = ("xnext", "Fx", "Fu")
+DYNAMICS = ("xout", "Fx", "Fu")
 COSTS = ("cost", "Lx", "Lu", "Lxx", "Lxu", "Luu")
 COSTS_AT_END = ("cost", "Lx", "Lxx")
 
@@ -120,6 +123,27 @@ def differences_of_costs(talos: Talos) -> dict[str, float]:
     return worst
 
 
+def differences_of_dynamics(talos: Talos) -> dict[str, float]:
+    """Return how far a, and a by x and u, are from those of crocoddyl's contact dynamics.
+
+    Of `solve` and `derivatives` on the feet that hold, with the same drift control: kd = 1 / dt is
+    2 alpha. No step has a part in it. Relative to the largest entry.
+    """
+    rng, worst = np.random.default_rng(2), dict.fromkeys(DYNAMICS, 0.0)
+    workspace = cp.Workspace(talos.scene, drift=cp.Baumgarte(alpha=1 / (2 * DT), beta=0.0))
+    B, nq = cp.layers.Action(talos.scene, DT).B, talos.state.nq
+    for _ in range(STATES):
+        x, u = talos.sample(rng)
+        d = workspace.derivatives(x[:nq], x[nq:], B @ u)
+        ours = d.solution.a, np.hstack([d.da_dq, d.da_dv]), d.da_dtau @ B
+        dynamics = talos.theirs(costs_of(talos.state, x, u, np.zeros(3)), DT).differential
+        theirs = asked(dynamics, DYNAMICS, x, u)
+        for name, had in zip(DYNAMICS, ours, strict=True):
+            error = np.abs(had - theirs[name]).max() / np.abs(theirs[name]).max()
+            worst[name] = max(worst[name], float(error))
+    return worst
+
+
 def differences_of_motion(talos: Talos) -> dict[str, tuple[float, float]]:
     """Return how far steps over dt are from crocoddyl's: by the shortest, and by none.
 
@@ -193,6 +217,8 @@ def main() -> None:
     talos = Talos.load()
     found = differences_of_costs(talos)
     print("costs:", ", ".join(f"{name} {error:.0e}" for name, error in found.items()))
+    bare = differences_of_dynamics(talos)
+    print("accelerations:", ", ".join(f"{name} {error:.0e}" for name, error in bare.items()))
     moved = differences_of_motion(talos)
     for name, (near, limit) in moved.items():
         print(f"{name} over dt: {near:.0e} at {SIZES[-1]:g} s, {limit:.0e} extrapolated to 0")
@@ -202,6 +228,7 @@ def main() -> None:
     before, after = crouching()
     print(f"Solo12: {1e3 * before:.1f} mm from its goal, {1e3 * after:.1f} mm after FDDP")
     assert max(found.values()) < SAME
+    assert max(bare.values()) < SAME
     assert max(limit for _, limit in moved.values()) < SAME
     assert abs(ours.cost - theirs.cost) < 1e-3 * theirs.cost
     assert after < 0.25 * before
