@@ -17,7 +17,7 @@ COLOURS: Final = (
 # Methods of studies: no two are alike to colour-blind eyes either (`tests/test_plots.py`).
 METHOD_COLOURS: Final = (
     "#0072B2", "#D55E00", "#009E73", "#40004B", "#B2DF8A", "#E69F00", "#9E0142", "#662506",
-    "#B0B0B0", "#56B4E9", "#3B3B98", "#8000E0",
+    "#B0B0B0", "#56B4E9", "#3B3B98", "#8000E0", "#000000",
 )  # fmt: skip
 DASHES: Final = ("-", "--", "-.", ":")
 

@@ -25,13 +25,14 @@ if TYPE_CHECKING:
 _MARKERS = ("s", "o", "^", "d", "v", "P", "X", "<", ">", "p", "h", "*", "D")
 _LINES = ("-", "--", "-.")
 _FIRST = ("proximal", "lcaba", "densekkt")  # the colours that `condyn bench` gives them
-_LAST = ("reference",)  # it judges, and is seldom drawn
+_LAST = ("minimumresidual", "reference")  # to compare with, and to judge: seldom drawn
 
 _EPS: Final = float(np.finfo(float).eps)
 _TICKS: Final = (1, 3, 10, 30, 100, 300, 1e3, 3e3, 1e4, 1e5, 1e6)  # [us]
 _FLOOR: Final = 1e-16  # where the bench draws an error of zero
 _LOWEST: Final = 1e-17  # and a study
 _HIGHEST: Final = 10.0  # where what diverges is drawn
+_ROOM: Final = 1e3  # below what a study draws, for what a panel says in its corner
 
 
 def save_panels(
@@ -163,7 +164,8 @@ def work_precision(
         ax.axhline(max(floor, _LOWEST), color="0.4", lw=0.8, ls="-.", label="floor of Reference")
     title, time = f"{rows[0].scene}: {rows[0].rows} rows", f"time of {rows[0].measure} [us]"
     _in_microseconds(ax, time, "worst error, relative", title)
-    ax.set_ylim(_LOWEST / 3, 3 * _HIGHEST)
+    remarks = any(each.get_gid() == "remarks" for each in ax.texts)
+    ax.set_ylim(_LOWEST / (_ROOM if remarks else 3), 3 * _HIGHEST)
     ax.legend(fontsize=6, frameon=False, loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return ax
 

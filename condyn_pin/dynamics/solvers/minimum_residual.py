@@ -23,7 +23,7 @@ from condyn_pin._core.parameters import (
 from condyn_pin._core.quietly import quietly
 from condyn_pin._core.tolerances import RANK, RUN_OF_MINRES
 from condyn_pin.dynamics.raw import weightless
-from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
+from condyn_pin.dynamics.solvers.base import BoundSolver, Solver, free_force
 from condyn_pin.dynamics.solvers.conjugate_gradient import inverse_delassus
 
 if TYPE_CHECKING:
@@ -114,7 +114,7 @@ class MinimumResidual(Solver):
                 return np.append(pin.aba(floating, data, q, still, x[:n]), P @ x[n:])
 
             def accelerated(lam: Array) -> Array:
-                forces = tau + equations.torque(lam)
+                forces = free_force(tau, -equations.torque(lam))
                 return np.array(pin.aba(model, data, q, v, forces, equations.wrenches(lam)))
 
             target, lam, count[0] = equations.target(q, v), np.zeros(m), 0
