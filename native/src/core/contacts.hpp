@@ -1,6 +1,6 @@
 // Contacts: steps and motions of a scene whose contacts open, stick and slide, by some threads.
 #pragma once
-#include "contact_steps.hpp"
+#include "contact_motion.hpp"
 #include "core.hpp"
 
 namespace condyn
@@ -19,23 +19,6 @@ struct Ways
 {
   Array<int, 1> step;
   Array<double, 2> q, v, work;
-};
-
-/// Their samples, with a, lam and contacts or without rows for them.
-struct ContactMotions
-{
-  Array<double, 2> t;
-  Array<double, 3> q, v, a, lam, contact, measures, work; // contact: natural residual, work and modes
-  Array<int, 1> done; // 1, or 0 for a motion that has stopped before a step that is left to Python
-  Array<double, 1> times; // [s]
-};
-
-/// How far motions go, and what ends them early.
-struct MotionEnds
-{
-  int steps, every; // which sample is kept
-  double closed; // gap [m, rad] and slip at the start that are closed without a doubt
-  double lost; // velocity of no machine [rad/s, m/s]
 };
 
 class Contacts

@@ -1,10 +1,10 @@
 // Core: a scene and its solver, and the memory of the threads that work on it.
 #pragma once
-#include "arrays.hpp"
 #include "answers.hpp"
 #include "derivatives.hpp"
 #include "motion.hpp"
 #include "proof.hpp"
+#include "scene_arrays.hpp"
 
 namespace condyn
 {
@@ -51,15 +51,7 @@ struct Motions
 class Core
 {
 public:
-  /// `condyn_pin/dynamics/compiled/arrays.py` says what each is.
-  Core(
-    const std::vector<std::string> & kinds, const Integers & parents, const Table & joints, const List & gravity,
-    const List & armature, const IntegerTable & constraints, const Table & of_constraints,
-    const IntegerTable & plain, const Table & of_plain, const Table & to_scene, const List & drift,
-    const List & weights, double open_squared, int method,
-    const List & proximal, const List & rank, const List & damping, const Table & springs,
-    const IntegerTable & of_springs, const Integers & watched,
-    const List & nominal_pivots);
+  explicit Core(const SceneArrays & arrays);
   Core(const Core &) = delete; // its workers hold references to its scene
 
   const Scene & scene() const { return scene_; }

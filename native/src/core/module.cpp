@@ -13,10 +13,17 @@ NB_MODULE(_core, m)
   m.attr("protocol") = 3; // of the arrays: what condyn_pin hands over has to be of the same
   using namespace nanobind::literals;
   nb::class_<Core>(m, "Core")
-    .def(nb::init<const std::vector<std::string> &, const Integers &, const Table &, const List &, const List &,
-                  const IntegerTable &, const Table &, const IntegerTable &, const Table &, const Table &,
-                  const List &, const List &, double, int, const List &, const List &, const List &, const Table &,
-                  const IntegerTable &, const Integers &, const List &>(),
+    .def("__init__",
+         [](Core * self, const std::vector<std::string> & kinds, const Integers & parents, const Table & joints,
+            const List & gravity, const List & armature, const IntegerTable & constraints,
+            const Table & of_constraints, const IntegerTable & plain, const Table & of_plain, const Table & to_scene,
+            const List & drift, const List & weights, double open_squared, int method, const List & proximal,
+            const List & rank, const List & damping, const Table & springs, const IntegerTable & of_springs,
+            const Integers & watched, const List & nominal_pivots) {
+           new (self) Core({kinds, parents, joints, gravity, armature, constraints, of_constraints, plain, of_plain,
+                            to_scene, drift, weights, open_squared, method, proximal, rank, damping, springs,
+                            of_springs, watched, nominal_pivots});
+         },
          nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,
          "of_constraints"_a, "plain"_a, "of_plain"_a, "to_scene"_a, "drift"_a, "weights"_a, "open_squared"_a,
          "method"_a, "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a, "watched"_a, "nominal_pivots"_a)

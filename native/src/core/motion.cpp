@@ -1,26 +1,20 @@
 #include "motion.hpp"
+#include "anchors.hpp"
 #include "answers.hpp"
+#include "measures.hpp"
 #include <pinocchio/algorithm/joint-configuration.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
 
 namespace condyn
 {
-namespace
-{
-/// The foot of a point on the line along n through the origin.
-Vector3d onto(const Vector3d & n, const Vector3d & point) { return n.dot(point) * n; }
-} // namespace
-
 Mover::Mover(const Scene & scene)
-: scene_(scene), solver_(solver_of(scene_)), data_(scene_.model), rows_(scene_.rows), q1_(scene_.model.nq)
+: scene_(scene), solver_(solver_of(scene_)), data_(scene_.model), rows_(scene_.rows), chart_(scene_.model)
+, q1_(scene_.model.nq)
 {
   const Model & model = scene_.model;
   for (int i = 1; i < model.njoints; ++i)
-  {
     if (model.parents[i] == 0)
       roots_.push_back(model.idx_vs[i]);
-    curved_ = curved_ || model.nvs[i] > 1;
-  }
   for (auto * x : {&tau_, &a_, &a_middle_, &middle_v_, &along_})
     x->setZero(model.nv);
   middle_q_.setZero(model.nq);
@@ -39,7 +33,7 @@ bool Mover::run(
   {
     if (stop || (k % plan.every == 0 && !sample(row++, t, q, v, false)))
       return false;
-    if (turns_too_far(v) || !step(q, v) || turns_too_far(v))
+    if (chart_.turns_too_far(v, plan.dt) || !step(q, v) || chart_.turns_too_far(v, plan.dt))
       return false;
     known_ = false;
     if (plan.correct_every && (k + 1) % plan.correct_every == 0 && !correct(q, v))
@@ -66,38 +60,13 @@ bool Mover::begin(VectorXd & q, VectorXd & v)
   drag_ = semi && anything ? plan_.dt : 0.0;
   known_ = begun_ = false;
   a_middle_.setZero();
-  anchor(q);
-  pinocchio::forwardKinematics(scene_.model, data_, q, v, a_middle_);
-  rows_.evaluate(scene_, data_, q, v, a_middle_);
-  const auto largest = [](const VectorXd & x) { return x.size() ? x.cwiseAbs().maxCoeff() : 0.0; };
-  return std::max(largest(rows_.c), largest(rows_.velocity)) < plan_.closed;
-}
-
-/// Gives contacts without an anchor the place where they are at q.
-void Mover::anchor(const VectorXd & q)
-{
   if (!scene_.unanchored.empty())
     pinocchio::forwardKinematics(scene_.model, data_, q);
-  for (int i : scene_.unanchored)
-  {
-    Constraint & c = scene_.constraints[i];
-    const SE3 E1 = data_.oMi[c.joint1] * c.placement1, E2 = data_.oMi[c.joint2] * c.placement2;
-    if (c.joint1 == 0) // a plane through a point of body 2
-      c.placement1.translation() = onto(E1.rotation().col(2), E2.translation());
-    else if (c.kind == Kind::roll)
-    {
-      const Touch at(c, E1.rotation().transpose() * E2.rotation(), Vector3d::Zero());
-      c.placement2.translation() = onto(E2.rotation().col(2), E1.act(at.r.x));
-    }
-    else
-      c.placement2 = E1;
-    if (c.kind == Kind::held && !c.is_point() && c.size < 6)
-      c.kind = Kind::cut; // an edge: off its anchor the world enters its rows
-    c.anchored = true;
-    if (scene_.method == Method::proximal)
-      scene_.plain_specs[i].anchored = true;
-  }
+  anchor(scene_, data_);
   solver_->begin(plan_.rank);
+  pinocchio::forwardKinematics(scene_.model, data_, q, v, a_middle_);
+  rows_.evaluate(scene_, data_, q, v, a_middle_);
+  return std::max(largest(rows_.c), largest(rows_.velocity)) < plan_.closed;
 }
 
 /// The torques applied with those of springs and damping: -(d + drag k) v - k (q - rest).
@@ -218,7 +187,7 @@ bool Mover::runge_kutta(VectorXd & q, VectorXd & v)
   if (!known_ && !acceleration(q, v, a_, 0.0, Inertia::plain))
     return false;
   const auto slope = [&](VectorXd & r, VectorXd & a) {
-    rate(theta, stage, r);
+    chart_.rate(theta, stage, r);
     pinocchio::integrate(scene_.model, q, theta, middle_q_);
     return acceleration(middle_q_, stage, a, 0.0, Inertia::plain);
   };
@@ -235,41 +204,6 @@ bool Mover::runge_kutta(VectorXd & q, VectorXd & v)
   move(q, theta);
   v += sixth * (a_ + 2.0 * (a2 + a3) + a4);
   return true;
-}
-
-/// theta' = Jr(theta)^-1 v of q (+) theta: only joints that turn about more than one axis.
-void Mover::rate(const VectorXd & theta, const VectorXd & v, VectorXd & out) const
-{
-  const Model & model = scene_.model;
-  out = v;
-  for (int j = 1; curved_ && j < model.njoints; ++j)
-  {
-    const int i = model.idx_vs[j];
-    if (model.nvs[j] == 6)
-    {
-      SE3::Matrix6 J;
-      pinocchio::Jlog6(pinocchio::exp6(Motion(theta.segment<6>(i))), J);
-      out.segment<6>(i).noalias() = J * v.segment<6>(i);
-    }
-    else if (model.nvs[j] == 3)
-    {
-      Matrix3d J;
-      pinocchio::Jlog3(pinocchio::exp3(theta.segment<3>(i)), J);
-      out.segment<3>(i).noalias() = J * v.segment<3>(i);
-    }
-  }
-}
-
-/// Whether a body turns further in a step than one chart goes.
-bool Mover::turns_too_far(const VectorXd & v) const
-{
-  const Model & model = scene_.model;
-  if (!curved_ || !(v.squaredNorm() > M_PI * M_PI / (plan_.dt * plan_.dt)))
-    return false;
-  for (int j = 1; j < model.njoints; ++j)
-    if (model.nvs[j] > 1 && !(v.segment<3>(model.idx_vs[j] + model.nvs[j] - 3).norm() * plan_.dt <= M_PI))
-      return true;
-  return false;
 }
 
 /// One Newton step back to the constraints; the acceleration of the look counts for what it leads to.
@@ -304,26 +238,9 @@ bool Mover::sample(int row, double t, const VectorXd & q, const VectorXd & v, bo
     Out(samples_.a + std::size_t(row) * model.nv, model.nv) = a_;
     Out(samples_.lam + std::size_t(row) * scene_.rows, scene_.rows) = solver_->scene_forces();
   }
-  measure(row, q, v);
-  return true;
-}
-
-/// Writes violation, slip, kinetic and potential energy.
-void Mover::measure(int row, const VectorXd & q, const VectorXd & v)
-{
-  const Model & model = scene_.model;
   pinocchio::forwardKinematics(model, data_, q, v);
   rows_.evaluate(scene_, data_, q, v, v);
-  double kinetic = v.cwiseAbs2().dot(model.armature) / 2, potential = 0;
-  for (int i = 1; i < model.njoints; ++i)
-  {
-    const auto & Y = model.inertias[i];
-    kinetic += Y.vtiv(data_.v[i]) / 2;
-    potential -= Y.mass() * (data_.oMi[i].act(Y.lever())).dot(model.gravity.linear());
-  }
-  double * out = samples_.measures + 4 * std::size_t(row);
-  out[0] = rows_.c.size() ? rows_.c.cwiseAbs().maxCoeff() : 0.0;
-  out[1] = rows_.velocity.size() ? rows_.velocity.cwiseAbs().maxCoeff() : 0.0;
-  out[2] = kinetic, out[3] = potential;
+  write_measures(model, data_, rows_, v, samples_.measures + 4 * std::size_t(row));
+  return true;
 }
 } // namespace condyn

@@ -13,6 +13,7 @@
 //
 // A motion that cannot go on is given up: Python makes it again, and says why.
 #pragma once
+#include "chart.hpp"
 #include "rows.hpp"
 #include "solver.hpp"
 #include <atomic>
@@ -59,28 +60,24 @@ private:
   enum class Inertia { plain, heavy };
 
   bool begin(VectorXd & q, VectorXd & v);
-  void anchor(const VectorXd & q);
   bool step(VectorXd & q, VectorXd & v);
   bool improve(const VectorXd & q, const VectorXd & v);
   bool iterate(const VectorXd & q, const VectorXd & v);
   bool runge_kutta(VectorXd & q, VectorXd & v);
   bool correct(VectorXd & q, VectorXd & v);
   bool sample(int row, double t, const VectorXd & q, const VectorXd & v, bool last);
-  void measure(int row, const VectorXd & q, const VectorXd & v);
 
   bool acceleration(const VectorXd & q, const VectorXd & v, VectorXd & a, double drag, Inertia inertia);
   bool solve(const VectorXd & q, const VectorXd & v, VectorXd & a, Inertia inertia);
   void torque(const VectorXd & q, const VectorXd & v, double drag);
-  bool turns_too_far(const VectorXd & v) const;
-  void rate(const VectorXd & theta, const VectorXd & v, VectorXd & out) const;
   void move(VectorXd & q, const VectorXd & along);
 
   Scene scene_; // its own: contacts are anchored where each motion begins
   std::unique_ptr<Solver> solver_;
   Data data_;
   Rows rows_;
+  Chart chart_;
   std::vector<int> roots_; // where v begins for each joint on the world
-  bool curved_ = false; // whether a joint turns about more than one axis
 
   MotionPlan plan_;
   Samples samples_;

@@ -1,0 +1,105 @@
+#include "free_step.hpp"
+
+namespace condyn
+{
+namespace
+{
+constexpr double held_share = 1e-22; // as `_HELD`
+} // namespace
+
+FreeStep::FreeStep(const Scene & scene, const Floating & floating, Mechanics & mechanics, Rows & rows, int rank)
+: scene_(scene), floating_(floating), mechanics_(mechanics), rows_(rows), rank_(rank)
+, still_(VectorXd::Zero(scene.model.nv))
+{
+  for (const auto & k : scene.constraints)
+    moved_.emplace_back(scene.model, k);
+}
+
+void FreeStep::begin(const StepPlan & plan, const VectorXd & applied)
+{
+  plan_ = plan, applied_ = applied;
+  const Passive & passive = scene_.passive;
+  stiffness.setZero(scene_.model.nv);
+  for (Eigen::Index s = 0; s < passive.k.size(); ++s)
+    stiffness[passive.at_v[s]] += passive.k[s];
+  inertia = plan.dt * passive.d + plan.dt * plan.dt * stiffness;
+}
+
+bool FreeStep::factorise()
+{
+  mechanics_.mass(q, M);
+  L_ = M;
+  L_.diagonal() += inertia;
+  const Eigen::LLT<Eigen::Ref<MatrixXd>> factor(L_);
+  L_.triangularView<Eigen::StrictlyUpper>().setZero();
+  return factor.info() == Eigen::Success;
+}
+
+bool FreeStep::pose(const VectorXd & q0, const VectorXd & v0)
+{
+  const Passive & passive = scene_.passive;
+  q = q0, v = v0;
+  tau = applied_ - (passive.d + plan_.dt * stiffness).cwiseProduct(v);
+  for (Eigen::Index s = 0; s < passive.k.size(); ++s)
+    tau[passive.at_v[s]] -= passive.k[s] * (q[passive.at_q[s]] - passive.rest[s]);
+  if (!factorise())
+    return false;
+  h = mechanics_.bias(q, v);
+  blocked.rank = 0;
+  if (scene_.rows)
+  {
+    mechanics_.move(q, v, still_);
+    rows_.evaluate(scene_, mechanics_.data, q, v, still_);
+  }
+  mechanics_.jacobians(q);
+  if (scene_.rows)
+    block(rows_.acceleration);
+  if (blocked.rank > rank_)
+    return false;
+  condense(v);
+  return true;
+}
+
+void FreeStep::block(const VectorXd & gamma)
+{
+  write_jacobian(scene_, mechanics_.data, moved_, J_);
+  whitened_ = L_.triangularView<Eigen::Lower>().solve(J_.transpose());
+  blocked.compute(whitened_, plan_.rank_tolerance);
+  held = blocked.held(-0.5 * plan_.dt * (gamma - J_ * floating_.turning(v)));
+}
+
+void FreeStep::condense(const VectorXd & of_h)
+{
+  mean = of_h, turning = floating_.turning(mean);
+  const VectorXd p = plan_.dt * (tau - h + M * turning);
+  free = L_.transpose() * v + L_.triangularView<Eigen::Lower>().solve(p);
+  if (!blocked.rank)
+    return;
+  momentum = blocked.V.transpose() * free;
+  free += blocked.V * (held - momentum);
+}
+
+void FreeStep::condense_at_mean()
+{
+  VectorXd alone = free;
+  unwhiten(alone);
+  const VectorXd between = 0.5 * (v + alone), before = h;
+  h = mechanics_.bias(q, between);
+  condense(between);
+  h = before;
+}
+
+void FreeStep::eliminate(const MatrixXd & J, MatrixXd & X, MatrixXd & along_blocked) const
+{
+  X = J.transpose();
+  L_.triangularView<Eigen::Lower>().solveInPlace(X);
+  if (!blocked.rank)
+    return;
+  along_blocked = blocked.V.transpose() * X;
+  X.noalias() -= blocked.V * along_blocked;
+  // a row that constraints hold is theirs alone: what is left of it is rounding
+  for (int i = 0; i < X.cols(); ++i)
+    if (X.col(i).squaredNorm() <= held_share * along_blocked.col(i).squaredNorm())
+      X.col(i).setZero(), along_blocked.col(i).setZero();
+}
+} // namespace condyn

@@ -1,0 +1,57 @@
+// The step that a robot would take without contacts, and what its constraints block.
+//
+//   M + dt D + dt^2 K = L L^T,    V h the least L^T v with the J_b v that is asked for (`Blocked`)
+//   L^T v_free = (1 - V V^T) (L^T v + L^-1 p) + V h,    p = dt (tau - h(q, v)),    J_b v+ = -dt gamma / 2
+#pragma once
+#include "blocked.hpp"
+#include "floating.hpp"
+#include "jacobian.hpp"
+#include "rows.hpp"
+#include "step_plan.hpp"
+
+namespace condyn
+{
+class FreeStep
+{
+public:
+  /// `rank` of J_b, at most. All have to stay where they are.
+  FreeStep(const Scene & scene, const Floating & floating, Mechanics & mechanics, Rows & rows, int rank);
+  FreeStep(const FreeStep &) = delete;
+
+  /// Gets ready for steps with torques applied (nv,).
+  void begin(const StepPlan & plan, const VectorXd & applied);
+  /// The step from a state, and joint Jacobians there; false where there is none.
+  bool pose(const VectorXd & q, const VectorXd & v);
+  /// With the velocity that h is taken at, besides the one of the state.
+  void condense(const VectorXd & mean);
+  /// With h at the mean velocity of the step, for what nothing touches.
+  void condense_at_mean();
+  /// X = (1 - V V^T) L^-1 J^T and the part V^T L^-1 J^T that is blocked; zero for a row that constraints hold.
+  void eliminate(const MatrixXd & J, MatrixXd & X, MatrixXd & along_blocked) const;
+  /// v from L^T v, in place.
+  void unwhiten(VectorXd & v) const { L_.transpose().triangularView<Eigen::Upper>().solveInPlace(v); }
+
+  VectorXd q, v; // where it begins
+  VectorXd mean, turning; // the velocity of h, and the acceleration that is only turning
+  MatrixXd M; // without what springs and damping add
+  VectorXd tau, h; // torques with those of springs and damping, and h(q, v)
+  VectorXd stiffness, inertia; // K, and dt D + dt^2 K, which L L^T has on its diagonal
+  VectorXd free; // L^T v_free
+  Blocked blocked;
+  VectorXd momentum, held; // V^T (L^T v + L^-1 p), and h of V h
+
+private:
+  bool factorise();
+  void block(const VectorXd & gamma);
+
+  const Scene & scene_;
+  const Floating & floating_;
+  Mechanics & mechanics_;
+  Rows & rows_;
+  int rank_;
+  std::vector<Moved> moved_; // of each constraint
+  StepPlan plan_{};
+  VectorXd applied_, still_;
+  MatrixXd L_, J_, whitened_;
+};
+} // namespace condyn

@@ -1,0 +1,29 @@
+// A scene as it crosses the border: `condyn_pin/dynamics/compiled/arrays.py` says what each array is.
+#pragma once
+#include "arrays.hpp"
+
+namespace condyn
+{
+struct SceneArrays
+{
+  std::vector<std::string> kinds; // of the joints, by their shortnames
+  Integers parents;
+  Table joints;
+  List gravity, armature;
+  IntegerTable constraints;
+  Table of_constraints;
+  IntegerTable plain;
+  Table of_plain, to_scene;
+  List drift, weights;
+  double open_squared;
+  int method;
+  List proximal, rank, damping;
+  Table springs;
+  IntegerTable of_springs;
+  Integers watched;
+  List nominal_pivots;
+};
+
+/// Throws std::invalid_argument where something does not fit.
+Scene read_scene(const SceneArrays & arrays);
+} // namespace condyn

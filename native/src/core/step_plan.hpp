@@ -1,0 +1,21 @@
+// How steps with contacts are taken, as Python says it; its file `compiled/contacts.py` names where each
+// number comes from.
+#pragma once
+
+namespace condyn
+{
+struct StepPlan
+{
+  double dt; // [s]
+  bool sticks_first; // whether contacts are first taken to stick
+  double near, pushed_out, at_rest, touches; // of gaps [m, rad], and the share of a penetration
+  double solved, moves; // natural residual, and what slides faster than that share of |g|
+  double straight, missed; // where paths are looked at, and how far from where they should they may end [m, rad]
+  double closed, small; // gaps of loops: left, and closed by the factors of the step [m, rad]
+  double rank_tolerance; // of J_b L^-T
+  double deep; // a penetration at the start that is none without a doubt [m, rad]
+
+  /// How far a contact with this gap may close in a step; negative for what is pushed out [m, rad].
+  double allowed(double gap) const { return gap > touches ? gap : gap < -at_rest ? pushed_out * gap : 0.0; }
+};
+} // namespace condyn
