@@ -118,6 +118,15 @@ def placement_view(placement: Any) -> NDArray[np.float64]:
     return np.lib.stride_tricks.as_strided(R, (3, 4), R.strides)
 
 
+def placements_view(placements: Any, first: int, count: int) -> NDArray[np.float64]:
+    """Return ([R p], [R p], ...) (3, 4 count) of placements side by side, as they are in memory."""
+    view = placement_view(placements[first])
+    last = placement_view(placements[first + count - 1])
+    if last.ctypes.data - view.ctypes.data != (count - 1) * view.nbytes:
+        raise RuntimeError(f"Pinocchio {pin.__version__} has more than SE3 in a list of them")
+    return np.lib.stride_tricks.as_strided(view, (3, 4 * count), view.strides)
+
+
 def constraints_jacobian(
     model: Any, data: Any, models: Any, datas: Any
 ) -> Callable[[], NDArray[np.float64]]:

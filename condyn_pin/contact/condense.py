@@ -147,10 +147,11 @@ def _along(factors: MinimumNorm, J_c: Array, path: Array | None) -> tuple[Array,
     X -= factors.V.dot(blocked)
     # squares: einsum takes a pass, and no square root
     held = np.einsum("ij,ij->j", X, X) <= _HELD * np.einsum("ij,ij->j", blocked, blocked)
-    X[:, held] = 0.0
-    if path is not None:
-        held &= np.abs(path.dot(blocked)) <= _MOVED
-    blocked[:, held] = 0.0
+    if held.any():
+        X[:, held] = 0.0
+        if path is not None:
+            held &= np.abs(path.dot(blocked)) <= _MOVED
+        blocked[:, held] = 0.0
     return X, blocked
 
 

@@ -239,12 +239,11 @@ def _others(
 
 def _closes_unmoved(problem: ContactProblem, accuracy: float) -> bool:
     """Return whether a contact closes that nothing moves, its row of G zero: no impulse helps."""
-    stiffness = problem.G.diagonal() if problem.R is None else problem.G.diagonal() + problem.R
-    if stiffness.all():
+    stiffness = problem.stiffness
+    if all(stiffness):
         return False
-    normals = problem.sets.normals
-    closing = problem.g[normals] < -accuracy * problem.scale[1]
-    return bool((closing & (stiffness[normals] == 0.0)).any())
+    slowest, g = -accuracy * problem.scale[1], problem.g.tolist()
+    return any(g[n] < slowest and stiffness[n] == 0.0 for n in problem.sets.normals.tolist())
 
 
 def _share(part: ContactProblem, whole: ContactProblem) -> float:

@@ -134,14 +134,19 @@ class ContactProblem:
         return ContactSets(self.friction, self.half_lines, self.limits)
 
     @cached_property
+    def stiffness(self) -> list[float]:
+        """The diagonal of G + R (m,), as plain numbers: what an impulse does to its own row."""
+        diagonal = self.G.diagonal() if self.R is None else self.G.diagonal() + self.R
+        return diagonal.tolist()  # type: ignore[no-any-return]
+
+    @cached_property
     def scale(self) -> tuple[float, float]:
         """The sizes that errors are measured by: mean diagonal of G + R [1/kg], and |g| [m/s].
 
         1 where there is nothing to measure by, or so little that its square is no number.
         """
         # numpy's own trace and max take three times as long for the few rows of a robot
-        diagonal = self.G.diagonal() if self.R is None else self.G.diagonal() + self.R
-        stiff = sum(diagonal.tolist()) / max(len(self.g), 1)
+        stiff = sum(self.stiffness) / max(len(self.g), 1)
         speed = max(map(abs, self.g.tolist()), default=0.0)
         return stiff or 1.0, 1.0 if speed < STILL else speed
 

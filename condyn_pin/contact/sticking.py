@@ -9,12 +9,13 @@ are. Redundant contacts share what they carry: the smallest impulses, rows weigh
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Final
 
 import numpy as np
 from scipy.linalg.lapack import dposv, dpotrs
 
-from condyn_pin._core.arrays import Array, diagonal_of
+from condyn_pin._core.arrays import Array, read_only
 from condyn_pin.contact.problem import ContactProblem
 
 # What G gets more on its diagonal, relative: far above rounding, far below its eigenvalues where
@@ -55,10 +56,14 @@ def _closing(problem: ContactProblem) -> list[bool]:
 
 def _solved(G: Array, g: Array) -> Array | None:
     """Return the smallest solution of G lam = -g, None where a row moves nothing."""
-    more = G.copy()
-    diagonal = diagonal_of(more)
-    diagonal *= 1 + _MORE
+    more = G * _heavier(len(g))
     factor, lam, info = dposv(more.T, -g, overwrite_a=1, overwrite_b=1)  # more.T: no copy
     if info:
         return None
     return np.asarray(lam - dpotrs(factor, G.dot(lam) + g)[0])
+
+
+@lru_cache(maxsize=16)
+def _heavier(m: int) -> Array:
+    """Return what makes the diagonal of a matrix (m, m) larger, entry by entry."""
+    return read_only(1.0 + _MORE * np.eye(m))

@@ -20,8 +20,8 @@ Udwadia, Kalaba. A new perspective on constrained motion. Proc. R. Soc. A 439, 1
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass, replace
 from math import isfinite
+from typing import NamedTuple
 
 import numpy as np
 
@@ -34,8 +34,7 @@ _EPS = float(np.finfo(np.float64).eps)
 _NONE, _EMPTY = np.zeros(0), np.zeros((0, 0))
 
 
-@dataclass(frozen=True, eq=False)
-class MinimumNorm:
+class MinimumNorm(NamedTuple):
     """The factors of one M and J.
 
     Attributes
@@ -112,7 +111,7 @@ class MinimumNorm:
         """Return the same with the largest singular values only."""
         if rank >= self.rank:
             return self
-        return replace(self, V=self.V[:, :rank], rank=rank)
+        return self._replace(V=self.V[:, :rank], rank=rank)
 
     def above_rounding(self, P: Array) -> MinimumNorm:
         """Return the same without the singular values that rounding of J makes up."""

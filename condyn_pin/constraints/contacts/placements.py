@@ -1,9 +1,10 @@
-"""Placements of some joints side by side, from which points and axes of many bodies follow at once.
+"""Placements of joints in the world side by side, from which points of many bodies follow at once.
 
     (p_1, p_2, ...) = (R_1, o_1, R_2, o_2, ...) L
 
-with the local points, and a 1 below each, in the four rows of L that belong to its joint; an axis
-has a 0 there.
+with the local points, and a 1 below each, in the four rows of L that belong to their joint; an axis
+has a 0 there. Pinocchio keeps the placements of all joints so: nothing is copied, and joints that
+lie between the first and the last have rows too, of zeros.
 """
 
 from __future__ import annotations
@@ -13,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._core._pin import placement_view
+from condyn_pin._core._pin import placements_view
 from condyn_pin._core.arrays import Array
 
 
@@ -27,25 +28,23 @@ class Placements:
     """
 
     def __init__(self, joints: Iterable[int]) -> None:
-        self._joints = sorted(set(joints))
-        self._place = {joint: 4 * i for i, joint in enumerate(self._joints)}
-        self._now = np.zeros((3, self.size))
-        self._of: Any = None
+        all_of_them = set(joints)
+        self._first = min(all_of_them, default=0)
+        self._count = max(all_of_them) - self._first + 1 if all_of_them else 0
+        self._now, self._of = np.zeros((3, 0)), None
 
     @property
     def size(self) -> int:
         """Number of rows of L."""
-        return 4 * len(self._joints)
+        return 4 * self._count
 
     def rows(self, joint: int) -> slice:
         """Return the four rows of L that belong to a joint."""
-        return slice(self._place[joint], self._place[joint] + 4)
+        place = 4 * (joint - self._first)
+        return slice(place, place + 4)
 
     def read(self, data: Any) -> Array:
-        """Return (3, size) from data.oMi, in memory of this object."""
-        if self._of is not data:  # views into the memory of data: to fetch them costs more
-            self._of = data
-            self._sources = [placement_view(data.oMi[joint]) for joint in self._joints]
-        if self._joints:
-            np.concatenate(self._sources, axis=1, out=self._now)
+        """Return (3, size) from data.oMi: a view that follows it, not to be written to."""
+        if self._of is not data and self._count:  # to fetch it costs more than what is done with it
+            self._of, self._now = data, placements_view(data.oMi, self._first, self._count)
         return self._now

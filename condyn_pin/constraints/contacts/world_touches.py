@@ -29,7 +29,7 @@ class WorldTouches(Touches):
         crosses = np.cross(axes[:, :, None], -np.eye(3)).transpose(0, 1, 3, 2)  # p -> p x d
         moments = crosses.reshape(k, 9, 3)
         self._middles = self._local[:, :k]
-        gaps = normals.T[:, None, :] * self._middles  # (3, size, k)
+        gaps = self._middles[:, None, :] * normals.T  # (size, 3, k)
         self._gap_of = gaps.reshape(3 * len(self._middles), k)
         heights = [np.dot(t.plane.translation, n) for t, n in zip(touches, normals, strict=True)]
         self._lowest = np.reshape(heights, k) + self._radius
@@ -56,4 +56,4 @@ class WorldTouches(Touches):
 
     def _heights(self, now: Array) -> Array:
         """Return the gaps of placements (3, size)."""
-        return now.ravel().dot(self._gap_of) - self._lowest  # type: ignore[no-any-return]
+        return now.ravel("K").dot(self._gap_of) - self._lowest  # type: ignore[no-any-return]

@@ -33,7 +33,7 @@ from condyn_pin.constraints.rows.terms import Terms
 # bound once: these are called in every residuals, which is to cost little more than they do
 _rnea, _crba, _bias = pin.rnea, pin.crba, pin.nonLinearEffects
 _forward_kinematics, _joint_jacobians = pin.forwardKinematics, pin.computeJointJacobians
-_largest = np.maximum.reduceat
+_largest, _WORLD = np.maximum.reduceat, pin.Convention.WORLD
 
 
 class Recursion(Protocol):
@@ -77,6 +77,7 @@ class Equations:
             self.sign[b.rows] = b.sign
         self._flipped = bool((self.sign < 0).any())
         self._still = np.zeros(model.nv)
+        self._no_rows = np.zeros((0, model.nv)), np.zeros(0)  # J and gamma of a scene without any
         self._pushed = b""  # q and lam whose wrenches are on the joints
         self._moved = b""  # q, v and a that the groups were evaluated at
         self._drives = [(b.rows, b.drive, b.name) for b in bounds if b.drive]
@@ -137,10 +138,10 @@ class Equations:
 
     def parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M, h, J and gamma for who looks at the rank of J himself; owned by the caller."""
+        if not self.m:  # in the axes of the world: it leaves the Jacobians of all joints behind
+            M = _crba(self.model, self.data, q, _WORLD)
+            return M, _bias(self.model, self.data, q, v), *self._no_rows
         M, h = _crba(self.model, self.data, q), _bias(self.model, self.data, q, v)
-        if not self.m:
-            _joint_jacobians(self.model, self.data, q)
-            return M, h, np.zeros((0, self.model.nv)), np.zeros(0)
         gamma = self._gamma(q, v)
         return M, h, self._raw_jacobian(), gamma
 

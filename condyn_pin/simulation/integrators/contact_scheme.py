@@ -200,7 +200,7 @@ def closing_velocities(near: Near) -> Array:
     g, n = near.free.copy(), near.normals
     g[n] += (near.bends + allowed_gaps(near.gaps)) / near.dt
     stiff = near.G.diagonal()[n]
-    if not stiff.all():
+    if 0.0 in stiff.tolist():
         g[n] = np.where(stiff == 0.0, np.maximum(g[n], 0.0), g[n])
     return g
 
