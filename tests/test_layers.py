@@ -281,6 +281,61 @@ def test_steps_in_torch_and_jax():
             assert np.abs(had - want).max() < 1e-7 * np.abs(want).max()
 
 
+def sliding(kind: str) -> tuple[cp.Scene, tuple[np.ndarray, ...]]:
+    """Small scenes of each kind of row and contact, away from all kinks."""
+    rng = np.random.default_rng(3)
+    if kind == "four-bar with dry friction":
+        bar = robot("four_bar")
+        crank = list(bar.model.names)[1]
+        scene = cp.Scene(bar, bar.loops, contacts=[cp.constraints.JointFriction(crank, torque=0.2)])
+        q, v = scene.sample(rng)
+        return scene, (q, v, rng.normal(size=3))
+    if kind == "solo12":
+        return stepping()
+    ball = cp.model.free_ball(mass=1.0, radius=0.05)
+    above = kind == "ball above it"  # that comes down within the step, and leaves again
+    floor = cp.FrictionalContact(
+        "ball", cp.constraints.Ball(0.05), friction=0.1, restitution=0.4 * above
+    )
+    scene = cp.Scene(ball, contacts=[floor])
+    q, v = scene.state()[0].copy(), np.array([1.5, 0.1, -0.2, 1.0, 2.0, 0.5])
+    q[2] = 0.0505 if above else 0.0499
+    return scene, (q, v, rng.normal(size=6))
+
+
+STEPPED = [
+    *(
+        (kind, route)
+        for kind in ("ball in the floor", "four-bar with dry friction", "solo12")
+        for route in ("activeset", "kappa", "softened")
+    ),
+    ("ball above it", "eventlocated"),
+    ("ball in the floor", "randomised"),
+]
+
+
+@pytest.mark.parametrize(("kind", "name"), STEPPED)
+def test_torch_gradients_of_steps_are_those_of_differences(kind, name):
+    """Of each route, in both modes; noise finds the slope of a smooth step."""
+    scene, inputs = sliding(kind)
+    noisy, above = name == "randomised", kind == "ball above it"
+    route = cp.simulation.Randomised(20, 1e-6) if noisy else cp.simulation.ROUTES[name]()
+    scheme, dt = (cp.Moreau(), 5e-3) if above else (cp.StewartTrinkle(), 1e-3)
+    step = cp.layers.torch_step(scene, dt=dt, integrator=scheme, route=route)
+    closed, given = tensors(inputs), slice(0, 3)
+    if scene.rows:  # a step of q alone would open the loop
+        given = slice(1, 3)
+    q, *_ = closed
+
+    def end(*at):
+        return step(*(at if len(at) == 3 else (q.detach(), *at)))
+
+    assert torch.autograd.gradcheck(
+        end, closed[given], eps=1e-6, atol=1e-2 if noisy else 1e-4, rtol=1e-4,
+        check_forward_ad=True, check_undefined_grad=False,
+    )  # fmt: skip
+
+
 def test_a_step_is_differentiated_by_every_number():
     """Against differences of the layer itself, sliding feet and a floating base."""
     scene, (q, v, tau) = stepping()

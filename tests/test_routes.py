@@ -885,3 +885,87 @@ def test_by_what_contacts_are_made_of(scheme, route, parameter):
     expected = slope(scene.robot.model, end, 1e-4)
     assert np.abs(expected).max() > 1e-4
     assert np.abs(along - expected).max() < 1e-8 * np.abs(expected).max()
+
+
+def rolling_ball(restitution: float) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """A ball that slides and spins on the floor, and comes down on it."""
+    ball = cp.model.free_ball(mass=1.0, radius=0.05)
+    floor = cp.FrictionalContact(
+        "ball", cp.constraints.Ball(0.05), friction=0.2, restitution=restitution
+    )
+    scene = cp.Scene(ball, contacts=[floor])
+    q, v = scene.state()[0].copy(), np.array([0.9, 0.3, -0.4, 2.0, 1.0, 0.5])
+    q[2] = 0.05 - 1e-5
+    return scene, q, v
+
+
+def changed(scene, scheme, route, parameter: str, s: np.ndarray):
+    """The same with a parameter changed by s."""
+    if parameter == "inertias":
+        return weighing(scene, s), scheme, route
+    if parameter == "solref":
+        solref = (0.02 + s[0], 1.0 + s[1])
+        if isinstance(scheme, cp.simulation.SoftStep):
+            return scene, replace(scheme, solref=solref), route
+        return scene, scheme, replace(route, solref=solref)
+    (contact,) = scene.contacts
+    moved = replace(contact, **{parameter: getattr(contact, parameter) + s[0]})
+    return cp.Scene(scene.robot, contacts=[moved]), scheme, route
+
+
+@pytest.mark.parametrize("parameter", ["friction", "restitution", "solref", "inertias"])
+@pytest.mark.parametrize("scheme", [*HARD, *CONVEX], ids=lambda s: type(s).__name__)
+@pytest.mark.parametrize("name", ROUTES)
+def test_every_route_by_every_parameter(name, scheme, parameter):
+    """Either those of differences of the route's own step, or refused with the reason."""
+    route = Randomised(12, 1e-5, seed=1) if name == "randomised" else ROUTES[name]()
+    convex = not isinstance(scheme, (cp.StewartTrinkle, cp.Moreau))
+    scene, q, v = rolling_ball(0.3 if isinstance(scheme, cp.Moreau) else 0.0)
+    now = cp.step(scene, q, v, dt=5e-3, integrator=scheme)
+    if convex and name == "eventlocated":
+        with pytest.raises(cp.InvalidArgument, match=r"EventLocated\(\).*convex"):
+            now.derivatives(route=route, wrt=[parameter])
+        return
+    has = {
+        "friction": True,
+        "restitution": name == "eventlocated"
+        or (isinstance(scheme, cp.Moreau) and name != "softened"),
+        "solref": isinstance(scheme, cp.simulation.SoftStep) or name == "softened",
+        "inertias": True,
+    }
+    if not has[parameter]:
+        why = "impacts have none" if parameter == "restitution" else "do not give way"
+        refused = rf"'{parameter}'.*{type(route).__name__}.*{why}"
+        with pytest.raises(cp.InvalidArgument, match=refused):
+            now.derivatives(route=route, wrt=[parameter])
+        return
+    by = now.derivatives(route=route, wrt=[parameter]).by(parameter)
+    if parameter == "restitution" and not scene.contacts[0].restitution:
+        # none is less, and located events are those of any scheme: of Moreau too
+        assert np.abs(by).max() > 1e-2
+        at_moreau = cp.step(scene, q, v, dt=5e-3, integrator=HARD[1]).derivatives(route=route)
+        assert (by == at_moreau.by(parameter)).all()
+        return
+    x = heavier(scene) if parameter == "inertias" else 0.1 * np.array([0.1, 1.0])[: by.shape[1]]
+
+    def end(s):
+        made, how, through = changed(scene, scheme, route, parameter, s * x)
+        after = cp.step(made, q, v, dt=5e-3, integrator=how)
+        if isinstance(through, (ActiveSet, Randomised)):
+            return after.q, after.v
+        d = after.derivatives(route=through)
+        return d.q, d.v
+
+    wanted = slope(scene.robot.model, end, 1e-4)
+    assert np.abs(wanted).max() > 1e-6
+    share = 1e-2 if name == "randomised" else 1e-6
+    assert np.abs(by @ x - wanted).max() < share * np.abs(wanted).max()
+
+
+def test_soft_steps_of_dry_friction_alone():
+    """Where no contact is near, and joints rub, on a loop: `Softened` has an answer too."""
+    bar = robot("four_bar")
+    rubs = [cp.constraints.JointFriction("crank", torque=0.2)]
+    scene = cp.Scene(bar, bar.loops, contacts=rubs)
+    q, v = scene.sample(np.random.default_rng(3))
+    assert max(misses(scene, q, v, np.ones(3), HARD[0], Softened(), (1e-5, 1e-4, 1e-3))) < 1e-7

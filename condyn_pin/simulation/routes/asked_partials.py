@@ -49,8 +49,10 @@ def _softer(steps: LinearSteps, posed: Posed, by: AskedBy, gaps: Array, start: S
     near, columns = posed.near, steps.columns
     J_c, blocks, lines = posed.J_c, near.blocks, len(near.gaps)
     # the row that each contact, and each row of dry friction, has its stiffness of
-    normals = np.arange(len(J_c))[near.normals]
-    of_row = np.where(blocks < lines, normals[np.minimum(blocks, lines - 1)], np.arange(len(J_c)))
+    of_row = np.arange(len(J_c))
+    if lines:
+        normals = of_row[near.normals]
+        of_row = np.where(blocks < lines, normals[np.minimum(blocks, lines - 1)], of_row)
     rows = np.unique(of_row)
     stiffer = np.zeros((len(J_c), start.at.shape[1]))
     y, l_b = posed.condensed.factors.solve(

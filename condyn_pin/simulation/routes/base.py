@@ -43,6 +43,12 @@ from condyn_pin.simulation.step_start import StepStart
 
 ROUTES: dict[str, type[Route]] = {}
 
+# Why a step may have no derivatives by a parameter.
+_WHY_NOT: Final = {
+    "restitution": "for its impacts have none: those of Moreau() do",
+    "solref": "for its contacts do not give way: those of SoftStep() and of Softened() do",
+}
+
 
 @dataclass(frozen=True)
 class Route(ABC):
@@ -142,8 +148,9 @@ def check_parameters(
     known = (*more, *route.parameters(scheme))
     for name in wrt:
         if name not in known:
-            some = name in PARAMETERS
-            why = f"a step by {route!r} has none by it" if some else "unknown"
+            why = "unknown"
+            if name in PARAMETERS:
+                why = f"a step by {route!r} has none by it, {_WHY_NOT[name]}"
             raise InvalidArgument(f"wrt: {name!r}: {why}; there are {', '.join(known) or 'none'}")
     return tuple(wrt)
 
