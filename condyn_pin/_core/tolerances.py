@@ -76,6 +76,10 @@ ENGINES: Final = 1e-6
 # ones met in robots are at 1e-3.
 RANK: Final = 1e-7
 
+# Rates of contact rows that constraints hold, and do not drive [m/s, rad/s]: rounding of s', which
+# is a few metres a second, and far below any slip that has a direction.
+NOT_DRIVEN: Final = 1e-12
+
 # Where a run of MINRES ends and the next begins: its residual in the norm of the preconditioner,
 # relative to the first. Half the digits of a double; below, the residual that is carried along
 # drifts from the real one. From 1e-4 to 1e-12 all runs together take about as many iterations.

@@ -150,15 +150,12 @@ def _along(factors: MinimumNorm, J_c: Array, path: Array | None) -> tuple[Array,
     if held.any():
         X[:, held] = 0.0
         if path is not None:
-            held &= np.abs(path.dot(blocked)) <= _MOVED
+            held &= np.abs(path.dot(blocked)) <= tolerances.NOT_DRIVEN
         blocked[:, held] = 0.0
     return X, blocked
 
 
 # What is left of a row that constraints hold is rounding: impulses of 1e29 N s would move it.
 _HELD: Final = tolerances.REFERENCE_RANK**2
-
-# Rates of held rows that are rounding [m/s, rad/s].
-_MOVED: Final = 1e-12
 
 _NOTHING: Final = np.zeros(0)
