@@ -105,6 +105,7 @@ class ContactSteps:
         stuck = posed.near.G.diagonal()[posed.chosen.normals] == 0.0
         if not stuck.any():
             return
+        pin.forwardKinematics(self._system.model, self._equations.data, q1)
         gaps = self._candidates.gaps(self._equations.data, q1)
         for place in np.flatnonzero(posed.chosen.near)[stuck]:
             if gaps[place] < min(-MISSED, posed.gaps[place]):
