@@ -49,8 +49,10 @@ from .outcome import RunStatus as RunStatus
 from .routes import ROUTES as ROUTES
 from .routes import Route as Route
 from .routes.active_set import ActiveSet as ActiveSet
+from .routes.batch_step_derivatives import BatchStepDerivatives as BatchStepDerivatives
 from .routes.event_located import EventLocated as EventLocated
 from .routes.kappa import Kappa as Kappa
+from .routes.many_steps import step_derivatives_batch as step_derivatives_batch
 from .routes.randomised import Randomised as Randomised
 from .routes.softened import Softened as Softened
 from .routes.step_derivatives import StepDerivatives as StepDerivatives

@@ -95,31 +95,35 @@ def step_batch(
     check_scene(scene)
     q, v, tau = check_states(scene.robot.model, Q, V, TAU)
     tau = np.broadcast_to(tau, v.shape).copy()
-    robot, candidates = scene.robot, candidates_of(scene)
     if len(q):  # choices that cannot be used are refused before the work
         contact_problem(scene, q[0], v[0], tau[0], dt=dt, integrator=integrator)
-    kinds = {
-        "q": Kind((robot.nq,)), "v": Kind((robot.nv,)), "lam": Kind((len(row_names(scene)),)),
-        "codes": Kind((len(candidates.names),), "i1"), "errors": Kind((len(ERRORS),)),
-        "statuses": Kind((), "i1"),
-    }  # fmt: skip
     about, recipe = (tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral)
     kernel, executor, chunk = workers(
-        executor, SteppedRows(*about), _Steps(*about),
+        executor, SteppedRows(*about), StepKernel(*about),
         reasons=untaken_steps(scene, integrator), untaken=lambda: untaken(recipe.workspace()),
         chunk=chunk, most=_STEPS,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 500, progress)
     inputs = {"q0": q, "v0": v, "tau0": tau}
-    made = partial(_batch, scene, float(dt), integrator, inputs, begun)
-    return rows.fill(len(q), inputs, kinds, made)
+    made = partial(batch_of_steps, scene, float(dt), integrator, inputs, begun)
+    return rows.fill(len(q), inputs, kinds_of_steps(scene), made)
 
 
-def _batch(
+def kinds_of_steps(scene: Scene) -> dict[str, Kind]:
+    """Return what a row of each output is."""
+    robot, contacts = scene.robot, len(candidates_of(scene).names)
+    return {
+        "q": Kind((robot.nq,)), "v": Kind((robot.nv,)), "lam": Kind((len(row_names(scene)),)),
+        "codes": Kind((contacts,), "i1"), "errors": Kind((len(ERRORS),)),
+        "statuses": Kind((), "i1"),
+    }  # fmt: skip
+
+
+def batch_of_steps(
     scene: Scene, dt: float, integrator: ContactScheme, inputs: Arrays, begun: float,
     outputs: Arrays,
 ) -> BatchStep:  # fmt: skip
-    """Return the outputs as a value."""
+    """Return inputs and outputs as a value."""
     read_only(tuple(inputs.values()))
     arrays = {name: (inputs | outputs)[name] for name in ROWS}
     seconds = perf_counter() - begun
@@ -131,7 +135,7 @@ _last = threading.local()
 
 
 @dataclass(frozen=True)
-class _Steps:
+class StepKernel:
     """The kernel: some rows of states in, their steps out; workspaces know no contacts."""
 
     contacts: tuple[Contact, ...]
@@ -140,22 +144,29 @@ class _Steps:
 
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
         """Take the steps; return why there are none of some states."""
-        scene, words = self._scene(workspace), {}
-        for i, (q, v) in enumerate(zip(inputs["q0"], inputs["v0"], strict=True)):
-            try:
-                now = step(
-                    scene, q, v, inputs["tau0"][i], dt=self.dt, integrator=self.integrator,
-                    throw=False,
-                )  # fmt: skip
-            except CondynError as error:
-                words[i] = str(error)
-                _put_nothing(outputs, i)
-            else:
-                _put(outputs, i, now)
+        words = {}
+        for i in range(len(inputs["q0"])):
+            taken = self.take(workspace, inputs, outputs, i)
+            if isinstance(taken, CondynError):
+                words[i] = str(taken)
         return words
 
+    def take(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, i: int
+    ) -> StepSolution | CondynError:
+        """Return the step of row i, or why there is none; both are in the outputs."""
+        state = (inputs[name][i] for name in ("q0", "v0", "tau0"))
+        by = self.integrator
+        try:
+            now = step(self._scene(workspace), *state, dt=self.dt, integrator=by, throw=False)
+        except CondynError as error:
+            _put_nothing(outputs, i)
+            return error
+        _put(outputs, i, now)
+        return now
+
     def _scene(self, workspace: Workspace) -> Scene:
-        known: tuple[Workspace, _Steps, Scene] | None = getattr(_last, "scene", None)
+        known: tuple[Workspace, StepKernel, Scene] | None = getattr(_last, "scene", None)
         if known is None or known[0] is not workspace or known[1] != self:
             scene = replace(workspace.scene, contacts=self.contacts)
             _last.scene = known = workspace, self, scene

@@ -1,7 +1,8 @@
 """Routes to the derivatives of a step with contacts: one file a route.
 
-Nouns: `Route`, a way over kinks and jumps; `StepDerivatives`, what it finds. Verb:
-`trajectory_derivatives`, through all steps of a motion.
+Nouns: `Route`, a way over kinks and jumps; `StepDerivatives`, what it finds, and
+`BatchStepDerivatives`, at many states. Verbs: `step_derivatives_batch`; `trajectory_derivatives`,
+through all steps of a motion.
 """
 
 from condyn_pin.simulation.routes.active_set import ActiveSet

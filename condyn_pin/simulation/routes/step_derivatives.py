@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING
@@ -18,6 +19,7 @@ from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.law import Law
 
 if TYPE_CHECKING:
+    from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
     from condyn_pin.simulation.routes.base import Route
     from condyn_pin.simulation.routes.linear_steps import Ended, LinearSteps
 
@@ -172,12 +174,16 @@ def made(
     matrices: tuple[Array, Array], modes: dict[str, str], margin: float,
 ) -> StepDerivatives:  # fmt: skip
     """Return the derivatives with these `matrices`, of a step that ends in this `state`."""
-    candidates, known = steps.system.contacts, route.parameters(steps.scheme)
-    left_out = set(route.on_request) - set(steps.wrt)
-    parameters = tuple(name for name in known if name not in left_out)
+    candidates, parameters = steps.system.contacts, found_parameters(route, steps.scheme, steps.wrt)
     q, v, dq, dv = read_only((*state, *matrices))
     names = candidates.names[: candidates.cones]
     return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters)
+
+
+def found_parameters(route: Route, scheme: ContactScheme, wrt: Sequence[str]) -> tuple[str, ...]:
+    """Return what there are derivatives by, beside q, v and tau, where `wrt` is asked for."""
+    left_out = set(route.on_request) - set(wrt)
+    return tuple(name for name in route.parameters(scheme) if name not in left_out)
 
 
 def modes_of(steps: LinearSteps, ended: Ended) -> dict[str, str]:
