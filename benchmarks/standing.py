@@ -59,7 +59,11 @@ ROBOTS: dict[str, tuple[str, Cone, float]] = {
     "cassie": ("pelvis", FrictionCone(0.65, sides=8), 5e-4),
     "talos": ("base_link", WrenchCone(0.5), 1e-3),
 }
-SHARES = (0.5, 0.9, 1.25)
+SHARES = {
+    "solo12": (0.5, 0.9, 1.25),
+    "cassie": (0.5, 0.9, 0.95, 1.25),
+    "talos": (0.5, 0.9, 0.98, 1.25),
+}
 PERIOD, EVERY, FIRST, LASTS, FRICTION = 1e-3, 2.0, 1.0, 0.05, 0.7  # [s], ..., [1]
 GRAVITY = 9.81  # [m/s^2]
 # Over omega: of the capture point, and of feet that a push takes off and that are drawn back to
@@ -283,7 +287,7 @@ def main() -> None:
         rows = []
         for name in ROBOTS if asked.only is None else (asked.only,):
             robot = Stand(name)
-            for share in SHARES:
+            for share in SHARES[name]:
                 rows.append(Row(name, share))
                 for seed in range(asked.runs):
                     stand(rows[-1], robot, asked.duration, seed)
