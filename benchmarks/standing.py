@@ -53,22 +53,21 @@ from condyn_pin.control import (
 from condyn_pin.mechanism import anchored, put_down
 
 RESULTS = Path(__file__).resolve().parent / "results" / "standing.json"
-# base, cone of the controller within that of the floor, step [s]
-ROBOTS: dict[str, tuple[str, Cone, float]] = {
-    "solo12": ("base_link", FrictionCone(0.69, sides=8), 1e-3),
-    "cassie": ("pelvis", FrictionCone(0.65, sides=8), 5e-4),
-    "talos": ("base_link", WrenchCone(0.5), 1e-3),
+# base, cone of the controller within that of the floor, step [s], and how many times omega the
+# capture point decays with: slow beside springs between motors and feet, 200 / s on Cassie
+ROBOTS: dict[str, tuple[str, Cone, float, float]] = {
+    "solo12": ("base_link", FrictionCone(0.69, sides=16), 1e-3, 4.0),
+    "cassie": ("pelvis", FrictionCone(0.65, sides=8), 5e-4, 2.0),
+    "talos": ("base_link", WrenchCone(0.5), 1e-3, 2.0),
 }
 SHARES = {
-    "solo12": (0.5, 0.9, 1.25),
+    "solo12": (0.5, 0.9, 0.95, 1.25),
     "cassie": (0.5, 0.9, 0.95, 1.25),
     "talos": (0.5, 0.9, 0.98, 1.25),
 }
 PERIOD, EVERY, FIRST, LASTS, FRICTION = 1e-3, 2.0, 1.0, 0.05, 0.7  # [s], ..., [1]
 GRAVITY = 9.81  # [m/s^2]
-# Over omega: of the capture point, and of feet that a push takes off and that are drawn back to
-# where they stood. Both are slow beside springs between motors and feet, 200 / s on Cassie.
-FIRMNESS, FEET = 2.0, 3.0
+FEET = 3.0  # over omega: feet that a push takes off are drawn back to where they stood
 FALLEN = 0.6  # of the height of the base
 # What motors give here, by what the names of joints end in, where the files have no limit, or
 # 1000: about as much as those of the machines [N m]. Without a limit what falls is flung about.
@@ -107,7 +106,7 @@ class Stand:
     """A robot on the floor, its controller, and where it belongs."""
 
     def __init__(self, name: str) -> None:
-        base, cone, self.dt = ROBOTS[name]
+        base, cone, self.dt, k = ROBOTS[name]
         made = robot_of(name)
         closed = cp.Scene(made, [*made.loops, *made.contacts])
         self.floor = cp.Scene(made, made.loops, contacts=made.frictional_contacts(FRICTION))
@@ -120,7 +119,7 @@ class Stand:
         self.middle = np.array([*self.corners.mean(axis=0), now.com[2]])
         self.mass, self.height = made.mass, float(now.com[2])
         self.lever = float(self.q[2]) / self.height  # the base is the floating body
-        omega, k = float(np.sqrt(GRAVITY / self.height)), FIRMNESS
+        omega = float(np.sqrt(GRAVITY / self.height))
         firm = {"kp": k * omega**2, "kd": (k + 1) * omega}  # xi decays with k omega
         tasks = [
             CenterOfMass(reference=self.middle, **firm, weight=100),
