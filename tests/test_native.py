@@ -55,6 +55,7 @@ TAKEN = (
     "talos contacts", "talos corners", "cassie loops", "cassie loops + contacts",
     "solo12 contacts", "solo12 alone", "four_bar loops", "four_bar backwards", "four_bar hinge",
     "talos foot to foot, welded", "talos hands to the world and together", "talos foot held twice",
+    "talos hands hinged", "cassie on lines",
 )  # fmt: skip
 
 
@@ -534,6 +535,18 @@ def test_motions_of_rods_and_of_what_rolls(label, steps, drift):
 @pytest.mark.parametrize("label", ["talos on edges and planes", "talos arms geared"])
 def test_motions_of_edges_and_planes_that_are_anchored_where_they_begin(label, drift):
     assert_moved_like_python(*starts(label), "semi-implicit", drift)
+
+
+def test_points_nearly_one_are_anchored_where_a_motion_begins():
+    """Pinocchio has them further apart; no motion tells their forces along that line."""
+    talos = cp.load_robot("talos")
+    toes = [cp.PointContact("left_sole_link", (x, 0, 0), name=f"{x}") for x in (0.1, 0.1001)]
+    scene, rng = cp.Scene(talos, toes), np.random.default_rng(2)
+    q, v = (np.array(x) for x in zip(*(scene.sample(rng) for _ in range(4)), strict=True))
+    how = {"duration": 0.02, "dt": 2e-4, "drift": DRIFTS["Baumgarte"]}
+    wanted = cp.simulate_batch(scene, q, 0.3 * v, **how)
+    found = cp.simulate_batch(scene, q, 0.3 * v, **how, executor=cp.Native(threads=2))
+    assert_moved_alike(found, wanted, bits=False)
 
 
 def test_motions_of_redundant_rows_of_every_kind():

@@ -73,13 +73,6 @@ def untaken_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
         return
     for name in found.approximated:
         yield f"constraint {name!r} stands for two points, which steps leave a little open"
-    moved = len(found.constraints) != len(workspace.bounds) or any(
-        c.placement1 != b.placement1  # type: ignore[attr-defined]
-        for c, b in zip(found.constraints, workspace.bounds, strict=True)
-    )
-    for bound in workspace.bounds:
-        if moved and not bound.anchored:
-            yield f"constraint {bound.name!r} has no anchor, and is taken together with others"
     if isinstance(drift, PostStabilization) and not (
         drift.metric == "mass" and uses_the_solver(workspace, solver)
     ):

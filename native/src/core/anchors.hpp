@@ -27,8 +27,12 @@ inline void anchor(Scene & scene, const Data & data)
     if (c.kind == Kind::held && !c.is_point() && c.size < 6)
       c.kind = Kind::cut; // an edge: off its anchor the world enters its rows
     c.anchored = true;
-    if (scene.method == Method::proximal)
-      scene.plain_specs[i].anchored = true;
+  }
+  for (int i : scene.unanchored_plain)
+  {
+    PlainSpec & c = scene.plain_specs[i];
+    c.placement2 = data.oMi[c.joint1] * c.placement1;
+    c.anchored = true;
   }
 }
 } // namespace condyn

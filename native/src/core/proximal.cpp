@@ -61,9 +61,9 @@ VectorXd Proximal::scene_forces() const
 /// Gives contacts that were anchored their place.
 void Proximal::begin(int)
 {
-  for (int i : scene.unanchored)
+  for (int i : scene.unanchored_plain)
   {
-    constraints[i].joint2_placement = scene.constraints[i].placement2;
+    constraints[i].joint2_placement = scene.plain_specs[i].placement2;
     constraints[i].m_baumgarte_parameters.Kp = scene.kp;
   }
 }

@@ -64,6 +64,7 @@ struct Scene
   std::vector<Rigid> plain; // the same as Pinocchio takes them
   std::vector<PlainSpec> plain_specs;
   std::vector<int> unanchored; // constraints that a motion anchors where it begins
+  std::vector<int> unanchored_plain; // what `plain` has in their place: an edge is two points
   MatrixXd to_scene; // lam of the scene from that of `plain`; empty where they are the same
   int rows = 0, plain_rows = 0;
   double kp = 0, kd = 0; // a_ref = -kd J v - kp c
