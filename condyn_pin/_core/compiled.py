@@ -14,7 +14,7 @@ from typing import Any, Final
 from condyn_pin.errors import MissingExtra
 
 # Of the arrays that are handed over; a core of another one was built from another version.
-PROTOCOL: Final = 3
+PROTOCOL: Final = 4
 
 BUILD: Final = "pip install ./native, in a checkout of condyn_pin, builds it in some minutes"
 

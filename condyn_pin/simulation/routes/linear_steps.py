@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
@@ -23,6 +23,7 @@ from scipy.linalg.lapack import dtrtrs
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.partials.contacts import ContactTurning
+from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.derivatives.carried import slope
 from condyn_pin.dynamics.derivatives.linearised import Linearisation, Linearised
@@ -45,6 +46,16 @@ from condyn_pin.simulation.routes.starts import Start, Starts
 from condyn_pin.simulation.system import System
 
 
+def falls(model: Any, dt: float) -> float:
+    """Return g dt, with 9.81 m/s^2 where there is no gravity [m/s]."""
+    return (float(np.linalg.norm(model.gravity.linear)) or 9.81) * dt
+
+
+def rows_with_a_place(bounds: Sequence[AnyBound]) -> list[int]:
+    """Return the rows that have a position error."""
+    return [row for bound in bounds for row in bound.positioned]
+
+
 class Ended(NamedTuple):
     """The end of a step, and how it changes with all `Columns`."""
 
@@ -64,7 +75,7 @@ class LinearSteps:
     Not to be shared between threads.
     """
 
-    falls: float  # g dt, with 9.81 m/s^2 where there is no gravity [m/s]
+    falls: float  # [m/s]
     size: float  # (m g dt) (g dt) [J]
 
     def __init__(
@@ -77,7 +88,7 @@ class LinearSteps:
         model = self.system.model
         self.floating, self.paths = self.steps.floating, self.steps.paths
         self.partials = FloatingPartials(model)
-        self.falls = (float(np.linalg.norm(model.gravity.linear)) or 9.81) * dt
+        self.falls = falls(model, dt)
         self.size = sum(inertia.mass for inertia in list(model.inertias)) * self.falls**2
         self.turning = ContactTurning(model, scene.contact_bounds)
         self.asked = scheme, dt, self.wrt
@@ -86,7 +97,7 @@ class LinearSteps:
         self.columns = Columns(scene.robot.nv, self.system.contacts.cones, weighed)
         self.share = 0.5 * dt if scheme.at_midpoint else dt  # from `at` to the end [s]
         bounds = self.system.equations.bounds
-        self.placed = np.array([row for b in bounds for row in b.positioned], dtype=np.int_)
+        self.placed = np.array(rows_with_a_place(bounds), dtype=np.int_)
         self._starts = Starts(self.system, scheme, dt, self.partials, self.columns)
 
     @property

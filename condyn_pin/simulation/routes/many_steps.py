@@ -18,10 +18,12 @@ from condyn_pin._core.parallel.native import Native
 from condyn_pin._core.parallel.rows import Rows
 from condyn_pin._core.parallel.transports import Messages
 from condyn_pin.contact.modes import MODES
-from condyn_pin.dynamics.compiled.core import refuse
+from condyn_pin.dynamics.compiled.arrays import untaken
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument
+from condyn_pin.simulation.batch.compiled import workers
+from condyn_pin.simulation.batch.compiled_steps import untaken_steps
 from condyn_pin.simulation.batch.inputs import check_states
 from condyn_pin.simulation.batch.recipe import Recipe
 from condyn_pin.simulation.batch.steps import StepKernel, batch_of_steps, kinds_of_steps
@@ -32,11 +34,15 @@ from condyn_pin.simulation.routes.active_set import ActiveSet
 from condyn_pin.simulation.routes.base import Route, check_parameters
 from condyn_pin.simulation.routes.batch_step_derivatives import BatchStepDerivatives
 from condyn_pin.simulation.routes.columns import Columns
+from condyn_pin.simulation.routes.compiled_steps import DifferentiatedRows, untaken_route
 from condyn_pin.simulation.routes.step_derivatives import found_parameters
 from condyn_pin.simulation.step import contact_problem
 
 _DEFAULT: Final = StewartTrinkle()
 _ACTIVE_SET: Final = ActiveSet()
+
+# Steps a thread of the compiled core that it is handed at a time.
+_STEPS: Final = 500
 
 
 def step_derivatives_batch(
@@ -67,16 +73,15 @@ def step_derivatives_batch(
     wrt : sequence of {"friction", "restitution", "solref", "inertias"}
         As in `StepSolution.derivatives`.
     executor, progress
-        As in `solve_batch`. The compiled core does not differentiate steps: it refuses them, or
-        leaves them to Python, as its ``where_possible`` says.
+        As in `solve_batch`. The compiled core takes steps of `StewartTrinkle` by `ActiveSet`.
     chunk : int, optional
         As in `solve_batch`, but 100 states at most.
 
     Returns
     -------
     BatchStepDerivatives
-        To the bit what ``step(...).derivatives(...)`` returns, whoever did the work. Its matrices
-        take 48 nv^2 bytes a state and more: 70 kB for Talos.
+        To the bit what ``step(...).derivatives(...)`` returns; by the compiled core to rounding.
+        Its matrices take 48 nv^2 bytes a state and more: 70 kB for Talos.
 
     Raises
     ------
@@ -100,8 +105,12 @@ def step_derivatives_batch(
         contact_problem(scene, q[0], v[0], tau[0], dt=dt, integrator=integrator)
     names = check_parameters(route, integrator, wrt)
     about, recipe = (tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral)
-    kernel = DerivativesKernel(StepKernel(*about), route, names)
-    rows = Rows(kernel, recipe, by_python(executor), chunk, 100, progress)
+    reasons = (*untaken_steps(scene, integrator), *untaken_route(route, names))
+    kernel, executor, chunk = workers(
+        executor, DifferentiatedRows(*about), DerivativesKernel(StepKernel(*about), route, names),
+        reasons=reasons, untaken=lambda: untaken(recipe.workspace()), chunk=chunk, most=_STEPS,
+    )  # fmt: skip
+    rows = Rows(kernel, recipe, executor, chunk, 100, progress)
     inputs = {"q0": q, "v0": v, "tau0": tau}
 
     def made(outputs: Arrays) -> BatchStepDerivatives:
@@ -114,15 +123,6 @@ def step_derivatives_batch(
         )  # fmt: skip
 
     return rows.fill(len(q), inputs, kinds_of(scene, names), made)
-
-
-def by_python(executor: Executor | Native | None) -> Executor | None:
-    """Return whose workers do the work; UnsupportedBackend where the core should."""
-    if not isinstance(executor, Native):
-        return executor
-    if not executor.where_possible:
-        refuse(["derivatives of steps: it has steps and motions alone"])
-    return executor.executor
 
 
 def kinds_of(scene: Scene, wrt: Sequence[str]) -> dict[str, Kind]:

@@ -38,11 +38,12 @@ public:
     V = factor_.householderQ().setLength(rank) * MatrixXd::Identity(whitened.rows(), rank);
   }
 
-  /// h (rank,) with V h the least velocity L^T v for which J_b v = s.
-  VectorXd held(const VectorXd & s) const
+  /// h with V h the least velocity L^T v for which J_b v = s; of one s (rows,) or of columns of them.
+  template<typename Columns>
+  typename Columns::PlainObject held(const Eigen::MatrixBase<Columns> & s) const
   {
-    const VectorXd turned = Z_ * (factor_.colsPermutation().transpose() * s);
-    return T_.transpose().triangularView<Eigen::Lower>().solve(turned.head(rank));
+    const typename Columns::PlainObject turned = Z_ * (factor_.colsPermutation().transpose() * s);
+    return T_.transpose().triangularView<Eigen::Lower>().solve(turned.topRows(rank));
   }
 
   /// The smallest l with L^-1 J_b^T l = V h.

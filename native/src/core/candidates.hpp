@@ -62,7 +62,7 @@ public:
   std::vector<Stop> stops;
   std::vector<Dry> dry;
 
-private:
+  /// Where a point touches, from placements.
   struct Place
   {
     Matrix3d E; // t1, t2, n in the world
@@ -71,6 +71,7 @@ private:
   };
   static Place place(const ContactPoint & touch, const Data & data);
 
+private:
   std::vector<std::vector<std::pair<int, double>>> moves_; // of each touch: columns that move it, or its ground
 };
 } // namespace condyn

@@ -46,6 +46,7 @@ public:
   const Candidates & candidates;
 
 private:
+  friend class StepDerivatives; // of the step as it was posed and answered
   void pose();
   void pose_along(const VectorXd & u);
   bool solve();

@@ -1,6 +1,7 @@
 #include "contacts.hpp"
 #include "threads.hpp"
 #include <cmath>
+#include <nanobind/stl/vector.h>
 
 namespace condyn
 {
@@ -70,28 +71,76 @@ void Contacts::prepare(int threads)
     workers_.push_back(std::make_unique<ContactSteps>(scene_, candidates_, rank_));
 }
 
-void Contacts::step(const States & states, const StepPlan & plan, const Steps & steps, int threads)
+void Contacts::check(const States & states, const Steps & steps) const
 {
   check(states.q, states.v, states.tau);
   const std::size_t n = states.q.shape(0), rows = scene_.rows + candidates_.rows();
   const auto fits = [&](const auto & x, std::size_t width) { return x.shape(0) == n && x.shape(1) == width; };
   want(fits(steps.q, scene_.model.nq) && fits(steps.v, scene_.model.nv) && fits(steps.lam, rows), "q, v or lam");
   want(fits(steps.errors, 8) && fits(steps.modes, candidates_.count()) && steps.done.size() == n, "errors or modes");
+}
+
+/// Takes the step of a row, and says whether that was one.
+bool Contacts::step(
+  ContactSteps & own, std::size_t i, const States & states, const StepPlan & plan, const Steps & steps) const
+{
+  own.begin(plan, row(states.tau, i));
+  if (!own.attempt(row(states.q, i), row(states.v, i)))
+    return false;
+  row(steps.q, i) = own.q, row(steps.v, i) = own.v, row(steps.lam, i) = own.impulses();
+  Eigen::Map<Eigen::VectorXi>(steps.modes.data() + i * steps.modes.shape(1), candidates_.count()) = own.modes();
+  own.errors(row(steps.errors, i).data());
+  return row(steps.errors, i).allFinite();
+}
+
+void Contacts::step(const States & states, const StepPlan & plan, const Steps & steps, int threads)
+{
+  check(states, steps);
   prepare(threads);
   std::atomic<bool> stop{false};
   nb::gil_scoped_release released;
-  share(n, threads, stop, [&](int worker, std::size_t i) {
-    ContactSteps & own = *workers_[worker];
+  share(states.q.shape(0), threads, stop, [&](int worker, std::size_t i) {
     steps.done.data()[i] = 0;
     try
     {
-      own.begin(plan, row(states.tau, i));
-      if (!own.attempt(row(states.q, i), row(states.v, i)))
+      steps.done.data()[i] = step(*workers_[worker], i, states, plan, steps);
+    }
+    catch (...) // left to Python, which says why
+    {
+    }
+  });
+}
+
+void Contacts::differentiate(
+  const States & states, const StepPlan & plan, const Readings & readings, const Steps & steps,
+  const Slopes & slopes, int threads)
+{
+  check(states, steps);
+  const std::size_t n = states.q.shape(0), nv = scene_.model.nv, columns = slopes.dq.shape(2);
+  const std::size_t filled = 3 * nv + candidates_.cones();
+  for (const auto * x : {&slopes.dq, &slopes.dv})
+    want(x->shape(0) == n && x->shape(1) == nv && x->shape(2) == columns && columns >= filled, "dq or dv");
+  want(slopes.margins.size() == n && slopes.modes.shape(0) == n
+         && slopes.modes.shape(1) == std::size_t(candidates_.count()), "margins or modes");
+  for (int each : readings.placed)
+    want(0 <= each && each < scene_.rows, "rows with a place");
+  prepare(threads);
+  while (derivatives_.size() < workers_.size())
+    derivatives_.push_back(std::make_unique<StepDerivatives>(*workers_[derivatives_.size()]));
+  std::atomic<bool> stop{false};
+  nb::gil_scoped_release released;
+  share(n, threads, stop, [&](int worker, std::size_t i) {
+    steps.done.data()[i] = 0;
+    try
+    {
+      StepDerivatives & of = *derivatives_[worker];
+      if (!step(*workers_[worker], i, states, plan, steps) || !of(readings))
         return;
-      row(steps.q, i) = own.q, row(steps.v, i) = own.v, row(steps.lam, i) = own.impulses();
-      Eigen::Map<Eigen::VectorXi>(steps.modes.data() + i * steps.modes.shape(1), candidates_.count()) = own.modes();
-      own.errors(row(steps.errors, i).data());
-      steps.done.data()[i] = row(steps.errors, i).allFinite();
+      for (const auto & [to, from] : {std::pair(&slopes.dq, &of.dq), std::pair(&slopes.dv, &of.dv)})
+        Eigen::Map<RowMajor>(to->data() + i * nv * columns, nv, columns).leftCols(filled) = *from;
+      slopes.margins.data()[i] = of.margin;
+      Eigen::Map<Eigen::VectorXi>(slopes.modes.data() + i * slopes.modes.shape(1), of.modes.size()) = of.modes;
+      steps.done.data()[i] = 1;
     }
     catch (...) // left to Python, which says why
     {
@@ -160,6 +209,18 @@ void add_contacts(nb::module_ & m)
       },
       "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "plan"_a, "q"_a, "v"_a, "lam"_a, "errors"_a, "modes"_a, "done"_a,
       "threads"_a)
+    .def(
+      "differentiate",
+      [](Contacts & contacts, const Table & Q, const Table & V, const Table & TAU, const List & plan, double polished,
+         double falls, const std::vector<int> & placed, const Array<double, 2> & q, const Array<double, 2> & v,
+         const Array<double, 2> & lam, const Array<double, 2> & errors, const Array<int, 2> & modes,
+         const Array<int, 1> & done, const Array<double, 3> & dq, const Array<double, 3> & dv,
+         const Array<double, 1> & margins, const Array<int, 2> & read_modes, int threads) {
+        contacts.differentiate({Q, V, TAU}, step_plan(plan), {polished, falls, placed}, {q, v, lam, errors, modes, done},
+                               {dq, dv, margins, read_modes}, threads);
+      },
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "plan"_a, "polished"_a, "falls"_a, "placed"_a, "q"_a, "v"_a, "lam"_a,
+      "errors"_a, "modes"_a, "done"_a, "dq"_a, "dv"_a, "margins"_a, "read_modes"_a, "threads"_a)
     .def(
       "simulate",
       [](Contacts & contacts, const Array<int, 1> & step, const Array<double, 2> & Q, const Array<double, 2> & V,

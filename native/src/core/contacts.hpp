@@ -2,6 +2,7 @@
 #pragma once
 #include "contact_motion.hpp"
 #include "core.hpp"
+#include "step_derivatives.hpp"
 
 namespace condyn
 {
@@ -11,6 +12,14 @@ struct Steps
   Array<double, 2> q, v, lam, errors; // lam: impulses of constraints, then of all candidates
   Array<int, 2> modes;
   Array<int, 1> done; // 1, or 0 for a step that is left to Python
+};
+
+/// Derivatives of steps, a row each, by q, v, tau and the friction of all cones; columns behind them stay.
+struct Slopes
+{
+  Array<double, 3> dq, dv;
+  Array<double, 1> margins;
+  Array<int, 2> modes; // as derivatives read them
 };
 
 /// Motions on their way, a row each: steps taken, or -1 for what is not to go on; the state, and the
@@ -31,6 +40,10 @@ public:
   Contacts(const Contacts &) = delete; // its workers hold references to its candidates
 
   void step(const States & states, const StepPlan & plan, const Steps & steps, int threads);
+  /// The same with derivatives; a step without them is left to Python.
+  void differentiate(
+    const States & states, const StepPlan & plan, const Readings & readings, const Steps & steps,
+    const Slopes & slopes, int threads);
   /// Takes motions that are not done as far as it can.
   void simulate(
     const Ways & ways, const Table & tau, const StepPlan & plan, const MotionEnds & ends,
@@ -38,6 +51,8 @@ public:
 
 private:
   void prepare(int threads);
+  void check(const States & states, const Steps & steps) const;
+  bool step(ContactSteps & own, std::size_t i, const States & states, const StepPlan & plan, const Steps & steps) const;
   template<typename Rows>
   void check(const Rows & q, const Rows & v, const Table & tau) const;
 
@@ -45,6 +60,7 @@ private:
   Candidates candidates_;
   int rank_;
   std::vector<std::unique_ptr<ContactSteps>> workers_;
+  std::vector<std::unique_ptr<StepDerivatives>> derivatives_; // of the workers
 };
 
 /// The plan of a list of numbers, in the order of its fields.

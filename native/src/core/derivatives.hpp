@@ -5,10 +5,8 @@
 // Where rows are redundant dlam is that of the smallest lam: with N the left null space of J and
 // lam = J w, w the smallest in the metric of M, N^T dlam = N^T (dJ w).
 #pragma once
-#include "jacobian.hpp"
-#include "loads.hpp"
+#include "linearisation.hpp"
 #include "minimum_norm.hpp"
-#include "partials.hpp"
 
 namespace condyn
 {
@@ -24,19 +22,10 @@ public:
     const Data & placed, double * const out[6]);
 
 private:
-  void linearise(
-    const VectorXd & q, const VectorXd & v, const VectorXd & a, const VectorXd & lam, const Loads & loads,
-    const Data & placed);
-  void turn(const Push & push, const Vector6d & wrench);
-  void write(std::size_t i, const VectorXd & lam);
   MatrixXd along_redundant_rows(const VectorXd & q, const VectorXd & lam);
-  MatrixXd turning(const VectorXd & q, const VectorXd & w);
 
   const Scene & scene_;
-  Data data_;
-  Forces on_joint_;
-  std::vector<Moved> moved_; // of each constraint
+  Linearisation linearisation_;
   MinimumNorm factors_;
-  MatrixXd rhs_, J_; // r above s, by q, v and tau
 };
 } // namespace condyn

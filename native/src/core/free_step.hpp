@@ -31,6 +31,9 @@ public:
   /// v from L^T v, in place.
   void unwhiten(VectorXd & v) const { L_.transpose().triangularView<Eigen::Upper>().solveInPlace(v); }
 
+  /// L of M + dt D + dt^2 K.
+  const MatrixXd & factor() const { return L_; }
+
   VectorXd q, v; // where it begins
   VectorXd mean, turning; // the velocity of h, and the acceleration that is only turning
   MatrixXd M; // without what springs and damping add

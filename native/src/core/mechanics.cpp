@@ -37,4 +37,19 @@ void Mechanics::integrate(const VectorXd & q, const VectorXd & along, VectorXd &
 {
   pinocchio::integrate(model, q, along, moved);
 }
+
+VectorXd Mechanics::difference(const VectorXd & q0, const VectorXd & q1)
+{
+  VectorXd along(model.nv);
+  pinocchio::difference(model, q0, q1, along);
+  return along;
+}
+
+void Mechanics::integrate_partials(
+  const VectorXd & q, const VectorXd & along, MatrixXd & by_start, MatrixXd & by_move)
+{
+  by_start.setZero(model.nv, model.nv), by_move.setZero(model.nv, model.nv);
+  pinocchio::dIntegrate(model, q, along, by_start, pinocchio::ARG0);
+  pinocchio::dIntegrate(model, q, along, by_move, pinocchio::ARG1);
+}
 } // namespace condyn

@@ -23,6 +23,10 @@ public:
   /// M a + h - sum J^T f, f in the axes of each joint.
   const VectorXd & inverse_dynamics(const VectorXd & q, const VectorXd & v, const VectorXd & a, const Forces & f);
   void integrate(const VectorXd & q, const VectorXd & along, VectorXd & moved);
+  /// The move from q0 to q1.
+  VectorXd difference(const VectorXd & q0, const VectorXd & q1);
+  /// The end of a move by its start, and by the move (nv, nv).
+  void integrate_partials(const VectorXd & q, const VectorXd & along, MatrixXd & by_start, MatrixXd & by_move);
 
   const Model & model;
   Data data;

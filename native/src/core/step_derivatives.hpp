@@ -1,0 +1,71 @@
+// How the end of a step with contacts changes with its start, each contact in its mode (`ContactLaw`):
+//
+//   M dv+ - J_b^T dl_b - J_c^T dlam = df,    J_b dv+ = ds,    dsigma = G dlam + J_c dv_0 + e
+//   dlam = R dsigma_0 + R_mu dmu
+//
+// df, ds and e are what the balance of momentum, the constraints and the contacts leave by q and v at fixed v+
+// and impulses (`Linearisation`, `ContactTurning`). With W = L^-1, V what constraints block and X = (1 - V V^T) W J_c^T,
+//
+//   dv+ = P df + W^T X R e + W^T (V + X R (V^T W J_c^T)^T) h(ds) + W^T X R_mu dmu
+//   P = W^T (1 - V V^T + X R X^T) W = dv+/dp,    V h(ds) the least velocity with J_b v = ds
+//
+// `condyn_pin/simulation/routes/linear_steps.py` derives each.
+#pragma once
+#include "contact_law.hpp"
+#include "contact_steps.hpp"
+#include "contact_turning.hpp"
+#include "linearisation.hpp"
+#include "moved_partials.hpp"
+
+namespace condyn
+{
+/// What modes and margins are read by, as Python says it.
+struct Readings
+{
+  double polished; // natural residual from which modes are read
+  double falls; // g dt [m/s]
+  std::vector<int> placed; // rows of constraints that have a position error
+};
+
+class StepDerivatives
+{
+public:
+  /// Of steps that stay where they are.
+  explicit StepDerivatives(ContactSteps & steps);
+  StepDerivatives(const StepDerivatives &) = delete;
+
+  /// Of the step that was taken last; false where it is left to Python.
+  bool operator()(const Readings & readings);
+
+  MatrixXd dq, dv; // q+ and v+ by q, v, tau and the friction of all cones (nv, 3 nv + cones), tangent
+  double margin; // how far the nearest contact is from another mode, relative to the velocities
+  Eigen::VectorXi modes; // of all candidates
+
+private:
+  void linearise(const VectorXd & mean, const VectorXd & v1, const VectorXd & l_b);
+  MatrixXd balance(const VectorXd & mean) const;
+  MatrixXd slip(const VectorXd & v1);
+  MatrixXd asked();
+  MatrixXd whitened(const MatrixXd & f) const { return W_.triangularView<Eigen::Lower>() * f; }
+  MatrixXd unwhitened(const MatrixXd & x) const { return W_.transpose().triangularView<Eigen::Upper>() * x; }
+  MatrixXd solved(const MatrixXd & f, const MatrixXd & s) const;
+  bool touched();
+  void untouched();
+  void move();
+  bool close(const Readings & readings);
+  void read_margin(double falls);
+
+  ContactSteps & steps_;
+  const Scene & scene_;
+  Scene weightless_;
+  Mechanics mechanics_;
+  Linearisation linearisation_, of_moves_;
+  MovedPartials moved_partials_;
+  ContactTurning turning_;
+  ContactLaw law_;
+  Loads no_loads_;
+  std::vector<Moved> moved_; // of each constraint
+  MatrixXd W_; // L^-1
+  MatrixXd before_, after_; // J_c v and J_c v+ of cones, by q
+};
+} // namespace condyn
