@@ -226,8 +226,12 @@ def _allowed(gap: float) -> float:
 
 
 def closing_by(near: Near) -> AskedBy:
-    """Return how `closing_velocities` change; where a gap is zero, as where it is open."""
-    shares = np.where(near.gaps < 0, _PUSHED_OUT * (near.gaps < -AT_REST), 1.0)
+    """Return how `closing_velocities` change.
+
+    Where a contact rests, in the ground by up to a nanometre, as where it opens: rounding of a gap
+    that is zero decides nothing.
+    """
+    shares = np.where(near.gaps < -AT_REST, _PUSHED_OUT, 1.0)
     bends = np.full(len(near.gaps), 1 / near.dt)
     return AskedBy.nothing(near)._replace(gaps=shares / near.dt, bends=bends)
 

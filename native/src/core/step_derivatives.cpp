@@ -96,7 +96,7 @@ MatrixXd StepDerivatives::asked()
   {
     const int row = posed.problem.normal(i);
     const double gap = posed.gaps[i];
-    const double share = gap >= 0 ? 1.0 : gap < -step.plan_.at_rest ? step.plan_.pushed_out : 0.0;
+    const double share = gap < -step.plan_.at_rest ? step.plan_.pushed_out : 1.0;
     e.row(row).head(n) = share / dt * posed.J_c.row(row);
   }
   if (!cones)
