@@ -49,6 +49,7 @@ SCRIPTS = {
     "campaign_held": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
     "native_contact": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
     "at_scale": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
+    "native_gradients": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
     "native_core": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
 }
 
