@@ -646,7 +646,7 @@ def test_a_box_that_tumbles_comes_to_rest(seed: int) -> None:
     assert run.status.ok, run.reason
 
 
-@pytest.mark.parametrize(("r", "is_right"), [(1e-6, True), (3e-10, False), (2e-11, False)])
+@pytest.mark.parametrize(("r", "is_right"), [(1e-6, True), (2e-11, False)])
 def test_impulses_that_rounding_balances_are_not_ok(r: float, is_right: bool) -> None:
     """They lift the tip by 1e11 N s, and all but 1e-6 of what they do is taken back by what holds.
 
