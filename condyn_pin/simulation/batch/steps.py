@@ -92,11 +92,7 @@ def step_batch(
     Cost: that of N steps, divided by the workers.
     """
     begun = perf_counter()
-    check_scene(scene)
-    q, v, tau = check_states(scene.robot.model, Q, V, TAU)
-    tau = np.broadcast_to(tau, v.shape).copy()
-    if len(q):  # choices that cannot be used are refused before the work
-        contact_problem(scene, q[0], v[0], tau[0], dt=dt, integrator=integrator)
+    inputs = starts_of_steps(scene, Q, V, TAU, dt, integrator)
     about, recipe = (tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral)
     kernel, executor, chunk = workers(
         executor, SteppedRows(*about), StepKernel(*about),
@@ -104,9 +100,21 @@ def step_batch(
         chunk=chunk, most=_STEPS,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 500, progress)
-    inputs = {"q0": q, "v0": v, "tau0": tau}
     made = partial(batch_of_steps, scene, float(dt), integrator, inputs, begun)
-    return rows.fill(len(q), inputs, kinds_of_steps(scene), made)
+    return rows.fill(len(inputs["q0"]), inputs, kinds_of_steps(scene), made)
+
+
+def starts_of_steps(
+    scene: Scene, Q: ArrayLike, V: ArrayLike, TAU: float | ArrayLike, dt: float,
+    integrator: ContactScheme,
+) -> Arrays:  # fmt: skip
+    """Return the states that steps begin at, one row each; InvalidArgument before the work."""
+    check_scene(scene)
+    q, v, tau = check_states(scene.robot.model, Q, V, TAU)
+    tau = np.broadcast_to(tau, v.shape).copy()
+    if len(q):
+        contact_problem(scene, q[0], v[0], tau[0], dt=dt, integrator=integrator)
+    return {"q0": q, "v0": v, "tau0": tau}
 
 
 def kinds_of_steps(scene: Scene) -> dict[str, Kind]:

@@ -9,7 +9,6 @@ from math import nan
 from time import perf_counter
 from typing import Final
 
-import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.parallel.chunks import Progress, silent
@@ -19,14 +18,18 @@ from condyn_pin._core.parallel.rows import Rows
 from condyn_pin._core.parallel.transports import Messages
 from condyn_pin.contact.modes import MODES
 from condyn_pin.dynamics.compiled.arrays import untaken
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.simulation.batch.compiled import workers
 from condyn_pin.simulation.batch.compiled_steps import untaken_steps
-from condyn_pin.simulation.batch.inputs import check_states
 from condyn_pin.simulation.batch.recipe import Recipe
-from condyn_pin.simulation.batch.steps import StepKernel, batch_of_steps, kinds_of_steps
+from condyn_pin.simulation.batch.steps import (
+    StepKernel,
+    batch_of_steps,
+    kinds_of_steps,
+    starts_of_steps,
+)
 from condyn_pin.simulation.contact_columns import candidates_of
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
@@ -36,7 +39,6 @@ from condyn_pin.simulation.routes.batch_step_derivatives import BatchStepDerivat
 from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.compiled_steps import DifferentiatedRows, untaken_route
 from condyn_pin.simulation.routes.step_derivatives import found_parameters
-from condyn_pin.simulation.step import contact_problem
 
 _DEFAULT: Final = StewartTrinkle()
 _ACTIVE_SET: Final = ActiveSet()
@@ -96,13 +98,9 @@ def step_derivatives_batch(
     Cost: that of a step and `Route.cost` a state, divided by the workers.
     """
     begun = perf_counter()
-    check_scene(scene)
     if not isinstance(route, Route):
         raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
-    q, v, tau = check_states(scene.robot.model, Q, V, TAU)
-    tau = np.broadcast_to(tau, v.shape).copy()
-    if len(q):  # choices that cannot be used are refused before the work
-        contact_problem(scene, q[0], v[0], tau[0], dt=dt, integrator=integrator)
+    inputs = starts_of_steps(scene, Q, V, TAU, dt, integrator)
     names = check_parameters(route, integrator, wrt)
     about, recipe = (tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral)
     reasons = (*untaken_steps(scene, integrator), *untaken_route(route, names))
@@ -111,7 +109,6 @@ def step_derivatives_batch(
         reasons=reasons, untaken=lambda: untaken(recipe.workspace()), chunk=chunk, most=_STEPS,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 100, progress)
-    inputs = {"q0": q, "v0": v, "tau0": tau}
 
     def made(outputs: Arrays) -> BatchStepDerivatives:
         taken = batch_of_steps(scene, float(dt), integrator, inputs, begun, outputs)
@@ -122,7 +119,7 @@ def step_derivatives_batch(
             seconds=taken.seconds,
         )  # fmt: skip
 
-    return rows.fill(len(q), inputs, kinds_of(scene, names), made)
+    return rows.fill(len(inputs["q0"]), inputs, kinds_of(scene, names), made)
 
 
 def kinds_of(scene: Scene, wrt: Sequence[str]) -> dict[str, Kind]:
