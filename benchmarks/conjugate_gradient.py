@@ -33,7 +33,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import interleaved
-from condyn_pin.dynamics.solvers.conjugate_gradient import inverse_delassus
+from condyn_pin.dynamics.matrix_free import inverse_delassus
 
 JSON = Path(__file__).resolve().parent / "results" / "conjugate_gradient.json"
 JOINTS = (10, 30, 100, 400)

@@ -10,28 +10,18 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import factorise
-from condyn_pin._core.parameters import (
-    ACCURACIES,
-    ITERATIONS,
-    WEIGHTS,
-    Grid,
-    check_accuracy,
-    check_damping,
-    check_iterations,
-)
 from condyn_pin._core.quietly import quietly
 from condyn_pin._core.tolerances import RANK
+from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus
 from condyn_pin.dynamics.raw import weightless
-from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
+from condyn_pin.dynamics.solvers.base import BoundSolver
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.nominal import NominalAnalysis
     from condyn_pin.dynamics.workspace import Workspace
 
 
 @dataclass(frozen=True)
-class ConjugateGradient(Solver):
+class ConjugateGradient(MatrixFreeSolver):
     """Conjugate gradients for lam, with sweeps over the tree in place of matrices.
 
     (G + mu I) lam = a_ref - gamma - J a_free,    G x = J ABA(J^T x),    a = ABA(tau + J^T lam)
@@ -72,30 +62,13 @@ class ConjugateGradient(Solver):
     title: ClassVar[str] = "Conjugate gradient"
     cost: ClassVar[str] = "O(n + m^2) an iteration, about as many iterations as independent rows"
     use: ClassVar[str] = "any rows on models so large that no matrix is to be factorised"
-    takes_redundant: ClassVar[bool] = True
-    sweeps: ClassVar[tuple[Grid, ...]] = (
-        {"mu": WEIGHTS},
-        {"max_iterations": ITERATIONS},
-        {"tolerance": ACCURACIES},
-    )
-
-    tolerance: float | None = None  # [m/s^2]
-    max_iterations: int = 500
-    mu: float = 0.0  # [1/kg]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.tolerance is not None:
-            check_accuracy("tolerance", self.tolerance)
-        check_iterations(self.max_iterations)
-        check_damping(self.mu)
 
     def start(self, workspace: Workspace) -> BoundSolver:
         """Return the iteration bound to the memory of `workspace`."""
         model, data = workspace.model, workspace.model.createData()
         nominal, mu = workspace.scene.nominal, self.mu
         precondition = inverse_delassus(nominal)
-        enough = nominal.estimator.enough / 10 if self.tolerance is None else self.tolerance
+        enough = self.wanted(workspace)
         # at rest and without gravity, all of tau accelerates: ABA is M^-1
         floating = weightless(model)
         still = np.zeros(model.nv)
@@ -148,12 +121,3 @@ def conjugate_gradients(
         if not idle:
             smallest, best = residual, x.copy()
     return best, k
-
-
-def inverse_delassus(nominal: NominalAnalysis) -> Array:
-    """Return the inverse of G at the nominal state, a multiple of I on what is redundant there."""
-    factors = factorise(nominal.terms.M, nominal.terms.J, RANK)
-    U, S = factors.U, factors.S
-    eigenvalues = np.full(U.shape[1], nominal.delassus_norm)
-    eigenvalues[: factors.rank] = S[: factors.rank] ** 2
-    return np.asarray((U / eigenvalues) @ U.T)

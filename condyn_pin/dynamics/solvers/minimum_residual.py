@@ -11,27 +11,18 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import (
-    ACCURACIES,
-    ITERATIONS,
-    WEIGHTS,
-    Grid,
-    check_accuracy,
-    check_damping,
-    check_iterations,
-)
 from condyn_pin._core.quietly import quietly
 from condyn_pin._core.tolerances import RANK, RUN_OF_MINRES
+from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus
 from condyn_pin.dynamics.raw import weightless
-from condyn_pin.dynamics.solvers.base import BoundSolver, Solver, free_force
-from condyn_pin.dynamics.solvers.conjugate_gradient import inverse_delassus
+from condyn_pin.dynamics.solvers.base import BoundSolver, free_force
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
 
 
 @dataclass(frozen=True)
-class MinimumResidual(Solver):
+class MinimumResidual(MatrixFreeSolver):
     """MINRES for a and lam at once, preconditioned, with sweeps over the tree in place of matrices.
 
     [ M   J^T   ] [ a - a_free ]   [           0              ]
@@ -74,30 +65,15 @@ class MinimumResidual(Solver):
     title: ClassVar[str] = "MINRES"
     cost: ClassVar[str] = "O(n + m^2) an iteration, two to four iterations an independent row"
     use: ClassVar[str] = "to compare with; any rows, the whole matrix applied and never formed"
-    takes_redundant: ClassVar[bool] = True
-    sweeps: ClassVar[tuple[Grid, ...]] = (
-        {"mu": WEIGHTS},
-        {"max_iterations": ITERATIONS},
-        {"tolerance": ACCURACIES},
-    )
 
-    tolerance: float | None = None  # [m/s^2]
     max_iterations: int = 1000
-    mu: float = 0.0  # [1/kg]
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.tolerance is not None:
-            check_accuracy("tolerance", self.tolerance)
-        check_iterations(self.max_iterations)
-        check_damping(self.mu)
 
     def start(self, workspace: Workspace) -> BoundSolver:
         """Return the iteration bound to the memory of `workspace`."""
         model, data = workspace.model, workspace.model.createData()
         nominal, mu, most = workspace.scene.nominal, self.mu, self.max_iterations
         P, n, m = inverse_delassus(nominal), model.nv, workspace.scene.rows
-        enough = nominal.estimator.enough / 10 if self.tolerance is None else self.tolerance
+        enough = self.wanted(workspace)
         floating, still = weightless(model), np.zeros(n)
         latest, count = np.zeros(m), [0]
 
