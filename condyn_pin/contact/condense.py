@@ -142,7 +142,7 @@ def _along(factors: MinimumNorm, J_c: Array, path: Array | None) -> tuple[Array,
     """Return X, rows of contacts without what the constraints block, and what they block."""
     X = dtrtrs(factors.L.T, J_c.T, trans=1)[0]
     if not factors.rank:
-        return X, np.zeros((0, len(J_c)))
+        return X, X[:0]
     blocked = factors.V.T.dot(X)
     X -= factors.V.dot(blocked)
     # squares: einsum takes a pass, and no square root

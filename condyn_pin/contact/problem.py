@@ -111,8 +111,8 @@ class ContactProblem:
     def trusted(cls, **values: Any) -> ContactProblem:
         """Return a problem of fields that were made right; nothing is checked, which takes 30 us.
 
-        `values` are all fields by name. `sets` may be among them, of an earlier problem with the
-        same.
+        `values` are all fields by name. What else is known may be among them: `sets`, of an earlier
+        problem with the same, `stiffness` and `scale`.
         """
         made = object.__new__(cls)
         vars(made).update(values)
@@ -136,8 +136,7 @@ class ContactProblem:
     @cached_property
     def stiffness(self) -> list[float]:
         """The diagonal of G + R (m,), as plain numbers: what an impulse does to its own row."""
-        diagonal = self.G.diagonal() if self.R is None else self.G.diagonal() + self.R
-        return diagonal.tolist()  # type: ignore[no-any-return]
+        return stiffness_of(self.G, self.R)
 
     @cached_property
     def scale(self) -> tuple[float, float]:
@@ -145,10 +144,7 @@ class ContactProblem:
 
         1 where there is nothing to measure by, or so little that its square is no number.
         """
-        # numpy's own trace and max take three times as long for the few rows of a robot
-        stiff = sum(self.stiffness) / max(len(self.g), 1)
-        speed = max(map(abs, self.g.tolist()), default=0.0)
-        return stiff or 1.0, 1.0 if speed < STILL else speed
+        return scale_of(self.stiffness, self.g)
 
     def velocities(self, lam: Array) -> Array:
         """Return sigma = G lam + g + R lam (m,)."""
@@ -166,6 +162,20 @@ class ContactProblem:
             f"ContactProblem({self.law}, {len(self.friction)} cones, {self.half_lines} half-lines, "
             f"{len(self.limits)} intervals)"
         )
+
+
+def stiffness_of(G: Array, R: Array | None) -> list[float]:
+    """Return the diagonal of G + R as plain numbers; see `ContactProblem.stiffness`."""
+    diagonal = G.diagonal() if R is None else G.diagonal() + R
+    return diagonal.tolist()  # type: ignore[no-any-return]
+
+
+def scale_of(stiffness: list[float], g: Array) -> tuple[float, float]:
+    """Return the sizes that errors are measured by; see `ContactProblem.scale`."""
+    # numpy's own mean and max take three times as long for the few rows of a robot
+    stiff = sum(stiffness) / max(len(stiffness), 1)
+    speed = max(map(abs, g.tolist()), default=0.0)
+    return stiff or 1.0, 1.0 if speed < STILL else speed
 
 
 def _symmetric(G: Array) -> Array:

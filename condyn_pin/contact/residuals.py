@@ -69,36 +69,42 @@ def natural_residual(problem: ContactProblem, lam: Array) -> float:
     if not len(lam):
         return 0.0
     sets, (stiff, speed) = problem.sets, problem.scale
-    l = (lam * (stiff / speed)).tolist()  # noqa: E741  of the equations above
-    s = (problem.velocities(lam) / speed).tolist()
-    t1, t2, n = sets.axes
-    missed = [_EPS * max(map(abs, l))]  # d is lost beside an impulse that is huge
+    l = (lam * stiff).tolist()  # noqa: E741  of the equations above, times |g|
+    s = problem.velocities(lam).tolist()
     mu = sets.coefficients
-    lift = mu if problem.law == "ncp" else len(mu) * [0.0]
-    missed += map(_missed_by_a_cone, mu, lift, l[t1], l[t2], l[n], s[t1], s[t2], s[n])
+    missed = _missed_by_cones(mu, mu if problem.law == "ncp" else len(mu) * [0.0], l, s)
+    missed.append(_EPS * max(map(abs, l)))  # d is lost beside an impulse that is huge
     if problem.half_lines:
         lines = sets.parts[1]
         missed += map(_missed_by_a_half_line, l[lines], s[lines])
     if len(problem.limits):
-        dry, limits = sets.parts[2], (problem.limits * (stiff / speed)).tolist()
+        dry, limits = sets.parts[2], (problem.limits * stiff).tolist()
         missed += map(_missed_by_an_interval, limits, l[dry], s[dry])
-    return max(missed) if isfinite(sum(missed)) else nan
+    return max(missed) / speed if isfinite(sum(missed)) else nan
 
 
-def _missed_by_a_cone(
-    mu: float, lift: float, l1: float, l2: float, ln: float, d1: float, d2: float, sn: float
-) -> float:
-    """Return |l - P_K(l - d)|_inf of a cone, d = s + (0, 0, lift |s_t|)."""
-    dn = sn + lift * hypot(d1, d2)
-    x1, x2, xn = l1 - d1, l2 - d2, ln - dn
-    slip = hypot(x1, x2)
-    if mu * slip <= -xn < inf:  # the apex is nearest
-        return max(abs(l1), abs(l2), abs(ln))
-    if slip <= mu * xn:  # inside
-        return max(abs(d1), abs(d2), abs(dn))
-    n = (mu * slip + xn) / (1.0 + mu * mu)
-    share = mu * n / slip
-    return max(abs(l1 - share * x1), abs(l2 - share * x2), abs(ln - n))
+def _missed_by_cones(
+    friction: list[float],
+    lifts: list[float],
+    l: list[float],  # noqa: E741
+    s: list[float],
+) -> list[float]:
+    """Return |l - P_K(l - d)|_inf of each cone, d = s + (0, 0, lift |s_t|)."""
+    missed, impulses, velocities = [], iter(l), iter(s)
+    by_threes = 3 * (impulses,) + 3 * (velocities,)
+    for mu, lift, l1, l2, ln, d1, d2, sn in zip(friction, lifts, *by_threes, strict=False):
+        dn = sn + lift * hypot(d1, d2)
+        x1, x2, xn = l1 - d1, l2 - d2, ln - dn
+        slip = hypot(x1, x2)
+        if mu * slip <= -xn < inf:  # the apex is nearest
+            missed.append(max(abs(l1), abs(l2), abs(ln)))
+        elif slip <= mu * xn:  # inside
+            missed.append(max(abs(d1), abs(d2), abs(dn)))
+        else:
+            n = (mu * slip + xn) / (1.0 + mu * mu)
+            share = mu * n / slip
+            missed.append(max(abs(l1 - share * x1), abs(l2 - share * x2), abs(ln - n)))
+    return missed
 
 
 def _missed_by_a_half_line(l: float, s: float) -> float:  # noqa: E741

@@ -22,6 +22,10 @@ from condyn_pin.contact.problem import ContactProblem
 # contacts are not redundant, 1e-5. One correction leaves the square of their ratio.
 _MORE: Final = 1e-9
 
+# Share of the largest pivot of Cholesky, below which a row counts as a combination of others: its
+# square, 1e-6, is far above what G gets more.
+_APART: Final = 1e-3
+
 
 def sticking(problem: ContactProblem) -> Array | None:
     """Return the impulses (m,) if no contact slides; None where there are none.
@@ -33,12 +37,12 @@ def sticking(problem: ContactProblem) -> Array | None:
     Cost O(m^3), a Cholesky factorisation; 6 us for four contacts.
     """
     closing = _closing(problem)
-    lam = np.zeros(problem.rows)
-    if not any(closing):
-        return lam
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
     if all(closing):
         return _solved(G, problem.g)
+    lam = np.zeros(problem.rows)
+    if not any(closing):
+        return lam
     rows = np.flatnonzero(np.array(closing)[problem.sets.blocks])
     found = _solved(G[rows[:, None], rows], problem.g[rows])
     if found is None:
@@ -56,11 +60,20 @@ def _closing(problem: ContactProblem) -> list[bool]:
 
 def _solved(G: Array, g: Array) -> Array | None:
     """Return the smallest solution of G lam = -g, None where a row moves nothing."""
+    factor, lam, info = dposv(G, -g, overwrite_b=1)
+    if not info and not _is_redundant(factor):
+        return np.asarray(lam)
     more = G * _heavier(len(g))
     factor, lam, info = dposv(more.T, -g, overwrite_a=1, overwrite_b=1)  # more.T: no copy
     if info:
         return None
     return np.asarray(lam - dpotrs(factor, G.dot(lam) + g)[0])
+
+
+def _is_redundant(factor: Array) -> bool:
+    """Return whether rows of G, factorised, are combinations of others but for a small share."""
+    pivots = factor.diagonal().tolist()
+    return not min(pivots) > _APART * max(pivots)
 
 
 @lru_cache(maxsize=16)

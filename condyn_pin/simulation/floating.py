@@ -35,7 +35,8 @@ class Floating:
         turned = v.copy()
         for _, i in self._bodies:
             x, y, z, a, b, c = v[i : i + 6].tolist()
-            turned[i : i + 3] = _rotated(*_quaternion(-dt * a, -dt * b, -dt * c), x, y, z)
+            x, y, z = _rotated(*_quaternion(-dt * a, -dt * b, -dt * c), x, y, z)
+            turned[i], turned[i + 1], turned[i + 2] = x, y, z
         for _, i in self._planar:
             x, y, w = v[i : i + 3].tolist()
             angle = _finite(dt * w)
@@ -48,7 +49,7 @@ class Floating:
         turning = np.zeros(len(v))
         for _, i in self._bodies:
             x, y, z, a, b, c = v[i : i + 6].tolist()
-            turning[i : i + 3] = b * z - c * y, c * x - a * z, a * y - b * x
+            turning[i], turning[i + 1], turning[i + 2] = b * z - c * y, c * x - a * z, a * y - b * x
         for _, i in self._planar:
             x, y, w = v[i : i + 3].tolist()
             turning[i : i + 2] = -w * y, w * x
@@ -76,7 +77,7 @@ class Floating:
         for k, i in self._bodies:
             x, y, z, *turn = q[k : k + 7].tolist()
             a, b, c = _rotated(*turn, *dq[i : i + 3].tolist())
-            moved[k : k + 3] = x + a, y + b, z + c
+            moved[k], moved[k + 1], moved[k + 2] = x + a, y + b, z + c
         for k, i in self._planar:
             (x, y), (c, s) = dq[i : i + 2].tolist(), q[k + 2 : k + 4].tolist()
             moved[k : k + 2] = q[k] + c * x - s * y, q[k + 1] + s * x + c * y

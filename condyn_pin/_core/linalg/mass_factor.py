@@ -18,7 +18,7 @@ _EPS = float(np.finfo(np.float64).eps)
 _NOT_POSITIVE: Final = "the mass matrix is not positive definite at this q"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(eq=False)
 class MassFactor:
     """One mass matrix, factorised.
 

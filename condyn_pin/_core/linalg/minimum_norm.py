@@ -161,7 +161,7 @@ def factorise_rows(
     """Factorise J in the metric of M, as `factorise` does."""
     n = len(mass.L)
     if not len(J):
-        return MinimumNorm(mass, _EMPTY, _NONE, np.zeros((n, 0)), 0)
+        return MinimumNorm(mass, _EMPTY, _NONE, mass.L[:, :0], 0)
     Jw = lapack().dtrtrs(mass.L.T, J.T, trans=1)[0].T
     # all of U, whose last columns are the redundancy, but only so much of V as can be needed
     U, S, Vt, info = lapack().dgesdd(Jw, full_matrices=len(J) > n)

@@ -37,7 +37,10 @@ class WorldTouches(Touches):
         self._moment_of = np.concatenate([moments, -at_surface], axis=2)  # of p and 1
         # memory for p and 1, and for the rows d and p x d, with views into it
         points, twists = np.ones((4, k)), np.concatenate([axes, np.zeros((k, 3, 3))], axis=2)
-        self._p, self._p_and_1 = points[:3], points.T[:, :, None]
+        self._p, self._points, self._p_and_1 = points[:3], points.T, points.T[:, :, None]
+        # points of one radius over parallel planes, as feet on a floor: one product for all
+        are_same = k and (self._moment_of == self._moment_of[0]).all()
+        self._same = self._moment_of[0].T if are_same else None
         self._rows, self._moments = twists.reshape(-1, 6), twists[:, :, 3:]
         self._data: Any = None
 
@@ -51,7 +54,10 @@ class WorldTouches(Touches):
             self._data, self._J = data, data.J.reshape(6, -1)
         now = self._placements.read(data)
         np.dot(now, self._middles, out=self._p)
-        self._moments[:] = (self._moment_of @ self._p_and_1).reshape(-1, 3, 3)
+        if self._same is None:
+            self._moments[:] = (self._moment_of @ self._p_and_1).reshape(-1, 3, 3)
+        else:
+            self._moments[:] = self._points.dot(self._same).reshape(-1, 3, 3)
         return self._heights(now), self._rows.dot(self._J) * self._moves
 
     def _heights(self, now: Array) -> Array:

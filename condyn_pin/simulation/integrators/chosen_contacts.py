@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.problem import ContactProblem, scale_of, stiffness_of
 from condyn_pin.contact.sets import ContactSets
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 
@@ -41,9 +41,11 @@ class Chosen:
     def problem(self, scheme: ContactScheme, near: Near) -> ContactProblem:
         """Return the contact problem of a step."""
         g, R = scheme.asked(near)
+        stiffness = stiffness_of(near.G, R)  # what is asked for in any case takes longer if cached
         return ContactProblem.trusted(
             G=near.G, g=g, friction=self.friction, half_lines=self.half_lines, limits=self.limits,
             R=R, law=scheme.law, level="impulse", names=self.names, sets=self.sets,
+            stiffness=stiffness, scale=scale_of(stiffness, g),
         )  # fmt: skip
 
 

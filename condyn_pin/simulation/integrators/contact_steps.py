@@ -143,7 +143,9 @@ class ContactSteps:
         tried = self._answered(t, q, v)
         posed, v1, found, natural = tried[-1]
         lam, dt, floating = found.lam, self._dt, self.floating
-        a = (v1 - posed.v) / dt - posed.turning
+        a = v1 - posed.v
+        a /= dt
+        a -= posed.turning
         rest = self._share * dt
         moved, turned = floating.integrate(posed.at, rest * v1), floating.turned(v1, rest)
         q1 = self.closings.closed(posed.condensed.factors, moved)
@@ -151,7 +153,7 @@ class ContactSteps:
         if q1 is not moved:
             work = work.more(correction=self.closings.work(moved, q1, turned))
         self._system.contact_work = self._system.contact_work.plus(work)
-        if not isfinite(float(q1.dot(q1) + v1.dot(v1) + work.total)):
+        if not isfinite(q1.dot(q1).item() + v1.dot(v1).item() + work.total):
             natural = nan  # also where no contact takes part
         self.last = Taken(posed, v1, found, natural, work, tuple(tried))
         return q1, turned, a
@@ -165,10 +167,13 @@ class ContactSteps:
         at, tau = q, self._torque(t, q, v)
         if scheme.at_midpoint:
             at, v = floating.integrate(q, 0.5 * dt * v), floating.turned(v, 0.5 * dt)
-        system.at(t + (1.0 - self._share) * dt)  # with what is driven where it is there
+        if self._is_driven:
+            system.at(t + (1.0 - self._share) * dt)  # with what is driven where it is there
         M, h, J_b, gamma = self._equations.parts(at, v)
-        rates = self._equations.wanted[1].copy() if self._is_driven else None
-        system.at(t + dt)  # where loops are closed behind the step
+        rates = None
+        if self._is_driven:
+            rates = self._equations.wanted[1].copy()
+            system.at(t + dt)  # where loops are closed behind the step
         data = self._equations.data  # it has the placements and Jacobians of `at` now
         gaps, J = self._candidates.evaluate(data, at)
         chosen = self._choose(scheme.near(gaps, v, dt) if active is None else active)

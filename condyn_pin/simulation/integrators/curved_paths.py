@@ -49,5 +49,5 @@ class CurvedPaths:
             return bends
         pin.forwardKinematics(self._system.model, data, self._floating.integrate(q, dt * v))
         ends = contacts.gaps_over_planes(data)[chosen.over_planes]
-        bends[:k] = ends - gaps[:k] - dt * speeds[2 : 3 * k : 3]
+        np.subtract(ends - gaps[:k], dt * speeds[2 : 3 * k : 3], out=bends[:k])
         return bends

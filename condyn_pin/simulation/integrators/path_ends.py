@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.floating import Floating
-from condyn_pin.simulation.integrators.contact_scheme import allowed_gaps, fastest
+from condyn_pin.simulation.integrators.contact_scheme import allowed_gaps, are_slower
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.system import System
 
@@ -60,7 +60,7 @@ class PathEnds:
         """
         dt, near = self._dt, posed.near
         bent = max(map(abs, near.bends.tolist()), default=0.0)
-        if dt * fastest(v1) < STRAIGHT and bent < MISSED and posed.path is None:
+        if posed.path is None and bent < MISSED and are_slower(v1, STRAIGHT / dt):
             return 0.0
         q1 = self._floating.integrate(posed.at, dt * v1)
         pin.forwardKinematics(self._system.model, self._data, q1)
