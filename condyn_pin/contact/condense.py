@@ -75,7 +75,7 @@ class Condensed(NamedTuple):
 
     def changed(self, f: Array, s: Array) -> tuple[Array, Array]:
         """Return how L^T v_free and J_c v_free change with p and s, for columns of both (., k)."""
-        factors, y = self.factors, dtrtrs(self.factors.L.T, f, trans=1)[0]
+        factors, y = self.factors, self.factors.mass.L_inv.dot(f)
         if not factors.rank:
             return y, self.X.T.dot(y)
         held = (factors.U[:, : factors.rank] / factors.S[: factors.rank]).T.dot(s)

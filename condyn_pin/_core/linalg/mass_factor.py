@@ -33,10 +33,14 @@ class MassFactor:
     L: Array
 
     @cached_property
+    def L_inv(self) -> Array:
+        """L^-1 (nv, nv): a product takes a tenth of the time that LAPACK needs for many columns."""
+        return np.asarray(lapack().dtrtri(self.L, lower=1)[0])
+
+    @cached_property
     def weights(self) -> Array:
         """W (nv,): square roots of the diagonal of M^-1."""
-        inverse = lapack().dtrtri(self.L, lower=1)[0]
-        return np.asarray(np.sqrt(np.einsum("ij,ij->j", inverse, inverse)))
+        return np.asarray(np.sqrt(np.einsum("ij,ij->j", self.L_inv, self.L_inv)))
 
     @cached_property
     @one_blas_thread

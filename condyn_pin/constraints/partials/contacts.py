@@ -111,8 +111,11 @@ class _OverPlanes:
         self._placements = Placements(joint for t in touches for joint in (t.joint, t.ground))
         self._body = np.reshape([columns(model, t.joint) for t in touches], (k, n))
         self._ground = np.reshape([columns(model, t.ground) for t in touches], (k, n))
-        self._moves, self._grounds_move = self._body - self._ground, bool(self._ground.any())
-        self._radius = np.array([t.radius for t in touches])
+        self._grounds_move = bool(self._ground.any())
+        self._moves, self._bodies = (self._body - self._ground)[:, None], self._body[:, None]
+        self._grounds = self._ground[:, None]
+        self._radius = np.array([t.radius for t in touches])[:, None]
+        self._is_round = bool(self._radius.any())
         self._local = np.zeros((self._placements.size, 4 * k))  # middles (k), axes (3 k)
         for i, t in enumerate(touches):
             self._local[self._placements.rows(t.joint), i] = (*t.centre, 1.0)
@@ -124,21 +127,19 @@ class _OverPlanes:
             its = slice(joint.idx_v, joint.idx_v + joint.nv)
             above[its] = columns(model, joint.id)
             owner[its, its] = 1.0
-        self._above, self._below = above, above - owner
+        self._above, self._below = above, (above - owner).T.copy()
 
     def go(self, data: Any) -> None:
         """Go to where data.oMi and data.J are."""
         k = len(self._radius)
         world = self._placements.read(data).dot(self._local)
         p, self._d = world[:, :k].T, world[:, k:].T.reshape(k, 3, 3)
-        radial = self._radius[:, None] * self._d[:, 2]
+        radial = self._radius * self._d[:, 2]
         self._P, self._radial = p - radial, _skew(radial)
-        self._skew_P = _skew(self._P)
-        self._F = np.concatenate((self._d, -self._d @ self._skew_P), axis=2)  # (k, 3, 6)
+        self._F = np.concatenate((self._d, self._d @ -_skew(self._P)), axis=2)  # (k, 3, 6)
         self._S = S = np.array(data.J).reshape(6, -1)
-        self._reach = (
-            S[:3] - _skew(p) @ S[3:]
-        )  # (k, 3, nv), the middles if all coordinates move them
+        # (k, 3, nv), the middles if all coordinates move them
+        self._reach = S[:3] - _skew(p) @ S[3:]
 
     def slips(self, W: Array) -> Array:
         """Return J w by q for all w in the rows of W (count, 3 k, nv).
@@ -154,37 +155,37 @@ class _OverPlanes:
         V = self._body @ moved.swapaxes(1, 2)  # (count, k, 6)
         turning = _skew(V[..., 3:])
         v_P = V[..., :3] + (turning @ self._P[:, :, None])[..., 0]
-        about = d @ (_skew(v_P) + turning @ self._radial)
-        by_q = self._F.reshape(-1, 6) @ _crossed(moved @ self._below.T, S)
+        about = d @ (_skew(v_P) + turning @ self._radial if self._is_round else _skew(v_P))
+        by_q = self._F.reshape(-1, 6) @ _crossed(moved @ self._below, S)
         by_q -= about.reshape(count, -1, 3) @ S[3:]
         by_q = by_q.reshape(count, k, 3, n)
         if self._grounds_move:
-            by_q -= d @ _skew(self._ground @ moved[:, 3:].swapaxes(1, 2)) @ self._reach
-        by_q *= self._moves[:, None]
+            turned = _skew(self._ground @ moved[:, 3:].swapaxes(1, 2))
+            by_q -= d @ turned @ self._reach
+        by_q *= self._moves
         return np.asarray(by_q.reshape(count, -1, n))
 
     def pulls(self, lam: Array) -> Array:
         """Return J^T lam by q (nv, nv).
 
-        Column i feels F_i, the wrench of all that it moves: with S_i' = S_j x S_i that is
-        (S_i x* F_i) . S_j, and F' = (f', P' x f + P x f') comes on top.
+        Column i feels the wrenches F = (f, P x f) of all that it moves, and
+
+            (S_i . F)' = S_i . Q S_j + S_ai . (P' x f + P x f'),    S_i . Q S_j = (S_j x S_i) . F
         """
-        S, n, ground = self._S, self._S.shape[1], self._ground[:, None]
-        f = (lam[: self._d.size // 3].reshape(-1, 1, 3) @ self._d)[:, 0]  # (k, 3)
-        skew_f, moves = _skew(f), self._moves[:, None]
-        P_moved = self._body[:, None] * self._reach
+        S, n, k = self._S, self._S.shape[1], len(self._d)
+        wrenches = (lam[: 3 * k].reshape(k, 1, 3) @ self._F).reshape(k, 6)
+        Q = wrenches.dot(_FELT)  # (k, 36)
+        skew_f = Q.reshape(k, 6, 6)[:, :3, 3:]
+        moved = self._moves * S  # (k, 6, nv)
+        by_q = moved.reshape(-1, n).T.dot(Q.reshape(-1, 6).dot(S))
+        by_q *= self._above
+        turned = skew_f @ (self._bodies * self._reach)  # (k, 3, nv), of the moment: f x P'
         if self._grounds_move:
-            P_moved += ground * (self._radial @ S[3:])
-        turned = -skew_f @ P_moved  # (k, 3, nv), of the moment
-        if self._grounds_move:
-            f_turned = -ground * (skew_f @ S[3:])
-            turned += self._skew_P @ f_turned
-        by_q = (moves * S[3:]).reshape(-1, n).T @ turned.reshape(-1, n)
-        if self._grounds_move:
-            by_q += (moves * S[:3]).reshape(-1, n).T @ f_turned.reshape(-1, n)
-        moment = (self._skew_P @ f[:, :, None])[:, :, 0]
-        felt = _crossed(S, np.concatenate((moment, f), axis=1).T @ self._moves)
-        return np.asarray(by_q + self._above * (felt[3:].T @ S[:3] + felt[:3].T @ S[3:]))
+            f_turned = self._grounds * (skew_f @ S[3:])  # f x S_aj
+            turned += self._grounds * (skew_f @ (self._radial @ S[3:])) + _skew(self._P) @ f_turned
+            by_q -= moved[:, :3].reshape(-1, n).T.dot(f_turned.reshape(-1, n))
+        by_q -= moved[:, 3:].reshape(-1, n).T.dot(turned.reshape(-1, n))
+        return np.asarray(by_q)
 
 
 def _skew(a: Array) -> Array:
@@ -193,7 +194,7 @@ def _skew(a: Array) -> Array:
 
 
 def _crossed(V: Array, S: Array) -> Array:
-    """Return V x S of columns of motions (..., 6, n); V x* S of wrenches, their moments first.
+    """Return V x S of columns of motions (..., 6, n).
 
     omega x S_l, omega x S_a and V_l x S_a, all at once.
     """
@@ -208,6 +209,16 @@ _EPSILON: Final = np.array(
     [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]],
     dtype=np.float64,
 )
+
+
+def _felt() -> Array:
+    """Return what makes Q of a wrench (f, m): [[0, skew f], [skew f, skew m]]."""
+    Q, skews = np.zeros((6, 6, 6)), _EPSILON.reshape(3, 3, 3)
+    Q[:3, :3, 3:] = Q[:3, 3:, :3] = Q[3:, 3:, 3:] = skews
+    return Q.reshape(6, 36)
+
+
+_FELT: Final = _felt()
 
 _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 _V_YZX, _V_ZXY = (np.concatenate((3 + i, 3 + i, i)) for i in (_YZX, _ZXY))

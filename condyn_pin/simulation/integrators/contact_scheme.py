@@ -96,7 +96,7 @@ class Near(NamedTuple):
 
 
 class AskedBy(NamedTuple):
-    """How g and R change with what a scheme sees.
+    """How g and R change with what a scheme sees; None where they do not.
 
     Attributes
     ----------
@@ -114,20 +114,13 @@ class AskedBy(NamedTuple):
         R by G_nn of its contact [1].
     """
 
-    gaps: Array
-    bends: Array
-    before: Array
-    restitution: Array
-    solref: Array
-    R_gaps: Array
-    R_stiffness: Array
-
-    @staticmethod
-    def nothing(near: Near) -> AskedBy:
-        """Return that of a g which is the velocity of a step without impulses."""
-        k, m = len(near.gaps), len(near.free)
-        none, of_rows = np.zeros(k), np.zeros(m)
-        return AskedBy(none, none, of_rows, none, np.zeros((m, 2)), of_rows, of_rows)
+    gaps: Array | None = None
+    bends: Array | None = None
+    before: Array | None = None
+    restitution: Array | None = None
+    solref: Array | None = None
+    R_gaps: Array | None = None
+    R_stiffness: Array | None = None
 
 
 @dataclass(frozen=True)
@@ -187,7 +180,7 @@ class ContactScheme(Integrator, ABC):
 
     def asked_by(self, near: Near) -> AskedBy:
         """Return how `asked` changes with what is `near`; beside `free`, by which g goes as one."""
-        return AskedBy.nothing(near)
+        return AskedBy()
 
 
 def closing_velocities(near: Near) -> Array:
@@ -238,7 +231,7 @@ def closing_by(near: Near) -> AskedBy:
     """
     shares = np.where(near.gaps < -AT_REST, _PUSHED_OUT, 1.0)
     bends = np.full(len(near.gaps), 1 / near.dt)
-    return AskedBy.nothing(near)._replace(gaps=shares / near.dt, bends=bends)
+    return AskedBy(gaps=shares / near.dt, bends=bends)
 
 
 def sizes_of_gaps() -> tuple[float, float, float, float]:

@@ -61,7 +61,7 @@ class Moreau(ContactScheme):
         before = np.zeros_like(near.free)
         before[near.normals] = near.restitution
         approach = near.before[near.normals]
-        return AskedBy.nothing(near)._replace(before=before, restitution=approach)
+        return AskedBy(before=before, restitution=approach)
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""

@@ -89,7 +89,7 @@ class SoftStep(ContactScheme):
         b, k, k_d, by_solref = reference_by(c, near.before, d, solref, self.solimp)
         if solref[0] != self.solref[0]:  # 2 dt in its place
             by_solref[:, 0] = 0.0
-        return AskedBy.nothing(near)._replace(
+        return AskedBy(
             gaps=(near.dt * (k + k_d * d_gap * c))[near.normals],
             before=np.full_like(c, near.dt * b - 1.0),
             solref=-near.dt * by_solref, R_gaps=-d_gap / d**2 * near.stiffness,

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from itertools import compress
 from math import hypot, inf
 from typing import ClassVar, NamedTuple
@@ -11,7 +11,7 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin.contact.judge import attempt_contact
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes, contact_modes
 from condyn_pin.contact.problem import ContactProblem
@@ -57,9 +57,9 @@ class ActiveSet(LawRoute):
     cost: ClassVar[str] = "two evaluations of Newton-Euler's derivatives"
     use: ClassVar[str] = "by default: exact within the modes of the step"
 
-    def law(self, problem: ContactProblem, lam: Array, size: float) -> Law:
+    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
         """Return the polished impulses of a problem, and the law of each mode."""
-        lam, modes, equations = polished(problem, lam)
+        lam, modes, equations = polished(problem, lam, natural)
         of = equations.at(lam)
         distance = margin(problem, lam, of.sigma, modes)
         return Law(lam, of.by_sigma, of.by_lam, of.by_friction, distance, modes=modes)
@@ -73,10 +73,13 @@ class Polished(NamedTuple):
     equations: InModes
 
 
-def polished(problem: ContactProblem, lam: Array) -> Polished:
-    """Return impulses to rounding; SolveFailed if Newton's method does not find them."""
+def polished(problem: ContactProblem, lam: Array, natural: float) -> Polished:
+    """Return impulses to rounding, of some with a `natural` residual.
+
+    SolveFailed if Newton's method does not find them.
+    """
     good = tolerances.CONTACT_POLISHED
-    if not len(lam) or natural_residual(problem, lam) <= good:
+    if not len(lam) or natural <= good:
         return _read(problem, lam)
     within = _within_modes(problem, lam)
     if natural_residual(problem, within.lam) <= good:
@@ -119,49 +122,59 @@ class Equations(NamedTuple):
     by_friction: Array  # (m, k)
 
 
+@cache
+def _places(k: int, m: int) -> Indices:
+    """Return where the numbers of `_sliding` of each cone belong (k, 24), in an array (m, :)."""
+    rows = np.arange(3 * k).reshape(k, 3)
+    columns = np.zeros((k, 1, 8), dtype=np.intp)
+    columns[:, 0, 1:4], columns[:, 0, 4:7] = 1 + rows, 1 + m + rows
+    columns[:, 0, 7] = 1 + 2 * m + np.arange(k)
+    return read_only(((1 + 2 * m + k) * rows[:, :, None] + columns).reshape(k, 24))
+
+
 class InModes:
     """The equations of the contacts of a problem, each in the mode that it has."""
 
     def __init__(self, problem: ContactProblem, modes: Modes) -> None:
-        k, sticks, sets = len(problem.friction), modes == STICK, problem.sets
+        k, m, sticks, sets = len(problem.friction), problem.rows, modes == STICK, problem.sets
         self._problem, self._held = problem, sticks[sets.blocks]
         self._slides = (modes[:k] == SLIDE) | (sticks[:k] & sets.ice)  # ice holds nothing
-        self._sliding = self._slides.nonzero()[0]
-        self._own = sets.of_cones[self._slides]
-        self._square = self._own[:, :, None], self._own[:, None]
+        # what is left, by sigma, by lam, by friction: of all that sticks or is open
+        self._all, width = np.zeros((m, 1 + 2 * m + k)), 1 + 2 * m + k
+        flat = self._all.ravel()
+        flat[1 :: width + 1], flat[1 + m :: width + 1] = self._held, ~self._held
+        self._places = _places(k, m)[self._slides]
 
     def at(self, lam: Array) -> Equations:
         """Return what impulses leave of the equations, and their partials."""
-        problem, held, own, square = self._problem, self._held, self._own, self._square
-        sigma, m = problem.velocities(lam), problem.rows
-        left = np.where(held, sigma, lam)
-        by_sigma, by_lam = np.zeros((2, m, m))
-        by_sigma.flat[:: m + 1], by_lam.flat[:: m + 1] = held, ~held
-        by_friction = np.zeros((m, len(problem.friction)))
+        problem, held, found, m = self._problem, self._held, self._all.copy(), len(lam)
+        sigma, left = problem.velocities(lam), found[:, 0]
+        left[:] = np.where(held, sigma, lam)
         if len(problem.limits):  # what slides has its limit
             dry = problem.sets.parts[2]
             left[dry] += ~held[dry] * np.copysign(problem.limits, sigma[dry])
-        if len(own):
-            rows = np.array([*self._rows(lam.tolist(), sigma.tolist())])  # (slides, 3, 8)
-            left[own], by_friction[own, self._sliding[:, None]] = rows[:, :, 0], rows[:, :, 7]
-            by_sigma[square], by_lam[square] = rows[:, :, 1:4], rows[:, :, 4:7]
-        return Equations(sigma, left, by_sigma, by_lam, by_friction)
+        if len(self._places):
+            found.put(self._places, self._numbers(lam.tolist(), sigma.tolist()))
+        parts = found[:, 1 : 1 + m], found[:, 1 + m : 1 + 2 * m], found[:, 1 + 2 * m :]
+        return Equations(sigma, left, *parts)
 
-    def _rows(self, l: list[float], s: list[float]) -> Iterator[_Rows]:  # noqa: E741
-        """Yield the equations of all contacts that slide; in a ccp they lift off."""
+    def _numbers(self, l: list[float], s: list[float]) -> list[float]:  # noqa: E741
+        """Return the equations of all contacts that slide; in a ccp they lift off."""
         (t1, t2, n), mu = self._problem.sets.axes, self._problem.sets.coefficients
         each = zip(mu, l[t1], l[t2], l[n], s[t1], s[t2], s[n], strict=True)
         lifts = float(self._problem.law == "ccp")
-        return (_sliding(lifts, *numbers) for numbers in compress(each, self._slides))
-
-
-_Rows = tuple[tuple[float, ...], ...]
+        numbers: list[float] = []
+        for of_one in compress(each, self._slides.tolist()):
+            numbers += _sliding(lifts, *of_one)
+        return numbers
 
 
 def _sliding(
     lifts: float, mu: float, l1: float, l2: float, ln: float, v1: float, v2: float, vn: float
-) -> _Rows:
-    """Return the three equations of a contact that slides: what is left, and its partials.
+) -> tuple[float, ...]:
+    """Return the three equations of a contact that slides, eight numbers each.
+
+    What is left, and its partials.
 
     Those by sigma, by lam and by mu, with s' = (1 - s s^T) sigma_t' / |sigma_t|. What stands
     without friction has any s. It `lifts` off, 1, or does not, 0.
@@ -170,10 +183,10 @@ def _sliding(
     x, y = (v1 / slip, v2 / slip) if slip else (0.0, 0.0)
     w = mu * ln / slip if slip else 0.0
     return (
-        (l1 + mu * ln * x, w * y * y, -w * x * y, 0.0, 1.0, 0.0, mu * x, ln * x),
-        (l2 + mu * ln * y, -w * x * y, w * x * x, 0.0, 0.0, 1.0, mu * y, ln * y),
-        (vn - lift * slip, -lift * x, -lift * y, 1.0, 0.0, 0.0, 0.0, -lifts * slip),
-    )
+        l1 + mu * ln * x, w * y * y, -w * x * y, 0.0, 1.0, 0.0, mu * x, ln * x,
+        l2 + mu * ln * y, -w * x * y, w * x * x, 0.0, 0.0, 1.0, mu * y, ln * y,
+        vn - lift * slip, -lift * x, -lift * y, 1.0, 0.0, 0.0, 0.0, -lifts * slip,
+    )  # fmt: skip
 
 
 def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Modes) -> float:

@@ -17,34 +17,34 @@ from condyn_pin.simulation.integrators.contact_scheme import AskedBy
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.law import Law
 from condyn_pin.simulation.routes.row_partials import RowPartials
-from condyn_pin.simulation.routes.starts import Start
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.routes.linear_steps import LinearSteps
 
 
-def asked_partials(
-    steps: LinearSteps, posed: Posed, law: Law, start: Start, rows: RowPartials
-) -> Array:
+def asked_partials(steps: LinearSteps, posed: Posed, law: Law, rows: RowPartials) -> Array:
     """Return what a scheme adds to sigma by all columns (m, columns), at fixed impulses."""
-    near, columns = posed.near, steps.columns
-    J_c, by = posed.J_c, steps.scheme.asked_by(near)
-    added = columns.empty(len(J_c))
-    gaps = posed.J_n @ start.at  # (k, columns)
-    added[near.normals] += by.gaps[:, None] * gaps + by.bends[:, None] * rows.bends
-    if by.before.any():
+    near, columns, J_c = posed.near, steps.columns, posed.J_c
+    by, added = steps.scheme.asked_by(near), columns.empty(len(J_c))
+    if by.bends is not None:
+        added[near.normals] = by.bends[:, None] * rows.bends
+    if by.gaps is not None:
+        added[near.normals, columns.q] += by.gaps[:, None] * posed.J_n
+    if by.before is not None:
         assert rows.before is not None  # a scheme that lets rebound closes no gaps
-        added += by.before[:, None] * (J_c @ start.v + rows.before @ start.at)
-    if steps.scheme.takes_restitution:
+        added[:, columns.q] += by.before[:, None] * rows.before
+        added[:, columns.v] += by.before[:, None] * J_c
+    if by.restitution is not None:
         cones = len(posed.chosen.friction)
         added[2 : 3 * cones : 3, steps.restitution(posed)] += np.diag(by.restitution[:cones])
-    added[:, columns.solref] += by.solref
+    if by.solref is not None:
+        added[:, columns.solref] += by.solref
     if posed.problem.R is not None:
-        added += law.lam[:, None] * _softer(steps, posed, by, gaps, start)
+        added += law.lam[:, None] * _softer(steps, posed, by)
     return added
 
 
-def _softer(steps: LinearSteps, posed: Posed, by: AskedBy, gaps: Array, start: Start) -> Array:
+def _softer(steps: LinearSteps, posed: Posed, by: AskedBy) -> Array:
     """Return R by all columns (m, columns): by gaps, and by G_nn of each contact."""
     near, columns = posed.near, steps.columns
     J_c, blocks, lines = posed.J_c, near.blocks, len(near.gaps)
@@ -54,19 +54,20 @@ def _softer(steps: LinearSteps, posed: Posed, by: AskedBy, gaps: Array, start: S
         normals = of_row[near.normals]
         of_row = np.where(blocks < lines, normals[np.minimum(blocks, lines - 1)], of_row)
     rows = np.unique(of_row)
-    stiffer = np.zeros((len(J_c), start.at.shape[1]))
+    stiffer = columns.empty(len(J_c))
     y, l_b = posed.condensed.factors.solve(
         J_c[rows].T, np.zeros((steps.system.equations.m, len(rows)))
     )
     for i, row in enumerate(rows):
-        stiffer[row] = _compliance_by(steps, posed, y[:, i], l_b[:, i], row) @ start.at
+        stiffer[row, columns.q] = _compliance_by(steps, posed, y[:, i], l_b[:, i], row)
         if steps.inertias:
             lighter = steps.inertias.momenta(posed.at, y[:, i])
             stiffer[row, columns.inertias] -= y[:, i] @ lighter
+    assert by.R_stiffness is not None  # of a scheme with R
     changed = by.R_stiffness[:, None] * stiffer[of_row]
-    of_gaps = np.where(blocks < lines, by.R_gaps, 0.0)
-    if lines:
-        changed += of_gaps[:, None] * gaps[np.minimum(blocks, lines - 1)]
+    if lines and by.R_gaps is not None:
+        of_gaps = np.where(blocks < lines, by.R_gaps, 0.0)
+        changed[:, columns.q] += of_gaps[:, None] * posed.J_n[np.minimum(blocks, lines - 1)]
     return changed
 
 

@@ -11,8 +11,9 @@ make of kinks and jumps.
    that of the scheme, write `step` too, and `scheme` if it takes steps of another one; `parameters`
    if it has derivatives by others than the scheme takes.
 4. A route that only has another law of the contacts inherits from `LawRoute`, and writes only
-   `law(problem, lam, size)`: impulses, and the law linearised at them (`Law`). All else, how the
-   problem changes with q, v and tau and how the end of the step follows, is that of `LinearSteps`.
+   `law(problem, lam, natural, size)`: impulses, and the law linearised at them (`Law`). All else,
+   how the problem changes with q, v and tau and how the end of the step follows, is that of
+   `LinearSteps`.
 5. It reads nothing that an earlier call left behind.
 """
 
@@ -110,7 +111,7 @@ class LawRoute(Route, ABC):
     """A route that puts another law of the contacts into the same step."""
 
     @abstractmethod
-    def law(self, problem: ContactProblem, lam: Array, size: float) -> Law:
+    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
         """Return impulses of a problem, and their law linearised.
 
         Parameters
@@ -119,6 +120,8 @@ class LawRoute(Route, ABC):
             The contact problem.
         lam : (m,) array
             The impulses of the step, where they can be a guess [N s].
+        natural : float
+            Their residual [1].
         size : float
             (m g dt) (g dt) of the robot and the step [J].
         """

@@ -1,4 +1,7 @@
-"""Columns: what the end of a step is differentiated by, and where each part stands."""
+"""Columns: what the end of a step is differentiated by, and where each part stands.
+
+Within a step q stands for where its equations are taken, and v and tau are theirs (`Starts`).
+"""
 
 from __future__ import annotations
 

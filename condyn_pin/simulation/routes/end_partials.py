@@ -15,27 +15,29 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.closings import Closing
 from condyn_pin.simulation.integrators.posed import Posed
-from condyn_pin.simulation.routes.starts import Start
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.routes.linear_steps import LinearSteps
 
 
 def moved(
-    steps: LinearSteps, posed: Posed, v1: Array, dv1: Array, start: Start
+    steps: LinearSteps, posed: Posed, v1: Array, dv1: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Return q+ and v+ in the axes in which a step ends, and both by all columns."""
-    rest, partials = steps.share, steps.partials
-    by_at, by_move = partials.integrate(posed.at, rest * v1)
-    dq = by_at @ start.at + rest * by_move @ dv1
-    there = steps.floating.integrate(posed.at, rest * v1)
+    rest, partials, columns = steps.share, steps.partials, steps.columns
+    move = rest * v1
+    by_at, by_move = partials.integrate(posed.at, move)
+    dq = (rest * by_move).dot(dv1)
+    dq[:, columns.q] += by_at
+    there = steps.floating.integrate(posed.at, move)
     way = steps.steps.closings.way(posed.condensed.factors, there)
     if posed.condensed.factors.rank and len(steps.placed):
         for part in [part for part in way if part.end is not part.begin] or way:
             of_step = part.factors is posed.condensed.factors
-            at, d_at = (posed.at, start.at) if of_step else (part.begin, dq)
+            at, d_at = (posed.at, steps.itself) if of_step else (part.begin, dq)
             dq = _closed(steps, part, dq, at, d_at)
-    return way[-1].end, steps.floating.turned(v1, rest), dq, partials.turned(v1, rest) @ dv1
+    turned = partials.turned(v1, rest, by_move).dot(dv1)
+    return way[-1].end, steps.floating.turned(v1, rest), dq, turned
 
 
 def _closed(steps: LinearSteps, part: Closing, dq: Array, at: Array, d_at: Array) -> Array:

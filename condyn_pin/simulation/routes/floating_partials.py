@@ -1,7 +1,7 @@
 """How what `Floating` does to floating bodies changes with what it is given; tangent columns.
 
     p+ = p + R x, R+ = R exp(y):    dp+ = E^T (dp - x x dtheta + dx),   dtheta+ = E^T dtheta + Jr dy
-    u+ = exp(-dt w) u:              du+ = E (du + dt u x Jr(-dt w) dw)
+    u+ = exp(-dt w) u:              du+ = E^T du + dt u+ x Jr dw,    y = dt w
 
 with x and y the two halves of a move, E the rotation that belongs to it, and positions in the axes
 of the body.
@@ -24,7 +24,7 @@ class FloatingPartials:
     """The partials of `Floating` of one model."""
 
     def __init__(self, model: Any) -> None:
-        self._model = model
+        self._model, self._one = model, np.eye(model.nv)
         joints = [(j.shortname(), j.idx_v) for j in list(model.joints)[1:]]
         self._bodies = [i for name, i in joints if name == "JointModelFreeFlyer"]
         self._planar = [i for name, i in joints if name == "JointModelPlanar"]
@@ -44,19 +44,18 @@ class FloatingPartials:
             by_move[i : i + 2, i : i + 3] = np.column_stack([turn, np.zeros(2)])
         return by_q, by_move
 
-    def turned(self, v: Array, dt: float) -> Array:
-        """Return v in the axes after dt by v (nv, nv)."""
-        by_v = np.eye(len(v))
+    def turned(self, v: Array, dt: float, by_move: Array) -> Array:
+        """Return v in the axes after dt by v (nv, nv); `by_move` is that of `integrate` by dt v."""
+        by_v = self._one.copy()
         for i in self._bodies:
-            u, w = v[i : i + 3], v[i + 3 : i + 6]
-            turn = pin.exp3(-dt * w)
-            by_v[i : i + 3, i : i + 3] = turn
-            by_v[i : i + 3, i + 3 : i + 6] = dt * turn @ pin.skew(u) @ pin.Jexp3(-dt * w)
+            lin, ang = slice(i, i + 3), slice(i + 3, i + 6)
+            turn = by_move[lin, lin]
+            by_v[lin, lin] = turn
+            by_v[lin, ang] = pin.skew(dt * turn.dot(v[lin])).dot(by_move[ang, ang])
         for i in self._planar:
-            u, angle = v[i : i + 2], -dt * float(v[i + 2])
-            turn = _turn(angle)
+            turn = by_move[i : i + 2, i : i + 2]
             by_v[i : i + 2, i : i + 2] = turn
-            by_v[i : i + 2, i + 2] = -dt * turn @ _SKEW @ u
+            by_v[i : i + 2, i + 2] = -dt * _SKEW @ turn @ v[i : i + 2]
         return by_v
 
     def turning(self, v: Array) -> Array:

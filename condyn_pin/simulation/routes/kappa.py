@@ -102,7 +102,7 @@ class Kappa(LawRoute):
             return _Hovering(scheme.contact, _HOVERS * self.kappa * _G)
         return scheme
 
-    def law(self, problem: ContactProblem, lam: Array, size: float) -> Law:
+    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
         """Return the impulses of the smooth law, and the law linearised at them."""
         barrier = Barrier(problem, self.kappa, size)
         return barrier.law(barrier.solve())

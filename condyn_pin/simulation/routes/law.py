@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import Final, NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
+from scipy.linalg.lapack import dgetrf, dgetri, dlange
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.modes import Modes
@@ -48,8 +48,16 @@ class Law(NamedTuple):
 
 
 def least(A: Array, b: Array) -> Array:
-    """Return x of A x = b (m,) or (m, columns), the smallest one where contacts are redundant."""
+    """Return x of A x = b (m,) or (m, columns), the smallest one where contacts are redundant.
+
+    By A^-1 and one step of refinement, which is as exact as LAPACK's solution for each column: of
+    many columns that takes ten times as long as products do.
+    """
     lu, pivots, info = dgetrf(A)
-    if not info and dgecon(lu, float(np.abs(A).sum(axis=0).max()))[0] > _REDUNDANT:
-        return np.asarray(dgetrs(lu, pivots, b)[0])
-    return np.asarray(np.linalg.lstsq(A, b, rcond=_REDUNDANT)[0])
+    if not info:
+        inverse, info = dgetri(lu, pivots)
+    if info or not dlange("1", A) * dlange("1", inverse) * _REDUNDANT < 1:
+        return np.asarray(np.linalg.lstsq(A, b, rcond=_REDUNDANT)[0])
+    x = inverse.dot(b)
+    x += inverse.dot(b - A.dot(x))
+    return np.asarray(x)

@@ -5,7 +5,9 @@
 
 with df and ds what the balance of momentum and the constraints leave by q, v and tau at fixed v+
 and impulses (`Linearisation`), and dv_0 the velocities that solve the first line with dlam = 0.
-What a scheme adds to g comes from the scheme (`asked_by`).
+What a scheme adds to g comes from the scheme (`asked_by`). All of that is by where the equations
+are taken and by their v and tau, in the columns of q, v and tau; `Starts` has the chain rule from
+there to the start of the step.
 
 Off loops with redundant rows nothing satisfies all of them: derivatives by q hold along motions
 that keep the constraints.
@@ -18,7 +20,6 @@ from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dtrtrs
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
@@ -42,7 +43,7 @@ from condyn_pin.simulation.routes.floating_partials import FloatingPartials
 from condyn_pin.simulation.routes.inertia_partials import InertiaPartials
 from condyn_pin.simulation.routes.law import Law, least
 from condyn_pin.simulation.routes.row_partials import row_partials
-from condyn_pin.simulation.routes.starts import Start, Starts
+from condyn_pin.simulation.routes.starts import Starts
 from condyn_pin.simulation.system import System
 
 
@@ -54,6 +55,10 @@ def falls(model: Any, dt: float) -> float:
 def rows_with_a_place(bounds: Sequence[AnyBound]) -> list[int]:
     """Return the rows that have a position error."""
     return [row for bound in bounds for row in bound.positioned]
+
+
+# Of a problem, impulses and their natural residual.
+_Law = Callable[[ContactProblem, Array, float], Law]
 
 
 class Ended(NamedTuple):
@@ -98,7 +103,10 @@ class LinearSteps:
         self.share = 0.5 * dt if scheme.at_midpoint else dt  # from `at` to the end [s]
         bounds = self.system.equations.bounds
         self.placed = np.array(rows_with_a_place(bounds), dtype=np.int_)
-        self._starts = Starts(self.system, scheme, dt, self.partials, self.columns)
+        self._unit = np.eye(scene.robot.nv)
+        self.itself = self.columns.empty()  # where the equations are taken, by that
+        self.itself[:, self.columns.q] = self._unit
+        self._starts = Starts(self.system, scheme, dt, self.partials)
 
     @property
     def linearisation(self) -> Linearisation:
@@ -111,7 +119,7 @@ class LinearSteps:
         return Linearisation(weightless(self.system.model), self.scene.bilateral.bounds)
 
     def end(
-        self, t: float, q: Array, v: Array, law: Callable[[ContactProblem, Array], Law],
+        self, t: float, q: Array, v: Array, law: _Law,
         taken: Taken | None = None,
     ) -> Ended:  # fmt: skip
         """Return the end of a step from a state, with its derivatives by a `law` of contacts.
@@ -121,116 +129,126 @@ class LinearSteps:
         if taken is None:
             self.steps.attempt(t, q, v)
             taken = self.steps.last
-        start = self._starts.at(t, q, v)
-        along = start.v
-        for posed, _, attempt, _ in taken.tried:
-            found = law(posed.problem, attempt.lam)
+        along: Array | None = None
+        for posed, _, attempt, natural in taken.tried:
+            found = law(posed.problem, attempt.lam, natural)
             v1 = posed.condensed.velocity(found.lam)
-            dv1 = self._velocity(posed, found, v1, start, along)
-            along = next_path(posed, along, dv1)
-        return Ended(*moved(self, posed, v1, dv1, start), posed, found)
+            dv1 = self._velocity(posed, found, v1, along)
+            along = dv1 if along is None else next_path(posed, along, dv1)
+        q1, v1, dq, dv = moved(self, posed, v1, dv1)
+        chain = self._starts.chain(t, q, v)
+        if chain is not None:
+            for by in (dq, dv):
+                by[:, : len(chain)] = by[:, : len(chain)].dot(chain)
+        return Ended(q1, v1, dq, dv, posed, found)
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of a step of the scheme."""
         q, v, _ = self.steps.step(t, q, v)
         return q, v
 
-    def ended(
-        self, t: float, q: Array, v: Array, law: Callable[[ContactProblem, Array], Law]
-    ) -> tuple[Array, Array]:
+    def ended(self, t: float, q: Array, v: Array, law: _Law) -> tuple[Array, Array]:
         """Return what `end` does, without derivatives."""
         self.steps.attempt(t, q, v)
-        posed, _, attempt, _ = self.steps.last.tried[-1]
-        v1 = posed.condensed.velocity(law(posed.problem, attempt.lam).lam)
+        posed, _, attempt, natural = self.steps.last.tried[-1]
+        v1 = posed.condensed.velocity(law(posed.problem, attempt.lam, natural).lam)
         moved = self.floating.integrate(posed.at, self.share * v1)
         return self.steps.closings.closed(posed.condensed.factors, moved), self.floating.turned(
             v1, self.share
         )
 
-    def _velocity(self, posed: Posed, law: Law, v1: Array, start: Start, along: Array) -> Array:
+    def _velocity(self, posed: Posed, law: Law, v1: Array, along: Array | None) -> Array:
         """Return v+ by all columns (nv, columns), in the axes of the step.
 
-        `along` (nv, columns) is how the velocity changes along which contacts are taken.
+        `along` (nv, columns) is how the velocity changes along which contacts are taken, if any.
         """
         if not len(law.lam):
-            return self._untouched(posed, v1, start)
+            return self._untouched(posed, v1)
         condensed = posed.condensed
         l_b = condensed.constraint_impulses(law.lam)
-        of = self._linearised(posed.at, posed.v, posed.v, v1, l_b)
-        rows = row_partials(self, posed, law.lam, v1, start, along)
-        f = self._balance(of, posed, v1, start, start.v) + rows.pulls
-        free, dsigma = condensed.changed(f, self._slip(of, posed, posed.v, v1, start))
-        dsigma += rows.slips + asked_partials(self, posed, law, start, rows)
+        of = self._linearised(posed, v1, l_b)
+        rows = row_partials(self, posed, law.lam, v1, along)
+        f = self._balance(of, posed, v1)
+        f += rows.pulls
+        free, dsigma = condensed.changed(f, self._slip(of, posed, v1))
+        dsigma += rows.slips
+        dsigma += asked_partials(self, posed, law, rows)
         R = posed.problem.R
         G = posed.problem.G if R is None else posed.problem.G + np.diag(R)
-        A = law.by_sigma @ G + law.by_lam
-        b = law.by_sigma @ dsigma
+        A = law.by_sigma.dot(G)
+        A += law.by_lam
+        b = law.by_sigma.dot(dsigma)
         b[:, self._friction(posed)] += law.by_friction
         if self.inertias and law.by_size is not None:
             size = self.falls**2 * self.inertias.mass()
             b[:, self.columns.inertias] += np.outer(law.by_size, size)
         free -= condensed.X.dot(least(A, b))
-        return np.asarray(dtrtrs(condensed.factors.L.T, free)[0])
+        return np.asarray(condensed.factors.mass.L_inv.T.dot(free))
 
-    def _linearised(self, at: Array, v: Array, mean: Array, v1: Array, l_b: Array) -> Linearised:
-        """Return the linearised equations of a step whose h is that of `mean`."""
-        a = (v1 - v) / self.dt - self.floating.turning(mean)
-        return self.linearisation.at(at, mean, a, l_b / self.dt)
+    def _linearised(self, posed: Posed, v1: Array, l_b: Array) -> Linearised:
+        """Return the linearised equations of a step."""
+        a = (v1 - posed.v) / self.dt - posed.turning
+        return self.linearisation.at(posed.at, posed.mean, a, l_b / self.dt)
 
-    def _balance(self, of: Linearised, posed: Posed, v1: Array, start: Start, mean: Array) -> Array:
+    def _balance(self, of: Linearised, posed: Posed, v1: Array, mean: Array | None = None) -> Array:
         """Return what the balance of momentum leaves of a step (nv, columns).
 
-        `mean` (nv, columns) is how the velocity of h changes.
+        `mean` (nv, columns) is how the velocity of h changes, if it is not the one before.
         """
-        n, dt = len(v1), self.dt
+        n, dt, columns = len(v1), self.dt, self.columns
         M = self.system.equations.mass(posed.at) if of.M is None else of.M
-        W = self.partials.turning(posed.mean)
-        L = posed.condensed.factors.L
-        f = dt * (of.rhs[:n, :n] @ start.at + start.pulled)
-        f += dt * (of.rhs[:n, n:] + M @ W) @ mean + L @ L.T @ start.v
+        L, f = posed.condensed.factors.L, columns.empty()
+        by_mean = of.rhs[:n, n:] + M.dot(self.partials.turning(posed.mean))
+        np.multiply(dt, of.rhs[:n, :n], out=f[:, columns.q])
+        np.multiply(dt, self._unit, out=f[:, columns.tau])
+        if mean is None:
+            np.multiply(dt, by_mean, out=f[:, columns.v])
+        else:
+            f += (dt * by_mean).dot(mean)
+        f[:, columns.v] += L.dot(L.T)
         if self.inertias:
-            a = (v1 - posed.v) / dt - self.floating.turning(posed.mean)
-            f[:, self.columns.inertias] -= dt * self.inertias.forces(posed.at, posed.mean, a)
-        between = self.system.passive.between
-        if between is not None:
-            f -= self.stiffer(posed.at, v1 - posed.v) @ start.at
-        return np.asarray(f)
+            a = (v1 - posed.v) / dt - posed.turning
+            f[:, columns.inertias] -= dt * self.inertias.forces(posed.at, posed.mean, a)
+        if self.system.passive.between is not None:
+            f[:, columns.q] -= self.stiffer(posed.at, v1 - posed.v)
+        return f
 
-    def _slip(self, of: Linearised, posed: Posed, v: Array, v1: Array, start: Start) -> Array:
-        """Return what the constraints leave of a step (rows, columns), `of` at v and any a.
+    def _slip(self, of: Linearised, posed: Posed, v1: Array) -> Array:
+        """Return what the constraints leave of a step (rows, columns), whose h is that of v.
 
         J_b (2 v+ / dt - w x u) + gamma = 0
         """
-        n, dt = len(v1), self.dt
-        if len(of.rhs) == n:
-            return np.zeros((0, start.at.shape[1]))
-        a = (v1 - posed.v) / dt - self.floating.turning(v)  # that of `of`
-        missing = 2 / dt * v1 - self.floating.turning(v) - a
+        n, dt, columns = len(v1), self.dt, self.columns
+        slip = columns.empty(len(of.rhs) - n)
+        if not len(slip):
+            return slip
+        missing = (v1 + posed.v) / dt  # to the acceleration of `of`
         s_q = -of.rhs[n:, :n] + self.linearisation.turning(posed.at, missing)
-        by_v = -of.rhs[n:, n:] - of.J @ self.partials.turning(v)
-        return -0.5 * dt * (s_q @ start.at + by_v @ start.v)
+        by_v = -of.rhs[n:, n:] - of.J @ self.partials.turning(posed.v)
+        slip[:, columns.q], slip[:, columns.v] = -0.5 * dt * s_q, -0.5 * dt * by_v
+        return slip
 
-    def _untouched(self, posed: Posed, v1: Array, start: Start) -> Array:
+    def _untouched(self, posed: Posed, v1: Array) -> Array:
         """Return the same where nothing touches: h at the mean of v and of v+ with h at v."""
-        factors, dt = posed.condensed.factors, self.dt
+        factors, dt, columns = posed.condensed.factors, self.dt, self.columns
         first = 2 * posed.mean - posed.v
         M, h, J_b, gamma = self.system.equations.parts(posed.at, posed.v)
         w = self.floating.turning(posed.v)
         L = factors.L
         p = L @ (L.T @ posed.v) + dt * (posed.tau - h + M @ w)
         l_b = factors.solve(p, -0.5 * dt * (gamma - J_b @ w))[1]
-        of = self._linearised(posed.at, posed.v, posed.v, first, l_b)
-        at_start = posed._replace(mean=posed.v)
-        f = self._balance(of, at_start, first, start, start.v)
-        dfirst = factors.solve(f, self._slip(of, at_start, posed.v, first, start))[0]
+        at_start = posed._replace(mean=posed.v, turning=w)
+        of = self._linearised(at_start, first, l_b)
+        s = self._slip(of, at_start, first)
+        mean = 0.5 * factors.solve(self._balance(of, at_start, first), s)[0]
+        mean[:, columns.v] += 0.5 * self._unit
         l_b = posed.condensed.constraint_impulses(np.zeros(0))
-        again = self._linearised(posed.at, posed.v, posed.mean, v1, l_b)
-        f = self._balance(again, posed, v1, start, 0.5 * (start.v + dfirst))
+        again = self._linearised(posed, v1, l_b)
+        f = self._balance(again, posed, v1, mean)
         # rows of constraints with the first h, and this v+
-        turned = self.linearisation.turning(posed.at, 2 / dt * (v1 - first)) if len(l_b) else None
-        s = self._slip(of, at_start, posed.v, first, start)
-        if turned is not None:
-            s -= 0.5 * dt * turned @ start.at
+        if len(l_b):
+            turned = self.linearisation.turning(posed.at, 2 / dt * (v1 - first))
+            s[:, columns.q] -= 0.5 * dt * turned
         return factors.solve(f, s)[0]
 
     def stiffer(self, q: Array, x: Array) -> Array:

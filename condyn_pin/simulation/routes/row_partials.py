@@ -1,6 +1,6 @@
 """How the rows of contacts in a step change with its start, and how far their paths bend.
 
-Where contacts are taken at the beginning of a step, in closed form:
+Where contacts are taken where the equations of a step are, in closed form:
 
     (J_c v+)' = (J_c v+)_q dq,    (J_c^T lam)' = (J_c^T lam)_q dq,
     s' = J_e dq_e - J_n dq - dt ((J_n v)_q dq + J_n dv),    dq_e = d(q (+) dt v)
@@ -19,7 +19,6 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.derivatives.carried import slope
 from condyn_pin.simulation.integrators.posed import Posed
-from condyn_pin.simulation.routes.starts import Start
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.routes.linear_steps import LinearSteps
@@ -35,25 +34,27 @@ class RowPartials(NamedTuple):
 
 
 def row_partials(
-    steps: LinearSteps, posed: Posed, lam: Array, v1: Array, start: Start, along: Array
+    steps: LinearSteps, posed: Posed, lam: Array, v1: Array, along: Array | None
 ) -> RowPartials:
     """Return how rows and bends change; `along` (nv, columns) is how the path of contacts does."""
     if posed.path is not None:
-        return _at_the_end(steps, posed, posed.path, lam, v1, start, along)
+        assert along is not None  # where a step goes along a path, one has led to it
+        return _at_the_end(steps, posed, posed.path, lam, v1, along)
+    columns, rows = steps.columns, posed.chosen.rows
     all_lam = np.zeros(len(posed.J))
-    all_lam[posed.chosen.rows] = lam
+    all_lam[rows] = lam
     steps.turning.go(posed.at)
-    of_all, pulls = steps.turning.by_q((v1, posed.v), all_lam)
-    after, before = of_all[:, posed.chosen.rows]
-    return RowPartials(
-        after @ start.at, pulls @ start.at, _bends(steps, posed, start, along, before), before
-    )
+    turned, pulled = steps.turning.by_q((v1, posed.v), all_lam)
+    slips, pulls = columns.empty(len(lam)), columns.empty()
+    slips[:, columns.q], pulls[:, columns.q] = turned[0, rows], pulled
+    before = turned[1, rows]
+    return RowPartials(slips, pulls, _bends(steps, posed, before), before)
 
 
-def _bends(steps: LinearSteps, posed: Posed, start: Start, along: Array, before: Array) -> Array:
+def _bends(steps: LinearSteps, posed: Posed, before: Array) -> Array:
     """Return how the bends along the velocity before change."""
     dt, system, chosen, v = steps.dt, steps.system, posed.chosen, posed.v
-    bends = np.zeros((len(posed.near.bends), start.at.shape[1]))
+    columns, bends = steps.columns, steps.columns.empty(len(posed.near.bends))
     k = chosen.contact_points
     if not steps.scheme.closes_gaps or not k:
         return bends
@@ -61,23 +62,17 @@ def _bends(steps: LinearSteps, posed: Posed, start: Start, along: Array, before:
     there = steps.floating.integrate(posed.at, dt * v)
     pin.computeJointJacobians(system.model, data, there)
     J_end = system.contacts.evaluate(data, there)[1][chosen.rows][normals]
-    J_n, turned = posed.J[chosen.rows][normals], before[normals]
+    J_n = posed.J[chosen.rows][normals]
     by_at, by_move = steps.partials.integrate(posed.at, dt * v)
-    bends[:k] = (J_end @ by_at - J_n - dt * turned) @ start.at
-    bends[:k] += dt * (J_end @ by_move - J_n) @ along
+    bends[:k, columns.q] = J_end.dot(by_at) - J_n - dt * before[normals]
+    bends[:k, columns.v] = dt * (J_end.dot(by_move) - J_n)
     return bends
 
 
 def _at_the_end(
-    steps: LinearSteps,
-    posed: Posed,
-    path: Array,
-    lam: Array,
-    v1: Array,
-    start: Start,
-    along: Array,
+    steps: LinearSteps, posed: Posed, path: Array, lam: Array, v1: Array, along: Array
 ) -> RowPartials:
-    model, dt, chosen = steps.system.model, steps.dt, posed.chosen
+    model, dt, chosen, columns = steps.system.model, steps.dt, posed.chosen, steps.columns
     m, k = len(lam), len(posed.near.bends)
 
     def rows(moved: Array) -> Array:
@@ -87,10 +82,11 @@ def _at_the_end(
         bent = gaps[chosen.gaps] - dt * J_c.dot(u)[chosen.normals]
         return np.concatenate((J_c.dot(v1), lam.dot(J_c), bent))
 
-    moves = np.concatenate((start.at, dt * along))
+    moves = np.concatenate((steps.itself, dt * along))
     changes = np.zeros((m + len(v1) + k, moves.shape[1]))
     for i in np.flatnonzero(moves.any(axis=0)):
         size = float(np.abs(moves[:, i]).max())
         changes[:, i] = size * slope(rows, moves[:, i] / size)
-    bends = changes[m + len(v1) :] - posed.J_n @ start.at
+    bends = changes[m + len(v1) :]
+    bends[:, columns.q] -= posed.J_n
     return RowPartials(changes[:m], changes[m : m + len(v1)], bends)

@@ -69,9 +69,9 @@ class Softened(LawRoute):
         soft = SoftStep(solref=self.solref, solimp=self.solimp)
         return scheme if isinstance(scheme, SoftStep) else soft
 
-    def law(self, problem: ContactProblem, lam: Array, size: float) -> Law:
+    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
         """Return the impulses of a problem, and their natural map linearised."""
-        lam = polished(problem, lam).lam
+        lam = polished(problem, lam, natural).lam
         sets, m = problem.sets, problem.rows
         sigma = problem.velocities(lam)
         rho = 1.0 / problem.scale[0]
