@@ -216,7 +216,7 @@ class StepFailed(CondynError):
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:
     """Return the error for a name that does not exist, with the nearest names that do."""
     known = list(known)
-    near = get_close_matches(name, known, n=4, cutoff=0.6)
+    near = get_close_matches(name, known, n=4, cutoff=0.6) or _with_part(name, known)[:4]
     if near:
         hint = "did you mean " + " or ".join(repr(n) for n in near) + "?"
     elif len(known) <= 30:
@@ -224,3 +224,8 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:
     else:
         hint = f"known: {', '.join(known[:30])}, and {len(known) - 30} more"
     return UnknownName(f"no {kind} named {name!r}; {hint}")
+
+
+def _with_part(name: str, known: list[str]) -> list[str]:
+    """Return the names that a name of two letters or more is part of."""
+    return [each for each in known if len(name) > 1 and name.lower() in each.lower()]

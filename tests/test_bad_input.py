@@ -633,6 +633,10 @@ SCENES: dict[str, Case] = {
         "two constraints are named 'left_sole_link'; give one of them a name",
     ),
     "posture": (asked("talos", "state", "half_siting"), "did you mean 'half_sitting'"),
+    "a part of a name": (
+        lambda: robot("talos").frame_pose(robot("talos").postures["half_sitting"], "torso"),
+        "no frame named 'torso'; did you mean 'torso_1_joint' or",
+    ),
     **each("posture", (3, ["half_sitting"], {}), lambda x: scene("talos").state(x), "posture = "),
     "posture by joints": (
         asked("four_bar", "state", {"crank": 0.3}), r"scene.assemble\(robot.configuration\(",
@@ -954,6 +958,11 @@ MASKED = np.ma.array(np.zeros(N), mask=[False, True, False])
         "masked": (lambda: cp.solve(BAR, Q, V, MASKED), r"^tau: .*masked; .filled"),
         "masked batch": (lambda: cp.solve_batch(BAR, [Q], [V], MASKED[None]), "^TAU: .*masked"),
         "a column": (lambda: cp.solve(BAR, Q, V, np.zeros((N, 1))), r"^tau has shape \(3, 1\)"),
+        "motors alone": (lambda: cp.solve(BAR, Q, V, [1.0]), r"needed; robot.joint_vector\("),
+        "motors in a law": (
+            lambda: cp.simulate(BAR, Q, V, lambda t, q, v: [1.0], duration=0.01),
+            r"^tau\(0, q, v\) has shape \(1,\).*robot.joint_vector\(",
+        ),
         "columns": (
             lambda: cp.solve_batch(BAR, [Q], [V], np.zeros((1, N, 1))),
             r"^TAU has shape \(1, 3, 1\)",

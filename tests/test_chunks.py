@@ -90,6 +90,21 @@ def test_work_that_always_kills_ends_with_an_error_and_all_else_done():
     assert crash.run(call) == crash.Outcome("ok", "")
 
 
+def test_a_function_of_a_notebook_is_refused_by_name():
+    script = (
+        "import condyn_pin as cp\n"
+        "def one(seed): return seed\n"
+        "with cp.Processes(1) as executor:\n"
+        "    try: executor.submit(one, 1)\n"
+        "    except cp.errors.InvalidArgument as error: print(error)\n"
+        "    print(executor.submit(abs, -1).result())\n"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    refused, answer = done.stdout.splitlines()
+    assert refused.startswith("fn = one: a function of a notebook")
+    assert answer == "1"
+
+
 def dies_with_a_lock(mark: str) -> None:
     """Kill a worker where it first lets go of a lock that it shares with others."""
 

@@ -413,6 +413,15 @@ def test_a_humanoid_on_two_points_can_turn_about_the_line_through_them():
         assert not any("can still" in note for note in notes)
 
 
+def test_an_open_loop_of_the_robot_holds_no_base():
+    cassie = robot("cassie")
+    bent = np.array(next(iter(cassie.postures.values())))
+    bent[cassie.index_q("left-knee-op")] -= 0.3  # J of an open loop has columns of the base
+    opened = dataclasses.replace(cassie, postures={"open": bent})
+    notes = cp.Scene(opened, opened.loops).summary().notes
+    assert not any("can still" in note for note in notes)
+
+
 def test_a_foot_that_glides_shifts_and_turns():
     left, right = (contact.frame for contact in robot("talos").contacts)
     three = [

@@ -66,6 +66,13 @@ def solved(**more):
     return cp.solve(*cassie_standing(), **more)
 
 
+def many():
+    bar = cp.model.four_bar()
+    scene = cp.Scene(bar, bar.loops)
+    q, v = (np.tile(x, (3, 1)) for x in scene.state())
+    return cp.simulate_batch(scene, q, v, np.zeros((3, 3)), duration=0.01, dt=1e-3)
+
+
 def table():
     return cp.Study("four_bar", [cp.Proximal(), cp.dynamics.NullSpace()]).run()
 
@@ -82,6 +89,7 @@ MADE = {
     ),
     "Table": (table, ("four_bar loops", "Proximal", "median [us]", "measured on")),
     "Trajectory": (swinging, ("four_bar: finished", "energy", "cut", "RungeKutta4")),
+    "BatchTrajectory": (many, ("four_bar, 3 motions: 3 finished", "violation", "unexplained")),
     "Trajectory of contacts": (falling, ("solo12: finished", "StewartTrinkle")),
 }
 

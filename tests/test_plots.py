@@ -8,7 +8,7 @@ import pytest
 
 import condyn_pin as cp
 from condyn_pin._core import plot_style
-from condyn_pin.viewing import plots_motion, plots_scene
+from condyn_pin.viewing import plots_contact, plots_motion, plots_scene
 
 mpl.use("Agg")
 
@@ -63,6 +63,36 @@ def test_forces_have_their_size(swinging, ax):
     assert np.array_equal(lines(ax)[name], norm)
     with pytest.raises(cp.errors.UnknownName, match="nothing"):
         plots_motion.forces(swinging, ["nothing"])
+
+
+@pytest.fixture(scope="module")
+def standing():
+    solo = cp.load_robot("solo12")
+    floor = cp.Scene(solo, contacts=solo.frictional_contacts(friction=0.7))
+    q, v = floor.state()
+    return cp.simulate(floor, cp.mechanism.put_down(floor, q), v, duration=0.01, dt=1e-3)
+
+
+def test_panels_above_one_another_have_a_legend_once(standing):
+    from matplotlib.figure import Figure
+
+    gaps, forces = Figure().subplots(2, sharex=True)
+    plots_contact.gaps(standing, ax=gaps)
+    plots_contact.normal_forces(standing, ax=forces)
+    assert len(gaps.get_legend().get_texts()) == 4
+    assert forces.get_legend() is None
+    assert plots_contact.normal_forces(standing, ax=Figure().subplots()).get_legend()
+
+
+def test_names_of_contacts_are_within_the_picture():
+    talos = cp.load_robot("talos")
+    floor = cp.Scene(talos, contacts=talos.frictional_contacts(friction=0.7))
+    q, v = floor.state()
+    run = cp.simulate(floor, cp.mechanism.put_down(floor, q), v, duration=0.002, dt=1e-3)
+    ax = plots_contact.modes(run)
+    ax.figure.canvas.draw()
+    assert min(label.get_window_extent().x0 for label in ax.get_yticklabels()) >= 0.0
+    assert ax.get_axisbelow() is True  # no grid over the bars
 
 
 def test_singular_values_dip_at_a_dead_point(ax):

@@ -15,10 +15,14 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
 T = TypeVar("T")
 
-# What makes arrays of values by joint, and of the name of a posture.
-_MADE_BY: Final = dict.fromkeys(
-    ("q", "start"), "robot.configuration({joint: value}) makes one, robot.postures[name] is one"
-) | dict.fromkeys(("v", "a", "tau"), "robot.joint_vector({joint: value}) makes one")
+# What makes arrays of values by joint, of the name of a posture, and of q and v.
+_MADE_BY: Final = (
+    dict.fromkeys(
+        ("q", "start"), "robot.configuration({joint: value}) makes one, robot.postures[name] is one"
+    )
+    | dict.fromkeys(("v", "a", "tau"), "robot.joint_vector({joint: value}) makes one")
+    | {"x": "np.concatenate([q, v]) makes one"}
+)
 
 _SHOWN: Final = 200  # characters of a value in an error
 
@@ -75,8 +79,10 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
             return plain  # without the questions below
     needed = f"an array of shape {wanted}" if wanted else "one finite number"
     found = name if wanted else f"{name} = {shown(value)}"
-    if name in _MADE_BY and isinstance(value, str | Mapping):
-        raise InvalidArgument(f"{name}: {needed} is needed, not {shown(value)}; {_MADE_BY[name]}")
+    made = _MADE_BY.get(name.partition("(")[0]) if len(wanted) == 1 else None  # also tau(t, q, v)
+    if made and isinstance(value, str | Mapping):
+        raise InvalidArgument(f"{name}: {needed} is needed, not {shown(value)}; {made}")
+    cure = f"; {made}" if made else ""
     try:
         array = np.asarray(value)
         if array.dtype.kind == "b" or _has_flags(value):
@@ -90,9 +96,9 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
         if is_text:
             raise TypeError("numbers, not text")
     except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidArgument(f"{found}: {needed} is needed ({error})") from error
+        raise InvalidArgument(f"{found}: {needed} is needed ({error}){cure}") from error
     if array.shape != wanted:
-        raise InvalidArgument(f"{found} has shape {array.shape}: {needed} is needed")
+        raise InvalidArgument(f"{found} has shape {array.shape}: {needed} is needed{cure}")
     if not np.isfinite(array).all():
         bad = tuple(np.argwhere(~np.isfinite(array))[0].tolist())
         entry = str(list(bad)) if bad else ""

@@ -43,14 +43,19 @@ def line(i: int) -> dict[str, Any]:
 def finished(ax: Any, *, title: str, x: str, y: str) -> Any:
     """Return axes with their words, a pale grid, and a legend if anything has a label.
 
-    Of axes above one another that share x, the first has the title, and the last the words of x.
+    Of axes above one another that share x, the first has the title, the last the words of x, and
+    a legend stands only once.
     """
     place = ax.get_subplotspec()
-    if place is not None and len(ax.get_shared_x_axes().get_siblings(ax)) > 1:
+    beside = [each for each in ax.get_shared_x_axes().get_siblings(ax) if each is not ax]
+    if place is not None and beside:
         title, x = title if place.is_first_row() else "", x if place.is_last_row() else ""
     ax.set(title=title, xlabel=x, ylabel=y)
     ax.grid(visible=True, which="major", color="0.92")
-    if ax.get_legend_handles_labels()[1]:
+    ax.set_axisbelow(True)
+    labels = ax.get_legend_handles_labels()[1]
+    told = [each.get_legend_handles_labels()[1] for each in beside if each.get_legend()]
+    if labels and labels not in told:
         ax.legend(fontsize=7, frameon=False)
     return ax
 

@@ -18,7 +18,7 @@ def axes(ax: Any) -> Any:
     require_matplotlib()
     from matplotlib import pyplot
 
-    return pyplot.subplots()[1]
+    return pyplot.subplots(layout="constrained")[1]  # long names of contacts are not cut off
 
 
 def panels(

@@ -336,8 +336,8 @@ def check_bilateral(scene: Scene) -> None:
     if scene.contacts:
         count = sum(len(bound.candidates) for bound in scene.contact_bounds)
         raise UnsupportedConstraint(
-            f"{count} contact{'s' * (count > 1)} may open: step, "
-            "simulate(integrator=StewartTrinkle()), or scene.closed()"
+            f"{count} contact{'s' * (count > 1)} may open: step, its derivatives and simulate take "
+            "them; scene.closed() is the scene that holds them"
         )
 
 

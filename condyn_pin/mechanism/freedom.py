@@ -36,7 +36,11 @@ def base_freedom(scene: Scene, q: Array) -> Iterator[str]:
         alone = len(model.subtrees[i]) == 1  # a body without joints: mobility says it
         if model.parents[i] or alone or joint.shortname() != "JointModelFreeFlyer":
             continue
-        J_b = J[:, joint.idx_v : joint.idx_v + 6]
+        J_b = J[:, joint.idx_v : joint.idx_v + 6].copy()
+        of_robot = set(model.subtrees[i])
+        for bound in scene.bounds:
+            if bound.within(of_robot):
+                J_b[bound.rows] = 0.0  # a loop of the robot itself holds nothing as one body
         free = null_space(J_b) if len(J_b) else np.eye(6)
         if len(free) in (0, 6):  # held, or flying
             continue

@@ -45,7 +45,10 @@ def slip_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, dt: 
 
 def check_penetration(scene: Scene, q: Array, integrator: Integrator) -> None:
     """Raise NotAssembled if a contact penetrates at q, unless it does at rest too."""
-    cure = "lift the robot by as much, or say close_start=False, and the steps push it out"
+    cure = (
+        "mechanism.put_down(scene, q) puts a floating robot onto the floor; with "
+        "close_start=False the steps push it out"
+    )
     _raise_if_deep(scene, q, integrator, tolerances.NEARLY_CLOSED, "", f" at the start: {cure}")
 
 

@@ -63,7 +63,7 @@ def energy(trajectory: Trajectory, ax: Any = None) -> Any:
         "potential, from the start": found.potential - found.potential[0],
         "springs": found.springs,
         "total, from the start": found.total - found.total[0],
-        "work of tau": found.work,
+        "work of tau and forces": found.work,
         "damping": found.damping,
         "impacts": found.impacts,
         "drives": found.driven,

@@ -10,6 +10,8 @@ from typing import Any, ClassVar, Final, Generic, Self, TypeVar, overload
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.html import facts, notes, page
+
 # The status of a row that nobody has worked on.
 MISSING: Final = -1
 
@@ -86,6 +88,12 @@ class Outcome:
     def _names(self) -> dict[int, str]:
         return {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(self._endings)}
 
+    def _repr_html_(self) -> str:
+        """Return its summary as a notebook shows it."""
+        bad = self._not_ok()
+        title, *lines = [line for line in str(self).splitlines() if line not in bad]
+        return page(title, notes(bad), facts(map(_in_two, lines)), ok=self.ok)
+
     def _counted(self) -> str:
         """Return the counts in words."""
         return ", ".join(f"{number} {name}" for name, number in self.counts.items()) or "none"
@@ -104,3 +112,9 @@ class Outcome:
     def _named(self, i: int) -> str:
         """Return what to call a row."""
         return str(i)
+
+
+def _in_two(line: str) -> tuple[str, str]:
+    """Return what a line of a summary is about, and what it says."""
+    label, _, text = line.partition("  ")
+    return label, text.strip()

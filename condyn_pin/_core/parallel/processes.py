@@ -5,6 +5,7 @@ from __future__ import annotations
 import multiprocessing
 import os
 import signal
+import sys
 from collections.abc import Callable
 from concurrent.futures import Executor, Future, ProcessPoolExecutor
 from threading import Thread
@@ -81,6 +82,7 @@ class Processes(Executor):
 
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
         """Hand out a call, as `concurrent.futures.Executor.submit`."""
+        self._check_found(fn)
         return self._pool.submit(fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
@@ -91,6 +93,15 @@ class Processes(Executor):
         """Replace all workers by new ones; calls that they work on are finished or lost."""
         self._pool.shutdown()
         self._pool = self._new()
+
+    def _check_found(self, fn: Callable[..., object]) -> None:
+        """Refuse a function that a worker would not find: it breaks the pool, and says not why."""
+        typed = not hasattr(sys.modules["__main__"], "__file__")
+        if typed and self.start_method != "fork" and getattr(fn, "__module__", "") == "__main__":
+            raise InvalidArgument(
+                f"fn = {getattr(fn, '__name__', fn)}: a function of a notebook or a prompt, which "
+                "worker processes do not have; write it into a module (a .py file), and import it"
+            )
 
     def _new(self) -> ProcessPoolExecutor:
         return ProcessPoolExecutor(self.workers, self._context, _begin, (self._began,))

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Container, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, Self
 
@@ -89,6 +89,13 @@ class AnyBound(ABC):
     def one_body(self) -> int | None:
         """The joint of the body that both its sides are on; None where they are on two."""
         return None
+
+    def within(self, joints: Container[int]) -> bool:
+        """Return whether both its sides are on bodies of these joints.
+
+        Moving them as one body then changes nothing, also where it is open and J says otherwise.
+        """
+        return False
 
     @property
     def on_robot(self) -> int:
@@ -172,6 +179,10 @@ class OnFrames(AnyBound, ABC):
     def one_body(self) -> int | None:
         """Joint 1, if it is joint 2 too."""
         return self.joint1 if self.joint1 == self.joint2 else None
+
+    def within(self, joints: Container[int]) -> bool:
+        """Return whether joints 1 and 2 are among them."""
+        return self.joint1 in joints and self.joint2 in joints
 
     @property
     def on_robot(self) -> int:

@@ -131,7 +131,7 @@ class BatchStep(Outcome, Batch[StepSolution]):
         worst = float(np.nanmax(self.natural, initial=0.0))
         lines = [
             f"{repr(self)[len('BatchStep(') : -1]}, in {self.seconds:.3g} s",
-            f"largest natural residual {worst:.1e}",
+            f"largest natural residual  {worst:.1e}",
             *self._not_ok(),
         ]
         return "\n".join(lines)
