@@ -99,8 +99,8 @@ def test_a_function_of_a_notebook_is_refused_by_name():
         "    except cp.errors.InvalidArgument as error: print(error)\n"
         "    print(executor.submit(abs, -1).result())\n"
     )
-    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
-    refused, answer = done.stdout.splitlines()
+    call = [sys.executable, "-c", script]
+    refused, answer = subprocess.check_output(call, text=True).splitlines()
     assert refused.startswith("fn = one: a function of a notebook")
     assert answer == "1"
 

@@ -258,7 +258,7 @@ MISTAKES = {
     "solve talos --posture sitting": "half_sitting",
     "solve talos --mu -1": "mu = -1.0",
     "solve talos --solver reference --mu 1": "no such parameter",
-    "control solo12 --lift FL": "'FL'; known: FL_FOOT",
+    "control solo12 --lift FL": "'FL'; did you mean 'FL_FOOT'",
     "control solo12 --com 1,2": "three numbers",
     "control solo12 --qp prox": "did you mean 'proxqp'",
     "control solo12 --png x.jpg": "x.jpg: the ending says the format: .png",
