@@ -29,12 +29,14 @@ from condyn_pin.constraints import (
 from condyn_pin.control import minimum_jerk
 from condyn_pin.dynamics.choice import untaken
 from condyn_pin.mechanism import complete_state
-from condyn_pin.simulation import INTEGRATORS, EventDriven
+from condyn_pin.simulation import INTEGRATORS
 
 GRAVITY = 9.81
 PATH = Sine(0.4, 0.7, 0.3)
 # those with contacts that open are in test_driven_contacts.py: their forces are of first order
-ABLE = [name for name, kind in INTEGRATORS.items() if not kind.takes_contacts]
+ABLE = [
+    name for name, kind in INTEGRATORS.items() if not kind.takes_contacts or kind.locates_events
+]
 
 
 @pytest.fixture(scope="module")
@@ -329,7 +331,6 @@ def test_what_takes_no_path_says_so(driven, bar):
         lambda: cp.Controller(driven, [], cones={}),
         lambda: complete_state(driven, [0.1]),
         lambda: driven.minimal(error=0.01),
-        lambda: cp.simulate(driven, q, v, duration=0.1, integrator=EventDriven()),
         lambda: cp.solve(driven.at(0.0), q, v, still, solver=cp.Proximal()),
     ):
         with pytest.raises(unsupported, match="crank"):

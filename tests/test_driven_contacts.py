@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -17,12 +19,16 @@ from condyn_pin.constraints import (
     Sine,
 )
 from condyn_pin.contact import ADMM
-from condyn_pin.simulation import INTEGRATORS, trajectory_derivatives
+from condyn_pin.simulation import EventDriven, trajectory_derivatives
 
 GRAVITY, FRICTION = 9.81, 0.4
 PLATE, BOX, SLIDE = 1.0, 2.0, 1e-3  # [kg]
 TO_ROUNDING = ADMM(polish=True)  # a step is right to 1e-8 without
 SCHEMES = [cp.StewartTrinkle(TO_ROUNDING), cp.Moreau(TO_ROUNDING)]
+LOCATED = EventDriven()
+WALL = FrictionalContact(
+    "plate_frame", on=Plane(normal=(-1, 0, 0), height=-0.1), friction=0.0, name="wall"
+)
 
 
 def pushed() -> cp.Robot:
@@ -119,10 +125,7 @@ def test_a_driven_four_bar_with_dry_friction_in_its_rocker(scheme):
 
 @pytest.mark.parametrize("scheme", SCHEMES)
 def test_a_path_into_a_wall_is_refused_there(scheme):
-    wall = FrictionalContact(
-        "plate_frame", on=Plane(normal=(-1, 0, 0), height=-0.1), friction=0.0, name="wall"
-    )
-    scene = pushing(Polynomial((0.0, 1.0)), wall)
+    scene = pushing(Polynomial((0.0, 1.0)), WALL)
     run = cp.simulate(
         scene, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], duration=0.2, dt=1e-3, integrator=scheme
     )
@@ -142,16 +145,180 @@ def test_a_batch_moves_as_single_motions_do():
         assert np.array_equal(batch[i].q, run.q)
 
 
-def test_what_holds_its_rows_at_rest_says_so():
-    scene = pushing(Polynomial((0.0, 0.0, 1.5)))
-    unsupported = cp.errors.UnsupportedConstraint
-    with pytest.raises(unsupported, match="plate"):
+def test_event_driven_pushes_a_box_to_rounding():
+    """s = a t^2 / 2, as above, with no error of a step."""
+    a, T = 3.0, 0.5
+    scene = pushing(Polynomial((0.0, 0.0, a / 2)))
+    run = cp.simulate(scene, np.zeros(3), np.zeros(3), duration=T, dt=1e-2, integrator=LOCATED)
+    force = (PLATE + BOX + SLIDE) * a + FRICTION * BOX * GRAVITY
+    assert run.q[-1, :2] == pytest.approx(2 * [a * T**2 / 2], abs=1e-13)
+    assert run.forces["plate"][:, 0] == pytest.approx(force, abs=1e-11)
+    assert run.energy.driven[-1] == pytest.approx(force * a * T**2 / 2, abs=1e-11)
+    assert run.energy.contact[-1] == pytest.approx(
+        -FRICTION * BOX * GRAVITY * a * T**2 / 2, abs=1e-11
+    )
+    assert np.abs(run.energy.error).max() < 1e-12
+
+
+def test_event_driven_locates_where_the_box_stops():
+    v = 2.0
+    scene = pushing(Polynomial((0.0, v, -3.0)))
+    run = cp.simulate(scene, np.zeros(3), [v, v, 0.0], duration=0.6, dt=1e-2, integrator=LOCATED)
+    stop = v / (FRICTION * GRAVITY) * (1 + SLIDE / BOX)
+    assert run.q[-1, 1] == pytest.approx(v * stop / 2, abs=1e-12)
+    (stuck,) = [each for each in run.run.happened if each.name == "stick of floor"]
+    assert stuck.t == pytest.approx(stop, abs=1e-12)
+    assert run.forces["plate"][-1, 0] == pytest.approx(-6.0 * PLATE, abs=1e-12)
+    assert np.abs(run.energy.error).max() < 1e-12
+
+
+def test_the_work_of_a_motor_in_an_impact_is_part_of_the_balance():
+    """A plate at V meets a box at rest: the motor gives m V^2, and half of it is lost."""
+    V, gap, m = 2.0, 0.3, BOX + SLIDE
+    scene = pushing(Polynomial((0.0, V)))
+    run = cp.simulate(
+        scene, [0.0, gap, 0.0], [V, 0.0, 0.0], duration=0.4, dt=1e-2, integrator=LOCATED
+    )
+    (struck,) = run.run.happened
+    assert struck.t == pytest.approx(gap / V, abs=1e-13)
+    assert struck.energy_lost == pytest.approx(m * V**2 / 2, abs=1e-12)
+    assert struck.driven == pytest.approx(m * V**2, abs=1e-12)
+    pushed_on = FRICTION * BOX * GRAVITY * V * (0.4 - gap / V)
+    assert run.energy.driven[-1] == pytest.approx(m * V**2 + pushed_on, abs=1e-11)
+    assert np.abs(run.energy.error).max() < 1e-11
+
+
+@pytest.mark.parametrize("path", [Polynomial((0.0, 2.0)), Sine(0.1, 3.0)])
+def test_friction_turns_where_a_driven_body_does(path):
+    """G is zero, at a constant speed too; a reversal is an event, behind which the force is new."""
+    floor = FrictionalContact("box_frame", friction=FRICTION, name="floor")
+    scene = cp.Scene(pushed(), [Driven(HeldJoint("along"), path)], contacts=[floor])
+    run = cp.simulate(scene, *scene.state(), duration=0.4, dt=1e-2, integrator=LOCATED)
+    s = np.array([path(t) for t in run.t])[:, :, 0]
+    friction = FRICTION * BOX * GRAVITY
+    moves = np.abs(s[:, 1]) > 1e-6
+    force = (BOX + SLIDE) * s[:, 2] + friction * np.sign(s[:, 1])
+    assert run.forces["along"][moves, 0] == pytest.approx(force[moves], abs=1e-11)
+    turns = [each.t for each in run.run.happened if each.name == "reversal of floor"]
+    assert turns == pytest.approx([1 / 12, 3 / 12] if len(turns) else [], abs=1e-10)
+    assert len(turns) == 2 * isinstance(path, Sine)
+    way = 2.0 * 0.4 if isinstance(path, Polynomial) else 0.3 + 0.1 * (1 + np.sin(2.4 * np.pi))
+    assert run.energy.contact[-1] == pytest.approx(-friction * way, rel=1e-4)
+    assert not any(before == "open" for each in run.run.happened for _, before, _ in each.modes)
+
+
+def driven_bar(path, torque=0.5):
+    bar = cp.model.four_bar()
+    motor = Driven(HeldJoint("crank", float(bar.postures["open"][0])), path)
+    joint = list(bar.model.names)[-1]
+    return cp.Scene(bar, [*bar.loops, motor], contacts=[JointFriction(joint, torque)])
+
+
+def torque_of(scene, q, v, a, torque=0.5):
+    """The crank's by virtual power: v . (M a + h - friction) / v_crank."""
+    model = scene.robot.model
+    tau = pin.rnea(model, model.createData(), q, v, a)
+    tau[-1] += torque * np.sign(v[-1])
+    return v @ tau / v[0]
+
+
+def test_a_driven_four_bar_with_dry_friction_needs_the_torque_of_inverse_dynamics():
+    scene = driven_bar(Sine(0.4, 0.7))
+    run = cp.simulate(scene, *scene.state(), duration=0.6, dt=4e-3, integrator=LOCATED)
+    assert [each.name for each in run.run.happened] == ["reversal of rocker/friction"]
+    off = [
+        motor[0] - torque_of(scene, q, v, a)
+        for q, v, a, motor in zip(run.q, run.v, run.a, run.forces["crank"], strict=True)
+        if abs(v[0]) > 1e-6
+    ]
+    assert len(off) >= len(run.t) - 2
+    assert np.abs(off).max() < 1e-9
+    assert np.abs(run.energy.error).max() < 1e-8
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_one_step_of_a_plate_that_pushes_a_box(scheme):
+    """The velocity of StewartTrinkle is that of the middle of the step before."""
+    a, t, dt = 3.0, 0.2, 1e-3
+    late = 0.0 if isinstance(scheme, cp.Moreau) else dt / 2
+    scene = pushing(Polynomial((0.0, 0.0, a / 2)))
+    q, v = (x * np.array([1.0, 1.0, 0.0]) for x in (a * t**2 / 2, a * (t - late)))
+    found = cp.step(scene.at(t), q, v, dt=dt, integrator=scheme)
+    assert found.status.ok
+    assert found.q[:2] == pytest.approx(a * (t + dt) ** 2 / 2, abs=1e-12)
+    assert found.v[:2] == pytest.approx(a * (t + dt - late), abs=1e-12)
+    force = (PLATE + BOX + SLIDE) * a + FRICTION * BOX * GRAVITY
+    assert found.forces["plate"] == pytest.approx([force], abs=1e-9)
+    assert found.forces["side"][2] == pytest.approx(force - PLATE * a, abs=1e-9)
+    assert max(found.constraint_error, found.violation, found.dynamics_error) < 1e-12
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_steps_one_by_one_are_those_of_a_motion(scheme):
+    scene, dt = driven_bar(Sine(0.4, 0.7)), 1e-3
+    q, v = scene.state()
+    run = cp.simulate(scene, q, v, duration=5 * dt, dt=dt, integrator=scheme)
+    for k in range(5):
+        one = cp.step(scene.at(k * dt), q, v, dt=dt, integrator=scheme)
+        assert one.status.ok
+        assert one.violation < 1e-12
+        q, v = one.q, one.v
+        assert q == pytest.approx(run.q[k + 1], abs=1e-13)
+        assert v == pytest.approx(run.v[k + 1], abs=1e-11)
+
+
+def test_a_step_of_a_driven_four_bar_comes_to_inverse_dynamics():
+    """By Moreau, to that in the middle of the step; h is that of its start, of first order in dt."""
+    scene, t, off = driven_bar(Sine(0.4, 0.7)), 0.1, []
+    bare, torque = replace(scene, contacts=()), 0.0
+    for dt in (4e-3, 2e-3):
+        one = cp.step(scene.at(t), *scene.at(t).state(), dt=dt, integrator=cp.Moreau(TO_ROUNDING))
+        q, v = scene.at(t + dt / 2).state()
+        torque = torque_of(scene, q, v, cp.solve(bare.at(t + dt / 2), q, v, np.zeros(3)).a)
+        off.append(abs(one.forces["crank"][0] - torque))
+    assert off[1] < 0.02 * abs(torque)
+    assert off[1] < 0.6 * off[0]
+
+
+def test_what_takes_no_driven_rows_says_so():
+    scene, unsupported = pushing(Polynomial((0.0, 0.0, 1.5))), cp.errors.UnsupportedConstraint
+    with pytest.raises(unsupported, match=r"plate follows a path of time: scene\.at\(t\)"):
         cp.step(scene, np.zeros(3), np.zeros(3), dt=1e-3)
-    with pytest.raises(unsupported, match=r"plate.*use StewartTrinkle\(\)"):
-        cp.simulate(
-            scene, np.zeros(3), np.zeros(3), duration=0.1,
-            integrator=INTEGRATORS["eventdriven"](),
-        )  # fmt: skip
+    with pytest.raises(unsupported, match=r"plate.*a derivative of a step"):
+        cp.step(scene.at(0.0), np.zeros(3), np.zeros(3), dt=1e-3).derivatives()
+    two = replace(
+        scene, constraints=[*scene.at(0.1).constraints, Driven(HeldJoint("box"), Sine(0.1), 0.2)]
+    )
+    with pytest.raises(unsupported, match=r"at 0\.1, 0\.2 s: one time is needed"):
+        cp.step(two, np.zeros(3), np.zeros(3), dt=1e-3)
     run = cp.simulate(scene, np.zeros(3), np.zeros(3), duration=0.01, dt=1e-3)
     with pytest.raises(unsupported, match="plate"):
         trajectory_derivatives(run)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_step_into_a_wall_is_refused(scheme):
+    scene = pushing(Polynomial((0.0, 1.0)), WALL).at(0.0999)
+    with pytest.raises(cp.errors.StepFailed, match=r"wall.*nothing gives way"):
+        cp.step(scene, [0.0999, 0.0, 1.0], [1.0, 0.0, 0.0], dt=1e-3, integrator=scheme)
+
+
+def test_event_driven_ends_at_a_wall():
+    scene = pushing(Polynomial((0.0, 1.0)), WALL)
+    run = cp.simulate(
+        scene, [0.0, 0.0, 1.0], [1.0, 0.0, 0.0], duration=0.2, dt=1e-2, integrator=LOCATED
+    )
+    assert run.status.name == "FAILED"
+    assert "wall at t = 0.1 s" in run.reason
+    assert "nothing gives way" in run.reason
+
+
+def test_the_work_in_an_impact_is_in_the_file(tmp_path):
+    scene = pushing(Polynomial((0.0, 2.0)))
+    run = cp.simulate(
+        scene, [0.0, 0.1, 0.0], [2.0, 0.0, 0.0], duration=0.1, dt=1e-2, integrator=LOCATED
+    )
+    run.save(tmp_path / "run.npz")
+    again = cp.Trajectory.load(tmp_path / "run.npz")
+    assert again.run.happened == run.run.happened
+    assert np.array_equal(again.energy.driven, run.energy.driven)

@@ -45,7 +45,7 @@ class Condensed(NamedTuple):
         V^T (L^T v + L^-1 p).
     free : (nv,) array
         L^T v_free.
-    path : (rank,) array, optional
+    path : (rank,) or (k, rank) array, optional
         S^-1 U^T s' of constraints that follow a path.
     """
 
@@ -115,8 +115,9 @@ def condense(
         Impulses of all other forces [N s, N m s].
     s : (rows,) array
         J_b v+ [m/s, rad/s].
-    rates : (rows,) array, optional
-        The part of s that is the rate s' of a path [m/s, rad/s].
+    rates : (rows,) or (k, rows) array, optional
+        The part of s that is the rate s' of a path [m/s, rad/s]; where s are accelerations, s' and
+        s'', for a path that does either moves.
 
     Notes
     -----
@@ -150,7 +151,7 @@ def _along(factors: MinimumNorm, J_c: Array, path: Array | None) -> tuple[Array,
     if held.any():
         X[:, held] = 0.0
         if path is not None:
-            held &= np.abs(path.dot(blocked)) <= tolerances.NOT_DRIVEN
+            held &= (np.abs(np.atleast_2d(path.dot(blocked))) <= tolerances.NOT_DRIVEN).all(axis=0)
         blocked[:, held] = 0.0
     return X, blocked
 

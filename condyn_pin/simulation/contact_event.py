@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import listed
@@ -29,21 +30,27 @@ class ContactEvent:
     candidates : Candidates
     modes : pair of (candidates,) array
         Before and after.
+    back : (candidates,) bool array
+        Which of them slide before and after, in opposite directions.
     impulse : (rows,) array
         [N s, N m s]
     energy_lost : float
         [J]
     before, after : Row
         Samples.
+    driven : float
+        Work of driven constraints in it [J].
     """
 
     what: str
     candidates: Candidates
     modes: tuple[Modes, Modes]
+    back: NDArray[np.bool_]
     impulse: Array
     energy_lost: float
     before: Row
     after: Row
+    driven: float = 0.0
 
     @property
     def t(self) -> float:
@@ -62,11 +69,12 @@ class ContactEvent:
         struck = tuple((n, *x.tolist()) for n, x in impulses.items() if np.abs(x).max() > least)
         before, after = self.modes
         changed = tuple(
-            (names[i], MODES[before[i]], MODES[after[i]]) for i in np.flatnonzero(before != after)
+            (names[i], MODES[before[i]], MODES[after[i]])
+            for i in np.flatnonzero((before != after) | self.back)
         )
         return Happened(
             self._called([name for name, *_ in struck]), self.t, sample, self.energy_lost,
-            modes=changed, impulses=struck,
+            modes=changed, impulses=struck, driven=self.driven,
         )  # fmt: skip
 
     def _called(self, struck: list[str]) -> str:
@@ -78,6 +86,7 @@ class ContactEvent:
             "touch": (before == OPEN) & (after != OPEN),
             "slip": (before == STICK) & (after == SLIDE),
             "stick": (before == SLIDE) & (after == STICK),
+            "reversal": self.back,
         }
         what, which = next((what, its) for what, its in kinds.items() if its.any())
         return f"{what} of {listed([self.candidates.names[i] for i in np.flatnonzero(which)])}"

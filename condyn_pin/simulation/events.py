@@ -226,10 +226,12 @@ class Happened:
         Names of constraints.
     modes : tuple of (str, str, str)
         Contacts whose mode has changed, of an integrator that locates that: name, and open, stick
-        or slide before and after.
+        or slide before and after; slide twice where the slip reverses.
     impulses : tuple of (str, float, ...)
         Contacts that have struck: name, and impulse on the robot in the axes (t1, t2, n) of the
         contact, one number of a stop [N s, N m s].
+    driven : float
+        Work of driven constraints in it [J].
     """
 
     name: str
@@ -240,6 +242,7 @@ class Happened:
     dropped: tuple[str, ...] = ()
     modes: tuple[tuple[str, str, str], ...] = ()
     impulses: tuple[tuple[Any, ...], ...] = ()
+    driven: float = 0.0  # [J]
 
     def __post_init__(self) -> None:
         for name in ("modes", "impulses"):  # a file has lists

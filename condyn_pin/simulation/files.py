@@ -166,6 +166,7 @@ def _fits(event: Happened, count: int) -> bool:
     finite("impulses", numbers, len(numbers))
     finite("t", event.t, ())
     finite("energy_lost", event.energy_lost, ())
+    finite("driven", event.driven, ())
     known = type(event.sample) is int and event.sample in range(count)
     return known and all(isinstance(word, str) for word in words)
 

@@ -111,12 +111,6 @@ def _check_solver(solver: Solver, plan: Plan) -> None:
 
 def _check_rows(scene: Scene, integrator: Integrator) -> None:
     """Refuse rows that an integrator cannot hold."""
-    if scene.is_driven and not integrator.takes_driven:
-        names = ", ".join(c.name for c in scene.constraints if c.is_rheonomic)
-        raise UnsupportedConstraint(
-            f"{names}: driven along a path, and {integrator.title} holds its rows at rest; use "
-            "StewartTrinkle() or Moreau()"
-        )
     if not integrator.needs_positions:
         return
     for bound in scene.bounds:

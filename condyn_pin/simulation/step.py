@@ -21,7 +21,7 @@ from condyn_pin.contact.judge import judged
 from condyn_pin.contact.load import contact_load
 from condyn_pin.contact.modes import MODES
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
+from condyn_pin.dynamics.scene import Scene, check_scene, moment_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
@@ -58,7 +58,8 @@ def step(
     Parameters
     ----------
     scene : Scene
-        Its constraints never let go; its `contacts` may.
+        Its constraints never let go; its `contacts` may. With driven constraints ``scene.at(t)``
+        says when the step begins, and J_b v+ = s' - dt (gamma - s'') / 2.
     q, v : (nq,), (nv,) array_like
         A state; loops are taken as closed.
     tau : 0 or (nv,) array_like, optional
@@ -81,6 +82,12 @@ def step(
     ------
     InvalidArgument
         If an argument cannot be used, or the scheme cannot let a contact of the scene rebound.
+    UnsupportedConstraint
+        If constraints are driven and the scene does not say at which time it is.
+    NotAssembled
+        If the path of a driven constraint leads to where the loops cannot follow.
+    StepFailed
+        If it presses bodies into each other.
     SolveFailed
         If the contact problem has no answer that is good enough, or rounding is as large as what
         its impulses do; its `solution` is the step.
@@ -153,7 +160,7 @@ class _Memory:
 
     def __init__(self, scene: Scene, dt: float, scheme: ContactScheme) -> None:
         check_scene(scene)
-        check_not_driven(scene, "a step with contacts")
+        self._t = moment_of(scene)  # where the step begins [s]
         if not isinstance(scheme, ContactScheme):
             raise InvalidArgument(
                 f"integrator = {scheme!r}: a scheme with contacts is needed, such as "
@@ -174,7 +181,7 @@ class _Memory:
         """Return the step from a state as it was posed."""
         self._hold(tau, forces)
         with np.errstate(all="ignore"):
-            self._steps.attempt(0.0, q, v)  # an answer shows which contacts take part
+            self._steps.attempt(self._t, q, v)  # an answer shows which contacts take part
         return self._steps.last.posed
 
     @one_blas_thread
@@ -189,13 +196,17 @@ class _Memory:
     def _proved(self, start: StepStart) -> StepSolution:
         q, v = start.q, start.v
         begun = perf_counter()
-        q1, v1, a = self._steps.attempt(0.0, q, v)
+        q1, v1, a = self._steps.attempt(self._t, q, v)
         took = perf_counter() - begun
         posed, ended, found, natural, work, _ = self._steps.last
         lam = self._steps.impulses()
         contact = judged(posed.problem, found, natural, tolerances.CONTACT_SOLVED, took)
         dynamics, slip = self._errors(posed, ended, a, lam / self._dt)
         equations, candidates = self._system.equations, self._system.contacts
+        self._system.at(self._t + self._dt)
+        if self._scene.is_driven:
+            self._steps.check_path(self._t, q1)
+            self._system.check_reach(self._t + self._dt, q1, v1)
         violation = equations.open_by(q1, v1)[0]
         gaps = candidates.gaps(equations.data, q1)
         modes = (MODES[code] for code in self._steps.modes())
@@ -222,6 +233,7 @@ class _Memory:
     def _errors(self, posed: Posed, ended: Array, a: Array, lam: Array) -> tuple[float, float]:
         """Return what is left of the balance of momentum [N s], and of J_b v+ [m/s]."""
         equations, passive = self._system.equations, self._system.passive
+        self._system.at(self._steps.looks_at(self._t))
         at, v, rows = posed.at, posed.v, self._scene.rows
         gained = (ended - v) / self._dt
         tau = posed.tau - passive.inertia(self._dt) * gained

@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.contact.solution import ContactSolution, ContactStatus
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene, check_not_driven
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.contact_columns import forces_of
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
@@ -50,7 +50,8 @@ class StepSolution:
         The largest `dynamics_error` of a step that is ok: 1e-7 of |M| |v+ - v| + dt (|h| + |tau|)
         of the joint where that is largest, and the rounding of M v [N s, N m s].
     constraint_error : float
-        max abs(J_b v+ + dt gamma / 2), by forward kinematics [m/s, rad/s].
+        max abs(J_b v+ + dt gamma / 2), of driven rows less s' + dt s'' / 2, by forward kinematics
+        [m/s, rad/s].
     violation : float
         max abs(c(q+)) of the constraints [m, rad].
     penetration : float
@@ -115,6 +116,8 @@ class StepSolution:
         ------
         InvalidArgument
             If the route cannot differentiate a step of this scheme, or by a parameter.
+        UnsupportedConstraint
+            If constraints are driven.
         SolveFailed
             If the contact problem has no answer that modes can be read off.
 
@@ -125,6 +128,7 @@ class StepSolution:
         """
         from condyn_pin.simulation.routes import ActiveSet, Route  # they are made of steps
 
+        check_not_driven(self.scene, "a derivative of a step")
         chosen = ActiveSet() if route is None else route
         if not isinstance(chosen, Route):
             raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")

@@ -164,8 +164,9 @@ class Trajectory:
             damped = -passive.dissipation(self.q, self.v)
             sprung = passive.energy(self.q)
         samples = [phase.samples for phase in self.phases]
-        impacts = np.zeros(len(self.t))
+        impacts, struck = np.zeros((2, len(self.t)))
         for event in self.run.happened:
+            struck[event.sample :] += event.driven
             if event.is_of_contacts:
                 continue  # the work of contacts has it
             impacts[event.sample :] -= event.energy_lost
@@ -176,7 +177,7 @@ class Trajectory:
             _chained([work(self.t[s], applied[s]) for s in samples]),
             _chained([work(self.t[s], damped[s]) for s in samples]),
             impacts,
-            _chained([work(self.t[p.samples], self._drive_power(p)) for p in self.phases]),
+            _chained([work(self.t[p.samples], self._drive_power(p)) for p in self.phases]) + struck,
             *self._contact_work,
         )
 

@@ -128,6 +128,11 @@ class MinimumNorm(NamedTuple):
         )
         return projected
 
+    def at_rates(self, v: Array, s: Array) -> Array:
+        """Return the nearest velocity, in the metric of M, with J v = s."""
+        tangent = self.tangent(v)
+        return tangent - self.closing(s) if s.any() else tangent
+
 
 def factorise(
     M: Array,

@@ -1,6 +1,8 @@
 """ContactTerms: all that equations of motion with contacts are made of, at one state.
 
 M a + h = tau + J_b^T l_b + J_c^T lam,    J_b a + gamma = 0,    sigma' = J_c a + Jdot_c v
+
+with gamma less s'' for rows that are driven along s(t): they move at J_b v = s'.
 """
 
 from __future__ import annotations
@@ -49,6 +51,8 @@ class ContactTerms:
         J_c and Jdot_c v of all candidates.
     slip : (rows,) array
         J_c v [m/s, rad/s].
+    path : (3, m) array
+        s, s' and s'' of what is driven; zero of all other constraints.
     """
 
     def __init__(self, system: System, t: float, q: Array, v: Array) -> None:
@@ -56,6 +60,8 @@ class ContactTerms:
         self._check_finite(q, v)
         candidates, data = system.contacts, system.equations.data
         self.tau = system.torque(t, q, v)
+        system.at(t)
+        self.path = system.equations.wanted.copy()
         self.M, self.h, self.J_b, self.gamma = system.equations.parts(q, v)
         self.gaps, self.J = candidates.evaluate(data, q)
         pin.forwardKinematics(system.model, data, q, v, np.zeros(len(v)))
@@ -127,17 +133,21 @@ class ContactTerms:
     def forced(self, rows: Indices) -> Condensed:
         """Return the rows of contacts with the constraints eliminated, for accelerations."""
         J_c, still = self.J[rows], np.zeros(len(self.v))
-        return condense(self.factors, J_c, still, self.tau - self.h, -self.gamma)
+        rates = self.path[1:] if self._system.scene.is_driven else None
+        return condense(self.factors, J_c, still, self.tau - self.h, -self.gamma, rates)
 
     def struck(self, rows: Indices) -> Condensed:
         """Return the same for impulses: finite forces have no part in them."""
         none = np.zeros(len(self.v))
-        return condense(self.factors, self.J[rows], self.v, none, np.zeros(len(self.gamma)))
+        rates = self.path[1]
+        driven = rates if self._system.scene.is_driven else None
+        return condense(self.factors, self.J[rows], self.v, none, rates, driven)
 
     def held(self, v: Array, rows: Indices) -> Array:
-        """Return the nearest velocity with which neither constraints nor these rows move."""
+        """Return the nearest velocity with which constraints are kept and these rows still."""
         if not len(rows) and not len(self.J_b):
             return v
         J = np.concatenate((self.J_b, self.J[rows]))
         why = singular_mass(self._system.model, self.q)
-        return factorise(self.M, J, tolerances.RANK, why=why).tangent(v)
+        wanted = np.concatenate((self.path[1], np.zeros(len(rows))))
+        return factorise(self.M, J, tolerances.RANK, why=why).at_rates(v, wanted)

@@ -13,6 +13,7 @@ from __future__ import annotations
 from math import inf, isclose
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
@@ -111,12 +112,15 @@ class EventSteps:
         """Count what happens in the instant in which modes change, with the velocity v."""
         system = self._system
         system.contact_work = system.contact_work.more(contact=now.work)
-        if now.what or (dynamics.modes != now.dynamics.modes).any():
+        back = dynamics.reversed_in(now.dynamics, now.terms.t)
+        if now.what or back.any() or (dynamics.modes != now.dynamics.modes).any():
             terms = ContactTerms(system, now.terms.t, now.terms.q, v)
-            events.append(self._event(dynamics, terms, now))
+            events.append(self._event(dynamics, terms, now, back))
 
-    def _event(self, dynamics: ModeDynamics, terms: ContactTerms, now: Begun) -> ContactEvent:
-        """Return what happened between the old modes and the new ones."""
+    def _event(
+        self, dynamics: ModeDynamics, terms: ContactTerms, now: Begun, back: NDArray[np.bool_]
+    ) -> ContactEvent:
+        """Return what happened between the old modes and the new ones, and what slides `back`."""
         t, work = terms.t, self._system.contact_work
         before = self._row(
             t,
@@ -130,7 +134,10 @@ class EventSteps:
         after = self._row(t, terms.q, now.terms.v, now.dynamics, now.held, now.natural)
         modes = dynamics.modes, now.dynamics.modes
         candidates = self._system.contacts
-        return ContactEvent(now.what, candidates, modes, now.impulse, 0.0 - now.work, before, after)
+        return ContactEvent(
+            now.what, candidates, modes, back, now.impulse, 0.0 - now.work, before, after,
+            now.driven,
+        )  # fmt: skip
 
     def _row(
         self, t: float, q: Array, v: Array, dynamics: ModeDynamics, held: Held, natural: float,
@@ -146,6 +153,8 @@ class EventSteps:
         system, q, least = self._system, segment.q, inf
         if not len(dynamics.still) and not system.scene.rows:
             return segment.q, segment.v
+        system.at(segment.t)
+        rates = system.equations.wanted[1].copy()
         candidates, best = system.contacts, segment.q
         lines = candidates.cones + candidates.half_lines
         pressing = np.flatnonzero(dynamics.modes[:lines] != OPEN)
@@ -160,7 +169,8 @@ class EventSteps:
             if worst <= _CLOSED:
                 break
             q = system.integrate(q, self._factors(q, candidates.normals[pressing]).closing(c))
-        return best, self._factors(best, dynamics.still).tangent(segment.v)
+        rates = np.concatenate((rates, np.zeros(len(dynamics.still))))
+        return best, self._factors(best, dynamics.still).at_rates(segment.v, rates)
 
     def _factors(self, q: Array, rows: Indices) -> MinimumNorm:
         """Return those of constraints and rows of contacts."""

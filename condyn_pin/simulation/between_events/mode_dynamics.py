@@ -116,6 +116,14 @@ class ModeDynamics:
         c, s, (x, y) = np.cos(angle), np.sin(angle), self.along.T
         return np.column_stack((c * x - s * y, s * x + c * y))
 
+    def reversed_in(self, after: ModeDynamics, t: float) -> NDArray[np.bool_]:
+        """Return which candidates slide on in other modes, but back (candidates,)."""
+        back = np.zeros(len(self.modes), dtype=bool)
+        k, n = len(self.along), len(self.sense)
+        back[:k] = np.einsum("kx,kx->k", self.ahead(t), after.along) < 0
+        back[len(back) - n :] = self.sense * after.sense < 0
+        return np.asarray(back & (self.modes == SLIDE) & (after.modes == SLIDE))
+
     def directions(self, terms: ContactTerms) -> Array:
         """Return s of all cones (cones, 2)."""
         ahead = self.ahead(terms.t)

@@ -63,6 +63,7 @@ class Struck(NamedTuple):
     v: Array
     impulse: Array  # (rows,) [N s]
     work: float  # [J]
+    driven: float  # work of driven constraints [J]
 
 
 class NextModes:
@@ -112,12 +113,26 @@ class NextModes:
         rebound[self._candidates.normals] = e * np.minimum(terms.closing, 0.0)
         struck, natural = self._struck(terms, rebound, None)
         if not natural <= tolerances.CONTACT_SOLVED:
+            self._check_path(terms)
             raise StepFailed(
                 f"the impact of {self._named(terms.approaches)} at t = {terms.t:g} s: "
                 f"{self._solver!r} leaves a natural residual of {natural:.1e}; take a stepper, "
                 "such as Moreau()"
             )
         return struck
+
+    def _check_path(self, terms: ContactTerms) -> None:
+        """Refuse paths that press bodies into each other, where nothing gives way."""
+        rows = np.asarray(self._candidates.normals)[terms.approaches]
+        now = terms.struck(rows)
+        stuck = (now.G.diagonal() == 0.0) & (now.contact_velocities < 0.0)
+        if terms.path.any() and stuck.any():
+            which = np.zeros(len(terms.gaps), dtype=bool)
+            which[np.flatnonzero(terms.approaches)[stuck]] = True
+            raise StepFailed(
+                f"{self._named(which)} at t = {terms.t:g} s: driven rows move it into what it "
+                "touches, and nothing gives way; end the path before"
+            )
 
     def shock(self, terms: ContactTerms, choice: Choice) -> Struck:
         """Return the impulse that stops what no force lets slide on."""
@@ -154,7 +169,9 @@ class NextModes:
         begin = None if guess is None else guess[rows]
         impulse[rows], natural = self._answer(problem, begin)
         v = now.velocity(impulse[rows])
-        return Struck(v, impulse, 0.5 * float(impulse.dot(terms.slip + terms.J.dot(v)))), natural
+        work = 0.5 * float(impulse.dot(terms.slip + terms.J.dot(v)))
+        driven = float(now.constraint_impulses(impulse[rows]).dot(terms.path[1]))
+        return Struck(v, impulse, work, driven), natural
 
     def _answer(self, problem: ContactProblem, guess: Array | None) -> tuple[Array, float]:
         found, natural = attempt_contact(problem, self._solver, guess, _ACCURATE)

@@ -47,6 +47,8 @@ class Begun:
         Of what has happened [N s].
     work : float
         The same [J].
+    driven : float
+        What driven constraints did in it [J].
     what : str
         ``impact``, ``shock``, or nothing.
     """
@@ -57,11 +59,12 @@ class Begun:
     natural: float
     impulse: Array
     work: float = 0.0
+    driven: float = 0.0
     what: str = ""
 
     def without_impulse(self) -> Begun:
         """Return the same once its impulse is counted."""
-        return replace(self, impulse=np.zeros_like(self.impulse), work=0.0, what="")
+        return replace(self, impulse=np.zeros_like(self.impulse), work=0.0, driven=0.0, what="")
 
 
 class Transition:
@@ -84,7 +87,8 @@ class Transition:
 
         `at_end` says that a force has just come to the end of what its contact can give.
         """
-        impulse, work, what = np.zeros(self._system.contacts.rows), 0.0, ""
+        impulse, what = np.zeros(self._system.contacts.rows), ""
+        work = driven = 0.0
         for _ in range(_MOST):
             terms = ContactTerms(self._system, t, q, v)
             if terms.approaches.any():
@@ -95,11 +99,14 @@ class Transition:
                     dynamics, held = self._shared(terms, choice.dynamics, at_end)
                     settled = self._settled(terms, dynamics, held)
                     if settled is v:
-                        return Begun(terms, dynamics, held, choice.natural, impulse, work, what)
+                        return Begun(
+                            terms, dynamics, held, choice.natural, impulse, work, driven, what
+                        )
                     v = settled
                     continue
                 struck, what = self._choice.shock(terms, choice), "shock"
-            v, impulse, work = struck.v, impulse + struck.impulse, work + struck.work
+            v, impulse = struck.v, impulse + struck.impulse
+            work, driven = work + struck.work, driven + struck.driven
             at_end = False
         raise ZenoDetected(f"contacts go on striking at t = {t:g} s; take a stepper, as Moreau()")
 

@@ -28,8 +28,7 @@
 10. A scheme whose contacts open and slide inherits from `ContactScheme`, whose file says how; one
     that finds the times at which they do leaves these in `System.located`: `locates_events`.
 11. Rows that are driven are at their paths by `system.acceleration(t, ...)`, and for anything else
-    that is asked of `system.equations` by `system.at(t)`: c and J v are differences to them. One
-    that takes J v = 0 for granted says no to `takes_driven`.
+    that is asked of `system.equations` by `system.at(t)`: c and J v are differences to them.
 12. Sources: cite the paper in the docstring.
 """
 
@@ -81,7 +80,6 @@ class Integrator(ABC):
     needs_positions: ClassVar[bool] = False  # whether it holds c(q) = 0 only, no bare J v = 0
     takes_contacts: ClassVar[bool] = False  # whether contacts may open and slide in its steps
     locates_events: ClassVar[bool] = False  # whether its steps find the times at which they do
-    takes_driven: ClassVar[bool] = True  # whether its rows may follow paths of time
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -94,13 +94,17 @@ class ContactSteps:
         """
         taken = self.attempt(t, q, v)
         if self._is_driven:
-            self._check_path(t, taken[0])
+            self.check_path(t, taken[0])
         if not self.last.natural <= tolerances.CONTACT_SOLVED:
             self._check_answer(t)
         return taken
 
-    def _check_path(self, t: float, q1: Array) -> None:
-        """Refuse paths that press bodies into each other, where nothing gives way."""
+    def looks_at(self, t: float) -> float:
+        """Return the time at which the equations of a step from t are evaluated [s]."""
+        return t + (1.0 - self._share) * self._dt
+
+    def check_path(self, t: float, q1: Array) -> None:
+        """Refuse paths that press bodies into each other in the last step: nothing gives way."""
         posed = self.last.posed
         stuck = posed.near.G.diagonal()[posed.chosen.normals] == 0.0
         if not stuck.any():
@@ -168,7 +172,7 @@ class ContactSteps:
         if scheme.at_midpoint:
             at, v = floating.integrate(q, 0.5 * dt * v), floating.turned(v, 0.5 * dt)
         if self._is_driven:
-            system.at(t + (1.0 - self._share) * dt)  # with what is driven where it is there
+            system.at(self.looks_at(t))  # with what is driven where it is there
         M, h, J_b, gamma = self._equations.parts(at, v)
         rates = None
         if self._is_driven:

@@ -27,7 +27,8 @@ class EventDriven(Integrator):
     M a + h = tau + J_b^T l_b + (J_n - mu s J_t)^T l_n + J_s^T l_s,
     J_b a + gamma = 0,    sigma_n' = 0 of what presses,    sigma_s' = 0 of what sticks
 
-    with s the direction of what slides. The order is that of the integrator between events, and
+    with s the direction of what slides, and gamma less the second derivative of the path of driven
+    rows. The order is that of the integrator between events, and
     across them too: they are found where a gap, a normal force, the margin to the friction cone or
     a speed of slip is zero. The next modes solve a contact problem: in impulses, with Newton's
     restitution, if contacts approach, and in accelerations if they do not; if no acceleration
@@ -68,7 +69,6 @@ class EventDriven(Integrator):
     solves_per_step: ClassVar[float] = 8
     keeps_constraints: ClassVar[bool] = True
     takes_contacts: ClassVar[bool] = True
-    takes_driven: ClassVar[bool] = False
     locates_events: ClassVar[bool] = True
     takes_restitution: ClassVar[bool] = True
 
