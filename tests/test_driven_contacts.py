@@ -268,7 +268,7 @@ def test_steps_one_by_one_are_those_of_a_motion(scheme):
 
 
 def test_a_step_of_a_driven_four_bar_comes_to_inverse_dynamics():
-    """By Moreau, to that in the middle of the step; h is that of its start, of first order in dt."""
+    """By Moreau, to that in the middle of the step; of first order in dt."""
     scene, t, off = driven_bar(Sine(0.4, 0.7)), 0.1, []
     bare, torque = replace(scene, contacts=()), 0.0
     for dt in (4e-3, 2e-3):

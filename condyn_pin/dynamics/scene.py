@@ -353,13 +353,13 @@ def check_moment(scene: Scene) -> None:
 def moment_of(scene: Scene) -> float:
     """Return the time at which a scene is looked at [s]; 0 where nothing is driven."""
     check_moment(scene)
-    times = {b.drive.time for b in scene.bounds if b.drive} or {0.0}
+    times = {b.drive.time or 0.0 for b in scene.bounds if b.drive} or {0.0}
     if len(times) > 1:
         raise UnsupportedConstraint(
             f"driven rows are at {', '.join(f'{t:g}' for t in sorted(times))} s: one time is "
             "needed, and scene.at(t) gives all of them the same"
         )
-    return float(times.pop())
+    return times.pop()
 
 
 def check_not_driven(scene: Scene, what: str) -> None:
