@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -25,6 +26,7 @@ from condyn_pin.control import (
     at_rate,
     balance,
     capturable_speed,
+    push_bound,
 )
 from condyn_pin.dynamics.force import Sites
 from condyn_pin.mechanism import anchored, put_down
@@ -41,9 +43,14 @@ class Standing:
     """A robot on the floor under a controller, and every answer that was applied."""
 
     def __init__(
-        self, name: str, base: str, cone: Cone, *, shift: float = 0.0, rigid: Sequence[str] = ()
-    ) -> None:
+        self, name: str, base: str, cone: Cone, *, shift: float = 0.0, rigid: Sequence[str] = (),
+        torque: float | None = None,
+    ) -> None:  # fmt: skip
         made = robot(name)
+        if torque is not None:
+            model = pin.Model(made.model)
+            model.effortLimit[6:] = torque
+            made = replace(made, model=model)
         self.base = base
         self.held = cp.Scene(made, [*made.loops, *made.contacts])
         self.floor = cp.Scene(made, made.loops, contacts=made.frictional_contacts(friction=0.7))
@@ -62,14 +69,14 @@ class Standing:
         self.controller = Controller(self.held, tasks, cones=cone, rigid=rigid)
         self.answers: list[ControlAnswer] = []
 
-    def firm(self) -> Standing:
+    def firm(self, k: float = 2.0) -> Standing:
         """Return it with a trunk that lets go, and with feet that are drawn back.
 
-        The capture point decays with 2 omega, and gaps of the feet with 3.
+        The capture point decays with k omega, and gaps of the feet with 3.
         """
         omega = float(np.sqrt(9.81 / self.middle[2]))
         tasks = [
-            CenterOfMass(reference=self.middle, kp=2 * omega**2, kd=3 * omega, weight=100),
+            CenterOfMass(reference=self.middle, kp=k * omega**2, kd=(k + 1) * omega, weight=100),
             Orientation(self.base, kp=100, weight=5),
             Posture(weight=0.1),
         ]
@@ -157,6 +164,22 @@ def test_nine_tenths_of_what_a_pendulum_can_stand_are_taken_up(
     assert np.linalg.norm(run.q[:, :2] - run.q[0, :2], axis=1).max() > 0.3 * d
     assert standing.off(run) < 0.01
     assert all(modes[-1] == "stick" for modes in run.modes.values())
+
+
+@pytest.mark.parametrize("share", [0.95, 1.3])
+def test_towards_a_corner_motors_decide_what_is_taken_up(share: float) -> None:
+    """One leg carries all of it, and its hip gives 2.7 N m: a pendulum would stand a fifth more."""
+    standing = Standing("solo12", "base_link", OCTAGON, torque=2.7).firm(k=4.0)
+    d, height = np.array([0.195, 0.169, 0.0]), standing.middle[2]
+    floor = FrictionCone(0.7, sides=16, pyramid="outer")
+    bound = push_bound(standing.held, standing.q, d, cones=floor)
+    assert capturable_speed(float(np.linalg.norm(d)), height, friction=0.7) > 1.18 * bound.speed
+    push = share * bound.impulse * height / standing.q[2] * bound.way
+    run = standing.run(0.9, push)
+    assert (run.status.ok and standing.off(run) < 0.01) == (share < 1)
+    hip = standing.held.robot.actuated.index("FL_HFE")
+    held = [abs(answer.u[hip]) > 2.699 for answer in standing.answers]
+    assert any(held)
 
 
 def test_cassie_stands_nine_tenths_of_it_sideways_on_feet_that_no_motor_rolls() -> None:

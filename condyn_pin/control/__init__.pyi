@@ -25,6 +25,8 @@ from .inverse import inverse_dynamics as inverse_dynamics
 from .minimum_jerk import minimum_jerk as minimum_jerk
 from .operational import OperationalSpace as OperationalSpace
 from .operational import operational_space as operational_space
+from .push_bound import PushBound as PushBound
+from .push_bound import push_bound as push_bound
 from .qp import QPS as QPS
 from .qp import QPSolver as QPSolver
 from .qp.any_qp import AnyQP as AnyQP

@@ -118,7 +118,7 @@ class Program:
         ]
         self.inequalities = self._inequality_rows([actuation.motors[i] for i in limited])
         self._redundant: bool | None = None  # not known before the first tick
-        self.rigid = _rigid_rows(robot, rigid, self._columns)
+        self.rigid = rigid_rows(robot, rigid, self._columns)
         self._nothing = np.zeros(len(cones.names))
         self._endless = self._nothing - np.inf
         self._constant: Elimination | None = None
@@ -264,7 +264,7 @@ class Program:
         return rows + [Row(name, "N", self.mass, FLOOR) for name in self.cones.names]
 
 
-def _rigid_rows(robot: Robot, joints: Sequence[str], motors: NDArray[np.int_]) -> Array:
+def rigid_rows(robot: Robot, joints: Sequence[str], motors: NDArray[np.int_]) -> Array:
     """Return a row of the identity for each degree of freedom of joints that have no motor."""
     columns = indices(robot.model, joints)[1]
     if np.isin(columns, motors).any():

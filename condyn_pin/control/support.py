@@ -66,6 +66,29 @@ class SupportPolygon:
         p = self.plane.axes[:2] @ (finite("point", point, 3) - self.plane.origin)
         return margin_of(self.corners, p)
 
+    def reach(self, point: ArrayLike, way: ArrayLike) -> float:
+        """Return how far the farthest of the polygon is from a point, along a direction [m].
+
+        Parameters
+        ----------
+        point, way : (3,) array_like
+            In the world [m, 1]; along the normal they are moved into the plane. Negative if the
+            polygon is behind the point.
+
+        Raises
+        ------
+        InvalidArgument
+            If the direction has nothing along the plane, the contacts span no area, or the line
+            misses it.
+        """
+        axes = self.plane.axes[:2]
+        p = axes @ (finite("point", point, 3) - self.plane.origin)
+        d = axes @ finite("way", way, 3)
+        size = float(np.linalg.norm(d))
+        if not size > 0:
+            raise InvalidArgument("way: it is across the plane; a direction along it is needed")
+        return reach_of(self.corners, p, d / size)
+
 
 def margin_of(corners: Array, p: Array) -> float:
     """Return how far p (2,) is within a convex polygon, counter-clockwise; negative outside."""
@@ -78,6 +101,21 @@ def margin_of(corners: Array, p: Array) -> float:
     distance = float(np.linalg.norm(to - share[:, None] * along, axis=1).min())
     left = along[:, 0] * to[:, 1] - along[:, 1] * to[:, 0]
     return distance if len(corners) > 2 and (left >= 0).all() else -distance
+
+
+def reach_of(corners: Array, p: Array, d: Array) -> float:
+    """Return the largest t with p + t d (2,) in a convex polygon, counter-clockwise."""
+    if len(corners) < 3:
+        raise InvalidArgument("the contacts span no area: no direction leads through it")
+    sides = np.roll(corners, -1, axis=0) - corners
+    out = np.column_stack((sides[:, 1], -sides[:, 0]))
+    along, room = out @ d, np.einsum("ij,ij->i", out, corners - p)
+    ahead, behind = along > 0, along < 0
+    last = float((room[ahead] / along[ahead]).min())
+    first = float((room[behind] / along[behind]).max())
+    if first > last or (room[along == 0] < 0).any():
+        raise InvalidArgument("the line from the point along the direction misses the support")
+    return last
 
 
 def hull(plane: SupportPlane, points: Array) -> SupportPolygon:
