@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import struct
 import warnings
-from collections.abc import Sequence
-from functools import cached_property, partial
+from collections.abc import Callable, Sequence
+from functools import cache, cached_property, partial
 from threading import get_ident
 from time import perf_counter
 from typing import TYPE_CHECKING, Any, Final, Literal
@@ -258,11 +258,18 @@ class Workspace(Memory):
         SharedWorkspace
             If another thread is at work in it.
         """
+        q_, v_, tau_ = self._arguments.accept(q, v, tau)
+        return self._answered(q_, v_, tau_, forces, accuracy, throw)
+
+    def _answered(
+        self, q_: Array, v_: Array, tau_: Array, forces: Sequence[AppliedForce],
+        accuracy: float | None, throw: bool,
+    ) -> Solution:  # fmt: skip
+        """Return `solve` of arguments that were accepted, for who is at work in it alone."""
         if accuracy is None:
             accuracy = self.solver.accuracy
         else:
             check_accuracy_of_a(accuracy)
-        q_, v_, tau_ = self._arguments.accept(q, v, tau)
         load: Load | None = None
         if self.core:
             if forces is _NO_FORCES:
@@ -311,12 +318,17 @@ class Workspace(Memory):
 
         `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
         """
-        # imported here: a solve needs none of it
-        from condyn_pin.dynamics.derivatives import differentiate
-
-        return differentiate(self, q, v, tau, forces, method, check, accuracy)
+        return _differentiate()(self, q, v, tau, forces, method, check, accuracy)
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own: Pinocchio 4 crashes on a copied Data
         made = partial(Workspace, drift=self.drift, native=self.native)
         return made, (self.scene, self.solver)
+
+
+@cache
+def _differentiate() -> Callable[..., Derivatives]:
+    """Return what differentiates, imported when it is first asked for: a solve needs none of it."""
+    from condyn_pin.dynamics.derivatives import differentiate
+
+    return differentiate

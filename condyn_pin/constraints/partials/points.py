@@ -94,16 +94,15 @@ class PointPartials:
         self._chosen = self._moved * np.array([1.0, -1.0, -1.0])[:, None]
         # what 1, p x, 2 p' x and p2'' x meet, for J, s_q and s_v each; and 1, p, p', p2'' of ends
         self._columns = columns = np.zeros((12, 3, model.nv))
-        self._places = places = np.zeros((k + between, 10))
-        places[:, 0] = 1.0
-        # views of both, and what goes there
+        self._places = np.ones((k + between, 10))
+        # views of columns, and what goes there
         J, dJ, A_q, A_v = self._left
         self._dV = A_v[3:], dJ[3:], columns[6:9, 1]
-        self._copied = [
-            (columns[:6, 0], J), (columns[:6, 1], A_q), (columns[:6, 2], A_v),
-            (columns[6:9, 2], J[3:]), (columns[9:, 1], J[3:]),
-        ]  # fmt: skip
-        self._p_and_rate, self._a2 = places[:, 1:7], (places[:k, 7:], places[k:, 7:])
+        self._whole, self._sources = columns[:6].reshape(6, -1), (J, A_q, A_v)
+        self._copied = (columns[6:9, 2], J[3:]), (columns[9:, 1], J[3:])
+        # of p, p' and p'' of all ends c1 and then all c2: p and p' of each, p'' of its c2
+        of = np.arange(k + between)[:, None]
+        self._taken = np.hstack([9 * of + np.arange(6), 9 * (k + of % k) + np.arange(6, 9)])
 
     def write(self, lam: Array, rhs: Array, J: Array, balls: Balls | None = None) -> None:
         """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q.
@@ -139,14 +138,12 @@ class PointPartials:
 
         Those of c2 come behind all of c1. Both have their part of a2 x Ja in -a_q.
         """
+        np.concatenate(self._sources, axis=1, out=self._whole)
         for column, source in self._copied:
             column[:] = source
         A_v, dJ, dV = self._dV
         np.subtract(A_v, dJ, out=dV)
-        self._p_and_rate[:] = moving.reshape(-1, 9)[: len(self._places), :6]
-        if self.between:  # a2 of the world is zero
-            of_1, of_2 = self._a2
-            of_1[:], of_2[:] = moving[1, :, 2], moving[1, : self.between, 2]
+        self._places[:, 1:] = moving.take(self._taken)
         factors = self._places.dot(_ACCELERATED).reshape(-1, 12)
         parts = factors.dot(self._columns.reshape(12, -1)).reshape(-1, 3, 3, self._n)
         parts *= self._chosen

@@ -55,9 +55,7 @@ def differentiate(
         if method == "kkt" and linearisation.takes_the_model:
             equations.recursion = linearisation  # once for the proof and for the derivatives
         try:
-            solution = workspace.solve(
-                q_, v_, tau_, forces=forces, accuracy=accuracy, throw=workspace.solver.exact
-            )
+            solution = workspace._answered(q_, v_, tau_, forces, accuracy, workspace.solver.exact)
         finally:
             equations.recursion = None
         if solution.status is not Status.OK and not np.isfinite(solution.a).all():

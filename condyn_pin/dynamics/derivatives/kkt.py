@@ -49,7 +49,7 @@ class KktDerivatives(Derivatives):
 
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         self._hold(workspace, solution, v)
-        self._factored  # noqa: B018 - at once, while the workspace is whose asked
+        self._factored = self._factorise()  # at once, while the workspace is whose asked
 
     def _hold(self, workspace: Workspace, solution: Solution, v: Array) -> None:
         """Keep what the derivatives are formed from: of this scene, whatever comes after it."""
@@ -61,6 +61,9 @@ class KktDerivatives(Derivatives):
     @of_workspace
     def _factored(self) -> tuple[Array, HeldAndFree]:
         """What a step of q, v and tau leaves to solve (nv + m, 3 nv), and what solves it."""
+        return self._factorise()
+
+    def _factorise(self) -> tuple[Array, HeldAndFree]:
         q, solution = self.solution.q, self.solution
         of = self._linearisation.at(q, self._v, solution.a, solution.lam)
         if solution.applied:
