@@ -16,6 +16,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.dynamics.force import Sites
+from condyn_pin.errors import InvalidArgument
 
 
 def grasp(at: Sites, cones: ContactCones) -> Array:
@@ -30,6 +31,8 @@ def grasp(at: Sites, cones: ContactCones) -> Array:
         f = force.rotation @ whole[:, :3].T
         moment = force.rotation @ whole[:, 3:].T if whole.shape[1] == 6 else 0.0
         columns.append(np.vstack((f, np.cross(force.at, f, axisb=0, axisc=0) + moment)))
+    if not columns:
+        raise InvalidArgument("cones: empty; contacts without one exert nothing that is known")
     return np.hstack(columns)
 
 

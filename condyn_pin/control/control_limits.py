@@ -73,6 +73,8 @@ class AccelerationBounds:
     """
 
     def __init__(self, robot: Robot, limits: ControlLimits, motors: NDArray[np.int_]) -> None:
+        if limits.dt is not None:
+            _check_ranges(robot)
         model, nv = robot.unedited, robot.nv
         self._dt = limits.dt
         self._most = np.full(nv, np.inf)
@@ -114,6 +116,19 @@ def torque_limits(robot: Robot, columns: NDArray[np.int_]) -> Array:
     """Return the largest torque on the joints of some entries of v [N m, N]; infinite for none."""
     most = np.array(robot.unedited.effortLimit, dtype=float)[columns]
     return np.where((most > 0) & (most < _LARGEST), most, np.inf)
+
+
+def _check_ranges(robot: Robot) -> None:
+    """Refuse joints whose lower limit is above the upper one: no position is within."""
+    model = robot.unedited
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        for i in range(joint.idx_q, joint.idx_q + joint.nq):
+            lower, upper = model.lowerPositionLimit[i], model.upperPositionLimit[i]
+            if lower > upper:
+                raise InvalidArgument(
+                    f"limits: {name} has positions from {lower:g} to {upper:g}: the lower limit is "
+                    "above the upper one"
+                )
 
 
 def _or_infinite(limit: Array) -> Array:

@@ -74,6 +74,8 @@ def check_tasks(tasks: object) -> tuple[Task, ...]:
     if isinstance(tasks, str) or not isinstance(tasks, Iterable):
         raise InvalidArgument(f"tasks = {tasks!r}: a list of tasks is needed")
     found = tuple(tasks)
+    if not found:
+        raise InvalidArgument("tasks: none; a controller needs one, such as Posture()")
     for task in found:
         if not isinstance(task, Task):
             raise InvalidArgument(f"tasks: {task!r} is no task")

@@ -236,6 +236,9 @@ class _Brake:
         names = checked("rigid", rigid, robot.joints, "joint")
         self._stiff = rigid_rows(robot, names, self._actuation.columns)
         self._cones = ContactCones(scene, cones)
+        for contact, bound in zip(scene.constraints, scene.bounds, strict=True):
+            if contact.presses and bound.rows.start not in self._cones.touching:
+                raise InvalidArgument(f"cones: none for {contact.name}, which then pulls as well")
         self._equations = Equations(self._model, scene.bounds)
         self._start = self._center(q)
         points = touching_points(Sites(scene, q))
