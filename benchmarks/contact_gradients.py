@@ -33,6 +33,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core.machine import machine
+from condyn_pin._core.plot_style import finished, line
 from condyn_pin.constraints import Ball, Point
 from condyn_pin.simulation import (
     ActiveSet,
@@ -242,11 +243,12 @@ def draw() -> None:
 
     forces = np.linspace(3.5, 6.5, 61)
     figure, ax = plt.subplots(figsize=(6.4, 3.2), layout="constrained")
-    for route in (ActiveSet(), Kappa(1e-2), Kappa(1e-4), Kappa(1e-6), Randomised(50, 1e-2)):
-        ax.plot(forces, [1e3 * pushed(float(f), route) for f in forces], label=title(route))
-    ax.axvline(MU * GRAVITY, color="0.6", lw=0.8, ls=":")
-    ax.set(xlabel="force [N]", ylabel="dv/df [mm/s/N]")
-    ax.legend(frameon=False, fontsize=8)
+    routes = (ActiveSet(), Kappa(1e-2), Kappa(1e-4), Kappa(1e-6), Randomised(50, 1e-2))
+    for i, route in enumerate(routes):
+        slopes = [1e3 * pushed(float(f), route) for f in forces]
+        ax.plot(forces, slopes, label=title(route), **line(i))
+    ax.axvline(MU * GRAVITY, color="0.6", lw=0.8)
+    finished(ax, title="", x="force [N]", y="dv/df [mm/s/N]")
     figure.savefig(RESULTS / "contact_gradients.png", dpi=150)
 
 

@@ -195,5 +195,7 @@ def test_picture_has_a_mark_for_every_method_and_a_line_for_aba():
     proximal = next(row for row in rows if row.method == "Proximal")
     assert drawn["Proximal"].get_xdata()[0] == proximal.acceleration_us
     assert drawn["Proximal"].get_ydata()[0] == max(proximal.error, 1e-16)
+    remark = ax.texts[0].get_window_extent().transformed(ax.transData.inverted())
+    assert remark.y1 < 1e-16  # below all marks
     assert plots.draw_bench(BenchTable(tuple(rows), machine()), "four_bar loops", ax) is ax
     pyplot.close("all")

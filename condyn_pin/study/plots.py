@@ -32,7 +32,7 @@ _TICKS: Final = (1, 3, 10, 30, 100, 300, 1e3, 3e3, 1e4, 1e5, 1e6)  # [us]
 _FLOOR: Final = 1e-16  # where the bench draws an error of zero
 _LOWEST: Final = 1e-17  # and a study
 _HIGHEST: Final = 10.0  # where what diverges is drawn
-_ROOM: Final = 1e3  # below what a study draws, for what a panel says in its corner
+_ROOM: Final = 1e3  # below what is drawn, for what a panel says in its corner
 
 
 def save_panels(
@@ -110,7 +110,7 @@ def draw_bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
             _remark(ax, f"{row.method}: {row.status.split(' ', 1)[1]}")
     for weight in weights:
         _remark(ax, weight)
-    ax.set(xlim=(1.0, 300.0), ylim=(_FLOOR / 3, 1.0))
+    ax.set(xlim=(1.0, 300.0), ylim=(_FLOOR / _ROOM, 1.0))
     (title,) = BenchTable(tuple(rows), {}).by_scene()
     return _in_microseconds(ax, "time of a [us]", "error of a", title)
 
