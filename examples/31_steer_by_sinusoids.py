@@ -74,7 +74,7 @@ y = backed[-1, 1] - hitch * np.sin(np.arctan(slope))
 if "--no-view" not in sys.argv:
     import matplotlib.pyplot as plt
 
-    plt.plot(*parked[:, :2].T, *backed[:, :2].T)
+    plt.legend(plt.plot(*parked[:, :2].T, *backed[:, :2].T), ["unicycle [m]", "car"], loc=(0, 1))
     plt.savefig("parking.png")
 off = max(np.abs(parked[-1] - [0, 1, 0, 0]).max(), abs(y - 1), abs(slope - 0.2))
 print(f"parked a metre to the side, trailer at slope {slope:.9f}: error {off:.0e} m, rad")

@@ -224,6 +224,17 @@ def test_arrows_are_the_forces_of_contacts_in_the_world():
     assert "a step of 0.001 s, ok" in found.title
 
 
+def test_what_flies_has_no_arrows_of_rounding():
+    cassie = cp.load_robot("cassie")
+    scene = cp.Scene(cassie, cassie.loops)
+    q, v = scene.state()
+    flies = cp.solve(scene, q, v, np.zeros(cassie.nv))  # without springs: it falls as one
+    assert 0.0 < np.abs(flies.lam).max() < 1e-9 * 9.81 * cassie.mass
+    assert not [p for p in parts(flies) if p.startswith(("forces/", "moments/"))]
+    pulled = cp.solve(scene, q, v, cassie.joint_vector({"left-knee-op": 1.0}))
+    assert [p for p in parts(pulled) if p.startswith("forces/")]
+
+
 def test_an_arrow_says_the_largest_force_of_the_fall():
     motion = dropped()
     found = drawing(motion)

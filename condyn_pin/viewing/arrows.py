@@ -11,6 +11,7 @@ from typing import NamedTuple, Protocol
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.scene import Scene
@@ -23,6 +24,7 @@ from condyn_pin.viewing.part import Part, at_point, span, then
 
 _LARGEST = 0.33  # of the size of the scene
 _LEAST = 1e-3  # of the largest arrow: what is smaller is not drawn
+_ROUNDING = 1e-9  # of the weight, of moments at the size of the scene: no force of what flies
 
 
 class Peak(NamedTuple):
@@ -112,12 +114,13 @@ def arrow_parts(
     arrows += [arrow for bound in scene.contact_bounds for name, ground in bound.cones
                for arrow in _touch_arrows(name, between=ground != 0)]  # fmt: skip
     most = {arrow: arrow.most(moments, peaks) for arrow in arrows}
-    for unit in ("N", "N m"):
+    weight = scene.robot.mass * tolerances.GRAVITY  # [N]
+    for unit, least in (("N", _ROUNDING * weight), ("N m", _ROUNDING * weight * size)):
         same = [arrow for arrow in arrows if arrow.unit == unit]
         largest = max((most[arrow][0] for arrow in same), default=0.0)
         for arrow in same:
             length, on = most[arrow]
-            if length > _LEAST * largest and largest > 0.0:
+            if length > _LEAST * largest and largest > least:
                 body = body_of(scene.robot, on)
                 yield from _drawn(arrow, length, body, _LARGEST * size / largest, size)
 
