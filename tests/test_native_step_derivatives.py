@@ -17,6 +17,7 @@ from test_native_contact import DT, EXACT, along, boxes, cassie, limited, on_fee
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin.constraints import Ball, FrictionalContact, Plane
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.simulation import BatchStepDerivatives, Kappa, step_derivatives_batch
@@ -116,6 +117,27 @@ def test_stops_dry_friction_springs_and_damping() -> None:
     Q[:, 2] -= 1e-4
     found, wanted = both(held_scene, Q, V, tau)
     assert wanted.ok
+    assert_same(found, wanted)
+
+
+def test_a_leg_that_stands_on_another_one() -> None:
+    """Contacts between legs tie what the tree of joints does not."""
+    scene, q, _, tau = on_feet("solo12", friction=0.7)
+    q[2] -= 1e-4
+    model, frames = scene.robot.model, ("FL_FOOT", "HR_LOWER_LEG")
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    foot, leg = (data.oMf[model.getFrameId(frame)] for frame in frames)
+    above = float(leg.actInv(foot).translation[1])  # of the foot over the plane of the leg [m]
+    plate = Plane((0.0, 1.0, 0.0), height=above - 0.01 + 1e-4)
+    on_leg = FrictionalContact(
+        frames[0], Ball(0.01), on=frames[1], on_shape=plate, friction=0.5, name="on leg"
+    )
+    both_ways = cp.Scene(scene.robot, contacts=(*scene.contacts, on_leg))
+    V = np.random.default_rng(7).normal(scale=0.1, size=(6, model.nv))
+    found, wanted = both(both_ways, np.tile(q, (6, 1)), V, np.tile(tau, (6, 1)))
+    assert wanted.ok
+    assert found.codes[:, -1].any()
     assert_same(found, wanted)
 
 

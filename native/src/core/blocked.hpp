@@ -1,6 +1,6 @@
 // What constraints block: the row space of J_b in the metric of M, by a complete orthogonal decomposition.
 //
-//   M = L L^T,    L^-1 J_b^T P = Q [T 0; 0 0] Z,    V = the first columns of Q
+//   M = S^T S,    S^-T J_b^T P = Q [T 0; 0 0] Z,    V = the first columns of Q
 //
 // J_b^T has the pseudo-inverse of its singular values, without their decomposition, where its rank is clear.
 #pragma once
@@ -19,7 +19,7 @@ public:
   int rank = 0;
   MatrixXd V; // (nv, rank), orthonormal
 
-  /// Of L^-1 J_b^T (nv, rows); `tolerance` of its pivots relative to the largest.
+  /// Of S^-T J_b^T (nv, rows); `tolerance` of its pivots relative to the largest.
   void compute(const MatrixXd & whitened, double tolerance)
   {
     rows_ = int(whitened.cols());
@@ -38,7 +38,7 @@ public:
     V = factor_.householderQ().setLength(rank) * MatrixXd::Identity(whitened.rows(), rank);
   }
 
-  /// h with V h the least velocity L^T v for which J_b v = s; of one s (rows,) or of columns of them.
+  /// h with V h the least velocity S v for which J_b v = s; of one s (rows,) or of columns of them.
   template<typename Columns>
   typename Columns::PlainObject held(const Eigen::MatrixBase<Columns> & s) const
   {
@@ -46,7 +46,7 @@ public:
     return T_.transpose().triangularView<Eigen::Lower>().solve(turned.topRows(rank));
   }
 
-  /// The smallest l with L^-1 J_b^T l = V h.
+  /// The smallest l with S^-T J_b^T l = V h.
   VectorXd impulses(const VectorXd & h) const
   {
     VectorXd l = VectorXd::Zero(rows_);

@@ -75,6 +75,17 @@ void Candidates::rows(const Data & data, MatrixXd & J) const
     J(row++, d.at_v) = 1.0;
 }
 
+void Candidates::normal_row(
+  int touch, const Data & data, Eigen::Ref<Eigen::RowVectorXd, 0, Eigen::InnerStride<>> J) const
+{
+  const Place at = place(touches[touch], data);
+  Vector6d twist;
+  twist << at.E.col(2), at.point.cross(at.E.col(2));
+  J.setZero();
+  for (const auto & [column, sign] : moves_[touch])
+    J[column] = sign * twist.dot(data.J.col(column));
+}
+
 void Candidates::push(const Data & data, const VectorXd & lam, Forces & on_joint, VectorXd & torque) const
 {
   for (int i = 0; i < cones(); ++i)

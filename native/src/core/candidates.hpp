@@ -55,6 +55,8 @@ public:
   void heights(const Data & data, VectorXd & gaps) const;
   /// Rows of all candidates, from placements and Jacobians.
   void rows(const Data & data, MatrixXd & J) const;
+  /// The row of a touch along its normal, from placements and Jacobians.
+  void normal_row(int touch, const Data & data, Eigen::Ref<Eigen::RowVectorXd, 0, Eigen::InnerStride<>> J) const;
   /// Adds forces of all candidates to the wrenches on the joints, and to `torque` those along joints.
   void push(const Data & data, const VectorXd & lam, Forces & on_joint, VectorXd & torque) const;
 

@@ -25,6 +25,14 @@ ContactTurning::ContactTurning(const Model & model, const Candidates & candidate
   }
 }
 
+std::vector<int> ContactTurning::columns(int point) const
+{
+  std::vector<int> found;
+  for (const Mover & mover : movers_[point])
+    found.push_back(mover.column);
+  return found;
+}
+
 void ContactTurning::go(const Data & data, const std::vector<int> & points)
 {
   S_ = data.J;

@@ -19,6 +19,8 @@ class ContactTurning
 public:
   ContactTurning(const Model & model, const Candidates & candidates);
 
+  /// The coordinates that move the body of a point, or its ground.
+  std::vector<int> columns(int point) const;
   /// Goes to where data.oMi and data.J are, for some of the points.
   void go(const Data & data, const std::vector<int> & points);
   /// J w by q of each point, three rows each (3 k, nv), w fixed.

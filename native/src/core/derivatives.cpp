@@ -14,8 +14,9 @@ bool Derivatives::operator()(
   linearisation_.at(q, v, a, lam, loads, placed);
   if (!factors_.factorise(linearisation_.data.M, linearisation_.J))
     return false;
-  const MatrixXd & rhs = linearisation_.rhs;
-  MatrixXd da = rhs.topRows(n), dlam = factors_.solve(da, rhs.bottomLeftCorner(m, 2 * n));
+  MatrixXd da(n, 3 * n);
+  da << linearisation_.r, MatrixXd::Identity(n, n);
+  MatrixXd dlam = factors_.solve(da, linearisation_.s);
   if (factors_.dependent())
     dlam.leftCols(n) += along_redundant_rows(q, lam);
   for (int k = 0; k < 3; ++k)

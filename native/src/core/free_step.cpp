@@ -9,7 +9,7 @@ constexpr double held_share = 1e-22; // as `_HELD`
 
 FreeStep::FreeStep(const Scene & scene, const Floating & floating, Mechanics & mechanics, Rows & rows, int rank)
 : scene_(scene), floating_(floating), mechanics_(mechanics), rows_(rows), rank_(rank)
-, still_(VectorXd::Zero(scene.model.nv))
+, still_(VectorXd::Zero(scene.model.nv)), factor_(scene.model)
 {
   for (const auto & k : scene.constraints)
     moved_.emplace_back(scene.model, k);
@@ -25,16 +25,6 @@ void FreeStep::begin(const StepPlan & plan, const VectorXd & applied)
   inertia = plan.dt * passive.d + plan.dt * plan.dt * stiffness;
 }
 
-bool FreeStep::factorise()
-{
-  mechanics_.mass(q, M);
-  L_ = M;
-  L_.diagonal() += inertia;
-  const Eigen::LLT<Eigen::Ref<MatrixXd>> factor(L_);
-  L_.triangularView<Eigen::StrictlyUpper>().setZero();
-  return factor.info() == Eigen::Success;
-}
-
 bool FreeStep::pose(const VectorXd & q0, const VectorXd & v0)
 {
   const Passive & passive = scene_.passive;
@@ -42,7 +32,8 @@ bool FreeStep::pose(const VectorXd & q0, const VectorXd & v0)
   tau = applied_ - (passive.d + plan_.dt * stiffness).cwiseProduct(v);
   for (Eigen::Index s = 0; s < passive.k.size(); ++s)
     tau[passive.at_v[s]] -= passive.k[s] * (q[passive.at_q[s]] - passive.rest[s]);
-  if (!factorise())
+  mechanics_.mass(q, M);
+  if (!factor_.factorise(M, inertia))
     return false;
   h = mechanics_.bias(q, v);
   blocked.rank = 0;
@@ -51,7 +42,6 @@ bool FreeStep::pose(const VectorXd & q0, const VectorXd & v0)
     mechanics_.move(q, v, still_);
     rows_.evaluate(scene_, mechanics_.data, q, v, still_);
   }
-  mechanics_.jacobians(q);
   if (scene_.rows)
     block(rows_.acceleration);
   if (blocked.rank > rank_)
@@ -63,7 +53,9 @@ bool FreeStep::pose(const VectorXd & q0, const VectorXd & v0)
 void FreeStep::block(const VectorXd & gamma)
 {
   write_jacobian(scene_, mechanics_.data, moved_, J_);
-  whitened_ = L_.triangularView<Eigen::Lower>().solve(J_.transpose());
+  MatrixXd rows = J_;
+  factor_.whiten_rows(rows);
+  whitened_ = rows.transpose();
   blocked.compute(whitened_, plan_.rank_tolerance);
   held = blocked.held(-0.5 * plan_.dt * (gamma - J_ * floating_.turning(v)));
 }
@@ -71,8 +63,9 @@ void FreeStep::block(const VectorXd & gamma)
 void FreeStep::condense(const VectorXd & of_h)
 {
   mean = of_h, turning = floating_.turning(mean);
-  const VectorXd p = plan_.dt * (tau - h + M * turning);
-  free = L_.transpose() * v + L_.triangularView<Eigen::Lower>().solve(p);
+  free = plan_.dt * (tau - h + M * turning);
+  factor_.whiten(free);
+  free += factor_ * v;
   if (!blocked.rank)
     return;
   momentum = blocked.V.transpose() * free;
@@ -91,8 +84,9 @@ void FreeStep::condense_at_mean()
 
 void FreeStep::eliminate(const MatrixXd & J, MatrixXd & X, MatrixXd & along_blocked) const
 {
-  X = J.transpose();
-  L_.triangularView<Eigen::Lower>().solveInPlace(X);
+  MatrixXd rows = J;
+  factor_.whiten_rows(rows);
+  X = rows.transpose();
   if (!blocked.rank)
     return;
   along_blocked = blocked.V.transpose() * X;

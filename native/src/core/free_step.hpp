@@ -1,13 +1,14 @@
 // The step that a robot would take without contacts, and what its constraints block.
 //
-//   M + dt D + dt^2 K = L L^T,    V h the least L^T v with the J_b v that is asked for (`Blocked`)
-//   L^T v_free = (1 - V V^T) (L^T v + L^-1 p) + V h,    p = dt (tau - h(q, v)),    J_b v+ = -dt gamma / 2
+//   M + dt D + dt^2 K = S^T S,    V h the least S v with the J_b v that is asked for (`Blocked`)
+//   S v_free = (1 - V V^T) (S v + S^-T p) + V h,    p = dt (tau - h(q, v)),    J_b v+ = -dt gamma / 2
 #pragma once
 #include "blocked.hpp"
 #include "floating.hpp"
 #include "jacobian.hpp"
 #include "rows.hpp"
 #include "step_plan.hpp"
+#include "tree_factor.hpp"
 
 namespace condyn
 {
@@ -26,25 +27,24 @@ public:
   void condense(const VectorXd & mean);
   /// With h at the mean velocity of the step, for what nothing touches.
   void condense_at_mean();
-  /// X = (1 - V V^T) L^-1 J^T and the part V^T L^-1 J^T that is blocked; zero for a row that constraints hold.
+  /// X = (1 - V V^T) S^-T J^T and the part V^T S^-T J^T that is blocked; zero for a row that constraints hold.
   void eliminate(const MatrixXd & J, MatrixXd & X, MatrixXd & along_blocked) const;
-  /// v from L^T v, in place.
-  void unwhiten(VectorXd & v) const { L_.transpose().triangularView<Eigen::Upper>().solveInPlace(v); }
+  /// v from S v, in place.
+  void unwhiten(VectorXd & v) const { factor_.unwhiten(v); }
 
-  /// L of M + dt D + dt^2 K.
-  const MatrixXd & factor() const { return L_; }
+  /// S of M + dt D + dt^2 K.
+  const TreeFactor & factor() const { return factor_; }
 
   VectorXd q, v; // where it begins
   VectorXd mean, turning; // the velocity of h, and the acceleration that is only turning
   MatrixXd M; // without what springs and damping add
   VectorXd tau, h; // torques with those of springs and damping, and h(q, v)
-  VectorXd stiffness, inertia; // K, and dt D + dt^2 K, which L L^T has on its diagonal
-  VectorXd free; // L^T v_free
+  VectorXd stiffness, inertia; // K, and dt D + dt^2 K, which S^T S has on its diagonal
+  VectorXd free; // S v_free
   Blocked blocked;
-  VectorXd momentum, held; // V^T (L^T v + L^-1 p), and h of V h
+  VectorXd momentum, held; // V^T (S v + S^-T p), and h of V h
 
 private:
-  bool factorise();
   void block(const VectorXd & gamma);
 
   const Scene & scene_;
@@ -55,6 +55,7 @@ private:
   std::vector<Moved> moved_; // of each constraint
   StepPlan plan_{};
   VectorXd applied_, still_;
-  MatrixXd L_, J_, whitened_;
+  TreeFactor factor_;
+  MatrixXd J_, whitened_;
 };
 } // namespace condyn

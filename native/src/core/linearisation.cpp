@@ -21,9 +21,8 @@ void Linearisation::at(
   VectorXd of_couplings = VectorXd::Zero(n); // J^T lam that does not change
   add_wrenches(scene_, placed, lam, on_joint_, of_couplings);
   pinocchio::computeRNEADerivatives(scene_.model, data, q, v, a, on_joint_);
-  rhs.setZero(n + m, 3 * n), J.setZero(m, n);
-  rhs.topLeftCorner(n, n) = -data.dtau_dq, rhs.block(0, n, n, n) = -data.dtau_dv;
-  rhs.topRightCorner(n, n).setIdentity();
+  r.resize(n, 2 * n), s.setZero(m, 2 * n), J.setZero(m, n);
+  r.leftCols(n) = -data.dtau_dq, r.rightCols(n) = -data.dtau_dv;
   for (std::size_t i = 0; i < scene_.constraints.size(); ++i)
     write(i, lam);
   for (std::size_t i = 0; i < loads.pushes.size(); ++i)
@@ -49,7 +48,7 @@ void Linearisation::turn(const Push & push, const Vector6d & wrench)
   const MatrixXd by = J.transpose() * turned;
   for (std::size_t c = 0; c < columns.size(); ++c)
     for (std::size_t b = 0; b < columns.size(); ++b)
-      rhs(columns[b], columns[c]) += by(b, c);
+      r(columns[b], columns[c]) += by(b, c);
 }
 
 /// Writes the rows of a constraint into J and -[s_q, s_v], and adds what turns of J^T lam to -r_q.
@@ -61,8 +60,8 @@ void Linearisation::write(std::size_t i, const VectorXd & lam)
   if (k.kind == Kind::coupling)
   {
     write_coupling(k, J.row(k.first));
-    rhs.row(n + k.first).head(n) = -kp * J.row(k.first);
-    rhs.row(n + k.first).segment(n, n) = -kd * J.row(k.first);
+    s.row(k.first).head(n) = -kp * J.row(k.first);
+    s.row(k.first).tail(n) = -kd * J.row(k.first);
     return;
   }
   const Linearised of(k, data, k.sign * lam.segment(k.first, k.size));
@@ -78,8 +77,8 @@ void Linearisation::write(std::size_t i, const VectorXd & lam)
     {
       const int from = k.component(row), to = k.first + row;
       J(to, j) = k.sign * by.J[from];
-      rhs(n + to, j) = -k.sign * (by.s_q[from] + kp * by.c_q[from] + kd * by.v_q[from]);
-      rhs(n + to, n + j) = -k.sign * (by.s_v[from] + kd * by.J[from]);
+      s(to, j) = -k.sign * (by.s_q[from] + kp * by.c_q[from] + kd * by.v_q[from]);
+      s(to, n + j) = -k.sign * (by.s_v[from] + kd * by.J[from]);
     }
     J1.col(c) = one.J.toVector(), J2.col(c) = two.J.toVector();
     w1.col(c) = by.w1, w2.col(c) = by.w2;
@@ -92,7 +91,7 @@ void Linearisation::write(std::size_t i, const VectorXd & lam)
     turned.noalias() += J1.transpose() * w1;
   for (int c = 0; c < count; ++c)
     for (int b = 0; b < count; ++b)
-      rhs(columns[b], columns[c]) += turned(b, c);
+      r(columns[b], columns[c]) += turned(b, c);
 }
 
 /// How J w changes with q while w stays: as the slip does at v = w.

@@ -22,7 +22,7 @@ public:
   /// How J w changes with q while w stays: as the slip does at v = w; after `at` the same q.
   MatrixXd turning(const VectorXd & q, const VectorXd & w);
 
-  MatrixXd rhs; // [-r_q, -r_v, 1] above [-s_q, -s_v, 0]
+  MatrixXd r, s; // [-r_q, -r_v] (nv, 2 nv) and [-s_q, -s_v] (rows, 2 nv)
   MatrixXd J;
   Data data; // as Newton-Euler's derivatives leave it
 

@@ -9,7 +9,7 @@ namespace condyn
 {
 void Mechanics::mass(const VectorXd & q, MatrixXd & M)
 {
-  pinocchio::crba(model, data, q);
+  pinocchio::crba(model, data, q, pinocchio::Convention::WORLD);
   M = data.M.selfadjointView<Eigen::Upper>();
 }
 

@@ -10,7 +10,7 @@ class Mechanics
 public:
   explicit Mechanics(const Model & model) : model(model), data(model) {}
 
-  /// M with both triangles.
+  /// M with both triangles; placements and Jacobians of the joints as well.
   void mass(const VectorXd & q, MatrixXd & M);
   /// h(q, v).
   const VectorXd & bias(const VectorXd & q, const VectorXd & v);

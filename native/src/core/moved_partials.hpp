@@ -22,7 +22,10 @@ struct Blocks
   void premultiply(Eigen::Ref<MatrixXd> rows) const
   {
     for (const auto & [at, block] : blocks)
-      rows.middleRows(at, block.rows()) = (block * rows.middleRows(at, block.rows())).eval();
+      if (block.rows() == 6)
+        turn_rows<6>(at, block, rows);
+      else
+        turn_rows<3>(at, block, rows);
   }
   /// Multiplies columns by it, from the right; it is the identity elsewhere.
   void postmultiply(Eigen::Ref<MatrixXd> columns) const
@@ -30,11 +33,30 @@ struct Blocks
     for (const auto & [at, block] : blocks)
       columns.middleCols(at, block.rows()) = (columns.middleCols(at, block.rows()) * block).eval();
   }
-  /// Adds x D to y; it is zero elsewhere.
-  void add_product(const MatrixXd & x, Eigen::Ref<MatrixXd> y) const
+  /// Adds scale x D to y; it is zero elsewhere.
+  void add_product(const MatrixXd & x, double scale, Eigen::Ref<MatrixXd> y) const
   {
     for (const auto & [at, block] : blocks)
-      y.middleCols(at, block.rows()) += x.middleCols(at, block.rows()) * block;
+      y.middleCols(at, block.rows()).noalias() += x.middleCols(at, block.rows()) * (scale * block);
+  }
+  /// Adds it to y; it is the identity elsewhere.
+  void add_to(Eigen::Ref<MatrixXd> y) const
+  {
+    y.diagonal().array() += 1.0;
+    for (const auto & [at, block] : blocks)
+    {
+      y.diagonal().segment(at, block.rows()).array() -= 1.0;
+      y.block(at, at, block.rows(), block.rows()) += block;
+    }
+  }
+
+private:
+  template<int size>
+  static void turn_rows(int at, const Small & block, Eigen::Ref<MatrixXd> rows)
+  {
+    const Eigen::Matrix<double, size, size> turn = block;
+    for (Eigen::Index c = 0; c < rows.cols(); ++c)
+      rows.col(c).segment<size>(at) = (turn * rows.col(c).segment<size>(at)).eval();
   }
 };
 

@@ -4,13 +4,16 @@
 //   dlam = R dsigma_0 + R_mu dmu
 //
 // df, ds and e are what the balance of momentum, the constraints and the contacts leave by q and v at fixed v+
-// and impulses (`Linearisation`, `ContactTurning`). With W = L^-1, V what constraints block and X = (1 - V V^T) W J_c^T,
+// and impulses (`Linearisation`, `ContactTurning`). With M = S^T S, V what constraints block, X = (1 - V V^T) S^-T J_c^T,
+// Y = S^-1 X and Z = S^-1 V,
 //
-//   dv+ = P df + W^T X R e + W^T (V + X R (V^T W J_c^T)^T) h(ds) + W^T X R_mu dmu
-//   P = W^T (1 - V V^T + X R X^T) W = dv+/dp,    V h(ds) the least velocity with J_b v = ds
+//   dv+ = P df + Y R e + (Z + Y R (V^T S^-T J_c^T)^T) h(ds) + Y R_mu dmu
+//   P = M^-1 - Z Z^T + Y R Y^T = dv+/dp,    V h(ds) the least velocity with J_b v = ds
 //
+// df is zero where a coordinate neither carries a row nor is carried by it (`Carried`).
 // `condyn_pin/simulation/routes/linear_steps.py` derives each.
 #pragma once
+#include "carried.hpp"
 #include "contact_law.hpp"
 #include "contact_steps.hpp"
 #include "contact_turning.hpp"
@@ -42,12 +45,12 @@ public:
   Eigen::VectorXi modes; // of all candidates
 
 private:
+  void project();
   void linearise(const VectorXd & mean, const VectorXd & v1, const VectorXd & l_b);
-  MatrixXd balance(const VectorXd & mean) const;
+  void balance(const VectorXd & mean);
   MatrixXd slip(const VectorXd & v1);
-  MatrixXd asked();
-  MatrixXd whitened(const MatrixXd & f) const { return W_.triangularView<Eigen::Lower>() * f; }
-  MatrixXd unwhitened(const MatrixXd & x) const { return W_.transpose().triangularView<Eigen::Upper>() * x; }
+  void ask();
+  void turn_towards_end();
   MatrixXd solved(const MatrixXd & f, const MatrixXd & s) const;
   bool touched();
   void untouched();
@@ -65,7 +68,9 @@ private:
   ContactLaw law_;
   Loads no_loads_;
   std::vector<Moved> moved_; // of each constraint
-  MatrixXd W_; // L^-1
+  Carried carried_;
+  MatrixXd inverse_, Z_, Y_, YR_, P_; // M^-1 with what springs and damping add, and as above
+  MatrixXd f_, e_; // df and e by q and v (nv, 2 nv), (m, 2 nv)
   MatrixXd before_, after_; // J_c v and J_c v+ of cones, by q
 };
 } // namespace condyn

@@ -1,6 +1,6 @@
 // The contacts that take part in a step, and what it asks of their impulses.
 //
-//   X = (1 - V V^T) L^-1 J_c^T,    G = X^T X,    g = X^T L^T v_free + (V^T L^-1 J_c^T)^T h
+//   X = (1 - V V^T) S^-T J_c^T,    G = X^T X,    g = X^T S v_free + (V^T S^-T J_c^T)^T h
 //   g_n += (s + gap) / dt  (gap > 0),    (s + 0.2 gap) / dt  (gap < 0)
 //
 // s is how much a gap bends away from the straight line along which its row would take it.
@@ -20,7 +20,7 @@ struct Touching
   int with_gaps = 0; // how many of the chosen have a gap
   bool along_path = false; // whether contacts are taken where a path ends
   VectorXd path; // the velocity along it
-  MatrixXd J_c, X, blocked; // rows, and L^-1 J_c^T along what is free and what is blocked
+  MatrixXd J_c, X, blocked; // rows, and S^-T J_c^T along what is free and what is blocked
   VectorXd gaps, bends, before; // of what has a gap, and J_c v
   ContactProblem problem;
   VectorXd lam, v1; // the answer, and the velocity after it
