@@ -968,6 +968,30 @@ def test_every_route_by_every_parameter(name, scheme, parameter):
     assert np.abs(by @ x - wanted).max() < share * np.abs(wanted).max()
 
 
+@pytest.mark.parametrize("friction", [0.2, 0.9])
+def test_what_lands_and_stays_has_no_slope_by_a_restitution_of_zero(friction):
+    """A rebound by e v is back soon, and the end differs by e^2 alone."""
+    scene, q, v = rolling_ball(0.0)
+    (floor,) = scene.contacts
+    q[2], v[2] = 0.051, -0.4  # down after 2.5 of 5 ms
+
+    def end(e):
+        made = cp.Scene(scene.robot, contacts=[replace(floor, friction=friction, restitution=e)])
+        now = cp.step(made, q, v, dt=5e-3, integrator=HARD[1])
+        return now.derivatives(route=EventLocated())
+
+    model, landed = scene.robot.model, end(0.0)
+    assert landed.modes == {"ball": "slide" if friction < 0.5 else "stick"}
+    assert np.abs(landed.by("restitution")).max() < 1e-12
+    off = [
+        np.abs(between(model, (of.q, of.v), (landed.q, landed.v))).max()
+        for of in (end(1e-3), end(1e-2))
+    ]
+    assert off[0] < 1e-6  # e^2
+    assert off[1] < 1e-4
+    assert np.abs(end(0.3).by("restitution")).max() > 0.1
+
+
 def test_soft_steps_of_dry_friction_alone():
     """Where no contact is near, and joints rub, on a loop: `Softened` has an answer too."""
     bar = robot("four_bar")

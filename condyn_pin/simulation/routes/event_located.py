@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import partial
+from itertools import compress
 from math import inf
 from typing import ClassVar, Final, NamedTuple
 
@@ -138,18 +139,24 @@ class _Parts:
         dq, dv, done, ds = columns.empty(), columns.empty(), 0.0, np.zeros(columns.size)
         dq[:, columns.q], dv[:, columns.v] = np.eye(n), np.eye(n)
         modes: dict[str, str] = {}
-        self._cuts, margin = 0, inf
+        self._cuts, margin, cut = 0, inf, None
         while done < self._dt:
-            held = self._impact(q, v)
+            held, impact = self._impact(q, v), None
             if held is not None:
-                ended = self._made(_INSTANT, held).end(t + done, q, v, self._law)
-                q, v, (dq, dv) = ended.q, ended.v, _composed(ended, dq, dv)
-                modes, margin = _joined(modes, modes_of(self._steps, ended)), ended.law.margin
+                impact = self._made(_INSTANT, held).end(t + done, q, v, self._law)
+                q, v = impact.q, impact.v
+                modes, margin = _joined(modes, modes_of(self._steps, impact)), impact.law.margin
+            is_located = cut is not None
             cut = self._next(t, done, q, v)
             ended = self._made(cut.length, cut.held).end(t + done, q, v, self._law)
             rate_q, rate_v = self._rates(cut, t, q, v)
             modes = _joined(modes, modes_of(self._steps, ended))
             margin = min(margin, ended.law.margin)
+            if impact is not None:
+                if is_located and self._stays(impact, ended):
+                    for by in (impact.dq, impact.dv):
+                        by[:, columns.restitution] = 0.0
+                dq, dv = _composed(impact, dq, dv)
             dq, dv = _composed(ended, dq, dv)
             # at the same time, though this part has begun later by ds
             dq, dv = dq - np.outer(rate_q, ds), dv - np.outer(rate_v, ds)
@@ -160,6 +167,17 @@ class _Parts:
                 dq, dv = dq + np.outer(rate_q, later), dv + np.outer(rate_v, later)
                 ds, done = later, cut.start + cut.length
         return made(route, self._steps, (q, v), (dq, dv), modes, margin)
+
+    def _stays(self, impact: Ended, flow: Ended) -> bool:
+        """Whether all that was struck stays where it is, without restitution.
+
+        What rebounds by e v then is back after 2 e v / a, and has lost by then what the impact gave
+        it beside that of e = 0: the end is the same to e^2.
+        """
+        struck, cones = impact.posed.chosen, self._system.contacts.cones
+        after = modes_of(self._steps, flow)
+        names = [*compress(self._system.contacts.names, struck.active[:cones])]
+        return not struck.restitution.any() and all(after[name] != "open" for name in names)
 
     def _made(self, dt: float, held: NDArray[np.bool_]) -> LinearSteps:
         """Return the linear steps of a part."""
