@@ -58,10 +58,12 @@ def measure(
     folder: Path, passes: int, effort: float
 ) -> tuple[list[dict[str, Any]], dict[str, str]]:
     """Return the rows of all passes, and who is missing, with the reason."""
-    from peers.control.with_condyn import question_of
+    from peers.control.with_condyn import active, question_of
 
     folder.mkdir(parents=True, exist_ok=True)
-    told = question_of(str(bare_description(folder)), STATES).save(folder / "question.json")
+    first = question_of(str(bare_description(folder)), STATES)
+    told = [first.save(folder / "question.json")]
+    told += [each.save(folder / f"active{i}.json") for i, each in enumerate(active(first))]
     jobs, missing = [("with_condyn", Path(sys.executable))], {}
     for environment in ENVIRONMENTS:
         try:
@@ -75,7 +77,7 @@ def measure(
             print(f"pass {number + 1} of {passes}: {script}", flush=True)
             output = folder / f"control-{script}.json"
             try:
-                rows.append(run_script(python, f"control.{script}", [told], output, effort))
+                rows.append(run_script(python, f"control.{script}", told, output, effort))
             except Missing as why:
                 missing[script] = str(why)
     return rows, missing
@@ -104,6 +106,7 @@ def markdown(rows: Sequence[dict[str, Any]], missing: dict[str, str], about: dic
             f"{last['com']:.0e}",
         )
         lines.append("| " + " | ".join(cells) + " |")
+    lines += ["", *_active(rows)]
     notes = {row["peer"]: row["note"] for row in rows if row["note"]}
     lines += [
         "",
@@ -123,6 +126,38 @@ def markdown(rows: Sequence[dict[str, Any]], missing: dict[str, str], about: dic
         + f"; {STATES} states.",
     ]
     return "\n".join(lines)
+
+
+def _active(rows: Sequence[dict[str, Any]]) -> list[str]:
+    """Return the table of questions in which inequalities are active."""
+    last = {row["peer"]: row["active"] for row in rows}
+    peers = [peer for peer in last if peer != OURS]
+    lines = [
+        f"| the mass is drawn | {OURS}: objective | motors at their limit | "
+        + " | ".join(f"{peer}: more by | motors" for peer in peers)
+        + " |",
+        "|---" * (3 + 2 * len(peers)) + "|",
+    ]
+    for i, ours in enumerate(last[OURS]):
+        cells = [ours["title"]]
+        for peer in (OURS, *peers):
+            row = last[peer][i]
+            if row["answer"] != "ok":
+                cells += [row["answer"].splitlines()[0], ""]
+                continue
+            more = row["objective"] - ours["objective"]
+            cells.append(f"{ours['objective']:.7g}" if peer == OURS else f"{more:+.1e}")
+            cells.append(str(row["motors"]))
+        lines.append("| " + " | ".join(cells) + " |")
+    return [
+        *lines,
+        "",
+        "At rest in the posture, where soles, friction and motors give no more. The objective is "
+        "sum w |J a - wanted|^2 of mass, trunk and joints [m^2/s^4, rad^2/s^4], of each answer by "
+        "its own Pinocchio; a smaller one is better, and ours has to be that of tsid, whose cones "
+        "are the same and whose forces have a weight of 1e-9 here. placo does not limit "
+        "the moment about the normal of a sole, which lets it do more where friction counts.",
+    ]
 
 
 def _factor(rows: Sequence[dict[str, Any]], name: str) -> str:

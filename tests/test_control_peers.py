@@ -74,3 +74,36 @@ def test_committed_rows_have_right_answers():
         assert row["dynamics"] < 1e-9
         assert row["feet"] < 1e-9
         assert row["com"] == pytest.approx(0.085, abs=0.01)  # the same wish, weighed the same
+
+
+def test_where_inequalities_are_active_the_optimum_is_that_of_tsid():
+    """To what either regularises; placo's cones leave the moment about the normal out."""
+    import control_peers
+
+    rows, _, _ = control_peers.load()
+    last = {row["peer"]: row["active"] for row in rows}
+    *asked, impossible = range(5)
+    for i in asked:
+        ours, tsid, placo = (last[peer][i] for peer in ("condyn_pin", "tsid", "placo"))
+        assert {ours["answer"], tsid["answer"], placo["answer"]} == {"ok"}
+        assert ours["objective"] == pytest.approx(tsid["objective"], rel=1e-8)
+        assert ours["motors"] == tsid["motors"]
+        assert ours["dynamics"] < 1e-9
+        if "friction" not in ours["title"]:
+            assert ours["objective"] < placo["objective"]
+    assert "CenterOfMass.z gives 1.19 m/s^2" in last["condyn_pin"][impossible]["answer"]
+    assert last["tsid"][impossible]["answer"] != "ok" != last["placo"][impossible]["answer"]
+
+
+def test_ours_answers_where_inequalities_are_active(question):
+    from peers.control import harness
+    from peers.control.with_condyn import active, contender
+
+    *asked, impossible = active(question)
+    for each in asked:
+        row = harness.judged(each, contender)
+        assert row["answer"] == "ok"
+        assert row["torque"] < 1 + 1e-9
+        assert row["dynamics"] < 1e-9
+        assert row["com"] > 0.5  # [m/s^2]: it cannot be had
+    assert harness.judged(impossible, contender)["answer"].startswith("CenterOfMass.z gives 1.19")

@@ -15,7 +15,11 @@ A peer's script says what it does with a question::
 3. A round is all states in order, as under a controller: what a library keeps from the last tick,
    it may use. Between two states of a peer ABA is called at the same ones, interleaved.
 4. Times are wall-clock times of one call; of each the least and the median over all rounds.
-5. Errors are of the equations of motion, by Newton-Euler in this environment's own Pinocchio, of
+5. Of further questions each is asked once, at its first state, where inequalities are active: the
+   objective of the tasks is that of the answer, by this environment's own Pinocchio. A question
+   whose mass has to move with infinite weight may have no answer: a peer that has none says why,
+   in the ValueError that `answer` raises.
+6. Errors are of the equations of motion, by Newton-Euler in this environment's own Pinocchio, of
    the feet, which are not to accelerate, and of the centre of mass: how far from what is wanted.
 """
 
@@ -24,6 +28,7 @@ from __future__ import annotations
 import argparse
 import gc
 import json
+import multiprocessing
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,6 +41,7 @@ import pinocchio as pin
 from peers.control.question import Question, load
 
 ROUNDS = 15
+LONGEST = 20.0  # [s] of one question where inequalities are active
 
 
 @dataclass(frozen=True)
@@ -111,17 +117,64 @@ def errors(question: Question, found: Contender) -> dict[str, float]:
     return worst
 
 
+def judged(question: Question, contender: Callable[[Question], Contender]) -> dict[str, Any]:
+    """Return the objective of an answer at rest in the posture, what is active, and its errors.
+
+    sum w |J a - wanted|^2 of mass, trunk and joints, without what regularises
+    """
+    found = contender(question)
+    try:
+        a, tau, felt = found.answer(0)
+    except ValueError as why:
+        return {"title": question.title, "answer": str(why).split(": ", 1)[-1]}
+    model, wish, q = model_of(question), question.wish, question.q[0]
+    data, v = model.createData(), question.v[0]
+    left = float(np.abs(pin.rnea(model, data, q, v, a) - tau - felt).max())
+    pin.forwardKinematics(model, data, q, v, a)
+    pin.updateFramePlacements(model, data)
+    trunk = model.getFrameId(question.trunk)
+    turns = pin.getFrameClassicalAcceleration(model, data, trunk, pin.LOCAL_WORLD_ALIGNED).angular
+    pin.centerOfMass(model, data, q, v, a)
+    wanted = wish.com_kp * (question.com - np.array(data.com[0]))
+    off = float(((np.array(data.acom[0]) - wanted) ** 2).sum())
+    objective = 0.0 if np.isinf(wish.com_weight) else wish.com_weight * off
+    objective += wish.trunk_weight * float(turns @ turns)
+    objective += wish.posture_weight * float(a[6:] @ a[6:])
+    spent = np.abs(tau[6:]) / question.effort[6:]
+    return {
+        "title": question.title, "answer": "ok", "objective": objective, "com": float(np.sqrt(off)),
+        "dynamics": left, "torque": float(spent.max()),
+        "motors": int(np.count_nonzero(spent > 1 - 1e-6)),
+    }  # fmt: skip
+
+
+def within_time(question: Question, contender: Callable[[Question], Contender]) -> dict[str, Any]:
+    """Return what `judged` does, in a process of its own: not every solver ends."""
+    context = multiprocessing.get_context("fork")
+    here, there = context.Pipe()
+    asked = context.Process(target=lambda: there.send(judged(question, contender)))
+    asked.start()
+    if here.poll(LONGEST):
+        row: dict[str, Any] = here.recv()
+    else:
+        asked.kill()
+        row = {"title": question.title, "answer": f"does not end within {LONGEST:g} s"}
+    asked.join()
+    return row
+
+
 def main(peer: str, version: str, contender: Callable[[Question], Contender]) -> None:
-    """Measure one library: ``script QUESTION --output FILE``."""
+    """Measure one library: ``script QUESTION [ACTIVE ...] --output FILE``."""
     parser = argparse.ArgumentParser()
-    parser.add_argument("questions", nargs=1, type=Path)
+    parser.add_argument("questions", nargs="+", type=Path)
     parser.add_argument("--output", type=Path, required=True)
     parser.add_argument("--effort", type=float, default=1.0, help="share of the usual rounds")
     arguments = parser.parse_args()
     question = load(arguments.questions[0])
     found = contender(question)
     rounds = max(3, int(arguments.effort * ROUNDS))
-    row = timed(question, found, rounds) | errors(question, found)
+    row: dict[str, Any] = timed(question, found, rounds) | errors(question, found)
+    row["active"] = [within_time(load(path), contender) for path in arguments.questions[1:]]
     about = {"peer": peer, "version": version, "pinocchio": pin.__version__}
     row |= about | {"size": found.size, "note": found.note}
     arguments.output.write_text(json.dumps(row), encoding="utf-8")

@@ -26,6 +26,7 @@ class Wish:
     com_kp, trunk_kp, posture_kp : float
         [1/s^2]; damping is critical, 2 sqrt(kp).
     com_weight, trunk_weight, posture_weight : float
+        An infinite one is an equation.
     """
 
     friction: float = 0.5
@@ -62,6 +63,8 @@ class Question:
     q, v : (k, nq), (k, nv) array
         Free-flyer first: position, quaternion x y z w; velocities in the body.
     wish : Wish
+    title : str
+        What is active, of a question that is asked once.
     """
 
     urdf: str
@@ -76,6 +79,7 @@ class Question:
     q: Any
     v: Any
     wish: Wish
+    title: str = ""
 
     def save(self, path: Path) -> Path:
         """Write it."""

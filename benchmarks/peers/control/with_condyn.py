@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 import condyn_pin as cp
@@ -13,20 +15,25 @@ from peers.control.harness import Contender, main
 from peers.control.question import Question, Wish
 
 
-def talos() -> cp.Scene:
-    """Return Talos on both feet."""
+def talos(effort: np.ndarray | None = None) -> cp.Scene:
+    """Return Talos on both feet, with motors of other limits."""
     robot = cp.load_robot("talos")
+    if effort is not None:
+        model = pin.Model(robot.model)
+        model.effortLimit = effort
+        robot = replace(robot, model=model)
     return cp.Scene(robot, robot.contacts)
 
 
-def controller_of(scene: cp.Scene, wish: Wish) -> Controller:
-    """Return the controller of a wish."""
+def controller_of(scene: cp.Scene, question: Question) -> Controller:
+    """Return the controller of a question; its friction cones are the pyramids of the others."""
+    wish = question.wish
     tasks = [
-        CenterOfMass(kp=wish.com_kp, weight=wish.com_weight),
+        CenterOfMass(reference=question.com, kp=wish.com_kp, weight=wish.com_weight),
         Orientation("base_link", kp=wish.trunk_kp, weight=wish.trunk_weight),
         Posture(kp=wish.posture_kp, weight=wish.posture_weight),
     ]
-    return Controller(scene, tasks, cones=WrenchCone(wish.friction))
+    return Controller(scene, tasks, cones=WrenchCone(wish.friction, pyramid="outer"))
 
 
 def question_of(urdf: str, count: int) -> Question:
@@ -51,10 +58,29 @@ def question_of(urdf: str, count: int) -> Question:
     )  # fmt: skip
 
 
+def active(first: Question) -> list[Question]:
+    """Return the same robot at rest, its mass drawn away until floor or motors give no more."""
+
+    def drawn(title: str, way: tuple[float, ...], effort: float = 1.0, **wish: float) -> Question:
+        asked = replace(first.wish, **wish)
+        return replace(
+            first, title=title, com=first.com + np.array(way) / asked.com_kp,
+            effort=effort * first.effort, q=first.q[:1], v=0 * first.v[:1], wish=asked,
+        )  # fmt: skip
+
+    return [
+        drawn("forwards by 3 m/s^2: soles tip", (3.0, 0.0, 0.0)),
+        drawn("sideways by 3 m/s^2, friction 0.2: feet slip", (0.0, 3.0, 0.0), friction=0.2),
+        drawn("up by 5 m/s^2, a fifth of the torque: motors end", (0.0, 0.0, 5.0), 0.2),
+        drawn("aside, up, a quarter of the torque: all three", (2.0, 3.0, 5.0), 0.25, friction=0.2),
+        drawn("down by 11 m/s^2, as an equation: no answer", (0.0, 0.0, -11.0), com_weight=np.inf),
+    ]
+
+
 def contender(question: Question) -> Contender:
     """Return ours at work; the proof is part of the tick."""
-    scene = talos()
-    controller = controller_of(scene, question.wish)
+    scene = talos(question.effort)
+    controller = controller_of(scene, question)
 
     def tick(i: int) -> float:
         out = controller.solve(question.q[i], question.v[i])
@@ -63,7 +89,7 @@ def contender(question: Question) -> Contender:
     def answer(i: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         out = controller.solve(question.q[i], question.v[i])
         if not out.status.ok:
-            raise ValueError(f"state {i}: {out.status}")
+            raise ValueError(f"state {i}: {out.infeasible or out.status}")
         return out.a, out.tau, Sites(scene, question.q[i]).jacobian.T @ out.lam
 
     n, p, r = controller.program(question.q[0], question.v[0]).sizes

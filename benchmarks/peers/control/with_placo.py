@@ -60,7 +60,10 @@ class Engine:
             (trunk, "trunk", wish.trunk_kp, wish.trunk_weight),
             (posture, "posture", wish.posture_kp, wish.posture_weight),
         ):
-            task.configure(name, "soft", weight)
+            if np.isinf(weight):
+                task.configure(name, "hard")
+            else:
+                task.configure(name, "soft", weight)
             task.kp, task.kd = kp, 2.0 * np.sqrt(kp)
 
     def _state(self, q: np.ndarray, v: np.ndarray) -> None:
@@ -77,7 +80,7 @@ class Engine:
         """Return a, tau, and what the feet do to the joints."""
         self.tick(i)
         if not self.solved.success:
-            raise ValueError(f"state {i}: not solved")
+            raise ValueError(f"state {i}: success is False")
         tau = np.array(self.solved.tau)
         tau[:6] = 0.0
         return np.array(self.solved.qdd), tau, np.array(self.solved.tau_contacts)

@@ -13,7 +13,8 @@ from peers.control.harness import Contender, main, model_of
 from peers.control.question import Question
 
 _LARGEST = 1e5  # [N] of a contact: no limit
-_FORCES = 1e-5  # weight of their regularisation
+# weight of their regularisation: what a user takes, and, where an optimum is asked for, nearly none
+_FORCES, _HARDLY = 1e-5, 1e-9
 
 
 class Engine:
@@ -41,7 +42,7 @@ class Engine:
             contact.setKd(np.zeros(6))
             frame = model.getFrameId(foot)
             contact.setReference(self.robot.framePosition(self.made.data(), frame))
-            self.made.addRigidContact(contact, _FORCES)
+            self.made.addRigidContact(contact, _HARDLY if question.title else _FORCES)
             self.feet.append(contact)
 
     def _wish(self) -> None:
@@ -63,7 +64,8 @@ class Engine:
             sample = tsid.TrajectorySample(len(reference), size)
             sample.value(reference)
             task.setReference(sample)
-            made.addMotionTask(task, weight, 1, 0.0)
+            hard = np.isinf(weight)
+            made.addMotionTask(task, 1.0 if hard else weight, 0 if hard else 1, 0.0)
             self.tasks.append(task)  # tsid keeps no reference
         limits = tsid.TaskActuationBounds("limits", self.robot)
         limits.setBounds(-question.effort[6:], question.effort[6:])
