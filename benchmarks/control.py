@@ -4,7 +4,9 @@
 
 States move from tick to tick, as under a controller. Writes benchmarks/results/control.csv; "tick"
 is all of `Controller.solve`, "program" what answers the program, and the columns of solvers are
-their own time on it, with the memory that they keep. Times are medians [us]. Where there are loops,
+their own time on it, with the memory that they keep. Times are medians [us]. "core" is the tick in
+the compiled core, if it is there, and "core, share" the median of what it takes of Python's, both
+called in turn; "core differs" says by how much torques do. Where there are loops,
 the same solvers are timed in turn on the program that keeps them,
 
     x = (a, lam / m),    equations of joints without a motor,    J a = r  of loops and contacts,
@@ -81,7 +83,9 @@ def measured(name: str, ticks: int) -> list[dict[str, object]]:
             "worst kkt": max(answer.residuals.kkt for answer in answers),
             "not ok": sum(not answer.status.ok for answer in answers),
         }
-        rows.append(row | ({} if label == "levels" else _solvers(controller, states)))
+        if label != "levels":
+            row |= _solvers(controller, states) | _in_core(controller, states)
+        rows.append(row)
         if made.loops and label != "levels":
             rows[-1] |= _loops_kept(controller, states)
         print(rows[-1], flush=True)
@@ -95,6 +99,27 @@ def _solvers(controller: Controller, states: list[tuple[np.ndarray, np.ndarray]]
     for solver in SOLVERS:
         found[type(solver).__name__] = _us(_timed(solver.start(), programs)[0])
     return found
+
+
+def _in_core(python: Controller, states: list[tuple[np.ndarray, np.ndarray]]) -> dict:
+    """Return what ticks take in the compiled core, called in turn with those in Python."""
+    given = {"cones": python._cones, "native": True}
+    try:
+        core = Controller(python.scene, python.tasks, **given)
+    except cp.errors.MissingExtra:
+        return {}
+    pairs, differs = [], 0.0
+    for state in states:
+        of_python, (mine,) = _timed(python.solve, [state])
+        of_core, (yours,) = _timed(core.solve, [state])
+        pairs.append((of_core[0], of_python[0]))
+        differs = max(differs, np.abs(yours.tau - mine.tau).max() / np.abs(mine.tau).max())
+    times = np.array(pairs)
+    return {
+        "core": _us(times[:, 0].tolist()),
+        "core, share": round(float(np.median(times[:, 0] / times[:, 1])), 3),
+        "core differs": f"{differs:.0e}",
+    }
 
 
 def _loops_kept(controller: Controller, states: list[tuple[np.ndarray, np.ndarray]]) -> dict:
@@ -127,20 +152,20 @@ def _loops_kept(controller: Controller, states: list[tuple[np.ndarray, np.ndarra
 
 def keeping_loops(program: Program) -> QuadraticProgram:
     """Return the program of the last tick over (a, lam / m), loops among its equations."""
-    terms, mass, columns = program.motion.terms, program.mass, program._columns
+    terms, mass, columns = program.motion.terms, program.mass, program.columns
     m, n = terms.J.shape
     torques = np.hstack((terms.M / mass, -terms.J.T))  # of all joints, over the mass
     given = (terms.h - program.passive) / mass
     undriven = np.setdiff1d(np.arange(n), columns)
     A = np.vstack((torques[undriven], np.hstack((terms.J, np.zeros((m, m))))))
     b = np.concatenate((-given[undriven], terms.a_ref - terms.gamma))
-    limited, most = columns[program._limited], program._most
+    limited, most = columns[program.limited], program.most
     cones = np.zeros((len(program.cones.names), n + m))
     cones[:, n + program.cones.touching] = program.cones.rows(program.motion.data.oMi)
     C = np.vstack((torques[limited], cones))
     lower = np.concatenate((-most - given[limited], np.full(len(cones), -np.inf)))
     upper = np.concatenate((most - given[limited], np.zeros(len(cones))))
-    stack = program._levels[0]
+    stack = program.levels[0]
     J, F, wanted = stack.at(program.motion, 0.0)
     G = np.zeros((len(J) + len(F), n + m))
     G[: len(J), :n], G[len(J) :, n:] = J, mass * F

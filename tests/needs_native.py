@@ -7,6 +7,7 @@ import os
 import pytest
 
 from condyn_pin._core.compiled import compiled
+from condyn_pin._core.compiled_tick import compiled_tick
 from condyn_pin.errors import MissingExtra
 
 try:
@@ -15,5 +16,15 @@ except MissingExtra:
     HEADERS = ""
 needs_native = pytest.mark.skipif(
     not HEADERS and os.environ.get("CI") != "true",
+    reason="the compiled core is not installed: make native",
+)
+
+try:
+    compiled_tick()
+    _TICKS = True
+except MissingExtra:
+    _TICKS = False
+needs_ticks = pytest.mark.skipif(
+    not _TICKS and os.environ.get("CI") != "true",
     reason="the compiled core is not installed: make native",
 )

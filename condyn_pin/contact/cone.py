@@ -195,7 +195,7 @@ class Cone(ABC):
                 f"{contact.name}: a {kind} has its own normal; leave out that of its cone"
             )
 
-    def _up(self, up: Array) -> Array:
+    def floor_normal(self, up: Array) -> Array:
         """Return the normal of the floor: its own, or else the vertical."""
         n = up if self.normal is None else np.array(self.normal)
         if not n.any():

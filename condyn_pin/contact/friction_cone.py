@@ -77,5 +77,7 @@ class FrictionCone(Cone):
         """Return T as `Cone.turn`; x and y of a level floor are those of the world."""
         if contact.has_normal:
             return np.broadcast_to(np.eye(3), R.shape)
-        floor = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), self._up(up)).matrix()
+        floor = pin.Quaternion.FromTwoVectors(
+            np.array([0.0, 0.0, 1.0]), self.floor_normal(up)
+        ).matrix()
         return np.asarray(floor.T @ R)

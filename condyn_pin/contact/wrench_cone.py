@@ -124,7 +124,7 @@ class WrenchCone(Cone):
         support = contact.support
         if support is None or support.axis is None:
             return np.broadcast_to(np.eye(3), R.shape)
-        x, n = np.eye(3)[support.axis], self._up(up) @ R
+        x, n = np.eye(3)[support.axis], self.floor_normal(up) @ R
         off = float(np.abs(n @ x).max(initial=0.0))
         if off > tolerances.PARALLEL:
             raise InvalidArgument(

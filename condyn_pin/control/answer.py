@@ -132,9 +132,11 @@ class ControlAnswer:
         Of the program and of the equations of motion, recomputed.
     status : ControlStatus
     path : tuple of str
-        What found the answer: "last active set", or the solvers that were tried, in order.
+        What found the answer: "last active set", or the solvers that were tried, in order; or
+        "compiled core".
     iterations : int
-        Of the solvers; 0 where the last active set was right.
+        Of the solvers, or changes of the active set in the core; 0 where the last active set was
+        right.
     solve_time : float
         Of the program, without its assembly and without the proof [s].
     actuation : Actuation

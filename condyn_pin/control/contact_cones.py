@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,6 +56,20 @@ class ContactCones:
         if not turning:
             self._constant = self.rows(None)
 
+    @property
+    def turning(self) -> list[TurningCone]:
+        """The cones whose axes turn with the robot, as numbers."""
+        return [cone for group in self._groups if group.turns for cone in group.turning(self._up)]
+
+    @property
+    def standing(self) -> Array:
+        """A (r, m_c) with zeros in the rows of cones that turn."""
+        A = np.zeros(self._shape)
+        for group in self._groups:
+            if not group.turns:
+                group.fill(A, None, self._up)
+        return A
+
     def rows(self, oMi: Any) -> Array:
         """Return A (r, m_c) of A lam <= 0, with the joints at oMi; not to be written to."""
         if self._constant is not None:
@@ -64,6 +78,33 @@ class ContactCones:
         for group in self._groups:
             group.fill(A, oMi, self._up)
         return A
+
+
+class TurningCone(NamedTuple):
+    """A cone whose axes turn with the robot, as numbers.
+
+    Attributes
+    ----------
+    block : (slice, slice)
+        Its rows among those of all cones, and the forces among those of all contacts.
+    bound : Bound
+        The contact.
+    cone : Cone
+    edge : int
+        The axis of an edge, or -1 of a point.
+    floor : (3, 3) array
+        The axes of the floor in the world by rows; of an edge the first is the vertical.
+    A, to_wrench : array
+        Of A T lam <= 0: over forces in the axes of the floor, and what the rows transmit.
+    """
+
+    block: tuple[slice, slice]
+    bound: Any
+    cone: Cone
+    edge: int
+    floor: Array
+    A: Array
+    to_wrench: Array
 
 
 class _Group:
@@ -88,6 +129,16 @@ class _Group:
     def turns(self) -> bool:
         """Whether its rows turn with the robot."""
         return not self._contact.has_normal
+
+    def turning(self, up: Array) -> Iterator[TurningCone]:
+        """Yield its cones as numbers."""
+        support, A = self._contact.support, self._cone.rows().A
+        for block, bound in zip(self._blocks, self._bounds, strict=True):
+            if support is None or support.axis is None:
+                floor, edge = self._cone.turn(self._contact, np.eye(3), up), -1
+            else:
+                floor, edge = np.tile(self._cone.floor_normal(up), (3, 1)), support.axis
+            yield TurningCone(block, bound, self._cone, edge, floor, A, self._to_wrench)
 
     def fill(self, A: Array, oMi: Any, up: Array) -> None:
         if self._fixed is not None:  # the axes of its force are those of the floor

@@ -70,14 +70,22 @@ class AccelerationBounds:
         Entries of v that have a bound.
     names : tuple of str
         Of the joints, one an entry.
+    most, speed : (nv,) array
+        The largest acceleration and velocity of all entries of v; infinite where there is none.
+    dt : float or None
+        How far joints look ahead [s].
+    joints : Limits
+        Joints with limits of their positions.
+    reach : tuple of (j,) array
+        Those limits, the upper and the lower ones.
     """
 
     def __init__(self, robot: Robot, limits: ControlLimits, motors: NDArray[np.int_]) -> None:
         if limits.dt is not None:
             _check_ranges(robot)
         model, nv = robot.unedited, robot.nv
-        self._dt = limits.dt
-        self._most = np.full(nv, np.inf)
+        self.dt = limits.dt
+        self.most = np.full(nv, np.inf)
         if limits.acceleration is not None:
             where = motors if np.ndim(limits.acceleration) == 0 else np.arange(nv)
             shape = np.shape(limits.acceleration) or ()
@@ -85,14 +93,15 @@ class AccelerationBounds:
                 raise InvalidArgument(
                     f"acceleration has shape {shape}: one number, or an array of shape ({nv},)"
                 )
-            self._most[where] = limits.acceleration
+            self.most[where] = limits.acceleration
         speed = np.array(model.velocityLimit, dtype=float)
-        self._speed = np.where((speed > 0) & (speed < _LARGEST), speed, np.inf)
-        self._joints = Limits.of(model)
-        bounded = np.isfinite(self._most)
+        self.speed = np.where((speed > 0) & (speed < _LARGEST), speed, np.inf)
+        self.joints = Limits.of(model)
+        self.reach = _or_infinite(self.joints.upper), _or_infinite(self.joints.lower)
+        bounded = np.isfinite(self.most)
         if limits.dt is not None:
-            bounded |= np.isfinite(self._speed)
-            bounded[self._joints.iv] = True
+            bounded |= np.isfinite(self.speed)
+            bounded[self.joints.iv] = True
         self.columns = np.flatnonzero(bounded)
         self.names = entry_names(model, self.columns)
 
@@ -100,13 +109,13 @@ class AccelerationBounds:
         """Return the bounds (k,) of the accelerations at a state; infinite where there is none."""
         if not len(self.columns):
             return np.zeros(0), np.zeros(0)
-        lower, upper = -self._most, self._most.copy()
-        if self._dt is not None:
-            dt, joints = self._dt, self._joints
-            upper = np.minimum(upper, (self._speed - v) / dt)
-            lower = np.maximum(lower, (-self._speed - v) / dt)
+        lower, upper = -self.most, self.most.copy()
+        if self.dt is not None:
+            dt, joints = self.dt, self.joints
+            upper = np.minimum(upper, (self.speed - v) / dt)
+            lower = np.maximum(lower, (-self.speed - v) / dt)
             ahead = q[joints.iq] + dt * v[joints.iv]
-            highest, lowest = (_or_infinite(x) for x in (joints.upper, joints.lower))
+            highest, lowest = self.reach
             upper[joints.iv] = np.minimum(upper[joints.iv], 2.0 * (highest - ahead) / dt**2)
             lower[joints.iv] = np.maximum(lower[joints.iv], 2.0 * (lowest - ahead) / dt**2)
         return lower[self.columns], upper[self.columns]

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from math import isfinite
 from time import perf_counter
-from typing import Any
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -35,7 +35,10 @@ from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgra
 from condyn_pin.control.tasks.base import Task
 from condyn_pin.control.verdict import verdict
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven, check_scene
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, UnsupportedBackend
+
+if TYPE_CHECKING:
+    from condyn_pin.control.compiled.tick import CompiledTick
 
 _KEPT = 16  # programs of contacts and tasks that a controller switches between
 
@@ -51,6 +54,7 @@ class _Settings:
     drift: Baumgarte | None
     regularisation: float
     rigid: tuple[str, ...]
+    native: bool | Literal["where possible"]
 
 
 class Controller(OneThread):
@@ -81,6 +85,10 @@ class Controller(OneThread):
     rigid : sequence of str
         Joints without a motor that it takes for rigid, such as stiff springs: they do not
         accelerate, whatever torque that takes.
+    native : bool or "where possible"
+        Whether ticks are done by the compiled core: terms, program, answer and proof. The answers
+        are the same, in less time. What it does not take is refused, or done by Python; a tick
+        whose rows contradict each other always is.
 
     Raises
     ------
@@ -90,8 +98,11 @@ class Controller(OneThread):
         If contacts of the scene may open: `scene.closed()` has those that it is to count on.
     UnknownName
         If a name does not exist.
+    UnsupportedBackend
+        If the core does not take something of a controller that is to be `native`: a hierarchy,
+        tasks or constraints that it has no rows for.
     MissingExtra
-        If the package of the solver is not installed.
+        If the package of the solver, or the core, is not installed.
 
     Notes
     -----
@@ -118,6 +129,7 @@ class Controller(OneThread):
         drift: Baumgarte | None = None,
         regularisation: float = 1e-5,
         rigid: Sequence[str] = (),
+        native: bool | Literal["where possible"] = False,
     ) -> None:
         check_scene(scene)
         check_accuracy("regularisation", regularisation)
@@ -130,9 +142,11 @@ class Controller(OneThread):
             raise InvalidArgument(f"limits = {limits!r}: ControlLimits(...) is needed")
         if not isinstance(drift, Baumgarte | None):
             raise InvalidArgument(f"drift = {drift!r}: Baumgarte(alpha, beta) or None is needed")
+        if native not in (False, True, "where possible"):
+            raise InvalidArgument(f"native = {native!r}: False, True or 'where possible' is needed")
         stiff = checked("rigid", rigid, scene.robot.joints, "joint")
         self._settings = _Settings(
-            cones, qp, limits, actuation, drift, float(regularisation), stiff
+            cones, qp, limits, actuation, drift, float(regularisation), stiff, native
         )
         self._siblings: dict[tuple[Scene, object], Controller] = {}
         self._set_up(scene, tasks, cones)
@@ -159,6 +173,22 @@ class Controller(OneThread):
             home, settings.rigid,
         )  # fmt: skip
         self._cascade = Cascade(settings.qp or default, len(levels), settings.regularisation)
+        self._tick = self._compiled() if settings.native else None
+
+    def _compiled(self) -> CompiledTick | None:
+        """Return what does ticks in compiled code, if it takes everything here."""
+        # imported here: most do without
+        from condyn_pin.control.compiled.tick import CompiledTick
+
+        try:
+            return CompiledTick(
+                self._program, self.scene, self._cones, self.actuation,
+                self._settings.regularisation,
+            )  # fmt: skip
+        except UnsupportedBackend:
+            if self._settings.native is True:
+                raise
+            return None
 
     def use(self, scene: Scene, tasks: Sequence[Task] | Hierarchy | None = None) -> Controller:
         """Return the controller for other contacts or other tasks, otherwise unchanged.
@@ -196,7 +226,6 @@ class Controller(OneThread):
         return self._siblings[key]
 
     @alone
-    @one_blas_thread
     def solve(
         self, q: ArrayLike, v: ArrayLike, t: float = 0.0, *, passive: ArrayLike | None = None
     ) -> ControlAnswer:
@@ -217,10 +246,19 @@ class Controller(OneThread):
         InvalidArgument
             If an argument has a wrong size or is not finite.
         """
+        arguments = self._accepted(q, v, t, passive)
+        # what is not finite shows in the answer of the core, and Python then finds it
+        found = self._tick.solve(*arguments) if self._tick else None
+        return self._in_python(*arguments) if found is None else found
+
+    @one_blas_thread
+    def _in_python(self, q: Array, v: Array, t: float, passive: Array) -> ControlAnswer:
         given, levels = self._assembled(q, v, t, passive)
         start = perf_counter()
         x, answers = self._cascade.solve(given, levels, lambda: self._costs(given))
         elapsed = perf_counter() - start
+        if self._tick:
+            self._tick.begin_from(answers[-1].answer)
         return ControlAnswer(
             *verdict(self._program, given, levels, x, answers),
             path=tuple(step for each in answers for step in each.path),
@@ -229,9 +267,9 @@ class Controller(OneThread):
             actuation=self.actuation,
             cones=self._cones,
             scene=self.scene,
-            q=self._program.motion.q.copy(),
-            t=float(t),
-            v=self._program.motion.v.copy(),
+            q=q.copy(),
+            t=t,
+            v=v.copy(),
         )
 
     @alone
@@ -254,7 +292,7 @@ class Controller(OneThread):
         passive : (nv,) array_like, optional
             As in `solve` [N m, N].
         """
-        given, levels = self._assembled(q, v, t, passive)
+        given, levels = self._assembled(*self._accepted(q, v, t, passive))
         return weighted(given, levels[0], self._settings.regularisation)
 
     @property
@@ -262,23 +300,29 @@ class Controller(OneThread):
         """Names of the inequalities of the program, in order."""
         return tuple(row.name for row in self._program.inequalities)
 
-    def _assembled(
+    def _accepted(
         self, q: ArrayLike, v: ArrayLike, t: float, passive: ArrayLike | None
-    ) -> tuple[Constraints, list[Level]]:
-        """Return the constraints of a tick and its levels, of arguments that are checked here."""
+    ) -> tuple[Array, Array, float, Array]:
+        """Return the arguments of a tick: sizes are checked, and of numbers that of t."""
         still = self._still
         q_, v_, _ = self._arguments.accept(q, v, still)
         time = t if type(t) is float and isfinite(t) else float(finite("t", t, ()))
         extra = still if passive is None else finite("passive", passive, len(still))
+        return q_, v_, time, extra
+
+    def _assembled(
+        self, q: Array, v: Array, t: float, passive: Array
+    ) -> tuple[Constraints, list[Level]]:
+        """Return the constraints of a tick and its levels, of numbers that are checked here."""
         with np.errstate(all="ignore"):  # what overflows is refused
-            if not isfinite(q_.dot(q_) + v_.dot(v_)):  # not finite, or very large
-                self._arguments.check(q_, v_, still)
-            if not isfinite(extra.dot(extra)):
-                check_overflow("passive", extra, extra**2)
-            given, levels = self._program.assemble(q_, v_, time, extra)
+            if not isfinite(q.dot(q) + v.dot(v)):  # not finite, or very large
+                self._arguments.check(q, v, self._still)
+            if not isfinite(passive.dot(passive)):
+                check_overflow("passive", passive, passive**2)
+            given, levels = self._program.assemble(q, v, t, passive)
             wanted = (given.b, *(level.b for level in levels))
             if not isfinite(sum(b.dot(b) for b in wanted)):
-                check_overflow("v", v_, *wanted)
+                check_overflow("v", v, *wanted)
         return given, levels
 
     def __repr__(self) -> str:

@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.control.motion import Motion
-from condyn_pin.control.tasks.base import Home, Task
+from condyn_pin.control.tasks.base import BoundTask, Home, Task
 from condyn_pin.dynamics.scene import Scene
 
 # What it costs that a row gives: wishes before limits of joints, those before motors, and the floor
@@ -60,6 +60,8 @@ class Stack:
     tasks : dict of str to slice
         Which rows belong to a task.
     weights : (r,) array
+    bound : list of (Task, BoundTask)
+        The tasks at work, in the order of the rows.
     none : tuple of array
         No rows of accelerations (0, nv), and none of forces (0, m).
     """
@@ -69,12 +71,14 @@ class Stack:
         self.tasks: dict[str, slice] = {}
         self._over_a = [each for _, each in bound if each.over == "accelerations"]
         self._over_f = [each for _, each in bound if each.over == "forces"]
+        self.bound: list[tuple[Task, BoundTask]] = []
         self.rows: list[Row] = []
         weights: list[float] = []
         for over in ("accelerations", "forces"):
             for task, each in bound:
                 if each.over != over:
                     continue
+                self.bound.append((task, each))
                 start = len(self.rows)
                 self.rows += [Row(name, each.unit, 1.0, WISH) for name in each.names]
                 weights += [task.weight] * len(each.names)

@@ -79,6 +79,17 @@ class Program:
         At the state of the last tick.
     passive : (nv,) array
         Torques that act anyway, in the last tick.
+    mass : float
+        Of the robot [kg].
+    columns : (k,) int array
+        Entries of v that have a motor.
+    limited, most : (l,) int array, (l,) array
+        Which motors have a limit, and that limit over the mass.
+    bounds : AccelerationBounds
+    hard : Stack
+        Tasks that are equations.
+    levels : list of Stack
+        The others.
     rigid : (k, nv) array
         A row of the identity for each joint that is taken for rigid.
     unreached : float
@@ -104,26 +115,27 @@ class Program:
         self.cones, self.equations = cones, equations
         self.motion = Motion(scene, equations)
         self.mass = robot.mass
-        self._columns = actuation.columns
-        self._motors, self._touching = entries(self._columns), entries(cones.touching)
-        self._bounds = AccelerationBounds(robot, limits, self._columns)
-        most = torque_limits(robot, self._columns)
+        self.columns = actuation.columns
+        self._motors, self._touching = entries(self.columns), entries(cones.touching)
+        self.bounds = AccelerationBounds(robot, limits, self.columns)
+        most = torque_limits(robot, self.columns)
         limited = np.flatnonzero(np.isfinite(most)) if limits.torque else np.zeros(0, int)
-        self._limited, self._most = entries(limited), most[limited] / self.mass
+        self.limited, self._limited = limited, entries(limited)
+        self.most = most[limited] / self.mass
         tasks = [task for level in levels for task in level]
         hard = [task for task in tasks if isinf(task.weight)]
-        self._hard = Stack(scene, hard, home)
-        self._levels = [
+        self.hard = Stack(scene, hard, home)
+        self.levels = [
             Stack(scene, [task for task in level if task not in hard], home) for level in levels
         ]
         self.inequalities = self._inequality_rows([actuation.motors[i] for i in limited])
         self._redundant: bool | None = None  # not known before the first tick
-        self.rigid = rigid_rows(robot, rigid, self._columns)
+        self.rigid = rigid_rows(robot, rigid, self.columns)
         self._nothing = np.zeros(len(cones.names))
         self._endless = self._nothing - np.inf
         self._constant: Elimination | None = None
         if not len(cones.held):
-            self._constant = Elimination.of(self.rigid, self._columns)
+            self._constant = Elimination.of(self.rigid, self.columns)
 
     def assemble(
         self, q: Array, v: Array, t: float, passive: Array
@@ -132,7 +144,7 @@ class Program:
         self.motion.move(q, v)
         self.passive = passive
         at = self._at = self._eliminated()
-        hard = self._wished = self._level(self._hard, t)
+        hard = self._wished = self._level(self.hard, t)
         first = len(at.unreached)
         last = first + len(at.touch)
         A = np.zeros((last + len(hard.b), self._size))
@@ -141,7 +153,7 @@ class Program:
         A[last:] = hard.G
         b = np.concatenate((-at.unreached_0, self._within_reach(at.touch, at.wanted), hard.b))
         given = Constraints(A, b, *self._inequalities(q, v))
-        return given, [self._level(stack, t) for stack in self._levels]
+        return given, [self._level(stack, t) for stack in self.levels]
 
     def _eliminated(self) -> _Eliminated:
         """Return the equations of motion and contacts over z and lam_c / m."""
@@ -150,7 +162,7 @@ class Program:
         wanted = terms.a_ref - terms.gamma
         if E is None:
             rows = np.concatenate((terms.J[held], rows))
-            E = Elimination.of(rows, self._columns)
+            E = Elimination.of(rows, self.columns)
         J_c, h = terms.J[touching], terms.h - self.passive
         a_0, r_c = np.zeros(len(h)), wanted[touching]
         if E.holds:
@@ -208,17 +220,17 @@ class Program:
 
     def _inequalities(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return C and its bounds: torques, accelerations of joints, cones."""
-        at, k, columns = self._at, self._at.map.N.shape[1], self._bounds.columns
-        first = len(self._most)
+        at, k, columns = self._at, self._at.map.N.shape[1], self.bounds.columns
+        first = len(self.most)
         last = first + len(columns)
         C = np.zeros((len(self.inequalities), self._size))
         C[:first] = at.torque[self._limited]
         C[last:, k : k + len(at.touch)] = self.cones.rows(self.motion.data.oMi)
         given = at.torque_0[self._limited]
-        lower, upper = [-self._most - given], [self._most - given]
+        lower, upper = [-self.most - given], [self.most - given]
         if len(columns):
             C[first:last, :k] = at.map.N[columns]
-            least, most = self._bounds.at(q, v)
+            least, most = self.bounds.at(q, v)
             lower, upper = [*lower, least - at.a_0[columns]], [*upper, most - at.a_0[columns]]
         return (
             C,
@@ -228,8 +240,8 @@ class Program:
 
     def equation_rows(self, given: Constraints) -> list[Row]:
         """Return what the equations of a tick are."""
-        laws = len(given.b) - len(self._hard.rows)
-        return [Row("equation of motion", "m/s^2", 1.0, LAW)] * laws + self._hard.rows
+        laws = len(given.b) - len(self.hard.rows)
+        return [Row("equation of motion", "m/s^2", 1.0, LAW)] * laws + self.hard.rows
 
     def recover(self, x: Array) -> tuple[Array, Array, Array, Array]:
         """Return a, tau, lam of all rows, and the torques of rigid joints, that belong to x."""
@@ -249,7 +261,7 @@ class Program:
     def errors(self, levels: Sequence[Level], x: Array) -> dict[str, Array]:
         """Return how far each task is from what it wants, by name."""
         found: dict[str, Array] = {}
-        stacks = zip((*self._levels, self._hard), (*levels, self._wished), strict=True)
+        stacks = zip((*self.levels, self.hard), (*levels, self._wished), strict=True)
         for stack, level in stacks:
             if not stack.tasks:
                 continue
@@ -260,7 +272,7 @@ class Program:
     def _inequality_rows(self, limited: Sequence[str]) -> list[Row]:
         rows = [Row(f"{name}: torque", "N m, N", self.mass, MOTOR) for name in limited]
         unit = "rad/s^2, m/s^2"
-        rows += [Row(f"{name}: acceleration", unit, 1.0, JOINT) for name in self._bounds.names]
+        rows += [Row(f"{name}: acceleration", unit, 1.0, JOINT) for name in self.bounds.names]
         return rows + [Row(name, "N", self.mass, FLOOR) for name in self.cones.names]
 
 

@@ -18,6 +18,7 @@ from condyn_pin.control.answer import Contradiction, ControlResiduals, ControlSt
 from condyn_pin.control.levels import Level
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.chain import ChainAnswer
+from condyn_pin.control.qp.polish import Flags
 from condyn_pin.control.qp.quadratic_program import Constraints, largest
 
 
@@ -53,7 +54,8 @@ def verdict(
     a, tau, lam, rigid = program.recover(x)
     passive = program.passive + rigid @ program.rigid if len(rigid) else program.passive
     residuals, status = _proof(program, a, tau, passive, lam, answers)
-    errors, active = program.errors(levels, x), _active(program, answers[-1])
+    errors, last = program.errors(levels, x), answers[-1].answer
+    active = active_rows(program, last.at_lower, last.at_upper) if last else ()
     return Verdict(tau, a, lam, rigid, errors, active, None, residuals, status)
 
 
@@ -87,15 +89,13 @@ def _is_rounding(dynamics: float, terms: Terms, tau: Array, size: float) -> bool
     )
 
 
-def _active(program: Program, last: ChainAnswer) -> tuple[str, ...]:
+def active_rows(program: Program, at_lower: Flags, at_upper: Flags) -> tuple[str, ...]:
     """Return the active inequalities by name, and the side of those that have two."""
-    if last.answer is None:
-        return ()
     rows = program.inequalities
     first_cone = len(rows) - len(program.cones.names)
     named = []
-    for i in (last.answer.at_lower | last.answer.at_upper).nonzero()[0].tolist():
-        side = " at upper" if last.answer.at_upper[i] else " at lower"
+    for i in (at_lower | at_upper).nonzero()[0].tolist():
+        side = " at upper" if at_upper[i] else " at lower"
         named.append(rows[i].name + (side if i < first_cone else ""))
     return tuple(named)
 

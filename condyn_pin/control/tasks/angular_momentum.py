@@ -9,6 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parameters import check_accuracy, check_called
+from condyn_pin.control.compiled_task import ANGULAR_MOMENTUM, CompiledTask, Follow
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.tasks.base import BoundTask, Home, Task
 from condyn_pin.dynamics.scene import Scene
@@ -54,7 +55,17 @@ class AngularMomentum(Task):
             L, rate = self._at(t)
             return now.J, rate + self.k * (L - now.x) - now.drift
 
-        return BoundTask("accelerations", self._row_names("xyz"), "N m", rows)
+        def follow() -> Follow:
+            def numbers(t: float) -> Array:
+                L, rate = self._at(t)
+                return np.concatenate((L, np.zeros(3), rate))
+
+            return numbers
+
+        compiled = CompiledTask(
+            ANGULAR_MOMENTUM, (3, 3), (self.k, 0.0), follow, callable(self.reference)
+        )
+        return BoundTask("accelerations", self._row_names("xyz"), "N m", rows, compiled)
 
     def _at(self, t: float) -> tuple[Array, Array]:
         if not callable(self.reference):

@@ -15,6 +15,8 @@ A task is a row, or several, of what a controller minimises:
 4. `rows` is called in every control tick. It reads `motion`, and writes to nothing that is not its
    own; the arrays that it returns are not written to.
 5. A weight of infinity makes the rows equations, which nothing is weighed against.
+6. A task that the compiled core has too says so by `compiled`; one that leaves it out is done in
+   Python.
 """
 
 from __future__ import annotations
@@ -32,6 +34,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.parameters import check_accuracy, check_called
 from condyn_pin._core.registry import enter
+from condyn_pin.control.compiled_task import NO_FEEDBACK, CompiledTask, Follow
 from condyn_pin.control.motion import Motion
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -54,12 +57,15 @@ class BoundTask:
     unit : str
     rows : callable
         Of (motion, t); returns J (r, nv) or (r, m) and b (r,).
+    compiled : CompiledTask, optional
+        The same for the compiled core.
     """
 
     over: Literal["accelerations", "forces"]
     names: tuple[str, ...]
     unit: str
     rows: Callable[[Motion, float], tuple[Array, Array]]
+    compiled: CompiledTask | None = None
 
 
 @dataclass(frozen=True)
@@ -166,9 +172,21 @@ class Tracking(Task):
         if not callable(self.reference):
             left = error(start() if self.reference is None else self.reference)
             return lambda x, v, t: kp * left(x) - kd * v
+        at = self._path(size, error)
+
+        def wanted(x: Any, v: Array, t: float) -> Array:
+            left, v_r, a_r = at(t)
+            return np.asarray(a_r + kp * left(x) + kd * (v_r - v))
+
+        return wanted
+
+    def _path(
+        self, size: int, made: Callable[[Any], Any]
+    ) -> Callable[[float], tuple[Any, Array, Array]]:
+        """Return a reference as a function of t: what is `made` of x_r, then v_r, a_r (size,)."""
         at = self.reference
 
-        def follow(x: Any, v: Array, t: float) -> Array:
+        def path(t: float) -> tuple[Any, Array, Array]:
             found = at(t)
             if not isinstance(found, tuple | list) or len(found) != 3:
                 raise InvalidArgument(
@@ -177,12 +195,32 @@ class Tracking(Task):
             what = f"{self.name}: reference({t:g})"
             v_r, a_r = (finite(what, np.atleast_1d(y), size) for y in found[1:])
             try:
-                left = error(self._value(found[0]))
+                x_r = made(self._value(found[0]))
             except InvalidArgument as fault:  # it speaks of a reference that is no function
                 raise InvalidArgument(f"{what}: {fault}") from fault
-            return np.asarray(a_r + kp * left(x) + kd * (v_r - v))
+            return x_r, v_r, a_r
 
-        return follow
+        return path
+
+    def _compiled(
+        self, kind: int, sizes: tuple[int, int], start: Callable[[], Any],
+        numbers: Callable[[Any], Array], **place: Any,
+    ) -> CompiledTask:  # fmt: skip
+        """Return the task for the compiled core; `numbers` are those of a reference x_r."""
+        still = np.zeros(sizes[1])
+        if self.a is not None:
+            fixed = np.concatenate((np.zeros(sum(sizes)), np.atleast_1d(self.a)))
+            return CompiledTask(kind, sizes, NO_FEEDBACK, lambda: lambda t: fixed, False, **place)
+
+        def follow() -> Follow:
+            if callable(self.reference):
+                at = self._path(sizes[1], numbers)
+                return lambda t: np.concatenate(at(t))
+            x_r = numbers(start() if self.reference is None else self.reference)
+            return lambda t: np.concatenate((x_r, still, still))
+
+        gains = self.kp, float(self.kd or 0.0)
+        return CompiledTask(kind, sizes, gains, follow, callable(self.reference), **place)
 
 
 def _tuple(value: Array) -> Any:

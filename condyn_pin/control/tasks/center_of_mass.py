@@ -9,6 +9,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin.control.compiled_task import CENTER_OF_MASS
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.tasks.base import BoundTask, Home, Tracking, difference
 from condyn_pin.dynamics.scene import Scene
@@ -42,4 +43,5 @@ class CenterOfMass(Tracking):
             now = motion.center_of_mass()
             return now.J, wanted(now.x, now.v, t) - now.drift
 
-        return BoundTask("accelerations", self._row_names("xyz"), self.unit, rows)
+        compiled = self._compiled(CENTER_OF_MASS, (3, 3), start, np.array)
+        return BoundTask("accelerations", self._row_names("xyz"), self.unit, rows, compiled)

@@ -10,6 +10,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parameters import check_called
 from condyn_pin.constraints.constraint_fields import text
+from condyn_pin.control.compiled_task import CONTACT_FORCE, NO_FEEDBACK, CompiledTask
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.tasks.base import BoundTask, Home, Task
 from condyn_pin.dynamics.scene import Scene
@@ -54,11 +55,19 @@ class ContactForce(Task):
             raise InvalidArgument(f"contact = {self.contact!r}: it does not press on a floor")
         W = np.array([bound.whole(row)[:3] for row in np.eye(bound.size)])
 
+        def wanted(t: float) -> Array:
+            f = self.reference(t) if callable(self.reference) else self.reference
+            return finite(f"{self.name}: reference({t:g})", f, 3)
+
         def rows(motion: Motion, t: float) -> tuple[Array, Array]:
             R = bound.ends(motion.data.oMi)[0].rotation
             F = np.zeros((3, scene.rows))
             F[:, bound.rows] = R @ W.T
-            wanted = self.reference(t) if callable(self.reference) else self.reference
-            return F, finite(f"{self.name}: reference({t:g})", wanted, 3)
+            return F, wanted(t)
 
-        return BoundTask("forces", self._row_names("xyz"), "N", rows)
+        rest, changes = np.zeros(6), callable(self.reference)
+        compiled = CompiledTask(
+            CONTACT_FORCE, (3, 3), NO_FEEDBACK,
+            lambda: lambda t: np.concatenate((wanted(t), rest)), changes, at=place,
+        )  # fmt: skip
+        return BoundTask("forces", self._row_names("xyz"), "N", rows, compiled)

@@ -11,6 +11,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.constraint_fields import placement, text
+from condyn_pin.control.compiled_task import POSE, POSITION
 from condyn_pin.control.motion import Motion, moving, placed
 from condyn_pin.control.tasks.base import BoundTask, Home, Tracking, difference
 from condyn_pin.control.tasks.orientation import turn_to
@@ -70,7 +71,10 @@ class FrameTask(Tracking):
             now = motion.frame(joint, place)
             return now.J[:size], wanted(now.x, now.v[:size], t) - now.drift[:size]
 
-        return BoundTask("accelerations", self._row_names(axes), self.unit, rows)
+        kind, x_r = (POSITION, np.array) if size == 3 else (POSE, _pose_numbers)
+        sizes = (3, 3) if size == 3 else (12, 6)
+        compiled = self._compiled(kind, sizes, start, x_r, at=joint, placement=place)
+        return BoundTask("accelerations", self._row_names(axes), self.unit, rows, compiled)
 
 
 _SIX = ("x", "y", "z", "about x", "about y", "about z")
@@ -79,6 +83,11 @@ _SIX = ("x", "y", "z", "about x", "about y", "about z")
 def _way_left(reference: Any) -> Callable[[Any], Array]:
     left = difference(reference)
     return lambda x: left(x.translation)
+
+
+def _pose_numbers(reference: Any) -> Array:
+    target = pin.XYZQUATToSE3(np.array(reference))
+    return np.concatenate((target.translation, target.rotation.ravel()))
 
 
 def _pose_left(reference: Any) -> Callable[[Any], Array]:

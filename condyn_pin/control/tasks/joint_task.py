@@ -11,6 +11,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
 from condyn_pin.constraints.constraint_fields import text
+from condyn_pin.control.compiled_task import JOINT
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.tasks.base import BoundTask, Home, Tracking, difference
 from condyn_pin.dynamics.scene import Scene
@@ -58,9 +59,14 @@ class JointTask(Tracking):
             )
         i, k = int(in_q[0]), int(in_v[0])
         J = np.eye(model.nv)[k : k + 1]
-        wanted = self._feedback(1, lambda: home()[i : i + 1], difference)
+
+        def start() -> Array:
+            return home()[i : i + 1]
+
+        wanted = self._feedback(1, start, difference)
 
         def rows(motion: Motion, t: float) -> tuple[Array, Array]:
             return J, wanted(motion.q[i : i + 1], motion.v[k : k + 1], t)
 
-        return BoundTask("accelerations", (self.name,), self.unit, rows)
+        compiled = self._compiled(JOINT, (1, 1), start, np.atleast_1d, at=i, columns=(k,))
+        return BoundTask("accelerations", (self.name,), self.unit, rows, compiled)

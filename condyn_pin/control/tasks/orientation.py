@@ -12,6 +12,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.rotations import rotation_fault
 from condyn_pin.constraints.constraint_fields import floats, text, unit
+from condyn_pin.control.compiled_task import ORIENTATION
 from condyn_pin.control.motion import Motion, moving, placed
 from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
 from condyn_pin.dynamics.scene import Scene
@@ -67,12 +68,19 @@ class Orientation(Tracking):
             return now.J[3:], wanted(now.x, now.v[3:], t) - now.drift[3:]
 
         names = self._row_names(("about x", "about y", "about z"))
-        return BoundTask("accelerations", names, self.unit, rows)
+        compiled = self._compiled(
+            ORIENTATION, (9, 3), start, _turn_numbers, at=joint, placement=place
+        )
+        return BoundTask("accelerations", names, self.unit, rows, compiled)
 
 
 def turn_to(wanted: Array, R: Array) -> Array:
     """Return the turn that takes the axes R to those that are wanted, in the world [rad]."""
     return np.asarray(pin.log3(wanted @ R.T))
+
+
+def _turn_numbers(reference: Any) -> Array:
+    return np.asarray(pin.Quaternion(np.array(reference)).matrix().ravel())
 
 
 def _turn_left(reference: Any) -> Callable[[Any], Array]:

@@ -13,6 +13,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, entries, finite
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
+from condyn_pin.control.compiled_task import POSTURE
 from condyn_pin.control.motion import Motion, entry_names
 from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
 from condyn_pin.dynamics.scene import Scene
@@ -64,17 +65,25 @@ class Posture(Tracking):
         columns = indices(robot.model, joints)[1]
         J, some = np.eye(robot.nv)[columns], entries(columns)
 
+        def goal(reference: Any) -> Array:
+            return normalised(robot.model, "reference", reference)
+
         def left(reference: Any) -> Callable[[Array], Array]:
-            q_r = normalised(robot.model, "reference", reference)
+            q_r = goal(reference)
             return lambda q: np.asarray(pin.difference(robot.unedited, q, q_r))
 
-        wanted = self._feedback(robot.nv, lambda: self._configuration(robot, home), left)
+        def start() -> Any:
+            return self._configuration(robot, home)
+
+        wanted = self._feedback(robot.nv, start, left)
 
         def rows(motion: Motion, t: float) -> tuple[Array, Array]:
             return J, wanted(motion.q, motion.v, t)[some]
 
         names = self._row_names(entry_names(robot.model, columns))
-        return BoundTask("accelerations", names, self.unit, rows)
+        sizes = robot.model.nq, robot.nv
+        compiled = self._compiled(POSTURE, sizes, start, goal, columns=tuple(columns.tolist()))
+        return BoundTask("accelerations", names, self.unit, rows, compiled)
 
     def _configuration(self, robot: Robot, home: Home) -> Any:
         """Return the posture (nq,)."""

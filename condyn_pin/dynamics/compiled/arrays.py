@@ -23,7 +23,9 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.applied_force import AppliedForce
+    from condyn_pin.constraints.baumgarte import Baumgarte
     from condyn_pin.constraints.loads import Loads
+    from condyn_pin.constraints.rows.any_bound import AnyBound
     from condyn_pin.dynamics.workspace import Workspace
     from condyn_pin.model.robot import Robot
 
@@ -48,10 +50,15 @@ def untaken(workspace: Workspace) -> Iterator[str]:
             yield f"solver = {solver!r}: it has Proximal, DenseKKT() and NullSpace()"
     elif solver.iteration(workspace.scene.nominal).refinements:
         yield f"solver = {solver!r}: it makes no refinements, which this scene needs"
-    for name, joint in zip(workspace.model.names, workspace.model.joints, strict=True):
+    yield from untaken_rows(workspace.model, workspace.bounds)
+
+
+def untaken_rows(model: Any, bounds: Sequence[AnyBound]) -> Iterator[str]:
+    """Yield what the core does not take of a model and its constraints, in words."""
+    for name, joint in zip(model.names, model.joints, strict=True):
         if joint.id and joint.shortname() not in JOINTS:
             yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"
-    for bound in workspace.bounds:
+    for bound in bounds:
         if bound.compiled() is None:
             yield f"constraint {bound.name!r}: it has no rows for a {type(bound).__name__}"
 
@@ -89,25 +96,30 @@ def of_springs(robot: Robot) -> dict[str, Any]:
     }
 
 
+def of_rows(bounds: Sequence[AnyBound], drift: Baumgarte | None) -> dict[str, Any]:
+    """Return the rows of a scene, and the gains that draw them back."""
+    rows = [made for bound in bounds if (made := bound.compiled())]
+    return {
+        "constraints": np.array([ints for ints, _ in rows], np.int32).reshape(-1, 14),
+        "of_constraints": np.array([numbers for _, numbers in rows], float).reshape(-1, 27),
+        "drift": np.array([drift.Kp, drift.Kd] if drift else [0.0, 0.0]),
+    }
+
+
 def of_constraints(workspace: Workspace) -> dict[str, Any]:
     """Return the rows of the scene, and the constraints that Pinocchio has in their place."""
     found = workspace.pinocchio_constraints
     taken = found.constraints if type(workspace.solver) is Proximal else ()
-    rows = [made for bound in workspace.bounds if (made := bound.compiled())]
     plain = [
         ([c.size, c.joint1, c.joint2, c.anchored, c.approximates],
          [*placement(c.placement1), *placement(c.placement2)])
         for c in taken
     ]  # fmt: skip
-    drift, none = workspace.drift, np.zeros((0, 0))
-    to_scene = found.to_scene if taken and found.to_scene is not None else none
-    return {
-        "constraints": np.array([ints for ints, _ in rows], np.int32).reshape(-1, 14),
-        "of_constraints": np.array([numbers for _, numbers in rows], float).reshape(-1, 27),
+    to_scene = found.to_scene if taken and found.to_scene is not None else np.zeros((0, 0))
+    return of_rows(workspace.bounds, workspace.drift) | {
         "plain": np.array([ints for ints, _ in plain], np.int32).reshape(-1, 5),
         "of_plain": np.array([numbers for _, numbers in plain], float).reshape(-1, 24),
         "to_scene": np.ascontiguousarray(to_scene),
-        "drift": np.array([drift.Kp, drift.Kd] if drift else [0.0, 0.0]),
     }
 
 

@@ -20,8 +20,8 @@ NB_MODULE(_core, m)
             const List & drift, const List & weights, double open_squared, int method, const List & proximal,
             const List & rank, const List & damping, const Table & springs, const IntegerTable & of_springs,
             const Integers & watched, const List & nominal_pivots) {
-           new (self) Core({kinds, parents, joints, gravity, armature, constraints, of_constraints, plain, of_plain,
-                            to_scene, drift, weights, open_squared, method, proximal, rank, damping, springs,
+           new (self) Core({{kinds, parents, joints, gravity, armature, constraints, of_constraints, drift}, plain,
+                            of_plain, to_scene, weights, open_squared, method, proximal, rank, damping, springs,
                             of_springs, watched, nominal_pivots});
          },
          nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,

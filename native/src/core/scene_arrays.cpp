@@ -79,14 +79,28 @@ Passive passive_of(const SceneArrays & x, int nq, int nv)
   }
   return passive;
 }
-} // namespace
 
-Scene read_scene(const SceneArrays & x)
+Scene read_model(const RowArrays & x)
 {
   Scene scene;
   want(x.gravity.size() == 3 && x.drift.size() == 2, "gravity, drift");
   scene.model = make_model(joint_specs(x.kinds, x.parents, x.joints), vector(x.gravity), vector(x.armature));
   scene.kp = x.drift.data()[0], scene.kd = x.drift.data()[1];
+  return scene;
+}
+} // namespace
+
+Scene read_rows(const RowArrays & x)
+{
+  Scene scene = read_model(x);
+  scene.weights = VectorXd::Zero(scene.model.nv);
+  add_constraints(scene, constraint_specs(x.constraints, x.of_constraints), {});
+  return scene;
+}
+
+Scene read_scene(const SceneArrays & x)
+{
+  Scene scene = read_model(x);
   scene.to_scene = Eigen::Map<const RowMajor>(x.to_scene.data(), x.to_scene.shape(0), x.to_scene.shape(1));
   scene.weights = vector(x.weights);
   want(scene.weights.size() == scene.model.nv, "weights");

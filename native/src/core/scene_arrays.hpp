@@ -4,7 +4,8 @@
 
 namespace condyn
 {
-struct SceneArrays
+/// A model and rows of constraints.
+struct RowArrays
 {
   std::vector<std::string> kinds; // of the joints, by their shortnames
   Integers parents;
@@ -12,9 +13,15 @@ struct SceneArrays
   List gravity, armature;
   IntegerTable constraints;
   Table of_constraints;
+  List drift;
+};
+
+/// And who solves for them.
+struct SceneArrays : RowArrays
+{
   IntegerTable plain;
   Table of_plain, to_scene;
-  List drift, weights;
+  List weights;
   double open_squared;
   int method;
   List proximal, rank, damping;
@@ -24,6 +31,7 @@ struct SceneArrays
   List nominal_pivots;
 };
 
-/// Throws std::invalid_argument where something does not fit.
+/// Both throw std::invalid_argument where something does not fit.
+Scene read_rows(const RowArrays & arrays);
 Scene read_scene(const SceneArrays & arrays);
 } // namespace condyn

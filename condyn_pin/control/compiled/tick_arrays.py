@@ -1,0 +1,147 @@
+"""What a controller's tick is made of as plain arrays, and what of it the compiled core has not.
+
+The places of the fields are those that ``native/src/core/ticks.cpp`` reads.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from typing import TYPE_CHECKING, Any, Final
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.compiled_rows import STILL, placement
+from condyn_pin.contact.friction_cone import FrictionCone
+from condyn_pin.contact.wrench_cone import WrenchCone
+from condyn_pin.control.compiled_task import CompiledTask
+from condyn_pin.dynamics.compiled.arrays import of_model, of_rows, untaken_rows
+
+if TYPE_CHECKING:
+    from condyn_pin.control.program import Program
+    from condyn_pin.control.tasks.base import BoundTask, Task
+
+
+# The KKT residual of an answer without a doubt: forces weigh 1e-5, and are off by the residual over
+# that. Answers end at rounding, 1e-13; what does not is looked at by Python.
+CLEAR: Final = 1e-2 * tolerances.KKT
+
+
+def tasks_of(program: Program) -> list[tuple[Task, BoundTask]]:
+    """Return the tasks of a program at work, in the order that the core has them in."""
+    return [each for stack in (*program.levels, program.hard) for each in stack.bound]
+
+
+def untaken(program: Program) -> Iterator[str]:
+    """Yield what the core does not take of a controller, in words."""
+    if len(program.levels) > 1:
+        yield "tasks: its levels are one, and those of a Hierarchy are several"
+    yield from untaken_rows(program.equations.model, program.equations.bounds)
+    for cone in program.cones.turning:
+        if type(cone.cone) not in (FrictionCone, WrenchCone):
+            yield f"cones: it does not turn a {type(cone.cone).__name__}"
+    for task, bound in tasks_of(program):
+        made = bound.compiled
+        if made is None:
+            yield f"task {task.name!r}: it has no rows for this {type(task).__name__}"
+        elif bound.over == "forces" and made.at not in _with_cones(program):
+            yield f"task {task.name!r}: it is about the force of a contact that has no cone"
+
+
+def _with_cones(program: Program) -> set[int]:
+    """Return the places of the constraints that have a cone."""
+    bounds, touching = program.equations.bounds, set(program.cones.touching.tolist())
+    return {i for i, bound in enumerate(bounds) if bound.rows.start in touching}
+
+
+def of_program(program: Program, regularisation: float) -> dict[str, Any]:
+    """Return everything that stays the same from tick to tick."""
+    equations, cones = program.equations, program.cones
+    model = of_model(equations.model)
+    del model["damping"]  # of `passive`, which the caller knows
+    numbers = [program.mass, regularisation, tolerances.RANK, tolerances.PARALLEL, CLEAR]
+    return {
+        **model,
+        **of_rows(equations.bounds, equations.drift),
+        **_of_tasks(program),
+        **_of_cones(program),
+        **_of_bounds(program),
+        "held": cones.held.tolist(),
+        "touching": cones.touching.tolist(),
+        "motors": program.columns.tolist(),
+        "rigid": program.rigid.argmax(axis=1).tolist() if len(program.rigid) else [],
+        "limited": program.limited.tolist(),
+        "torque": program.most,
+        "numbers": np.array([*numbers, equations.least]),
+    }
+
+
+def _of_tasks(program: Program) -> dict[str, Any]:
+    integers, numbers = [], []
+    columns: list[int] = []
+    hard = {task.name for task, _ in program.hard.bound}
+    for task, bound in tasks_of(program):
+        made: CompiledTask = bound.compiled  # type: ignore[assignment]  # `untaken` has looked
+        count, is_hard = len(made.columns), task.name in hard
+        integers.append([made.kind, len(bound.names), made.at, is_hard, *made.sizes, count])
+        placed = STILL if made.placement is None else placement(made.placement)
+        numbers.append([*placed, *made.gains, 0.0 if is_hard else task.weight])
+        columns += made.columns
+    return {
+        "tasks": np.array(integers, np.int32).reshape(-1, 7),
+        "of_tasks": np.array(numbers, float).reshape(-1, 15),
+        "task_columns": columns,
+    }
+
+
+def _of_cones(program: Program) -> dict[str, Any]:
+    bounds, turning = program.equations.bounds, program.cones.turning
+    places = [
+        [bounds.index(cone.bound), cone.block[0].start, cone.block[1].start, cone.edge]
+        for cone in turning
+    ]
+    return {
+        "cones": program.cones.standing,
+        "turning": np.array(places, np.int32).reshape(-1, 4),
+        "floors": np.array([cone.floor.ravel() for cone in turning]).reshape(-1, 9),
+        "A": [np.ascontiguousarray(cone.A) for cone in turning],
+        "to_wrench": [np.ascontiguousarray(cone.to_wrench) for cone in turning],
+    }
+
+
+def _of_bounds(program: Program) -> dict[str, Any]:
+    bounds = program.bounds
+    joints, (highest, lowest) = bounds.joints, bounds.reach
+    return {
+        "bounded": bounds.columns.tolist(),
+        "most": bounds.most,
+        "speed": bounds.speed,
+        "dt": bounds.dt or 0.0,
+        "at_q": np.asarray(joints.iq).tolist(),
+        "at_v": np.asarray(joints.iv).tolist(),
+        "lowest": np.ascontiguousarray(lowest),
+        "highest": np.ascontiguousarray(highest),
+    }
+
+
+class References:
+    """The references of all tasks as numbers: those that are functions of t are asked each tick."""
+
+    def __init__(self, tasks: Sequence[CompiledTask]) -> None:
+        follow = [task.follow() for task in tasks]
+        sizes = [x + 2 * v for x, v in (task.sizes for task in tasks)]
+        ends = np.cumsum([0, *sizes]).tolist()
+        self._numbers = np.zeros(ends[-1])
+        self._moving = []
+        for at, task, start, end in zip(follow, tasks, ends[:-1], ends[1:], strict=True):
+            if task.changes:
+                self._moving.append((at, slice(start, end)))
+            else:
+                self._numbers[start:end] = at(0.0)
+
+    def at(self, t: float) -> Array:
+        """Return x_r, v_r and a_r of all tasks, one after the other; overwritten by the next."""
+        for at, where in self._moving:
+            self._numbers[where] = at(t)
+        return self._numbers

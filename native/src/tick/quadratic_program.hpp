@@ -1,0 +1,47 @@
+// A strictly convex quadratic program, and what is left of its optimality.
+//
+//   min  1/2 x^T H x + g^T x    with    A^T x = b,    lower <= C^T x <= upper
+//
+//   H x + g + A y + C z = 0,    A^T x = b,    C^T x = clip(C^T x + z, lower, upper)
+#pragma once
+#include <Eigen/Core>
+
+namespace condyn
+{
+using Eigen::MatrixXd;
+using Eigen::VectorXd;
+
+/// The largest size of an entry; NaN where there is one, which Eigen's maximum may miss.
+template<typename V>
+double largest_of(const V & x)
+{
+  double found = 0;
+  for (Eigen::Index i = 0; i < x.size(); ++i)
+    if (!(std::abs(x[i]) <= found))
+      found = std::abs(x[i]);
+  return found;
+}
+
+struct QuadraticProgram
+{
+  MatrixXd H; // its lower triangle; nothing is between the first `split` unknowns and the others
+  Eigen::Index split;
+  VectorXd g;
+  MatrixXd A; // (n, p): a column an equation
+  VectorXd b;
+  MatrixXd C; // (n, r): a column an inequality
+  VectorXd lower, upper;
+
+  /// The largest of the three; that of the gradient relative to its largest term. `pull` is A y.
+  double kkt_residual(const VectorXd & x, const VectorXd & pull, const VectorXd & z) const
+  {
+    const VectorXd Hx = H.selfadjointView<Eigen::Lower>() * x, Cx = C.transpose() * x;
+    const double size = 1.0 + std::max(largest_of(g), largest_of(Hx));
+    const VectorXd nearest = (Cx + z / size).cwiseMax(lower).cwiseMin(upper);
+    const VectorXd gradient = (Hx + g + pull + C * z) / size;
+    Eigen::Vector3d each(
+      largest_of(gradient), largest_of(VectorXd(A.transpose() * x - b)), largest_of(VectorXd(Cx - nearest)));
+    return largest_of(each);
+  }
+};
+} // namespace condyn

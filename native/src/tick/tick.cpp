@@ -1,0 +1,35 @@
+#include "tick.hpp"
+#include <chrono>
+#include <limits>
+
+namespace condyn
+{
+Tick::Tick(Scene scene, TickSpec spec)
+: scene_(std::move(scene)), spec_(std::move(spec)), program_(scene_, spec_), proof_(scene_)
+{}
+
+TickSizes Tick::operator()(
+  const VectorXd & q, const VectorXd & v, const VectorXd & passive, const double * numbers, std::vector<Side> & sides)
+{
+  using Clock = std::chrono::steady_clock;
+  TickSizes sizes{};
+  sizes.kkt = std::numeric_limits<double>::infinity();
+  if (!program_.at(q, v, passive, numbers))
+    return sizes;
+  const auto begun = Clock::now();
+  sizes.kkt = active_set_.solve(program_.qp, sides, spec_.kkt);
+  sizes.seconds = std::chrono::duration<double>(Clock::now() - begun).count();
+  sizes.changes = active_set_.changes;
+  if (!(sizes.kkt <= spec_.kkt))
+    return sizes;
+  program_.recover(active_set_.x, a, tau, lam, rigid);
+  errors = program_.errors(a, lam);
+  VectorXd applied = tau + passive;
+  for (std::size_t i = 0; i < spec_.rigid.size(); ++i)
+    applied[spec_.rigid[i]] += rigid[i];
+  const Sizes found = proof_(q, v, applied, a, lam);
+  sizes.dynamics = found.dynamics, sizes.constraints = found.constraint, sizes.a = found.a;
+  sizes.torque = std::max(largest_of(program_.terms().h), largest_of(applied)), sizes.unreached = program_.unreached;
+  return sizes;
+}
+} // namespace condyn

@@ -1,0 +1,40 @@
+// One control tick: terms, program, answer and its proof.
+#pragma once
+#include "active_set.hpp"
+#include "proof.hpp"
+#include "tick_program.hpp"
+
+namespace condyn
+{
+/// What an answer is judged by: `ControlResiduals`, and what they are compared with.
+struct TickSizes
+{
+  double kkt, dynamics, constraints, a, torque, unreached;
+  int changes; // of the active set
+  double seconds; // of the program alone
+};
+
+class Tick
+{
+public:
+  Tick(Scene scene, TickSpec spec);
+  Tick(const Tick &) = delete; // its parts hold references to its scene
+
+  /// Infinite sizes where Python has to look. `sides` are those to begin from, and then those of the answer.
+  TickSizes operator()(
+    const VectorXd & q, const VectorXd & v, const VectorXd & passive, const double * numbers,
+    std::vector<Side> & sides);
+
+  const Scene & scene() const { return scene_; }
+  const TickSpec & spec() const { return spec_; }
+
+  VectorXd a, tau, lam, rigid, errors; // of the last answer
+
+private:
+  const Scene scene_;
+  const TickSpec spec_;
+  TickProgram program_;
+  ActiveSet active_set_;
+  Proof proof_;
+};
+} // namespace condyn
