@@ -253,6 +253,34 @@ def test_derivatives_by_gravity_and_along():
     assert np.allclose(by_g, wanted, atol=1e-9 * np.abs(wanted).max())
 
 
+@each_soft
+@pytest.mark.parametrize("label", ["solo12 contacts", "cassie loops", "four_bar geared"])
+def test_derivatives_by_inertias(label, soft):
+    """Of random ones; R goes with what bodies give way to, and so with what they weigh."""
+    scene, rng = all_scenes()[label], np.random.default_rng(2)
+    state = opened(scene, states(label)[0])
+    a, lam = cp.derivatives(scene, *state, solver=soft).by_inertias()
+    own = [Y.toDynamicParameters() for Y in list(scene.robot.model.inertias)[1:]]
+    step = [pi * rng.uniform() for pi in own]
+    for pi in step:
+        pi[1:4] += 0.1 * pi[0] * rng.uniform(-0.1, 0.1, 3)  # centres move too
+
+    def heavier(h):
+        model = pin.Model(scene.robot.model)
+        for i, (pi, by) in enumerate(zip(own, step, strict=True), start=1):
+            if pi[0]:
+                model.inertias[i] = pin.Inertia.FromDynamicParameters(pi + h * by)
+        there = replace(scene, robot=replace(scene.robot, model=model))
+        found = cp.solve(there, *state, solver=soft, throw=False)
+        return np.concatenate((found.a, found.lam))
+
+    h = 1e-3
+    wanted = 8 * (heavier(h) - heavier(-h)) - (heavier(2 * h) - heavier(-2 * h))
+    wanted /= 12 * h
+    x = np.concatenate(step)
+    assert np.abs(np.concatenate((a @ x, lam @ x)) - wanted).max() <= 1e-7 * np.abs(wanted).max()
+
+
 def test_what_gives_way_has_none_of_pinocchio():
     scene, state = all_scenes()["solo12 contacts"], states("solo12 contacts")[0]
     with pytest.raises(cp.InvalidArgument, match=r"Proximal"):

@@ -158,7 +158,7 @@ class AnyBound(ABC):
 
     @abstractmethod
     def yields(
-        self, body: Callable[[int], Array], columns: Callable[[Sequence[int]], float]
+        self, body: Callable[[int], Array], columns: Callable[[Sequence[int]], float | Array]
     ) -> Any:
         """Return what MuJoCo takes for the diagonal of J M^-1 J^T, a number a row or one for all.
 
@@ -219,7 +219,7 @@ class OnFrames(AnyBound, ABC):
     def yields(
         self,
         body: Callable[[int], Array],
-        columns: Callable[[Sequence[int]], float],
+        columns: Callable[[Sequence[int]], float | Array],
     ) -> Any:
         """Return what both bodies give way to a force, and for turns to a moment."""
         linear, angular = body(self.joint1) + body(self.joint2)

@@ -98,7 +98,7 @@ class Coupled(AnyBound):
     def yields(
         self,
         body: Callable[[int], Array],
-        columns: Callable[[Sequence[int]], float],
+        columns: Callable[[Sequence[int]], float | Array],
     ) -> Any:
         """Return what both coordinates give way."""
         return columns(self.columns)

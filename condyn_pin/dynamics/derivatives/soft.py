@@ -3,8 +3,8 @@
     r = M a + h - tau - J^T lam = 0,    s = J a + gamma + b J v + k c + R lam = 0,
 
 where b is fixed, and k and R = (1 - d) / d w change with the impedance d of the gap |c| of each
-constraint, but w does not. So with r_q, r_v and the partials of J a + gamma of hard constraints
-(`condyn_pin.dynamics.derivatives.linearised`)
+constraint, but w does not: it changes with what bodies weigh (`inverse_inertias`). So with r_q, r_v
+and the partials of J a + gamma of hard constraints (`condyn_pin.dynamics.derivatives.linearised`)
 
     M da - J^T dlam = dtau - r_q dq - r_v dv,    J da + R dlam = -s_q dq - s_v dv,
     s_q = (J a + gamma)_q + b (J v)_q + k c_q + (k_d c + R_d lam) d_q,    d_q = d' c^T c_q / |c|,
@@ -21,8 +21,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.range_space import damped_range_space
 from condyn_pin._core.one_thread import of_workspace
 from condyn_pin.dynamics.derivatives.base import Derivatives
+from condyn_pin.dynamics.derivatives.inverse_inertias import inverse_inertias_by_inertias
 from condyn_pin.dynamics.derivatives.loads import load_partial
-from condyn_pin.dynamics.derivatives.parameters import gravity_regressor
+from condyn_pin.dynamics.derivatives.parameters import gravity_regressor, inertia_regressor
 from condyn_pin.dynamics.softness import SolImp, SolRef, impedance, impedance_slope, reference_by
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.errors import SolveFailed
@@ -61,12 +62,13 @@ class SoftDerivatives(Derivatives):
         if solution.applied:
             rhs[:n, :n] += load_partial(workspace.loads, q, solution.applied)
         M, R = equations.mass(q) if of.M is None else of.M, np.zeros(self._m)
-        self._by_solref = np.zeros((self._m, 2))
+        self._by_solref, self._by_w = np.zeros((self._m, 2)), np.zeros(self._m)
         if self._m:
             c_q = workspace.linearised_gaps.at(q, still, still, 0.0 * lam).s_q
             d, d_q = self._impedance(c, c_q)
             b, k, k_d, self._by_solref = reference_by(c, slip, d, solref, solimp)
             R, R_d = (1 - d) / d * w, -w / d**2
+            self._by_w = (1 - d) / d * lam
             rows[:, :n] -= b * workspace.linearisation.turning(q, v) + k[:, None] * c_q
             rows[:, :n] -= (k_d * c + R_d * lam)[:, None] * d_q
             rows[:, n:] -= b * J
@@ -92,6 +94,18 @@ class SoftDerivatives(Derivatives):
         """Return the derivatives of a (nv, 3) and lam (m, 3) by the vector of gravity [m/s^2]."""
         pulled = gravity_regressor(self._workspace.model, self.solution.q)
         return self._factors.solve(-pulled, np.zeros((self._m, 3)))
+
+    @of_workspace
+    def by_inertias(self) -> tuple[Array, Array]:
+        """Return the derivatives of a and lam by the inertial parameters of the bodies.
+
+        Ten columns a joint, as `KktDerivatives.by_inertias`; R has its part, for what bodies give
+        way to goes with what they weigh.
+        """
+        model, of = self._workspace.model, self.solution
+        r = inertia_regressor(model, of.q, self._v, of.a)
+        s = self._by_w[:, None] * inverse_inertias_by_inertias(self._workspace)
+        return self._factors.solve(-r, -s)
 
     def _form(self) -> tuple[Array, Array, Array]:
         n, rhs = self._n, self._rhs
