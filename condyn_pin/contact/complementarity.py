@@ -59,8 +59,9 @@ def lemke(A: Array, b: Array, max_pivots: int) -> Complementary:
 
     Notes
     -----
-    A path without an answer ends on a ray. Cost O(n^3) a pivot: each basis is factorised by itself,
-    since a tableau that is carried on rounds until what is tied no longer is.
+    A path without an answer ends on a ray. Cost O(n^2 + k^3) a pivot with k of z in the basis: each
+    basis is factorised by itself, since a tableau that is carried on rounds until what is tied no
+    longer is.
     """
     best, least, pivots = np.zeros(len(b)), _missed(A, b, np.zeros(len(b))), 0
     for step in _PATHS:
@@ -112,11 +113,24 @@ def _path(A: Array, b: Array, p: Array, max_pivots: int) -> tuple[Array, int]:
 
 
 def _in_basis(columns: Array, basis: Indices, others: Indices) -> Array:
-    """Return columns in terms of a basis; NaN, which ends a path, where rounding took its rank."""
+    """Return columns in terms of a basis; NaN, which ends a path, where rounding took its rank.
+
+    The columns of w are those of the identity: what is left of the basis is solved in the rows that
+    have none of them.
+    """
+    n = len(basis)
+    is_w = basis < n
+    own, left = basis[is_w], np.ones(n, dtype=bool)
+    left[own] = False
+    B, wanted = columns[:, basis[~is_w]], columns[:, others]
+    found = np.empty((n, len(others)))
     try:
-        return np.asarray(np.linalg.solve(columns[:, basis], columns[:, others]))
+        x = np.linalg.solve(B[left], wanted[left])
     except np.linalg.LinAlgError:
-        return np.full((len(basis), len(others)), np.nan)
+        return np.full((n, len(others)), np.nan)
+    found[~is_w] = x
+    found[is_w] = wanted[own] - B[own].dot(x)
+    return found
 
 
 def _leaving(T: Array, artificial: Array) -> int:
