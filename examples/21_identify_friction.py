@@ -26,10 +26,10 @@ def touching(body, p):
     return cp.Scene(body, contacts=[contact])
 
 
-def recorded(scene, q, v, duration, axes):
+def recorded(scene, q, v, T, axes):
     """Return a motion in fine steps, and its positions with noise."""
-    run = cp.simulate(scene, q, v, duration=duration, dt=1e-4, integrator=cp.Moreau())
-    return run, rng.normal(run.q[200::200, axes], sigma)
+    run = cp.simulate(scene, q, v, duration=T, dt=1e-3 if quick else 1e-4, integrator=cp.Moreau())
+    return run, rng.normal(run.q[:: round(every / run.t[1]), axes][1:], sigma)
 
 
 def predicted(scene, q, v, count, axes, wrt, route, dt, tau=0.0):
@@ -48,7 +48,7 @@ def predicted(scene, q, v, count, axes, wrt, route, dt, tau=0.0):
 
 def fitted(body, q, v, seen, axes, wrt, route, dt, p):
     """Say p, its standard deviation and the misfit: min |x(p, v0) - seen|^2, v0 unknown too."""
-    for _ in range(6):
+    for _ in range(4 if quick else 6):
         x, slopes, _ = predicted(touching(body, p), q, v, len(seen), axes, wrt, route, dt)
         J, off = slopes.reshape(seen.size, -1), (seen - x).ravel()
         change = np.linalg.lstsq(J, off, rcond=None)[0]
@@ -72,8 +72,8 @@ q, v = touching(ball, 0.8).state()
 q[2] = 0.55
 _, seen = recorded(touching(ball, 0.8), q, v, 1.0, [2])
 for route in (ActiveSet(), EventLocated()):
-    text = fitted(ball, q, v, seen, [2], "restitution", route, 1e-2, 0.7)
-    print(f"true restitution 0.8, by {route}: {text}")
+    of_ball = [2], "restitution", route, 1e-2
+    print(f"true restitution 0.8, by {route}: {fitted(ball, q, v, seen, *of_ball, 0.7)}")
 if show:
     cp.view(run)
 off = slopes[:20, :, 0] + g / 2 * np.outer((every * np.arange(1, 21)) ** 2, along)

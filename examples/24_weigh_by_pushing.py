@@ -38,11 +38,11 @@ def positions(dt):
 
 # What is seen: the motion in fine steps, with noise.
 truth, rng = torch.tensor([0.4, 1 / 1.5], dtype=torch.double), np.random.default_rng(0)
-exact = positions(1e-3 if quick else 2.5e-4)(truth)
+exact = positions(2e-3 if quick else 2.5e-4)(truth)
 seen = exact + torch.tensor(rng.normal(0.0, sigma, len(exact)))
 
 x, p = positions(5e-3 if quick else 2.5e-3), torch.tensor([0.2, 1.0], dtype=torch.double)
-for _ in range(5):
+for _ in range(3 if quick else 5):
     J, off = torch.func.jacfwd(x)(p), seen - x(p)
     p = p + torch.linalg.lstsq(J, off).solution
     misfit = 1e3 * float(off.square().mean().sqrt())

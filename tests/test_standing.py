@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from bisect import bisect_left
 from collections.abc import Sequence
 from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
@@ -196,10 +198,15 @@ def test_cassie_stands_nine_tenths_of_it_sideways_on_feet_that_no_motor_rolls() 
 def at_rest() -> Standing:
     """Return Cassie on springs that have sunk, and that carry it."""
     cassie = Standing("cassie", "pelvis", OCTAGON).firm()
-    rest = cassie.run(1.0)
-    cassie.q, cassie.v = rest.q[-1], rest.v[-1]
-    cassie.answers.clear()
+    cassie.q, cassie.v = sunk()
     return cassie
+
+
+@lru_cache(1)
+def sunk() -> tuple[Array, Array]:
+    """Return the state of Cassie a second after her springs were let go."""
+    rest = Standing("cassie", "pelvis", OCTAGON).firm().run(1.0)
+    return rest.q[-1], rest.v[-1]
 
 
 def sideways(cassie: Standing, share: float) -> Array:
@@ -252,10 +259,10 @@ def impulse(standing: Standing, way: tuple[float, float], share: float) -> Array
     """Return the impulse that takes the capture point to a share of the way to the edge [N s]."""
     now = standing._balance(standing.q, standing.v)
     assert now.polygon is not None
-    d = np.array([*way, 0.0]) / np.linalg.norm(way)
-    lengths = np.linspace(0.0, 0.5, 5001)
-    inside = [now.polygon.margin(now.capture_point + x * d) >= 0 for x in lengths]
-    edge = lengths[np.flatnonzero(inside)[-1]]
+    polygon, d = now.polygon, np.array([*way, 0.0]) / np.linalg.norm(way)
+    lengths = np.linspace(0.0, 0.5, 5001)  # within the polygon first, and then no more
+    outside = bisect_left(lengths, 1, key=lambda x: polygon.margin(now.capture_point + x * d) < 0)
+    edge = lengths[outside - 1]
     omega = np.sqrt(9.81 / now.com[2])
     return np.asarray(share * standing.held.robot.mass * omega * edge * d)
 
