@@ -97,6 +97,9 @@ def step(
     In the equation, v+ of a floating body is in its axes at the beginning of the step; the velocity
     returned is in its axes at the end, as in Pinocchio.
 
+    Driven rows end a step of `StewartTrinkle` at s' in its middle, t + dt/2, and one of `Moreau` at
+    s'(t + dt): a step that begins with s'(t) shows the force of the motor by `Moreau` alone.
+
     Cost: that of a step in `simulate`, three quarters of which is the contact solver, and as much
     again for the verification.
     """
