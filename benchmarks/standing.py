@@ -1,22 +1,22 @@
-"""Robots that stand under random pushes, every tick looked at; write results/standing.json.
+"""Robots that stand under pushes from all sides, every tick looked at; write results/standing.json.
 
-    python benchmarks/standing.py [--runs 3] [--duration 10] [--only solo12]
+    python benchmarks/standing.py [--only solo12] [--share 0.98]
 
-With --from-json the table in docs/results.md is made from the committed results; --only measures
-one robot anew, and leaves the others as they are.
+With --from-json the table in docs/results.md is made from the committed results; --only and --share
+measure some rows anew, and leave the others as they are.
 
 A whole-body controller at 1 kHz knows the feet as contacts that hold; on the floor they open and
-slide. Every two seconds, in which it comes to rest again, the base is pushed for 50 ms in a random
-direction, with a share of the impulse from which a linear inverted pendulum can stand without a
-step, and beyond which it cannot. That pendulum, of the height of the centre of mass h,
+slide. Every three seconds, in which it comes to rest again, the base is pushed for 50 ms with a
+share of the impulse from which a robot can stand without a step, and beyond which it cannot. Twelve
+pushes, 30 degrees apart from one towards a corner of the support on, make four runs of 10 s. With
+p(s) the farthest pressure that motors and floor allow where the mass has moved by s (`push_bound`),
+h the height of the centre of mass and h_F that of the base, on which F acts,
 
-    cddot = omega^2 (c - p) + F h_F / (m h),    omega = sqrt(g / h),
+    s'' = omega^2 (s - p(s)) + F h_F / (m h),    omega = sqrt(g / h),
 
-brakes from the first moment on with its pressure p at the edge of the support, or as far as
-friction lets its force lean, |p - c| <= mu h; F acts at the height h_F of the base, and when it
-ends `capturable_speed` says whether the pendulum stops. The share of m omega d, with d from the
-middle of the support to its edge, is in the table as well: it is the bound for an impulse through
-the centre of mass, in no time, on a floor of any friction.
+and when the push ends, `PushBound.speed_at` says whether it stops. The share of m omega d, with d
+from the middle of the support to its edge, is in the table as well: it is the bound for an impulse
+through the centre of mass, in no time, on a floor of any friction, by motors of any strength.
 """
 
 from __future__ import annotations
@@ -46,9 +46,10 @@ from condyn_pin.control import (
     Controller,
     Orientation,
     Posture,
+    PushBound,
     at_rate,
     balance,
-    capturable_speed,
+    push_bound,
 )
 from condyn_pin.mechanism import anchored, put_down
 
@@ -60,12 +61,9 @@ ROBOTS: dict[str, tuple[str, Cone, float, float]] = {
     "cassie": ("pelvis", FrictionCone(0.65, sides=8), 5e-4, 2.0),
     "talos": ("base_link", WrenchCone(0.5), 1e-3, 2.0),
 }
-SHARES = {
-    "solo12": (0.5, 0.9, 0.95, 1.25),
-    "cassie": (0.5, 0.9, 0.95, 1.25),
-    "talos": (0.5, 0.9, 0.98, 1.25),
-}
-PERIOD, EVERY, FIRST, LASTS, FRICTION = 1e-3, 2.0, 1.0, 0.05, 0.7  # [s], ..., [1]
+SHARES = {"solo12": (0.98, 1.25), "cassie": (0.9, 0.95, 1.25), "talos": (0.98, 1.25)}
+PERIOD, EVERY, FIRST, LASTS, FRICTION = 1e-3, 3.0, 1.0, 0.05, 0.7  # [s], ..., [1]
+RUNS, PUSHES, DURATION = 4, 3, 10.0  # a row: runs, pushes of each, how long each takes [s]
 GRAVITY = 9.81  # [m/s^2]
 FEET = 3.0  # over omega: feet that a push takes off are drawn back to where they stood
 FALLEN = 0.6  # of the height of the base
@@ -119,6 +117,7 @@ class Stand:
         self.middle = np.array([*self.corners.mean(axis=0), now.com[2]])
         self.mass, self.height = made.mass, float(now.com[2])
         self.lever = float(self.q[2]) / self.height  # the base is the floating body
+        self.bounds: dict[tuple[float, ...], PushBound] = {}
         omega = float(np.sqrt(GRAVITY / self.height))
         firm = {"kp": k * omega**2, "kd": (k + 1) * omega}  # xi decays with k omega
         tasks = [
@@ -126,9 +125,13 @@ class Stand:
             Orientation(base, kp=100, weight=5),  # where the mass needs it, it lets go
             Posture(weight=0.1),
         ]
-        rigid = [spring.joint for spring in made.springs]
+        self.rigid = [spring.joint for spring in made.springs]
         feet = cp.Baumgarte.critical(FEET * omega)
-        self.controller = Controller(self.closed, tasks, cones=cone, rigid=rigid, drift=feet)
+        self.controller = Controller(self.closed, tasks, cones=cone, rigid=self.rigid, drift=feet)
+        torque = at_rate(self.controller, PERIOD)
+        self.rest = cp.simulate(self.floor, self.q, self.v, torque, duration=FIRST, dt=self.dt).q[
+            -1
+        ]
 
     def balance(self, q: np.ndarray, v: np.ndarray) -> Balance:
         """Return where the mass is, and the capture point."""
@@ -141,33 +144,51 @@ class Stand:
         along, far = out @ way, np.einsum("ij,ij->i", out, self.corners - self.middle[:2])
         return float((far[along > 0] / along[along > 0]).min())
 
-    def pushes(self, share: float, count: int, rng: np.random.Generator) -> np.ndarray:
-        """Return forces, one for each push (count, 3) [N]."""
-        angles = rng.uniform(0, 2 * np.pi, count)
-        ways = np.column_stack((np.cos(angles), np.sin(angles), 0 * angles))
-        sizes = [share * self.strongest(self.reach(way[:2])) for way in ways]
-        return ways * np.array(sizes)[:, None]
+    def bound(self, way: np.ndarray) -> PushBound:
+        """Return what motors and floor can stand, from where it is at rest."""
+        key = tuple(way)
+        if key not in self.bounds:
+            self.bounds[key] = push_bound(
+                self.closed, self.rest, way, cones=floor_of(self.floor.robot.name), rigid=self.rigid
+            )
+        return self.bounds[key]
 
-    def strongest(self, d: float) -> float:
-        """Return the largest force from which a pendulum stops, d before the edge [N]."""
-        least, most = 0.0, 10 * self.momentum(d) / LASTS
-        for _ in range(50):
+    def pushes(self, share: float, run: int) -> np.ndarray:
+        """Return forces, one for each push of a run (PUSHES, 3) [N]."""
+        away = self.corners[0] - self.middle[:2]
+        turns = 2 * np.pi * (run + RUNS * np.arange(PUSHES)) / (RUNS * PUSHES)
+        angles = np.arctan2(away[1], away[0]) + turns
+        ways = np.column_stack((np.cos(angles), np.sin(angles), 0 * angles))
+        return ways * np.array([share * self.strongest(way) for way in ways])[:, None]
+
+    def strongest(self, way: np.ndarray) -> float:
+        """Return the largest force from which a robot stops [N]."""
+        bound = self.bound(way)
+        least, most = 0.0, 10 * bound.impulse / LASTS
+        for _ in range(40):
             middle = (least + most) / 2
-            least, most = (middle, most) if self._stops(middle, d) else (least, middle)
+            least, most = (middle, most) if self._stops(middle, bound) else (least, middle)
         return least
 
     def momentum(self, d: float) -> float:
         """Return m omega d [kg m/s]."""
         return self.mass * float(np.sqrt(GRAVITY / self.height)) * d
 
-    def _stops(self, force: float, d: float) -> bool:
+    def _stops(self, force: float, bound: PushBound) -> bool:
         c, v, dt = 0.0, 0.0, LASTS / 500
         for _ in range(500):
-            pressure = min(d, c + FRICTION * self.height)
+            pressure = np.interp(c, bound.travel, bound.pressure)
             a = GRAVITY / self.height * (c - pressure) + force * self.lever / self.mass
             v = max(v + dt * a, 0.0)
             c += dt * v
-        return v <= capturable_speed(d - c, self.height, friction=FRICTION)
+        return v <= bound.speed_at(c)
+
+
+def floor_of(name: str) -> Cone:
+    """Return what the floor can give, a little more where its cone is round."""
+    if isinstance(ROBOTS[name][1], WrenchCone):
+        return WrenchCone(FRICTION, pyramid="outer")
+    return FrictionCone(FRICTION, sides=16, pyramid="outer")
 
 
 def robot_of(name: str) -> cp.Robot:
@@ -183,27 +204,28 @@ def robot_of(name: str) -> cp.Robot:
     return replace(made, model=model)
 
 
-def stand(row: Row, robot: Stand, duration: float, seed: int) -> None:
+def stand(row: Row, robot: Stand, number: int) -> None:
     """Add a run to a row."""
-    forces = robot.pushes(row.share, int(duration / EVERY) + 1, np.random.default_rng(seed))
+    forces = robot.pushes(row.share, number)
     sizes = np.linalg.norm(forces, axis=1)
     reaches = [robot.reach(f[:2] / size) for f, size in zip(forces, sizes, strict=True)]
     row.plain += [float(LASTS * f / robot.momentum(d)) for f, d in zip(sizes, reaches, strict=True)]
 
     def pushed(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
         since = t % EVERY - FIRST
-        return forces[int(t / EVERY)] if 0 <= since < LASTS else np.zeros(3)
+        now = 0 <= since < LASTS and t < PUSHES * EVERY
+        return forces[int(t / EVERY)] if now else np.zeros(3)
 
     answers: list[ControlAnswer] = []
     torque = limp(at_rate(robot.controller, PERIOD, watch=answers.append))
     low = FALLEN * robot.q[2]
     fallen = cp.Event(name="fallen", when=lambda now: float(now.q[2]) - low)
     run = cp.simulate(
-        robot.floor, robot.q, robot.v, torque, duration=duration, dt=robot.dt, events=[fallen],
+        robot.floor, robot.q, robot.v, torque, duration=DURATION, dt=robot.dt, events=[fallen],
         forces=[cp.AppliedForce(robot.base, pushed)],
     )  # fmt: skip
     end = robot.balance(run.q[-1], run.v[-1])
-    stood = run.t[-1] > duration - PERIOD and np.linalg.norm(end.com - robot.middle) < 0.05
+    stood = run.t[-1] > DURATION - PERIOD and np.linalg.norm(end.com - robot.middle) < 0.05
     row.runs, row.stood = row.runs + 1, row.stood + int(stood)
     row.ticks += len(answers)
     row.not_ok += sum(not answer.status.ok for answer in answers)
@@ -217,7 +239,7 @@ def stand(row: Row, robot: Stand, duration: float, seed: int) -> None:
     else:
         height, away = run.q[-1, 2] / robot.q[2], np.linalg.norm(end.com - robot.middle)
         row.fell.append(
-            f"seed {seed}: answered for {len(answers) * PERIOD:.2f} s; at {run.t[-1]:.2f} s, "
+            f"run {number}: answered for {len(answers) * PERIOD:.2f} s; at {run.t[-1]:.2f} s, "
             f"{run.status.name.lower()}, height x {height:.2f}, mass {away:.2f} m away"
         )
 
@@ -236,7 +258,7 @@ def limp(torque: Callable) -> Callable:
     return given
 
 
-def table(rows: list[Row], duration: float, about: dict[str, str]) -> str:
+def table(rows: list[Row], about: dict[str, str]) -> str:
     """Return the rows as text."""
     lines = [
         "| robot | share of the bound | of m omega d | stood | ticks | not ok | worst kkt "
@@ -255,18 +277,18 @@ def table(rows: list[Row], duration: float, about: dict[str, str]) -> str:
         "Python {python}, Pinocchio {pinocchio}, {date}."
     )
     meaning = (
-        f"Runs of {duration:g} s, a push every {EVERY:g} s. Share of m omega d: the least and the "
-        "most of its pushes. Stood: the mass ends within 5 cm of where it belongs. Capture point "
-        "and mass: of runs that stood, the worst of every fifth sample."
+        f"A row: {RUNS} runs of {DURATION:g} s with {PUSHES} pushes each, {EVERY:g} s apart, from "
+        f"{RUNS * PUSHES} sides. Share of m omega d: the least and the most of its pushes. Stood: "
+        "the mass ends within 5 cm of where it belongs. Capture point and mass: of runs that "
+        "stood, the worst of every fifth sample."
     )
     return "\n".join([*lines, "", where.format(**about), meaning])
 
 
-def load() -> tuple[list[Row], float, dict[str, str]]:
+def load() -> tuple[list[Row], dict[str, str]]:
     """Return what `main` wrote."""
     saved = json.loads(RESULTS.read_text(encoding="utf-8"))
-    rows = [Row(**row) for row in saved["rows"]]
-    return rows, saved["duration"], saved["machine"]
+    return [Row(**row) for row in saved["rows"]], saved["machine"]
 
 
 def pages(*measured: Any) -> dict[str, dict[str, str]]:
@@ -277,25 +299,23 @@ def pages(*measured: Any) -> dict[str, dict[str, str]]:
 def main() -> None:
     """Let them stand."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--runs", type=int, default=3)
-    parser.add_argument("--duration", type=float, default=10.0, help="[s]")
     parser.add_argument("--only", choices=ROBOTS)
+    parser.add_argument("--share", type=float)
     parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
     asked = parser.parse_args()
     if not asked.from_json:
-        rows = []
-        for name in ROBOTS if asked.only is None else (asked.only,):
+        names = ROBOTS if asked.only is None else (asked.only,)
+        rows = {(row.robot, row.share): row for row in load()[0]} if RESULTS.exists() else {}
+        for name in names:
             robot = Stand(name)
-            for share in SHARES[name]:
-                rows.append(Row(name, share))
-                for seed in range(asked.runs):
-                    stand(rows[-1], robot, asked.duration, seed)
-                print(rows[-1], flush=True)
-        print(table(rows, asked.duration, machine()))
-        others = [] if asked.only is None else [row for row in load()[0] if row.robot != asked.only]
-        rows = sorted([*rows, *others], key=lambda row: list(ROBOTS).index(row.robot))
-        saved = {"machine": machine(), "duration": asked.duration}
-        text = json.dumps(saved | {"rows": [asdict(row) for row in rows]}, indent=1)
+            for share in [x for x in SHARES[name] if asked.share in (None, x)]:
+                row = rows[name, share] = Row(name, share)
+                for number in range(RUNS):
+                    stand(row, robot, number)
+                print(row, flush=True)
+        wanted = [(name, share) for name in ROBOTS for share in SHARES[name]]
+        kept = [asdict(rows[key]) for key in wanted if key in rows]
+        text = json.dumps({"machine": machine(), "rows": kept}, indent=1)
         RESULTS.write_text(text + "\n", encoding="utf-8")
     marks.write(pages(*load()))
 
