@@ -64,7 +64,8 @@ def measure(
     first = question_of(str(bare_description(folder)), STATES)
     told = [first.save(folder / "question.json")]
     told += [each.save(folder / f"active{i}.json") for i, each in enumerate(active(first))]
-    jobs, missing = [("with_condyn", Path(sys.executable))], {}
+    jobs = [(script, Path(sys.executable)) for script in ("with_condyn", "with_condyn_core")]
+    missing = {}
     for environment in ENVIRONMENTS:
         try:
             python = environment.make(folder)

@@ -25,7 +25,7 @@ def talos(effort: np.ndarray | None = None) -> cp.Scene:
     return cp.Scene(robot, robot.contacts)
 
 
-def controller_of(scene: cp.Scene, question: Question) -> Controller:
+def controller_of(scene: cp.Scene, question: Question, native: bool) -> Controller:
     """Return the controller of a question; its friction cones are the pyramids of the others."""
     wish = question.wish
     tasks = [
@@ -33,7 +33,8 @@ def controller_of(scene: cp.Scene, question: Question) -> Controller:
         Orientation("base_link", kp=wish.trunk_kp, weight=wish.trunk_weight),
         Posture(kp=wish.posture_kp, weight=wish.posture_weight),
     ]
-    return Controller(scene, tasks, cones=WrenchCone(wish.friction, pyramid="outer"))
+    cones = WrenchCone(wish.friction, pyramid="outer")
+    return Controller(scene, tasks, cones=cones, native=native)
 
 
 def question_of(urdf: str, count: int) -> Question:
@@ -77,10 +78,10 @@ def active(first: Question) -> list[Question]:
     ]
 
 
-def contender(question: Question) -> Contender:
-    """Return ours at work; the proof is part of the tick."""
+def contender(question: Question, native: bool = False) -> Contender:
+    """Return ours at work, in Python or in the compiled core; the proof is part of the tick."""
     scene = talos(question.effort)
-    controller = controller_of(scene, question)
+    controller = controller_of(scene, question, native)
 
     def tick(i: int) -> float:
         out = controller.solve(question.q[i], question.v[i])
