@@ -87,7 +87,7 @@ class Problem:
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             return np.inf, np.inf
         scene = self.effects().applied_to(self.scene)
-        found = gauge_of(scene).measure(q, v)
+        found = gauge_of(scene).measure(np.zeros(len(q)), q, v)  # nothing is driven
         energy = found.kinetic + found.potential + Passive.of(scene.robot).energy(q)
         return float(found.violation.max()), float(np.abs(energy - energy[0]).max())
 

@@ -105,6 +105,15 @@ def test_x_dense_is_against_the_fastest_of_the_dense():
     assert max(fast) > 1.5
 
 
+def test_beside_mujoco_a_motion_that_stands_still_has_no_error():
+    import simulation_vs_mujoco as versus
+
+    for problem in versus.problems():
+        gap, energy = problem.errors([problem.q, problem.q], [problem.v, problem.v])
+        assert gap < 1e-8, problem.name
+        assert energy == 0.0, problem.name
+
+
 def test_beside_mujoco_no_answer_is_less_accurate_than_asked_for():
     """The estimator is the same, both start closed; and the README counts who is faster."""
     import simulation_vs_mujoco as versus
