@@ -6,8 +6,7 @@ import os
 
 import pytest
 
-from condyn_pin._core.compiled import compiled
-from condyn_pin._core.compiled_tick import compiled_tick
+from condyn_pin._core.compiled import compiled, compiled_tick
 from condyn_pin.errors import MissingExtra
 
 try:

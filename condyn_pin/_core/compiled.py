@@ -9,12 +9,16 @@ from __future__ import annotations
 
 from functools import cache
 from importlib import import_module
-from typing import Any, Final
+from typing import Any, Final, Literal, TypeAlias
 
-from condyn_pin.errors import MissingExtra
+from condyn_pin.errors import InvalidArgument, MissingExtra
 
-# Of the arrays that are handed over; a core of another one was built from another version.
+# Whether the core is to do something: refused, or done by Python, where it cannot.
+Native: TypeAlias = bool | Literal["where possible"]
+
+# Of the arrays that are handed over; a module of another one was built from another version.
 PROTOCOL: Final = 4
+TICK_PROTOCOL: Final = 1
 
 BUILD: Final = "pip install ./native, in a checkout of condyn_pin, builds it in some minutes"
 
@@ -22,11 +26,27 @@ BUILD: Final = "pip install ./native, in a checkout of condyn_pin, builds it in 
 @cache
 def compiled() -> Any:
     """Return the module that was compiled; MissingExtra if there is none that fits."""
+    return _module("_core", PROTOCOL, "the compiled core is not installed")
+
+
+@cache
+def compiled_tick() -> Any:
+    """Return that of control ticks, a small one beside it; MissingExtra if there is none."""
+    return _module("_tick", TICK_PROTOCOL, "the compiled core has no control ticks")
+
+
+def check_native(native: Native) -> None:
+    """Refuse what is no choice of whether the core is to do something."""
+    if native not in (False, True, "where possible"):
+        raise InvalidArgument(f"native = {native!r}: False, True or 'where possible' is needed")
+
+
+def _module(name: str, protocol: int, missing: str) -> Any:
     try:
-        module = import_module("condyn_pin_native._core")
+        module = import_module(f"condyn_pin_native.{name}")
     except ImportError as error:
-        raise MissingExtra(f"the compiled core is not installed: {BUILD} ({error})") from error
-    if module.protocol != PROTOCOL:
+        raise MissingExtra(f"{missing}: {BUILD} ({error})") from error
+    if module.protocol != protocol:
         raise MissingExtra(
             f"the compiled core that is installed is of another version of condyn_pin: {BUILD}"
         )

@@ -37,16 +37,16 @@ def sticking(problem: ContactProblem) -> Array | None:
     Cost O(m^3), a Cholesky factorisation; 6 us for four contacts.
     """
     closing = _closing(problem)
+    if not any(closing):
+        return np.zeros(problem.rows)
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
     if all(closing):
         return _solved(G, problem.g)
-    lam = np.zeros(problem.rows)
-    if not any(closing):
-        return lam
     rows = np.flatnonzero(np.array(closing)[problem.sets.blocks])
     found = _solved(G[rows[:, None], rows], problem.g[rows])
     if found is None:
         return None
+    lam = np.zeros(problem.rows)
     lam[rows] = found
     return lam
 

@@ -7,7 +7,7 @@ from typing import Any, Final, NamedTuple
 
 from condyn_pin._core.arrays import Array
 
-# What its rows are of, by their number in the core (`native/src/core/tick_spec.hpp`).
+# What its rows are of, by their number in the core (`native/src/tick/tick_spec.hpp`).
 (
     POSITION, ORIENTATION, POSE, CENTER_OF_MASS, JOINT, POSTURE, ANGULAR_MOMENTUM, CONTACT_FORCE,
 ) = range(8)  # fmt: skip

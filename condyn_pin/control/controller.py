@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import lru_cache, partial
 from math import isfinite
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.compiled import Native, check_native
 from condyn_pin._core.names import checked
 from condyn_pin._core.one_thread import OneThread, alone
 from condyn_pin._core.parameters import check_accuracy
@@ -54,7 +55,7 @@ class _Settings:
     drift: Baumgarte | None
     regularisation: float
     rigid: tuple[str, ...]
-    native: bool | Literal["where possible"]
+    native: Native
 
 
 class Controller(OneThread):
@@ -129,7 +130,7 @@ class Controller(OneThread):
         drift: Baumgarte | None = None,
         regularisation: float = 1e-5,
         rigid: Sequence[str] = (),
-        native: bool | Literal["where possible"] = False,
+        native: Native = False,
     ) -> None:
         check_scene(scene)
         check_accuracy("regularisation", regularisation)
@@ -142,8 +143,7 @@ class Controller(OneThread):
             raise InvalidArgument(f"limits = {limits!r}: ControlLimits(...) is needed")
         if not isinstance(drift, Baumgarte | None):
             raise InvalidArgument(f"drift = {drift!r}: Baumgarte(alpha, beta) or None is needed")
-        if native not in (False, True, "where possible"):
-            raise InvalidArgument(f"native = {native!r}: False, True or 'where possible' is needed")
+        check_native(native)
         stiff = checked("rigid", rigid, scene.robot.joints, "joint")
         self._settings = _Settings(
             cones, qp, limits, actuation, drift, float(regularisation), stiff, native

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from functools import cache, cached_property, partial
 from threading import get_ident
 from time import perf_counter
-from typing import TYPE_CHECKING, Any, Final, Literal
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import FLOAT, HIGH, LOW, unpack_quaternion
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.compiled import Native, check_native
 from condyn_pin._core.one_thread import alone, in_use
 from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
@@ -84,11 +85,10 @@ class Workspace(Memory):
 
     def __init__(
         self, scene: Scene, solver: Solver | None = None, *, drift: Baumgarte | None = None,
-        native: bool | Literal["where possible"] = False,
+        native: Native = False,
     ) -> None:  # fmt: skip
         check_scene(scene)
-        if native not in (False, True, "where possible"):
-            raise InvalidArgument(f"native = {native!r}: False, True or 'where possible' is needed")
+        check_native(native)
         if not isinstance(solver, Solver | None):
             raise InvalidArgument(
                 f"solver = {solver!r}: a solver object is needed, such as Proximal() or LCABA()"

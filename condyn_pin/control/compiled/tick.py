@@ -14,7 +14,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.compiled_tick import compiled_tick
+from condyn_pin._core.compiled import compiled_tick
 from condyn_pin.control.answer import ControlAnswer, ControlResiduals, ControlStatus
 from condyn_pin.control.compiled import tick_arrays
 from condyn_pin.control.verdict import active_rows

@@ -1,6 +1,6 @@
 """What a controller's tick is made of as plain arrays, and what of it the compiled core has not.
 
-The places of the fields are those that ``native/src/core/ticks.cpp`` reads.
+The places of the fields are those that ``native/src/tick/ticks.cpp`` reads.
 """
 
 from __future__ import annotations
