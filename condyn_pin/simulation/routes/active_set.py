@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import lru_cache
 from itertools import compress
 from math import hypot, inf
 from typing import ClassVar, NamedTuple
@@ -122,7 +122,7 @@ class Equations(NamedTuple):
     by_friction: Array  # (m, k)
 
 
-@cache
+@lru_cache(maxsize=16)
 def _places(k: int, m: int) -> Indices:
     """Return where the numbers of `_sliding` of each cone belong (k, 24), in an array (m, :)."""
     rows = np.arange(3 * k).reshape(k, 3)
