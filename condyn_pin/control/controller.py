@@ -35,7 +35,8 @@ from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgram
 from condyn_pin.control.tasks.base import Task
 from condyn_pin.control.verdict import verdict
-from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_bilateral, check_not_driven, check_scene
 from condyn_pin.errors import InvalidArgument, UnsupportedBackend
 
 if TYPE_CHECKING:

@@ -37,7 +37,8 @@ from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.braking import Brake
 from condyn_pin.control.support import SupportPlane, check_touching, plane_of, touching_points
 from condyn_pin.dynamics.force import Sites, upward
-from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.anchoring import anchored
 

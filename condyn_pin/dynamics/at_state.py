@@ -20,7 +20,8 @@ from condyn_pin.constraints.rows.cancellation import ROUNDED
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.constraints.violation import ConstraintViolation, gap_of, slip_of
-from condyn_pin.dynamics.scene import Scene, check_bilateral, check_moment, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_bilateral, check_moment, check_scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.soundness import singular_mass
 

@@ -11,7 +11,8 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.violation import ConstraintViolation
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_scene
 
 
 def contact_gaps(scene: Scene, q: ArrayLike) -> dict[str, float]:

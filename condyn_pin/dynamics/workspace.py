@@ -25,7 +25,8 @@ from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.choice import check_kinds, default_solver
 from condyn_pin.dynamics.memory import Memory
-from condyn_pin.dynamics.scene import Scene, check_bilateral, check_moment, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_bilateral, check_moment, check_scene
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.verifier import Verifier, failure

@@ -8,7 +8,8 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_not_driven, check_scene
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.layers.layer_map import Pair
 from condyn_pin.layers.parameters import Made, Parameters

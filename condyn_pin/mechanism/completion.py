@@ -22,7 +22,8 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.violation import beyond_text
-from condyn_pin.dynamics.scene import Scene, check_not_driven
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_not_driven
 from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembling import assemble_from, check_held, limited
 from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus

@@ -29,7 +29,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin._core.parameters import check_count
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.mechanism.check import check
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.integrability import bracket, is_integrable

@@ -31,7 +31,8 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.numerical_rank import null_space
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.assembling import assemble
 from condyn_pin.mechanism.check import check

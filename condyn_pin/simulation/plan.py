@@ -13,7 +13,8 @@ from condyn_pin._core.parameters import check_called, check_count
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics import choice
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint

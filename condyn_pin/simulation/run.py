@@ -16,7 +16,8 @@ from condyn_pin._core.parameters import check_called
 from condyn_pin.constraints.along import check_along
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.simulation.breakdown import hint_of, is_lost, remedy_of

@@ -21,7 +21,8 @@ from condyn_pin.contact.judge import judged
 from condyn_pin.contact.load import contact_load
 from condyn_pin.contact.modes import MODES
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.dynamics.scene import Scene, check_scene, moment_of
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_scene, moment_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme

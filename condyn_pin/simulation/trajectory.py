@@ -21,9 +21,6 @@ from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.recorder import Phase
 
-# Events that a text lists, at most.
-_SHOWN = 20
-
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Trajectory:
@@ -181,16 +178,6 @@ class Trajectory:
             *self._contact_work,
         )
 
-    def _steps_text(self) -> list[str]:
-        """Return what steps with contacts have done to the energy beside their contacts."""
-        energy = self.energy
-        if not (energy.correction.any() or energy.algorithmic.any()):
-            return []
-        return [
-            f"            corrections {energy.correction[-1]:.4g} J, algorithmic "
-            f"{energy.algorithmic[-1]:.4g} J"
-        ]
-
     @property
     def _contact_work(self) -> tuple[Array, ...]:
         if self.contact is None:
@@ -274,29 +261,9 @@ class Trajectory:
         )
 
     def __str__(self) -> str:
-        run, energy = self.run, self.energy
-        ratio = self.t[-1] / run.wall_time if run.wall_time else float("nan")
-        lines = [
-            f"{self.scene.robot.name}, {self.scene.rows} rows: {self.t[-1]:.6g} s in steps of "
-            f"{1e3 * run.dt:.4g} ms, {len(self.t)} samples, {self.status.name.lower()}",
-            run.choices,
-            run.effects.text(self.scene.robot),
-            f"took        {run.wall_time:.3g} s, {ratio:.3g} x real time",
-            f"violation   {self.violation.max():.1e} m, rad at most; "
-            f"{self.constraint_velocity.max():.1e} m/s, rad/s",
-            f"energy      {energy.total[0]:.6g} J to {energy.total[-1]:.6g} J; work of tau "
-            f"{energy.work[-1]:.4g} J, of damping {energy.damping[-1]:.4g} J, impacts "
-            f"{energy.impacts[-1]:.4g} J, contacts {energy.contact[-1]:.4g} J"
-            + (f", drives {energy.driven[-1]:.4g} J" if self.scene.is_driven else ""),
-            *self._steps_text(),
-            f"unexplained {np.abs(energy.error).max():.1e} J at most",
-        ]
-        shown, more = run.happened[:_SHOWN], len(run.happened) - _SHOWN
-        lines += [f"event       {e.name} at t = {e.t:.9g} s" for e in shown]
-        lines += [f"event       and {more} more"] if more > 0 else []
-        lines += [f"event       {missed}" for missed in run.missed]
-        lines += [f"note: {notice}" for notice in self.notices]
-        return "\n".join(lines)
+        from condyn_pin.simulation.trajectory_text import trajectory_text
+
+        return trajectory_text(self)
 
 
 def _chained(parts: list[Array]) -> Array:

@@ -25,7 +25,8 @@ from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
 from condyn_pin._core.timing import State
 from condyn_pin.dynamics.choice import default_solver
-from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_bilateral, check_not_driven
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument

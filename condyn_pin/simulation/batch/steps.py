@@ -23,7 +23,8 @@ from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact.modes import MODES
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.dynamics.compiled.arrays import untaken
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.simulation.batch.batch_step import ERRORS, ROWS, STATUSES, BatchStep

@@ -25,7 +25,8 @@ from condyn_pin.dynamics.compiled.arrays import untaken
 from condyn_pin.dynamics.compiled.core import untaken_method
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace

@@ -1,0 +1,52 @@
+"""What a verb refuses in a scene, before it begins: each check says what would do."""
+
+from __future__ import annotations
+
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+
+
+def check_scene(scene: object, argument: str = "scene") -> None:
+    """Refuse what is no scene."""
+    if not isinstance(scene, Scene):
+        raise InvalidArgument(f"{argument} = {type(scene).__name__}: a Scene is needed")
+
+
+def check_bilateral(scene: Scene) -> None:
+    """Refuse contacts that may let go where forces are solved for that never do."""
+    if scene.contacts:
+        count = sum(len(bound.candidates) for bound in scene.contact_bounds)
+        raise UnsupportedConstraint(
+            f"{count} contact{'s' * (count > 1)} may open: step, its derivatives and simulate take "
+            "them; scene.closed() is the scene that holds them"
+        )
+
+
+def check_moment(scene: Scene) -> None:
+    """Refuse driven constraints where nothing says at which time they are looked at."""
+    if moving := [b.name for b in scene.bounds if b.drive and b.drive.time is None]:
+        raise UnsupportedConstraint(
+            f"{', '.join(moving)} follow{'s' * (len(moving) == 1)} a path of time: "
+            "scene.at(t) is the scene at one; simulate takes it through all"
+        )
+
+
+def moment_of(scene: Scene) -> float:
+    """Return the time at which a scene is looked at [s]; 0 where nothing is driven."""
+    check_moment(scene)
+    times = {b.drive.time or 0.0 for b in scene.bounds if b.drive} or {0.0}
+    if len(times) > 1:
+        raise UnsupportedConstraint(
+            f"driven rows are at {', '.join(f'{t:g}' for t in sorted(times))} s: one time is "
+            "needed, and scene.at(t) gives all of them the same"
+        )
+    return times.pop()
+
+
+def check_not_driven(scene: Scene, what: str) -> None:
+    """Refuse driven constraints for `what` asks for J v = 0."""
+    if moving := [b.name for b in scene.bounds if b.drive]:
+        raise UnsupportedConstraint(
+            f"{', '.join(moving)}: driven along a path, J v = s'(t), and {what} takes J v = 0; "
+            "leave it out, or take its constraint without Driven"
+        )
