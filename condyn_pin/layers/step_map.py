@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_not_driven, check_scene
+from condyn_pin.dynamics.scene_checks import check_scene, moment_of
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.layers.layer_map import Pair
 from condyn_pin.layers.parameters import Made, Parameters
@@ -61,7 +61,7 @@ class StepMap(StateMap):
         """Return q+ and v+."""
         steps, route = self.parameters.steps(p, self._dt)
         steps.system.applied.hold(tau, ())
-        q, v = route.step(steps, 0.0, q, v)
+        q, v = route.step(steps, steps.begin, q, v)
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             how = f"a step of {self._dt:g} s by {steps.scheme!r}"
             raise SolveFailed(f"{how} is not finite", None)
@@ -71,7 +71,7 @@ class StepMap(StateMap):
         """Return q+ and v+, and their derivatives."""
         steps, route = self.parameters.steps(p, self._dt)
         steps.system.applied.hold(tau, ())
-        found = route.at(steps, 0.0, q, v)
+        found = route.at(steps, steps.begin, q, v)
         return (found.q, found.v), StepChange(found, self.parameters)
 
     def matrices(self, change: StepChange) -> Pair:
@@ -91,6 +91,6 @@ def check_steps(scene: Scene, dt: float, integrator: ContactScheme, route: Route
         raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
     if not float(finite("dt", dt, ())) > 0.0:
         raise InvalidArgument(f"dt = {dt!r}: a positive number is needed [s]")
-    check_not_driven(scene, "a step with contacts")
+    moment_of(scene)  # refuses driven rows without a time
     check_scheme(scene, integrator)
     route.scheme(integrator)  # refuses what it cannot take

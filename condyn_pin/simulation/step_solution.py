@@ -12,7 +12,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.contact.solution import ContactSolution, ContactStatus
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_not_driven
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.contact_columns import forces_of
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
@@ -117,8 +117,6 @@ class StepSolution:
         ------
         InvalidArgument
             If the route cannot differentiate a step of this scheme, or by a parameter.
-        UnsupportedConstraint
-            If constraints are driven.
         SolveFailed
             If the contact problem has no answer that modes can be read off.
 
@@ -129,7 +127,6 @@ class StepSolution:
         """
         from condyn_pin.simulation.routes import ActiveSet, Route  # they are made of steps
 
-        check_not_driven(self.scene, "a derivative of a step")
         chosen = ActiveSet() if route is None else route
         if not isinstance(chosen, Route):
             raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")

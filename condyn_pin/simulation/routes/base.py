@@ -104,7 +104,7 @@ class Route(ABC):
         names, own = check_parameters(self, scheme, wrt), self.scheme(scheme)
         steps = linear_steps(scene, own, dt, names)
         steps.system.applied.hold(start.tau, start.forces)
-        return self.at(steps, 0.0, start.q, start.v, taken if own is scheme else None)
+        return self.at(steps, steps.begin, start.q, start.v, taken if own is scheme else None)
 
 
 class LawRoute(Route, ABC):

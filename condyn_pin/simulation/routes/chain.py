@@ -103,11 +103,14 @@ class Chain:
 
     def _next(self, i: int, state: State) -> State:
         self._hold(i)
-        return self.route.step(self.steps, i * self.steps.dt, *state)
+        return self.route.step(self.steps, self._time(i), *state)
 
     def _at(self, i: int, state: State) -> StepDerivatives:
         self._hold(i)
-        return self.route.at(self.steps, i * self.steps.dt, *state)
+        return self.route.at(self.steps, self._time(i), *state)
+
+    def _time(self, i: int) -> float:
+        return self.steps.begin + i * self.steps.dt
 
     def _hold(self, i: int) -> None:
         if self._torques is not None:

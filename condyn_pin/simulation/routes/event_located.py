@@ -50,6 +50,8 @@ class EventLocated(Route):
 
     x+ = flow(dt - s) o impact o flow(s),    gap(s) = 0,    ds = -(J_n dq) / (J_n v)
 
+    What begins later by ds is over sooner by ds, and paths and torques of time are elsewhere.
+
     The step is cut where a gap closes. On both sides contacts keep what they are, open or at rest,
     by steps of `Moreau`; at the cut they rebound by Newton's law, with friction. The time of the
     cut depends on the start, which a step of fixed length ignores: otherwise the height of a ball
@@ -143,12 +145,15 @@ class _Parts:
         while done < self._dt:
             held, impact = self._impact(q, v), None
             if held is not None:
-                impact = self._made(_INSTANT, held).end(t + done, q, v, self._law)
+                blow = self._made(_INSTANT, held)
+                late = self._late(blow, t + done, q, v, ds)
+                impact = blow.end(t + done, q, v, self._law)
                 q, v = impact.q, impact.v
                 modes, margin = _joined(modes, modes_of(self._steps, impact)), impact.law.margin
             is_located = cut is not None
             cut = self._next(t, done, q, v)
-            ended = self._made(cut.length, cut.held).end(t + done, q, v, self._law)
+            flow = self._made(cut.length, cut.held)
+            ended = flow.end(t + done, q, v, self._law)
             rate_q, rate_v = self._rates(cut, t, q, v)
             modes = _joined(modes, modes_of(self._steps, ended))
             margin = min(margin, ended.law.margin)
@@ -156,10 +161,10 @@ class _Parts:
                 if is_located and self._stays(impact, ended):
                     for by in (impact.dq, impact.dv):
                         by[:, columns.restitution] = 0.0
-                dq, dv = _composed(impact, dq, dv)
-            dq, dv = _composed(ended, dq, dv)
+                dq, dv = _composed(impact, dq, dv, late, ds)
+            late_q, late_v = self._late(flow, t + done, q, v, ds)
             # at the same time, though this part has begun later by ds
-            dq, dv = dq - np.outer(rate_q, ds), dv - np.outer(rate_v, ds)
+            dq, dv = _composed(ended, dq, dv, (late_q - rate_q, late_v - rate_v), ds)
             q, v, done = ended.q, ended.v, self._dt
             if cut.closing >= 0:
                 J_n = self._normal(q, cut.closing)
@@ -204,6 +209,17 @@ class _Parts:
         middle = self._flow(cut, t, q, v)[0]
         moved = pin.difference(model, middle, q1) - pin.difference(model, middle, q0)
         return np.asarray(moved) / (2 * by), (v1 - v0) / (2 * by)
+
+    def _late(
+        self, part: LinearSteps, t: float, q: Array, v: Array, ds: Array
+    ) -> tuple[Array, Array]:
+        """Return how the end of a part changes with its time, if ds is: its length stays."""
+        system, by, none = self._system, _SHARE * self._dt, np.zeros(len(v))
+        is_of_time = system.scene.is_driven or system.applied.constant is None
+        if not (is_of_time and ds.any()):
+            return none, none
+        (q1, v1), (q0, v0) = (part.ended(t + x, q, v, self._law) for x in (by, -by))
+        return np.asarray(pin.difference(system.model, q0, q1)) / (2 * by), (v1 - v0) / (2 * by)
 
     def _struck(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the state behind an impact, if there is one."""
@@ -301,12 +317,17 @@ class _Parts:
         return None
 
 
-def _composed(ended: Ended, dq: Array, dv: Array) -> tuple[Array, Array]:
-    """Return the end of a part by the start of the step, and by what acts in both."""
+def _composed(
+    ended: Ended, dq: Array, dv: Array, late: tuple[Array, Array], ds: Array
+) -> tuple[Array, Array]:
+    """Return the end of a part by the start of the step, and by what acts in both.
+
+    `late` is how it changes where the part begins later, as it does by ds (columns,).
+    """
     n = len(dq)
     both = []
-    for of in (ended.dq, ended.dv):
-        x = of[:, :n] @ dq + of[:, n : 2 * n] @ dv
+    for of, slope in zip((ended.dq, ended.dv), late, strict=True):
+        x = of[:, :n] @ dq + of[:, n : 2 * n] @ dv + np.outer(slope, ds)
         x[:, 2 * n :] += of[:, 2 * n :]
         both.append(x)
     return both[0], both[1]

@@ -30,6 +30,7 @@ from condyn_pin.dynamics.derivatives.carried import slope
 from condyn_pin.dynamics.derivatives.linearised import Linearisation, Linearised
 from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import moment_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
@@ -80,6 +81,7 @@ class LinearSteps:
     Not to be shared between threads.
     """
 
+    begin: float  # the time of the scene [s]
     falls: float  # [m/s]
     size: float  # (m g dt) (g dt) [J]
 
@@ -90,7 +92,7 @@ class LinearSteps:
         self.scene, self.scheme, self.dt, self.wrt = scene, scheme, dt, tuple(wrt)
         self.system = system or System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
         self.steps = ContactSteps(scheme, self.system, dt)
-        model = self.system.model
+        model, self.begin = self.system.model, moment_of(scene)
         self.floating, self.paths = self.steps.floating, self.steps.paths
         self.partials = FloatingPartials(model)
         self.falls = falls(model, dt)
@@ -130,11 +132,13 @@ class LinearSteps:
             self.steps.attempt(t, q, v)
             taken = self.steps.last
         along: Array | None = None
+        self.system.at(self.steps.looks_at(t))
         for posed, _, attempt, natural in taken.tried:
             found = law(posed.problem, attempt.lam, natural)
             v1 = posed.condensed.velocity(found.lam)
             dv1 = self._velocity(posed, found, v1, along)
             along = dv1 if along is None else next_path(posed, along, dv1)
+        self.system.at(t + self.dt)  # where loops are closed behind the step
         q1, v1, dq, dv = moved(self, posed, v1, dv1)
         chain = self._starts.chain(t, q, v)
         if chain is not None:
@@ -216,7 +220,7 @@ class LinearSteps:
     def _slip(self, of: Linearised, posed: Posed, v1: Array) -> Array:
         """Return what the constraints leave of a step (rows, columns), whose h is that of v.
 
-        J_b (2 v+ / dt - w x u) + gamma = 0
+        J_b (2 v+ / dt - w x u) + gamma = 2 s' / dt,    gamma less s''; s is of time alone
         """
         n, dt, columns = len(v1), self.dt, self.columns
         slip = columns.empty(len(of.rhs) - n)
@@ -236,7 +240,8 @@ class LinearSteps:
         w = self.floating.turning(posed.v)
         L = factors.L
         p = L @ (L.T @ posed.v) + dt * (posed.tau - h + M @ w)
-        l_b = factors.solve(p, -0.5 * dt * (gamma - J_b @ w))[1]
+        slip = self.system.equations.wanted[1] - 0.5 * dt * (gamma - J_b @ w)
+        l_b = factors.solve(p, slip)[1]
         at_start = posed._replace(mean=posed.v, turning=w)
         of = self._linearised(at_start, first, l_b)
         s = self._slip(of, at_start, first)

@@ -18,7 +18,6 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
-from condyn_pin.dynamics.scene_checks import check_not_driven
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
@@ -212,10 +211,9 @@ def trajectory_derivatives(
         )
     if len(motion.phases) > 1 or run.happened or run.status is not RunStatus.FINISHED:
         raise InvalidArgument("motion: one that went to its end without events is needed")
-    check_not_driven(motion.scene, "a derivative of steps with contacts")
     names = check_parameters(chosen, run.integrator, wrt, ("tau",))
     effects = run.effects
-    scene = effects.applied_to(motion.scene)
+    scene = effects.applied_to(motion.scene).at(0.0)
     applied = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
     _check_applied(motion, applied)
     system = System(
