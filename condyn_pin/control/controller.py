@@ -36,7 +36,7 @@ from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgra
 from condyn_pin.control.tasks.base import Task
 from condyn_pin.control.verdict import verdict
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral, check_not_driven, check_scene
+from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene
 from condyn_pin.errors import InvalidArgument, UnsupportedBackend
 
 if TYPE_CHECKING:
@@ -68,7 +68,8 @@ class Controller(OneThread):
     ----------
     scene : Scene
         Contacts and loops. Contacts with a cone do not slip and do not pull; all other constraints
-        are held, and eliminated.
+        are held, and eliminated. What is `Driven` accelerates as its path does at the t of each
+        tick, whatever force that takes.
     tasks : sequence of Task, or Hierarchy
         What it is to do, by weight or strictly in order.
     cones : Cone or dict of str to Cone
@@ -154,8 +155,8 @@ class Controller(OneThread):
 
     def _set_up(self, scene: Scene, tasks: Sequence[Task] | Hierarchy, cones: Cones) -> None:
         settings = self._settings
-        check_not_driven(scene, "a controller")
         check_bilateral(scene)
+        _check_no_moment(scene)
         self.actuation = motors_of(scene, settings.actuation)
         self.scene = scene
         self.tasks = tasks if isinstance(tasks, Hierarchy) else check_tasks(tasks)
@@ -238,7 +239,7 @@ class Controller(OneThread):
             Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear
             first.
         t : float
-            Time, for references that are functions of it [s].
+            Time, for references and paths that are functions of it [s].
         passive : (nv,) array_like, optional
             Torques that act anyway [N m, N], such as ``robot.passive_torque(q, v)``.
 
@@ -337,3 +338,12 @@ class Controller(OneThread):
         equations = self._program.equation_rows(given)
         of_equations = np.array([row.cost for row in equations])
         return of_equations, np.array([row.cost for row in self._program.inequalities])
+
+
+def _check_no_moment(scene: Scene) -> None:
+    """Refuse driven rows that stay at one time."""
+    if placed := [b.name for b in scene.bounds if b.drive and b.drive.time is not None]:
+        raise InvalidArgument(
+            f"scene: {', '.join(placed)} stays at one time, as scene.at(t) has it; a controller "
+            "takes paths at the t of each tick: pass the scene without at(t)"
+        )

@@ -78,7 +78,9 @@ def check_tasks(tasks: object) -> tuple[Task, ...]:
         raise InvalidArgument("tasks: none; a controller needs one, such as Posture()")
     for task in found:
         if not isinstance(task, Task):
-            raise InvalidArgument(f"tasks: {task!r} is no task")
+            levels = "; levels go side by side, Hierarchy([a], [b])"
+            nested = levels if isinstance(task, list | tuple) else ""
+            raise InvalidArgument(f"tasks: {task!r} is no task{nested}")
     return found
 
 

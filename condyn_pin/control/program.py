@@ -2,6 +2,8 @@
 
     M a + h = passive + E t + J_l^T lam_l + J_c^T lam_c,     J_l a = r_l,     J_c a = r_c
 
+    r = a_ref - gamma,    r = s'' - gamma of rows that are driven along s(t)
+
 E puts the torques t of the motors into the equation; l are the rows that are held, loops above all
 and joints that are taken for rigid, and c those of contacts with a cone. Held rows and torques are
 eliminated (`elimination`): with m the mass of the robot, so that all unknowns are accelerations,
@@ -141,6 +143,7 @@ class Program:
         self, q: Array, v: Array, t: float, passive: Array
     ) -> tuple[Constraints, list[Level]]:
         """Return the constraints of a tick, and the levels of its tasks."""
+        self.equations.at(t)
         self.motion.move(q, v)
         self.passive = passive
         at = self._at = self._eliminated()

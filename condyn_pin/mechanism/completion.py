@@ -4,6 +4,10 @@ With the columns of J split into motors A, dependent joints D and the rest,
 
     J_D dq_D + J_A dq_A = 0,     G = dq/dq_A = ( I on A,  -J_D^+ J_A on D,  0 on the rest ).
 
+Where rows are driven, c(q) = s(t), the motors leave J_D v_D = s'(t) - J_A v_A:
+
+    v = G v_A + ( 0 on A,  J_D^+ s' on D,  0 on the rest ).
+
 The rest is what neither motors nor loops determine, such as a floating base, springs, or the spin
 of a rod: it stays where it is. `condyn_pin.mechanism.following` moves the motors.
 """
@@ -23,8 +27,13 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.violation import beyond_text
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_not_driven
-from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
+from condyn_pin.dynamics.scene_checks import check_moment
+from condyn_pin.errors import (
+    BranchChanged,
+    InvalidArgument,
+    NotAssembled,
+    UnsupportedConstraint,
+)
 from condyn_pin.mechanism.assembling import assemble_from, check_held, limited
 from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
@@ -42,7 +51,7 @@ class CompleteState:
     q : (nq,) array
         Configuration [rad, m].
     v : (nv,) array
-        G times the velocities of the motors.
+        G times the velocities of the motors, and what driven rows add: J_D^+ s'.
     G : (nv, n_actuated) array
         dq/dq_actuated, in tangent columns [1, m, 1/m].
     undetermined : int
@@ -91,10 +100,11 @@ def complete_state(
     Parameters
     ----------
     scene : Scene
+        With driven constraints ``scene.at(t)``: c(q) = s(t) and J v = s'(t).
     q_actuated : (k,) array_like
         Positions of the actuated joints, in the order of ``robot.actuated`` [rad, m].
     v_actuated : (k,) array_like, optional
-        Their velocities [rad/s, m/s]; at rest by default.
+        Their velocities [rad/s, m/s]; at rest by default, but for motors that are driven.
     near : (nq,) array_like, optional
         Where everything starts that the motors do not determine, and stays if the loops do not
         either: a floating base, springs, the spin of a rod. The nominal state by default. The
@@ -110,21 +120,30 @@ def complete_state(
     Raises
     ------
     InvalidArgument
-        If a motor is outside its limits, or the robot has none.
+        If a motor is outside its limits, or the robot has none; or if driven rows move a motor at
+        another velocity.
     NotAssembled
-        If the loops cannot be closed with the motors there, or only beyond joint limits.
+        If the loops cannot be closed with the motors there, or only beyond joint limits; also where
+        driven rows have a motor elsewhere.
+    UnsupportedConstraint
+        If constraints are driven and the scene does not say at which time it is, or have no place.
     BranchChanged
         If a dead point lies on the way, whether or not the loops close beyond it.
     """
     robot, model, chains = scene.robot, scene.robot.model, chains_of(scene)
-    check_not_driven(scene, "complete_state")
+    check_moment(scene)
+    if belts := [b.name for b in scene.bounds if b.drive and not b.positioned]:
+        raise UnsupportedConstraint(
+            f"{', '.join(belts)}: rows on the velocity alone say nothing of where anything is; "
+            "project_velocity makes a velocity fit to them"
+        )
     robot.check_unedited()
     A = chains.actuated
     if not A.size:
         raise InvalidArgument(
             f"{robot.name} has no actuated joints: dataclasses.replace(robot, actuated=[...])"
         )
-    v_A = np.zeros(A.size) if v_actuated is None else finite("v_actuated", v_actuated, A.size)
+    v_A = None if v_actuated is None else finite("v_actuated", v_actuated, A.size)
     start = scene.nominal.q if near is None else normalised(model, "near", near)
     follower = Follower(scene)
     target = _target(follower, start, q_actuated)
@@ -139,13 +158,35 @@ def complete_state(
     known = _rank(passive)
     return CompleteState(
         q=assembly.q,
-        v=G @ v_A,
+        v=_velocity(scene, follower, assembly.q, G, v_A),
         G=G,
         undetermined=passive.shape[1] - known,
         conflicting=_rank(J) - known,
         residual=max((gap.size for gap in assembly.violation.values()), default=0.0),
         assembly=assembly,
     )
+
+
+def _velocity(
+    scene: Scene, follower: Follower, q: Array, G: Array, v_A: Array | None
+) -> Array:
+    """Return v (nv,) of the motors' v_A, or of the least that driven rows leave to them."""
+    if not scene.is_driven:
+        return np.zeros(len(G)) if v_A is None else G @ v_A
+    J, rates = follower.jacobian(q), follower.rates
+    v = np.zeros(len(G))
+    v[follower.dependent] = follower.inverse(J) @ rates
+    if v_A is None:
+        v_A = np.linalg.pinv(J @ G, rcond=tolerances.DEAD_POINT) @ (rates - J @ v)
+    v = v + G @ v_A
+    slips = np.abs(J @ v - rates)
+    if slips.max(initial=0.0) > tolerances.FORCES * max(np.abs(rates).max(), np.abs(v).max()):
+        row = scene.row_names[follower.closer.rows[int(slips.argmax())]]
+        raise InvalidArgument(
+            f"v_actuated: {row} would be at {slips.max():.3g} m/s or rad/s beside its path: a "
+            "driven row moves the motors too; leave v_actuated out, or give what fits"
+        )
+    return v
 
 
 def _target(follower: Follower, start: Array, q_actuated: ArrayLike) -> Array:

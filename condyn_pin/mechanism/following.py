@@ -50,6 +50,12 @@ class Follower:
         moving[self.dependent] = True
         self.closer = Closer.of(scene, moving)
 
+    @property
+    def rates(self) -> Array:
+        """s' of the rows of J: zero but where they are driven."""
+        rates: Array = self.closer.equations.wanted[1][self.closer.rows]
+        return rates
+
     def jacobian(self, q: Array) -> Array:
         """Return the rows of J that have a position."""
         J: Array = self.closer.equations.jacobian(q)[self.closer.rows]

@@ -12,7 +12,6 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.contact.solution import ContactSolution, ContactStatus
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.contact_columns import forces_of
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme

@@ -59,7 +59,9 @@ def untaken_rows(model: Any, bounds: Sequence[AnyBound]) -> Iterator[str]:
         if joint.id and joint.shortname() not in JOINTS:
             yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"
     for bound in bounds:
-        if bound.compiled() is None:
+        if bound.drive:
+            yield f"constraint {bound.name!r}: it follows a path of time"
+        elif bound.compiled() is None:
             yield f"constraint {bound.name!r}: it has no rows for a {type(bound).__name__}"
 
 
