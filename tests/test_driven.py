@@ -328,7 +328,6 @@ def test_what_takes_no_path_says_so(driven, bar):
         lambda: cp.derivatives(driven, q, v, still),
         lambda: cp.impact(driven, q, v),
         lambda: cp.step(driven, q, v, still, dt=1e-3),
-        lambda: cp.Controller(driven, [], cones={}),
         lambda: complete_state(driven, [0.1]),
         lambda: driven.minimal(error=0.01),
         lambda: cp.solve(driven.at(0.0), q, v, still, solver=cp.Proximal()),
@@ -429,9 +428,58 @@ def test_a_path_that_jumps_is_said_to(driven):
     assert "cannot follow, or jumps: they are open by 0.3 m or rad" in run.reason
 
 
-def test_layers_refuse_what_their_steps_would_hold_at_rest(driven):
-    with pytest.raises(cp.errors.UnsupportedConstraint, match=r"driven along a path, J v = s'"):
-        cp.layers.Action(driven.at(0.0), 0.01)
+def test_an_action_of_a_driven_scene_is_its_step(driven):
+    with pytest.raises(cp.errors.UnsupportedConstraint, match=r"crank.*scene\.at\(t\)"):
+        cp.layers.Action(driven, 0.01)
+    scene = driven.at(0.2)
+    q, v = scene.state()
+    action = cp.layers.Action(scene, 0.01)
+    found = action.step(np.concatenate((q, v)), np.zeros(action.B.shape[1]))
+    one = cp.step(scene, q, v, dt=0.01)
+    assert found == pytest.approx(np.concatenate((one.q, one.v)), abs=1e-12)
+
+
+def a_five_bar_with_one_crank_driven(*motors):
+    """The scene, the free one, where its cranks are, and q of the path at 0."""
+    bar = cp.model.five_bar()
+    free = cp.Scene(bar, bar.loops)
+    home = free.state()[0][bar.index_q("left_motor")] - PATH(0.0)[0][0]
+    some = replace(bar, actuated=list(motors))
+    motor = Driven(HeldJoint("left_motor", float(home)), PATH)
+    return cp.Scene(some, [*bar.loops, motor]), free, float(home)
+
+
+def test_motors_and_paths_make_a_state():
+    """c(q) = s(t) and J v = s'(t): as of a free five-bar whose other motor is where the path is."""
+    scene, free, home = a_five_bar_with_one_crank_driven("right_motor")
+    t, (s, rate, _) = 0.3, np.ravel(PATH(0.3))
+    found = complete_state(scene.at(t), [0.1], [0.7])
+    expected = complete_state(free, [home + s, 0.1], [rate, 0.7])
+    assert found.q == pytest.approx(expected.q, abs=1e-12)
+    assert found.v == pytest.approx(expected.v, abs=1e-12)
+    assert found.undetermined == found.conflicting == 0
+
+
+def test_a_motor_that_is_driven_too_has_the_place_and_the_velocity_of_its_path():
+    scene, free, home = a_five_bar_with_one_crank_driven("left_motor", "right_motor")
+    t, (s, rate, _) = 0.3, np.ravel(PATH(0.3))
+    found = complete_state(scene.at(t), [home + s, 0.1])
+    assert found.v == pytest.approx(complete_state(free, [home + s, 0.1], [rate, 0.0]).v, abs=1e-12)
+    with pytest.raises(cp.InvalidArgument, match=r"left_motor.* beside its path"):
+        complete_state(scene.at(t), [home + s, 0.1], [0.0, 0.0])
+    with pytest.raises(cp.errors.NotAssembled, match="left_motor is open"):
+        complete_state(scene.at(t), [home + s + 0.1, 0.1])
+
+
+def test_a_belt_says_nothing_of_where_anything_is():
+    model = pin.Model()
+    base = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "base")
+    model.appendBodyToJoint(base, pin.Inertia(1.0, np.zeros(3), np.eye(3)), pin.SE3.Identity())
+    model.addFrame(pin.Frame("skate", base, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    belt = Driven(KnifeEdge("skate"), Polynomial((0.0, 1.0)))
+    scene = cp.Scene(cp.Robot("skate", model, actuated=["base"]), [belt])
+    with pytest.raises(cp.errors.UnsupportedConstraint, match="skate: rows on the velocity alone"):
+        complete_state(scene.at(0.0), [0.0, 0.0, 1.0, 0.0])
 
 
 def test_a_path_of_your_own_is_saved_by_its_name(driven, tmp_path):

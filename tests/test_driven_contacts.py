@@ -188,6 +188,57 @@ def test_the_work_of_a_motor_in_an_impact_is_part_of_the_balance():
     assert np.abs(run.energy.error).max() < 1e-11
 
 
+@pytest.mark.parametrize("record", [1, 7])
+@pytest.mark.parametrize("path", [Polynomial((0.0, 2.0)), Sine(0.3, 1.0)])
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_steps_book_what_a_motor_does_in_an_impact(scheme, path, record):
+    """l_b . (J v + J v+) / 2 in every step, recorded or not: the balance holds to rounding."""
+    scene = pushing(path)
+    s, rate, _ = np.ravel(path(0.0))
+    run = cp.simulate(
+        scene, [s, s + 0.15, 0.0], [rate, 0.0, 0.0], duration=0.4, dt=1e-3, integrator=scheme,
+        record=record,
+    )  # fmt: skip
+    assert np.ptp(run.energy.driven) > 4.0
+    assert np.abs(run.energy.error).max() < 1e-12
+    if isinstance(path, Polynomial):  # the box takes m V^2 in the impact, and friction after it
+        work = (BOX + SLIDE) * 4.0 + FRICTION * BOX * GRAVITY * (0.4 * 2.0 - 0.15)
+        assert run.energy.driven[-1] == pytest.approx(work, rel=2e-3)
+    one = cp.step(scene.at(0.0), run.q[0], run.v[0], dt=1e-3, integrator=scheme)
+    again = cp.simulate(scene, run.q[0], run.v[0], duration=1e-3, dt=1e-3, integrator=scheme)
+    assert one.driven_work == pytest.approx(again.energy.driven[-1], abs=1e-14)
+
+
+def test_what_a_motor_did_stays_in_the_balance_when_it_lets_go(tmp_path):
+    path = Polynomial((0.0, 2.0))
+    scene = pushing(path)
+    free = replace(scene, constraints=())
+    run = cp.simulate(
+        scene, [0.0, 0.05, 0.0], [2.0, 0.0, 0.0], duration=0.2, dt=1e-3, record=3,
+        events=[cp.Event(name="let go", at=0.1, scene=free)], integrator=SCHEMES[0],
+    )  # fmt: skip
+    assert run.energy.driven[-1] == pytest.approx(run.energy.driven[35], abs=1e-12)
+    assert run.energy.driven[-1] > 8.0
+    assert np.abs(run.energy.error).max() < 1e-12
+    assert "drives" in str(run)
+    run.save(tmp_path / "run.npz")
+    again = cp.Trajectory.load(tmp_path / "run.npz")
+    assert np.array_equal(again.energy.driven, run.energy.driven)
+    assert np.array_equal(again.contact.codes, run.contact.codes)
+
+
+def test_a_batch_books_what_motors_do(tmp_path):
+    scene = pushing(Polynomial((0.0, 2.0)))
+    q, v = np.array([[0.0, 0.05, 0.0]]), np.array([[2.0, 0.0, 0.0]])
+    batch = cp.simulation.simulate_batch(scene, q, v, duration=0.1, dt=1e-3, record=10)
+    assert batch[0].energy.driven[-1] > 8.0
+    assert np.abs(batch[0].energy.error).max() < 1e-7
+    assert batch.energy_error.max() < 1e-7
+    batch.save(tmp_path / "batch.npz")
+    again = cp.simulation.BatchTrajectory.load(tmp_path / "batch.npz")
+    assert np.array_equal(again[0].energy.driven, batch[0].energy.driven)
+
+
 @pytest.mark.parametrize("path", [Polynomial((0.0, 2.0)), Sine(0.1, 3.0)])
 def test_friction_turns_where_a_driven_body_does(path):
     """G is zero, at a constant speed too; a reversal is an event, behind which the force is new."""

@@ -68,7 +68,7 @@ def test_a_five_bar_with_one_crank_driven_needs_what_inverse_dynamics_says(stric
     assert found.a[bar.index_v(first)] == pytest.approx(PATH(t)[2][0], abs=1e-9)
     assert found.errors[second] == pytest.approx([0.0], abs=1e-3)
     inverse = cp.inverse_dynamics(free, q, v, found.a)
-    assert found.u + [found.lam[-1], 0.0] == pytest.approx(inverse.u, abs=1e-6)
+    assert np.add(found.u, [found.lam[-1], 0.0]) == pytest.approx(inverse.u, abs=1e-6)
     assert found.torques[first] == pytest.approx(0.0, abs=1e-3)  # it would work against the drive
 
 

@@ -167,9 +167,7 @@ def complete_state(
     )
 
 
-def _velocity(
-    scene: Scene, follower: Follower, q: Array, G: Array, v_A: Array | None
-) -> Array:
+def _velocity(scene: Scene, follower: Follower, q: Array, G: Array, v_A: Array | None) -> Array:
     """Return v (nv,) of the motors' v_A, or of the least that driven rows leave to them."""
     if not scene.is_driven:
         return np.zeros(len(G)) if v_A is None else G @ v_A

@@ -22,15 +22,17 @@ class ContactRecord:
     names : tuple of str
         Of the candidates.
     columns : (k, 4 + candidates) array
-        Natural residual [1], the three parts of `ContactWork` [J], and modes as places in `MODES`
-        [1], open while a candidate is away: what a file has.
+        Natural residual [1], three parts of `ContactWork` [J], and modes as places in `MODES` [1],
+        open while a candidate is away: what a file has. Where constraints are driven, one column
+        more has their work in steps with contacts [J].
     """
 
     names: tuple[str, ...]
     columns: Array
 
     def __post_init__(self) -> None:
-        if self.columns.shape[1] != width(len(self.names)) or not np.isin(self.codes, _CODES).all():
+        more = self.columns.shape[1] - width(len(self.names))
+        if more not in (0, 1) or not np.isin(self.codes, _CODES).all():
             raise ValueError(f"contact: modes of {len(self.names)} contacts are needed")
 
     @property
@@ -56,7 +58,13 @@ class ContactRecord:
     @property
     def codes(self) -> Array:
         """Modes (k, candidates), as places in `MODES`."""
-        return codes_in(self.columns)
+        return codes_in(self.columns, len(self.names))
+
+    @property
+    def driven(self) -> Array | None:
+        """Work of driven constraints in steps with contacts, since the start (k,) [J]."""
+        last = width(len(self.names))
+        return self.columns[:, last] if self.columns.shape[1] > last else None
 
     @property
     def modes(self) -> dict[str, NDArray[np.str_]]:
@@ -68,22 +76,23 @@ class ContactRecord:
 _CODES = range(len(MODES))
 
 # Columns before the modes, and how many files of before have, whose work is all in one.
-_WORKS, _WORKS_BEFORE = 1 + len(ContactWork._fields), 2
+_WORKS, _WORKS_BEFORE = 4, 2
 
 
-def width(candidates: int) -> int:
+def width(candidates: int, *, is_driven: bool = False) -> int:
     """Return how many columns there are with so many candidates."""
-    return _WORKS + candidates
+    return _WORKS + candidates + is_driven
 
 
-def touch_of(natural: float, work: ContactWork, modes: Modes) -> Array:
+def touch_of(natural: float, work: ContactWork, modes: Modes, *, is_driven: bool = False) -> Array:
     """Return a row of the columns of a record."""
-    return np.concatenate(((natural, *work), modes))
+    *works, driven = work
+    return np.concatenate(((natural, *works), modes, (driven,) if is_driven else ()))
 
 
-def codes_in(columns: Array) -> Array:
+def codes_in(columns: Array, candidates: int) -> Array:
     """Return the modes (..., candidates) in rows of a record, as places in `MODES`."""
-    return columns[..., _WORKS:]
+    return columns[..., _WORKS : _WORKS + candidates]
 
 
 def written_before(columns: Array, candidates: int) -> Array:
@@ -96,9 +105,14 @@ def written_before(columns: Array, candidates: int) -> Array:
 def joined(names: Sequence[tuple[str, ...]], parts: Sequence[Array]) -> ContactRecord:
     """Return the record of phases one after another, each with the names of its candidates."""
     places = {name: i for i, name in enumerate(dict.fromkeys(n for each in names for n in each))}
-    columns = []
-    for its, part in zip(names, parts, strict=True):
-        everything = np.full((len(part), width(len(places))), float(OPEN))
-        everything[:, [*range(_WORKS), *(_WORKS + places[name] for name in its)]] = part
+    widths = [width(len(its)) for its in names]
+    is_driven = any(part.shape[1] > own for part, own in zip(parts, widths, strict=True))
+    columns, driven = [], 0.0  # its work stays what it is while nothing is
+    for its, own, part in zip(names, widths, parts, strict=True):
+        everything = np.full((len(part), width(len(places), is_driven=is_driven)), float(OPEN))
+        everything[:, [*range(_WORKS), *(_WORKS + places[name] for name in its)]] = part[:, :own]
+        if is_driven:
+            everything[:, -1] = part[:, own] if part.shape[1] > own else driven
+            driven = everything[-1, -1]
         columns.append(everything)
     return ContactRecord(tuple(places), np.concatenate(columns))

@@ -96,7 +96,7 @@ class Snapshot:
         system, state = self._system, self._state  # type: ignore[attr-defined]
         if system.contacts.names:
             _, _, _, a, lam, _, touch = system.look(self.t, *state)
-            return a, lam, codes_in(touch)
+            return a, lam, codes_in(touch, len(system.contacts.names))
         return system.acceleration(self.t, *state), system.lam(), NO_TOUCH
 
 

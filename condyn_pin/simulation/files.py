@@ -91,8 +91,9 @@ def _trajectory(robot: Robot, header: Header, content: Content) -> Trajectory:
     contact = None
     if "contact" in content:
         names = dict.fromkeys(n for phase in phases for n in candidates_of(phase.scene).names)
+        is_driven = any(phase.scene.is_driven for phase in phases)
         kept = written_before(content["contact"], len(names))
-        shape = (len(content["t"]), width(len(names)))
+        shape = (len(content["t"]), width(len(names), is_driven=is_driven))
         contact = ContactRecord(tuple(names), finite("contact", kept, shape))
     arrays = {name: content[name] for name in _ARRAYS}
     return Trajectory(phases=phases, run=made, contact=contact, **arrays)

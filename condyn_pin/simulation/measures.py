@@ -2,7 +2,7 @@
 
     E = 1/2 v^T M v + potential + sum_i k_i (q_i - q0_i)^2 / 2
 
-and E changes by the work of the torques applied, that of damping, what impacts take, what
+and E changes by the work of torques and forces applied, that of damping, what impacts take, what
 constraints bring that follow a path of time, lam . s', and by contacts that open and slide, whose
 work comes in three parts (`ContactWork`). Ideal constraints at rest do no work: what is left over
 is the error of the integration.
@@ -41,13 +41,14 @@ class Energy:
     kinetic, potential, springs : (k,) array
         [J]; the potential one is zero where Pinocchio has it: with all at the world's origin.
     work : (k,) array
-        Of the torques applied, since the start [J].
+        Of the torques applied, and of forces from outside, since the start [J].
     damping : (k,) array
         Work of the damping since the start; not positive [J].
     impacts : (k,) array
         What events did to the kinetic energy since the start [J].
     driven : (k,) array
-        Work of constraints that follow a path of time, lam . s', since the start [J].
+        Work of constraints that follow a path of time, lam . s', since the start [J]. Of steps with
+        contacts it is that of all impulses, recorded or not.
     contact : (k,) array
         Work of contacts that open and slide since the start, of friction and impacts: they only
         take, springs of a `SoftStep` apart [J].

@@ -222,7 +222,7 @@ class _Memory:
             constraint_error=slip, violation=violation,
             penetration=float(np.maximum(-gaps, 0.0).max(initial=0.0)),
             energy_lost=0.0 - work.contact, correction_work=work.correction,
-            algorithmic_work=work.algorithmic,
+            algorithmic_work=work.algorithmic, driven_work=work.driven,
             dt=self._dt, scene=self._scene, integrator=self.asked[2], start=start,
             _taken=self._steps.last,
         )  # fmt: skip

@@ -64,6 +64,8 @@ class StepSolution:
     algorithmic_work : float
         What impulses of contacts gave where friction and impacts only take, for a step knows J at
         one place only [J].
+    driven_work : float
+        What constraints that follow a path of time did [J].
     dt : float
         Time step [s].
     scene : Scene
@@ -87,6 +89,7 @@ class StepSolution:
     energy_lost: float  # [J]
     correction_work: float  # [J]
     algorithmic_work: float  # [J]
+    driven_work: float  # [J]
     dt: float  # [s]
     scene: Scene
     integrator: ContactScheme

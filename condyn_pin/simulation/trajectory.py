@@ -15,6 +15,7 @@ from condyn_pin._core.renamed import renamed
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.contact_columns import candidates_of, contact_rows, gaps_along, row_names
 from condyn_pin.simulation.contact_record import ContactRecord
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.measures import Energy, Kinematics, drive_power, gauge_of, work
 from condyn_pin.simulation.notices import notices_of
 from condyn_pin.simulation.outcome import Run, RunStatus
@@ -174,7 +175,7 @@ class Trajectory:
             _chained([work(self.t[s], applied[s]) for s in samples]),
             _chained([work(self.t[s], damped[s]) for s in samples]),
             impacts,
-            _chained([work(self.t[p.samples], self._drive_power(p)) for p in self.phases]) + struck,
+            self._driven_work + struck,
             *self._contact_work,
         )
 
@@ -196,6 +197,14 @@ class Trajectory:
             for p in self.phases
         ]
         return Kinematics(*(np.concatenate(x) for x in zip(*parts, strict=True)))
+
+    @property
+    def _driven_work(self) -> Array:
+        """What driven constraints did between events (k,); steps with contacts have booked it."""
+        booked = self.contact.driven if self.contact else None
+        if booked is not None and isinstance(self.run.integrator, ContactScheme):
+            return booked
+        return _chained([work(self.t[p.samples], self._drive_power(p)) for p in self.phases])
 
     def _drive_power(self, phase: Phase) -> Array:
         lam = self.lam[phase.samples][:, list(phase.columns)]

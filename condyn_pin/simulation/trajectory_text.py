@@ -28,7 +28,7 @@ def trajectory_text(motion: Trajectory) -> str:
             f"took        {run.wall_time:.3g} s, {ratio:.3g} x real time",
             f"violation   {motion.violation.max():.1e} m, rad at most; "
             f"{motion.constraint_velocity.max():.1e} m/s, rad/s",
-            *_energy_lines(energy, is_driven=scene.is_driven),
+            *_energy_lines(energy, is_driven=any(phase.scene.is_driven for phase in motion.phases)),
             *_event_lines(motion),
             *(f"note: {notice}" for notice in motion.notices),
         ]
@@ -38,7 +38,7 @@ def trajectory_text(motion: Trajectory) -> str:
 def _energy_lines(energy: Energy, *, is_driven: bool) -> list[str]:
     lines = [
         f"energy      {energy.total[0]:.6g} J to {energy.total[-1]:.6g} J; work of tau "
-        f"{energy.work[-1]:.4g} J, of damping {energy.damping[-1]:.4g} J, impacts "
+        f"and forces {energy.work[-1]:.4g} J, of damping {energy.damping[-1]:.4g} J, impacts "
         f"{energy.impacts[-1]:.4g} J, contacts {energy.contact[-1]:.4g} J"
         + (f", drives {energy.driven[-1]:.4g} J" if is_driven else "")
     ]

@@ -43,9 +43,9 @@ def violation(trajectory: Trajectory, ax: Any = None) -> Any:
 def energy(trajectory: Trajectory, ax: Any = None) -> Any:
     """Draw the energies over time, the work that explains them, and what nothing explains.
 
-    The total is drawn against its start, and so are the work of tau, damping, impacts, drives,
-    contacts, their corrections and what is algorithmic: with a good integrator `unexplained` is a
-    line along zero.
+    The total is drawn against its start, and so are the work of tau and forces, damping, impacts,
+    drives, contacts, their corrections and what is algorithmic: with a good integrator
+    `unexplained` is a line along zero.
 
     Parameters
     ----------

@@ -20,7 +20,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.along import along_at
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Load
@@ -99,6 +99,12 @@ class Equations:
         others = self._couplings or self._drives  # which have a part in c too
         self._violations = [] if others else self._groups.violations
         self._cancellation = Cancellation(model, self.data, self.bounds)
+
+    @cached_property
+    def driven(self) -> Indices:
+        """The rows that follow a path."""
+        rows = [np.arange(rows.start, rows.stop) for rows, _, _ in self._drives]
+        return np.concatenate(rows) if rows else np.zeros(0, np.int_)
 
     @property
     def is_driven(self) -> bool:

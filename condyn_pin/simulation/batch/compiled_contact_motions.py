@@ -118,7 +118,7 @@ class _Steps:
             ways.done[i] = 1
             return
         work, end = self._system.contact_work, k + 1
-        ways.q[i], ways.v[i], ways.works[i], ways.step[i] = q1, v1, work, end
+        ways.q[i], ways.v[i], ways.works[i], ways.step[i] = q1, v1, work[:3], end
         if end % of.every == 0:
             self._keep(ways, i, end // of.every, (end * of.dt, q1, v1, a), work)
             ways.done[i] = end == of.steps
@@ -130,7 +130,7 @@ class _Steps:
         t, q, v, a = state
         found = ways.found
         found["t"][i, row], found["q"][i, row], found["v"][i, row] = t, q, v
-        found["work"][i, row] = work
+        found["work"][i, row] = work[:3]
         measured = self._gauge.measure(np.array([t]), q[None], v[None])
         found["measures"][i, row] = [float(each[0]) for each in measured]
         if found["a"].shape[1]:

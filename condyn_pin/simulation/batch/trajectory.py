@@ -88,7 +88,8 @@ def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
     widths |= dict.fromkeys(("v", "a", "tau"), (robot.nv,))
     ends = {name: Kind(widths.get(name, ())) for name in ENDS} | {"statuses": Kind((), "i1")}
     if scene.contacts:
-        widths["contact"] = (width(len(candidates_of(scene).names)),)
+        candidates = len(candidates_of(scene).names)
+        widths["contact"] = (width(candidates, is_driven=scene.is_driven),)
     sampled = [name for name in SAMPLED if name in widths]
     samples = {f"samples_{name}": Kind((kept, *widths[name])) for name in sampled}
     return ends | samples if kept else ends

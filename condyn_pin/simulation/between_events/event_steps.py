@@ -145,7 +145,9 @@ class EventSteps:
     ) -> Row:  # fmt: skip
         work = self._system.contact_work if work is None else work
         lam = np.concatenate((held.of_constraints, held.lam))
-        touch = touch_of(natural, work, dynamics.modes) if len(dynamics.modes) else np.zeros(0)
+        touch, is_driven = np.zeros(0), self._system.scene.is_driven
+        if len(dynamics.modes):
+            touch = touch_of(natural, work, dynamics.modes, is_driven=is_driven)
         return t, q, v, held.a, lam, self._system.applied.at_sample(t, q, v), touch
 
     def _closed(self, segment: Segment, dynamics: ModeDynamics) -> tuple[Array, Array]:

@@ -38,6 +38,7 @@ from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.between_events.contact_terms import ContactTerms
 from condyn_pin.simulation.between_events.mode_dynamics import ModeDynamics
+from condyn_pin.simulation.dead_ends import pressed_in
 
 # What slides has a larger sigma' than accelerations give, by this factor.
 _FAR = 1e4
@@ -129,10 +130,7 @@ class NextModes:
         if terms.path.any() and stuck.any():
             which = np.zeros(len(terms.gaps), dtype=bool)
             which[np.flatnonzero(terms.approaches)[stuck]] = True
-            raise StepFailed(
-                f"{self._named(which)} at t = {terms.t:g} s: driven rows move it into what it "
-                "touches, and nothing gives way; end the path before"
-            )
+            raise pressed_in(self._named(which), terms.t)
 
     def shock(self, terms: ContactTerms, choice: Choice) -> Struck:
         """Return the impulse that stops what no force lets slide on."""

@@ -35,6 +35,7 @@ from condyn_pin.errors import StepFailed
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.contact_record import touch_of
+from condyn_pin.simulation.dead_ends import pressed_in
 from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
@@ -43,7 +44,7 @@ from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
 from condyn_pin.simulation.integrators.path_ends import MISSED, PathEnds, next_path
 from condyn_pin.simulation.integrators.posed import Posed
-from condyn_pin.simulation.integrators.step_work import step_work
+from condyn_pin.simulation.integrators.step_work import drive_work, step_work
 from condyn_pin.simulation.integrators.tried import Taken, Tried, answered
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import System, total_torque
@@ -85,6 +86,7 @@ class ContactSteps:
         self._chosen: tuple[bytes, Chosen] | None = None
         self._normals = self._candidates.normals
         self._is_driven = system.scene.is_driven
+        self._driven = system.equations.driven
         self._share = 0.5 if scheme.at_midpoint else 1.0  # of dt, from `at` to the end
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -113,11 +115,7 @@ class ContactSteps:
         gaps = self._candidates.gaps(self._equations.data, q1)
         for place in np.flatnonzero(posed.chosen.near)[stuck]:
             if gaps[place] < min(-MISSED, posed.gaps[place]):
-                raise StepFailed(
-                    f"{self._candidates.names[place]} at t = {t + self._dt:g} s: driven rows move "
-                    f"it {-gaps[place]:.2g} m or rad into what it touches, and nothing gives way; "
-                    "end the path before"
-                )
+                raise pressed_in(self._candidates.names[place], t + self._dt, -gaps[place])
 
     def _check_answer(self, t: float) -> None:
         """Refuse the last step, unless it has all that its contact solver promises."""
@@ -154,6 +152,8 @@ class ContactSteps:
         moved, turned = floating.integrate(posed.at, rest * v1), floating.turned(v1, rest)
         q1 = self.closings.closed(posed.condensed.factors, moved)
         work = step_work(self._scheme, posed, lam, v1)
+        if self._is_driven:
+            work = work.more(driven=drive_work(posed, lam, self._driven))
         if q1 is not moved:
             work = work.more(correction=self.closings.work(moved, q1, turned))
         self._system.contact_work = self._system.contact_work.plus(work)
@@ -236,7 +236,8 @@ class ContactSteps:
 
     def touch(self) -> Array:
         """Return what else there is to keep of the contacts of the last step."""
-        return touch_of(self.last.natural, self._system.contact_work, self.modes())
+        work = self._system.contact_work
+        return touch_of(self.last.natural, work, self.modes(), is_driven=self._is_driven)
 
     def modes(self) -> Modes:
         """Return the modes of all candidates in the last step."""

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.simulation.contact_work import NO_WORK, ContactWork
 from condyn_pin.simulation.integrators.contact_scheme import (
     AT_REST,
@@ -43,6 +43,18 @@ def step_work(scheme: ContactScheme, posed: Posed, lam: Array, v1: Array) -> Con
     correction = _pushing_out(near, lam, work) if scheme.closes_gaps else 0.0
     rest = work - correction
     return ContactWork(min(rest, 0.0), correction, max(rest, 0.0))
+
+
+def drive_work(posed: Posed, lam: Array, rows: Indices) -> float:
+    """Return what driven `rows` of the constraints did in a step with impulses lam (m,) [J].
+
+    l_b . (J_b v + J_b v+) / 2,    J_b = U S V^T L^T
+    """
+    condensed = posed.condensed
+    factors, r = condensed.factors, condensed.factors.rank
+    moved = factors.V.T.dot(posed.v.dot(factors.L)) + condensed.held
+    rates = (factors.U[rows, :r] * factors.S[:r]).dot(moved)
+    return 0.5 * float(condensed.constraint_impulses(lam)[rows].dot(rates))
 
 
 def _pushing_out(near: Near, lam: Array, work: float) -> float:
