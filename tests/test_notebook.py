@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
+from condyn_pin._core import html
 
 EMPTY = {"br", "hr", "polyline"}
 
@@ -251,3 +252,22 @@ def test_without_pandas_the_remedy_is_named(monkeypatch):
         table().to_pandas()
     with pytest.raises(cp.errors.MissingExtra, match=r"pip install 'condyn_pin\[pandas\]'"):
         swinging().to_pandas()
+
+
+def test_every_line_of_a_batch_has_a_label_of_its_own():
+    """One that fills its column has one space behind it."""
+    assert ">unexplained</th>" in many()._repr_html_()
+
+
+def test_rounding_is_no_curve():
+    t = np.linspace(0, 1, 9)
+    assert "polyline" not in html.curve("energy", t, 14.3 + 1e-12 * t, "J")
+    assert "polyline" in html.curve("unexplained", t, 1e-12 * t, "J")
+
+
+def test_one_thing_is_not_several():
+    text = cp.model.four_bar()._repr_html_()
+    assert "1 loop<" in text
+    assert "3 joints<" in text
+    bar = cp.model.four_bar()
+    assert "1 redundant row: a is unique" in str(cp.Scene(bar, bar.loops).summary())

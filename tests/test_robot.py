@@ -110,6 +110,8 @@ def test_a_folder_is_a_robot(tmp_path):
     q, v = scene.state("hanging")
     assert cp.solve(scene, q, v, np.zeros(3)).status.ok
     assert any("damping (left)" in text for text in swing.unused)
+    (tmp_path / "robot.toml").rename(tmp_path / "swing.toml")
+    assert cp.load_robot(tmp_path / "swing.toml").loops == swing.loops
     assert any("friction (left)" in text for text in swing.unused)
 
 

@@ -18,6 +18,7 @@ from condyn_pin._core.arrays import Array
 _GOOD: Final = "#009e73"  # green and vermillion of Okabe and Ito: told apart by all eyes
 _BAD: Final = "#d55e00"
 _LINE: Final = "1px solid rgba(128,128,128,0.35)"
+_FLAT: Final = 1e-9  # a change that is rounding beside the numbers is no curve
 _CELL: Final = f"text-align:left;padding:2px 14px 2px 0;border:none;border-bottom:{_LINE}"
 _NUMBER: Final = (
     _CELL.replace("left", "right", 1) + ";white-space:nowrap;font-variant-numeric:tabular-nums"
@@ -98,7 +99,7 @@ def curve(title: str, x: Array, y: Array, unit: str) -> str:
         return ""
     x, y = x[known], y[known]
     low, high = float(y.min()), float(y.max())
-    if low == high:
+    if high - low <= _FLAT * max(abs(low), abs(high)):
         return f"<div>{escape(f'{title}: {low:.3g} {unit}')}</div>"
     chosen = np.unique(np.linspace(0, len(x) - 1, min(len(x), 200)).astype(int))
     width, height = 240.0, 40.0

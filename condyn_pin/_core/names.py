@@ -38,3 +38,8 @@ def few(names: Sequence[str]) -> str:
 def quoted(names: Iterable[str]) -> str:
     """Return names as errors list them."""
     return ", ".join(repr(name) for name in names)
+
+
+def counted(number: int, thing: str) -> str:
+    """Return a number of things: 1 loop, 2 loops."""
+    return f"{number} {thing}{'s' * (number != 1)}"

@@ -61,7 +61,7 @@ def load_robot(
     ----------
     name : str or Path
         A name that `condyn robots` lists, or a path: of a URDF, of an SDF, of an MJCF (.xml), of a
-        folder with a robot.toml, or of that file.
+        folder with a robot.toml, or of such a file, whatever it is called.
     root_joint : {"fixed", "free_flyer"}, optional
         For a URDF or an SDF: how its root link is attached to the world, fixed by default. Named
         robots and folders say it themselves.
@@ -136,5 +136,5 @@ def _path(name: str | Path) -> Path:
 
 
 def _config(path: Path) -> Path:
-    """Return where the robot.toml of a folder would be, or the path if it is one."""
-    return path if path.name == "robot.toml" and path.is_file() else path / "robot.toml"
+    """Return where the robot.toml of a folder would be, or the path if it is a .toml itself."""
+    return path if path.suffix == ".toml" and path.is_file() else path / "robot.toml"

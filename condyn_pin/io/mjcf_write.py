@@ -100,9 +100,11 @@ def _kept(robot: Robot, without: Iterable[str]) -> tuple[Constraint, ...]:
     kept = tuple(loop for loop in robot.loops if loop.name not in left_out)
     for loop in kept:
         if not loop.in_mjcf:
+            pin = "a ball does the same in a mechanism that moves in a plane, kind='ball'; "
             raise InvalidModel(
                 f"loop {loop.name!r} is a {loop.called}, for which MuJoCo has no equality; "
-                f"leave it out with to_mjcf(without=[{loop.name!r}])"
+                f"{pin if loop.called == 'planar' else ''}to_mjcf(without=[{loop.name!r}]) writes "
+                "the machine without it"
             )
     return kept
 

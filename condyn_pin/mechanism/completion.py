@@ -25,6 +25,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.numerical_rank import rank_of
+from condyn_pin._core.names import counted
 from condyn_pin.constraints.violation import beyond_text
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_moment
@@ -76,9 +77,10 @@ class CompleteState:
 
     def __str__(self) -> str:
         lines = [str(self.assembly)]
-        lines.append(f"{self.undetermined} directions that neither motors nor loops determine")
+        free = counted(self.undetermined, "direction")
+        lines.append(f"{free} that neither motors nor loops determine")
         if self.conflicting:
-            lines.append(f"{self.conflicting} conditions among the motors themselves")
+            lines.append(f"{counted(self.conflicting, 'condition')} among the motors themselves")
         lines += [
             f"{label} = {np.array2string(x, precision=6, suppress_small=True)}"
             for label, x in (("q", self.q), ("v", self.v))

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import few
+from condyn_pin._core.names import counted, few
 from condyn_pin.dynamics.contact_gaps import gap_text, gaps_at
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene
@@ -219,10 +219,8 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
         yield "mobility 0: nothing can move; a weld in place of a hinge does this"
     yield from base_freedom(scene, at.q)
     if at.redundant and not at.singular:
-        yield (
-            f"{len(at.redundant)} redundant rows: a is unique, lam is the smallest of many; "
-            "DenseKKT needs mu > 0"
-        )
+        rows = counted(len(at.redundant), "redundant row")
+        yield f"{rows}: a is unique, lam is the smallest of many; DenseKKT needs mu > 0"
     if missing := pinocchio_constraints_of(scene).unsupported:
         yield (
             f"{', '.join(missing)}: Pinocchio has no such rows, so that Proximal and LCABA refuse "

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from condyn_pin._core import html
+from condyn_pin._core.names import counted
 
 if TYPE_CHECKING:
     from condyn_pin.model.robot import Robot
@@ -32,13 +33,13 @@ def robot_html(robot: Robot) -> str:
         f"Robot {robot.name}",
         html.facts(said.items()),
         html.folded(
-            f"{len(joints)} joints",
+            counted(len(joints), "joint"),
             html.grid(("joint", "kind", "in q", "in v", ""), joints),
             count=len(joints),
         ),
-        html.folded(f"{len(loops)} loops", html.grid(columns, loops), count=len(loops)),
+        html.folded(counted(len(loops), "loop"), html.grid(columns, loops), count=len(loops)),
         html.folded(
-            f"{len(contacts)} ready-made contacts",
+            counted(len(contacts), "ready-made contact"),
             html.grid(columns, contacts),
             count=len(contacts),
         ),

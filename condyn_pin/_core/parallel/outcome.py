@@ -116,5 +116,7 @@ class Outcome:
 
 def _in_two(line: str) -> tuple[str, str]:
     """Return what a line of a summary is about, and what it says."""
-    label, _, text = line.partition("  ")
+    label, gap, text = line.partition("  ")
+    if not gap:  # a label that fills its column
+        label, _, text = line.partition(" ")
     return label, text.strip()
