@@ -1,18 +1,16 @@
 """The partial derivatives of all constraints of one scene, group by group.
 
-Groups write into the linearised equations
+Groups write into what the linearised equations ask for,
 
-    lhs = [[r_q, r_v], [s_q, s_v]],        r = M a + h - tau - J^T lam,    s = J a + gamma - a_ref
+    rhs = -[[r_q, r_v], [s_q, s_v]],       r = M a + h - tau - J^T lam,    s = J a + gamma - a_ref
 
-what turns of J^T lam, and their rows of J, s_q and s_v.
+what turns of J^T lam, and their rows of J, -s_q and -s_v.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import Any
-
-import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
@@ -44,20 +42,18 @@ class ConstraintPartials:
         self._points = PointPartials(model, data, bounds, drift)
         self._couplings = [b for b in bounds if isinstance(b, Coupled)]
 
-    def write(self, lam: Array, lhs: Array, J: Array, balls: Balls | None = None) -> None:
-        """Write all rows but those of couplings into lhs and J, and turn the sign of lhs.
+    def write(self, lam: Array, rhs: Array, J: Array, balls: Balls | None = None) -> None:
+        """Write all rows but those of couplings into rhs and J.
 
-        To turn the sign of all at once is quicker. `balls` are the loops of three rows, where they
-        were evaluated at this state already.
+        `balls` are the loops of three rows, where this answer was evaluated already.
         """
         if self._pairs.k:
-            self._pairs.write(lam, lhs, J)
-        np.negative(lhs, out=lhs)
+            self._pairs.write(lam, rhs, J)
         if self._rolling.k:
-            self._rolling.write(lam, lhs, J)
+            self._rolling.write(lam, rhs, J)
         if self._points.k:
             known = self._points.k == self._points.between
-            self._points.write(lam, lhs, J, balls if known else None)
+            self._points.write(lam, rhs, J, balls if known else None)
 
     def write_couplings(self, rhs: Array, J: Array) -> None:
         """Write the rows of couplings, whose accelerations change with neither q nor v."""

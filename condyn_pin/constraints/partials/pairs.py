@@ -59,29 +59,27 @@ class PairPartials:
         several = len(self._between) > 1
         self._ends = EndPartials(frames, self._between) if several else None
 
-    def write(self, lam: Array, lhs: Array, J: Array) -> None:
-        """Write the rows into J (m, nv) and [s_q, s_v], and take the turning of J^T lam off r_q."""
+    def write(self, lam: Array, rhs: Array, J: Array) -> None:
+        """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q."""
         n = J.shape[1]
-        s_q, s_v = lhs[n:, :n], lhs[n:, n:]
-        for b, of in self._partials(lam, lhs[:n, :n]):
-            J_b, by_q, by_v = J[b.rows], s_q[b.rows], s_v[b.rows]
-            J_b[:], by_q[:], by_v[:] = of.J, of.s_q, of.s_v
-            if b.sign < 0:
-                for part in (J_b, by_q, by_v):
-                    np.negative(part, out=part)
+        s_q, s_v = rhs[n:, :n], rhs[n:, n:]  # with the other sign
+        for b, of in self._partials(lam, rhs[:n, :n]):
+            np.multiply(b.sign, of.J, out=J[b.rows])
+            np.multiply(-b.sign, of.s_q, out=s_q[b.rows])
+            np.multiply(-b.sign, of.s_v, out=s_v[b.rows])
             if self._drift:
                 c_q, v_q = gap_of(b, *self._frames.ends(b), self._frames.between(b))
-                by_q += b.sign * (self._drift.Kp * c_q + self._drift.Kd * v_q)
+                s_q[b.rows] -= b.sign * (self._drift.Kp * c_q + self._drift.Kd * v_q)
 
-    def _partials(self, lam: Array, r_q: Array) -> Iterator[tuple[Bound | Related, Partials]]:
-        """Yield the partials of each constraint; take what turns of J^T lam off r_q."""
+    def _partials(self, lam: Array, pulls: Array) -> Iterator[tuple[Bound | Related, Partials]]:
+        """Yield the partials of each constraint; add what turns of J^T lam to -r_q, `pulls`."""
         for held in self._held:
             yield held, of_frame(held, *self._frames.partials(held.joint1, held.placement1))
         for b, one, two, of in self._of_between(lam):
             if of.w1_q is not None:
-                r_q -= one.J.T @ of.w1_q
+                pulls += one.J.T @ of.w1_q
             if of.w2_q is not None:
-                r_q += two.J.T @ of.w2_q
+                pulls -= two.J.T @ of.w2_q
             yield b, of
 
     def _of_between(self, lam: Array) -> Iterator[tuple[Bound | Related, End, End, Partials]]:

@@ -39,11 +39,16 @@ _largest, _WORLD = np.maximum.reduceat, pin.Convention.WORLD
 class Recursion(Protocol):
     """Newton-Euler's recursion by another's hand: one whose derivatives are asked for next."""
 
-    def newton_euler(self, q: Array, v: Array, a: Array, lam: Array, wrenches: Any) -> Array:
-        """Return M a + h less what wrenches on the joints do, those of lam."""
+    def newton_euler(self, q: Array, v: Array, a: Array, wrenches: Any, answer: bytes) -> Array:
+        """Return M a + h less what wrenches on the joints do, those of an `answer_key`."""
 
     def mass(self, q: Array) -> Array | None:
         """Return M if that recursion has left it behind at q."""
+
+
+def answer_key(q: Array, v: Array, a: Array, lam: Array) -> bytes:
+    """Return what tells an answer and its state from all others."""
+    return q.tobytes() + v.tobytes() + a.tobytes() + lam.tobytes()
 
 
 class Equations:
@@ -59,6 +64,8 @@ class Equations:
     ----------
     wanted : (3, m) array
         s, s' and s'' of rows that are driven; zero of all others.
+    answer : bytes
+        The `answer_key` of the answer that was evaluated last, while its groups and wrenches stand.
     recursion : Recursion, optional
         What takes the place of rnea and crba in the errors of answers without loads.
     """
@@ -78,8 +85,7 @@ class Equations:
         self._flipped = bool((self.sign < 0).any())
         self._still = np.zeros(model.nv)
         self._no_rows = np.zeros((0, model.nv)), np.zeros(0)  # J and gamma of a scene without any
-        self._pushed = b""  # q and lam whose wrenches are on the joints
-        self._moved = b""  # q, v and a that the groups were evaluated at
+        self.answer = b""
         self._drives = [(b.rows, b.drive, b.name) for b in bounds if b.drive]
         self.wanted = np.zeros((3, self.m))
         self.at(None)
@@ -245,14 +251,13 @@ class Equations:
         if self.drift:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
         wrenches = self.wrenches(lam)
-        self._pushed = q.tobytes() + lam.tobytes()
-        self._moved = q.tobytes() + v.tobytes() + a.tobytes()
+        self.answer = answer_key(q, v, a, lam)
         if load:
             wrenches = load.on_top_of(wrenches)
         if load or self.recursion is None:
             bodies = _rnea(self.model, self.data, q, v, a, wrenches)
         else:
-            bodies = self.recursion.newton_euler(q, v, a, lam, wrenches)
+            bodies = self.recursion.newton_euler(q, v, a, wrenches, self.answer)
         np.subtract(bodies, tau, out=self._dynamics)
         if self._couplings:
             self._dynamics -= self._couplings.torque(lam)
@@ -271,24 +276,27 @@ class Equations:
 
         They stay in the memory of this object.
         """
-        self._pushed = b""
+        self.answer = b""
         return self._groups.wrenches(lam * self.sign if self._flipped else lam)
 
     def wrenches_at(self, q: Array, lam: Array) -> Any:
-        """Return the same at any q; of the answer that was evaluated last they are at hand."""
-        if self._pushed == q.tobytes() + lam.tobytes():
-            return self._groups.on_joints
+        """Return the same at any q."""
         self.motion(q, self._still, self._still)
         return self.wrenches(lam)
 
-    def balls_at(self, q: Array, v: Array, a: Array) -> Balls | None:
-        """Return the loops of three rows where these were evaluated last; None elsewhere."""
-        same = self._moved == q.tobytes() + v.tobytes() + a.tobytes()
-        return self._groups.balls if same else None
+    @property
+    def on_joints(self) -> Any:
+        """The wrenches of the last `answer`."""
+        return self._groups.on_joints
+
+    @property
+    def balls(self) -> Balls | None:
+        """The loops of three rows, where they are at the last `answer`."""
+        return self._groups.balls
 
     def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
-        self._moved = b""
+        self.answer = b""
         _forward_kinematics(self.model, self.data, q, v, a)
         c, velocity, acceleration = rows = self._c, self._velocity, self._acceleration
         for evaluate in self._evaluators:

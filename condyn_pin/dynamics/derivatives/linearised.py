@@ -25,7 +25,7 @@ from condyn_pin._core.joints import turning
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.groups import ConstraintPartials
 from condyn_pin.constraints.rows.any_bound import AnyBound
-from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.equations import Equations, answer_key
 from condyn_pin.dynamics.derivatives.carried import Carried, in_series
 
 _rnea_derivatives = pin.computeRNEADerivatives  # bound once
@@ -72,7 +72,7 @@ class Linearisation:
         given = model
         model, bounds = in_series(model, bounds)
         self._carried: Carried | None = None
-        self._done = b""  # q, v, a and lam of which `data` holds Newton-Euler's derivatives
+        self._done = b""  # the answer of which `data` holds Newton-Euler's derivatives
         if model is not given and turning(model):
             self._carried = Carried(model)
             model = self._carried.model
@@ -108,10 +108,10 @@ class Linearisation:
         """Whether it works on the model that it was given: no axes turn in that."""
         return self._model is self._given
 
-    def newton_euler(self, q: Array, v: Array, a: Array, lam: Array, wrenches: Any) -> Array:
-        """Return M a + h less what the wrenches of lam do; `at` finds their derivatives done."""
+    def newton_euler(self, q: Array, v: Array, a: Array, wrenches: Any, answer: bytes) -> Array:
+        """Return M a + h less what wrenches do; `at` finds the derivatives of the answer done."""
         _rnea_derivatives(self._model, self._data, q, v, a, wrenches)
-        self._done = _key(q, v, a, lam)
+        self._done = answer
         return self._data.tau  # type: ignore[no-any-return]
 
     def mass(self, q: Array) -> Array | None:
@@ -120,16 +120,19 @@ class Linearisation:
 
     def _of_bodies(self, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
         """Return what a step leaves to solve and J, but for couplings, where no axes turn."""
-        data, n = self._data, self._model.nv
-        if self._done != _key(q, v, a, lam):
+        data, n, equations = self._data, self._model.nv, self._equations
+        answer = answer_key(q, v, a, lam)
+        proved = answer == equations.answer
+        if self._done != answer:
             # it leaves behind all that the derivatives of frames read
-            self.newton_euler(q, v, a, lam, self._equations.wrenches_at(q, lam))
+            wrenches = equations.on_joints if proved else equations.wrenches_at(q, lam)
+            self.newton_euler(q, v, a, wrenches, answer)
         self._done = b""  # for one call
-        balls = self._equations.balls_at(q, v, a)
         asked, J = self._asked.copy(), np.zeros((self._m, n))
         rhs = asked[:, : 2 * n]
-        rhs[:n, :n], rhs[:n, n:] = data.dtau_dq, data.dtau_dv
-        self._of_constraints.write(lam, rhs, J, balls)
+        np.negative(data.dtau_dq, out=rhs[:n, :n])
+        np.negative(data.dtau_dv, out=rhs[:n, n:])
+        self._of_constraints.write(lam, rhs, J, equations.balls if proved else None)
         if self._drift:
             rhs[n:, n:] -= self._drift.Kd * J
         return asked, J
@@ -165,8 +168,3 @@ class Linearisation:
         pin.computeForwardKinematicsDerivatives(self._model, self._data, q, v, a)
         r, s = self._of_constraints.by_frame(name, lam, end)
         return (chain.Phi.T @ r if chain else r), s
-
-
-def _key(*of: Array) -> bytes:
-    """Return what tells a state and an answer from all others."""
-    return b"".join([x.tobytes() for x in of])
