@@ -18,8 +18,8 @@ less body 2's,
     v_q = R1^T (v1_q - v2_q - v2 x Ja),         c_q = R1^T (J1 - J2 - (p2 - p1) x Ja_1),
 
 and the force F = R1 lam, fixed in c1, turns on body 2: J^T lam changes by J2^T F x Ja. One product
-does for all points: [1, -p x, -2 p' x, -p2'' x] of either end with the columns that each of them
-meets, or [1, -p x, -p2' x] where v_q is asked for. On the world all of body 2 is zero.
+does for all points: [1, -p x, -p2'' x, -2 p' x, F x] of either end with the columns that each of
+them meets, or [1, -p x, -p2' x] where v_q is asked for. On the world all of body 2 is zero.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ def _factors(*times: float) -> Array:
     return of.reshape(len(of), -1)
 
 
-_ACCELERATED: Final = _factors(1.0, 2.0, 1.0)  # of 1, p, p' and p2''
+_ACCELERATED: Final = _factors(1.0, 1.0, 2.0, -1.0)  # of 1, p, p2'', p' and F
 _MOVED: Final = _factors(1.0, 1.0)  # of 1, p and p2'
 
 
@@ -83,26 +83,25 @@ class PointPartials:
             if isinstance(rows, slice)
             else rows + model.nv
         )
-        self._signs = np.array([b.sign for b in points]).reshape(k, 1, 1)
+        signs = np.array([b.sign for b in points]).reshape(k, 1, 1, 1)
         self._anchored = np.array([float(b.anchored) for b in points]).reshape(k, 1, 1)
         # which columns move the bodies of c1, and those of c2 where they move
-        moved = _moved(model, points) * self._signs[:, :, None]
-        self._moved_1 = moved[0, :, 0]
-        self._turned = (moved[0] - moved[1])[:between, 0]  # (between, 1, nv)
-        self._moved = np.concatenate((moved[0], moved[1, :between]))
-        # J as it is; s_q and s_v are asked for with the other sign
-        self._chosen = self._moved * np.array([1.0, -1.0, -1.0])[:, None]
-        # what 1, p x, 2 p' x and p2'' x meet, for J, s_q and s_v each; and 1, p, p', p2'' of ends
-        self._columns = columns = np.zeros((12, 3, model.nv))
-        self._places = np.ones((k + between, 10))
+        moves = _moved(model, points)
+        moves = np.concatenate((moves[0], moves[1, :between]))
+        self._moved = moves * np.concatenate((signs, signs[:between]))
+        # s_q and s_v are asked for with the other sign, and F has the sign of lam
+        self._chosen = np.concatenate((self._moved, -self._moved, -self._moved, moves), axis=2)
+        # what 1, p x, p2'' x, 2 p' x and F x meet, for J, s_q, s_v and F x Ja each
+        self._columns = columns = np.zeros((15, 4, model.nv))
+        self._places = np.ones((k + between, 13))
         # views of columns, and what goes there
         J, dJ, A_q, A_v = self._left
-        self._dV = A_v[3:], dJ[3:], columns[6:9, 1]
-        self._whole, self._sources = columns[:6].reshape(6, -1), (J, A_q, A_v)
-        self._copied = (columns[6:9, 2], J[3:]), (columns[9:, 1], J[3:])
+        self._whole, self._sources = columns[:6, :3].reshape(6, -1), (J, A_q, A_v)
+        self._turns = np.einsum("iji...->ij...", columns[6:].reshape(3, 3, 4, -1)[:, :, 1:])
+        self._dV = A_v[3:], dJ[3:], columns[9:12, 1]
         # of p, p' and p'' of all ends c1 and then all c2: p and p' of each, p'' of its c2
-        of = np.arange(k + between)[:, None]
-        self._taken = np.hstack([9 * of + np.arange(6), 9 * (k + of % k) + np.arange(6, 9)])
+        end, xyz = np.arange(k + between)[:, None], np.arange(3)
+        self._taken = np.hstack([9 * end + xyz, 9 * (k + end % k) + 6 + xyz, 9 * end + 3 + xyz])
 
     def write(self, lam: Array, rhs: Array, J: Array, balls: Balls | None = None) -> None:
         """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q.
@@ -111,43 +110,41 @@ class PointPartials:
         """
         n, k, between = self._n, self.k, self.between
         axes, moving = (balls.axes, balls.moving) if balls else self._ends.in_world()
-        parts = self._accelerated(moving)
-        slip = parts[:k].reshape(k, 3, -1)
-        if between:
-            J2 = np.array(parts[k:, :, 0])
-            slip[:between] -= parts[k:].reshape(between, 3, -1)
-        rows = (axes[0] @ slip).reshape(-1, 3, n)
-        J[self._rows], rhs[self._below] = rows[:, 0], rows[:, 1:].reshape(-1, 2 * n)
+        parts = self._parts(lam, axes[0], moving)
+        slip = parts[:k]
+        slip[:between] -= parts[k:]
+        rows = (axes[0] @ slip.reshape(k, 3, -1)).reshape(3 * k, 4, n)
+        J[self._rows], rhs[self._below] = rows[:, 0], rows[:, 1:3].reshape(3 * k, -1)
         if self._drift:
             by_q = self._drift.Kp * self._c_q(axes[0], moving, J)
             by_q += self._drift.Kd * self._v_q(axes[0], moving)
             rhs[:, :n][self._below] -= by_q.reshape(-1, n)
         if between:
-            F = (lam[self._rows].reshape(-1, 1, 3) * self._signs)[:between] @ axes[0, :between]
-            turning = skews(F).reshape(-1, 3).dot(self._left[0][3:]).reshape(-1, 3, n)
-            turning *= self._turned  # F x Ja
-            rhs[:n, :n] += J2.reshape(-1, n).T.dot(turning.reshape(-1, n))
+            J2, turned = parts[k:, :, 0], slip[:between, :, 3]
+            rhs[:n, :n] += J2.reshape(-1, n).T.dot(turned.reshape(-1, n))
 
     def turning(self, out: Array) -> None:
         """Write v_q (m, nv) of these rows."""
         axes, moving = self._ends.in_world()
         out[self._rows] = self._v_q(axes[0], moving).reshape(-1, self._n)
 
-    def _accelerated(self, moving: Array) -> Array:
-        """Return J, -a_q and -a_v of both ends (k + between, 3, 3, nv), in the world.
+    def _parts(self, lam: Array, axes: Array, moving: Array) -> Array:
+        """Return J, -a_q, -a_v and F x Ja of both ends (k + between, 3, 4, nv), in the world.
 
         Those of c2 come behind all of c1. Both have their part of a2 x Ja in -a_q.
         """
         np.concatenate(self._sources, axis=1, out=self._whole)
-        for column, source in self._copied:
-            column[:] = source
+        self._turns[:] = self._left[0][3:]
         A_v, dJ, dV = self._dV
         np.subtract(A_v, dJ, out=dV)
-        self._places[:, 1:] = moving.take(self._taken)
-        factors = self._places.dot(_ACCELERATED).reshape(-1, 12)
-        parts = factors.dot(self._columns.reshape(12, -1)).reshape(-1, 3, 3, self._n)
+        places, k = self._places, self.k
+        places[:, 1:10] = moving.take(self._taken)
+        F = (lam[self._rows].reshape(k, 1, 3) @ axes).reshape(k, 3)
+        places[:k, 10:], places[k:, 10:] = F, F[: self.between]
+        factors = places.dot(_ACCELERATED).reshape(-1, 15)
+        parts: Array = factors.dot(self._columns.reshape(15, -1)).reshape(-1, 3, 4, self._n)
         parts *= self._chosen
-        return np.asarray(parts)
+        return parts
 
     def _v_q(self, axes: Array, moving: Array) -> Array:
         """Return the partials of J v by q (k, 3, nv)."""
@@ -164,7 +161,7 @@ class PointPartials:
     def _c_q(self, axes: Array, moving: Array, J: Array) -> Array:
         """Return the partials of the violation (k, 3, nv), zero without an anchor."""
         apart = skews(moving[1, :, 0] - moving[0, :, 0])
-        turned = axes @ apart @ (self._moved_1 * self._left[0][3:])
+        turned = axes @ apart @ (self._moved[: self.k, 0] * self._left[0][3:])
         return np.asarray(self._anchored * (J[self._rows].reshape(self.k, 3, -1) - turned))
 
 
