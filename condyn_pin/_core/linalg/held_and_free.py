@@ -62,9 +62,9 @@ class HeldAndFree(NamedTuple):
         n, rank = len(x), self.K.shape[1]
         moved, asked = self.B.dot(x), self.K.T.dot(y)
         found = np.empty((n + len(y), *x.shape[1:]))
-        np.dot(self.K, asked - moved[:rank], out=found[n:])
+        self.K.dot(asked - moved[:rank], found[n:])
         moved[:rank] = asked
-        np.dot(self.B.T, moved, out=found[:n])
+        self.B.T.dot(moved, found[:n])
         return found
 
 

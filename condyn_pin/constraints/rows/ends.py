@@ -14,7 +14,7 @@ import numpy as np
 from condyn_pin._core._pin import placement_view
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.any_bound import OnFrames
-from condyn_pin.constraints.rows.frames import Centripetal, Joints
+from condyn_pin.constraints.rows.frames import Centripetal, Joints, centripetal
 
 
 class Ends:
@@ -35,7 +35,8 @@ class Ends:
         linear, angular = self._joints.maps(ends)
         self._linearT = np.ascontiguousarray(linear.T)
         self._angularT = np.ascontiguousarray(angular.T)
-        self._centripetal = Centripetal(linear, angular)
+        crossed = Centripetal(linear, angular).factors
+        self._crossedT = np.ascontiguousarray(np.vstack([linear, crossed]).T)
         self._motion = np.zeros((2, self._joints.size))
         self._make_room(self.k)
 
@@ -48,7 +49,7 @@ class Ends:
     def placements(self) -> Array:
         """Return E (2, k, 4, 3): axes of c1 and c2 in the world, one a row, and their origins."""
         np.concatenate(self._sources, out=self._rows_of_joints)
-        return np.asarray(self._in_joints @ self._of_joints)
+        return self._in_joints @ self._of_joints
 
     def apart(self) -> tuple[Array, Array]:
         """Return R (k, 3, 3) and r (k, 3)."""
@@ -60,15 +61,16 @@ class Ends:
     def linear(self) -> Array:
         """Return (2, 2, k, 3): velocity or acceleration, end, loop, component."""
         self._motion = self._joints.read()
-        both = self._motion.dot(self._linearT)
-        both[1] += self._centripetal.of(self._motion[0])
-        return np.asarray(both.reshape(2, 2, self.k, 3))
+        found, size = self._motion.dot(self._crossedT), 6 * self.k
+        both = found[:, :size]
+        both[1] += centripetal(found[0, size:])
+        return both.reshape(2, 2, self.k, 3)  # type: ignore[no-any-return]
 
     def in_world(self) -> tuple[Array, Array]:
         """Return the axes of both ends (2, k, 3, 3), one a row, and p, p' and p'' (2, k, 3, 3)."""
         E = self.placements()
         self._moving[:] = self.linear()
-        return E[:, :, :3], np.asarray(self._factors @ E)
+        return E[:, :, :3], self._factors @ E
 
     def angular(self) -> Array:
         """Return the same of the turning, right after `linear`."""

@@ -65,21 +65,26 @@ class Joints:
 
 
 class Centripetal:
-    """omega x v of many frames from one product with the joints' velocities.
-
-    By components: omega_(i+1) v_(i+2) - omega_(i+2) v_(i+1).
-    """
+    """omega x v of many frames from one product of `factors` with the joints' velocities."""
 
     def __init__(self, linear: Array, angular: Array) -> None:
         xyz = np.arange(len(linear)).reshape(-1, 3)
         one, two = xyz[:, [1, 2, 0]].ravel(), xyz[:, [2, 0, 1]].ravel()
-        self._factors = np.vstack([angular[one], angular[two], linear[two], linear[one]])
+        self.factors = np.vstack([angular[one], angular[two], linear[two], linear[one]])
 
     def of(self, velocities: Array) -> Array:
         """Return omega x v, three numbers a frame."""
-        w, v = self._factors.dot(velocities).reshape(2, 2, -1)
-        products = w * v
-        return products[0] - products[1]  # type: ignore[no-any-return]
+        return centripetal(self.factors.dot(velocities))
+
+
+def centripetal(crossed: Array) -> Array:
+    """Return omega x v of many frames, of what the factors of `Centripetal` make of velocities.
+
+    By components: omega_(i+1) v_(i+2) - omega_(i+2) v_(i+1).
+    """
+    w, v = crossed.reshape(2, 2, -1)
+    products = w * v
+    return products[0] - products[1]  # type: ignore[no-any-return]
 
 
 class WorldContacts:
@@ -186,7 +191,7 @@ class Wrenches:
         `forces` (2 size,) are the stacked ones in the axes and at the origin of c1, and the same of
         c2.
         """
-        np.dot(self._on_joints, forces, out=self._stacked)
+        self._on_joints.dot(forces, self._stacked)
         for wrench, force in self._targets:
             wrench[:] = force
         return self.all

@@ -12,6 +12,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
+from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 from condyn_pin.dynamics.derivatives.pinocchio import PinocchioDerivatives
 from condyn_pin.dynamics.solution import Status
 from condyn_pin.dynamics.verifier import failure
@@ -23,7 +24,9 @@ if TYPE_CHECKING:
 
 # By the name that `derivatives` takes.
 METHODS: dict[str, Callable[[Workspace, Solution, Array, Array], Derivatives]] = {
-    "kkt": lambda workspace, *of: workspace.solver.differentiated(workspace, *of),
+    "kkt": lambda workspace, *of: (
+        workspace.solver.differentiated(workspace, *of) or KktDerivatives(workspace, *of)
+    ),
     "pinocchio": PinocchioDerivatives,
     "differences": DifferenceDerivatives,
 }

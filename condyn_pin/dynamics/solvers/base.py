@@ -144,11 +144,9 @@ class Solver(ABC):
 
     def differentiated(
         self, workspace: Workspace, solution: Solution, v: Array, tau: Array
-    ) -> Derivatives:
-        """Return those of its `solution`, of hard constraints by default, at v and tau."""
-        from condyn_pin.dynamics.derivatives.kkt import KktDerivatives  # a solve needs none of it
-
-        return KktDerivatives(workspace, solution, v, tau)
+    ) -> Derivatives | None:
+        """Return those of its `solution` at v and tau; None if its constraints are hard."""
+        return None
 
 
 def parameter_fields(kind: type[Solver]) -> tuple[Field[Any], ...]:
