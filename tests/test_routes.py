@@ -968,6 +968,95 @@ def test_every_route_by_every_parameter(name, scheme, parameter):
     assert np.abs(by @ x - wanted).max() < share * np.abs(wanted).max()
 
 
+def located(scene, q, v, dt):
+    """The step with located impacts, and its derivatives."""
+    now = cp.step(scene, q, v, dt=dt, integrator=cp.Moreau(), throw=False)
+    return now.derivatives(route=EventLocated())
+
+
+@pytest.mark.parametrize("e", [0.0, 0.8])
+def test_a_ball_that_lands_as_a_step_begins(e):
+    """z+ = z - e u dt from below, where it is struck at once; from above it lands dz / u later.
+
+    z+ = e (u + g s) (dt - s) - g (dt - s)^2 / 2 then, with s = dz / u.
+    """
+    scene, q, v = rolling_ball(e)
+    q[2], v[:] = 0.05, np.eye(6)[2] * -1.0
+    g, dt, h, model = 9.81, 1e-2, 1e-6, scene.robot.model
+
+    def end(dz):
+        return located(scene, pin.integrate(model, q, np.eye(6)[2] * dz), v, dt)
+
+    of, above, below = end(0.0), end(h), end(-h)
+    assert of.one_sided
+    assert of.dq_dq[2, 2] == pytest.approx(1.0, abs=1e-9)
+    assert (of.q[2] - below.q[2]) / h == pytest.approx(1.0, abs=1e-6)
+    exact = -e + (1 + e) * g * dt if e else 0.0
+    assert (above.q[2] - of.q[2]) / h == pytest.approx(exact, abs=1e-4)
+    assert above.dq_dq[2, 2] == pytest.approx(exact, abs=1e-4)
+    assert not end(1e-6).one_sided
+    assert not end(-1e-6).one_sided
+
+
+@pytest.mark.parametrize("away", [1e-12, -1e-12])
+def test_a_ball_that_lands_as_a_step_ends(away):
+    """The end rebounds or does not."""
+    scene, q, v = bounce()
+    dt = 1e-2
+    v[2] = -1.0
+    q[2] = 0.05 + dt + 9.81 * dt**2 / 2 + away
+    of = located(scene, q, v, dt)
+    assert (of.v[2] > 0) == (away < 0)
+    assert of.one_sided
+    q[2] += 1e-3
+    assert not located(scene, q, v, dt).one_sided
+
+
+@pytest.mark.parametrize("e", [0.0, 0.8])
+def test_what_rests_goes_no_further_than_the_square_of_its_velocity(e):
+    """It is back after v / g and less; Moreau's flow has it go on for half a step."""
+    scene, q, _ = rolling_ball(e)
+    q[2] = 0.05
+    of = located(scene, q, np.zeros(6), 1e-2)
+    assert np.abs(of.dq_dv[2]).max() < 1e-12
+    assert np.abs(of.dv_dv[2]).max() < 1e-12
+    for speed in (1e-3, -1e-3):
+        moved = located(scene, q, speed * np.eye(6)[2], 1e-2)
+        assert abs(moved.q[2] - of.q[2]) < 2e-3 * abs(speed) * 1e-2 + speed**2 / 9.81
+        assert abs(moved.v[2]) < 1e-12
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.3, 0.9])
+def test_one_foot_stays_and_the_other_rebounds(friction):
+    """A small restitution of what stays ends at once, and moves what rebounds by the way.
+
+    A box lands flat on its corners A and B, and e_A = 0: with G = J M^-1 J^T of their normals the
+    impact gives M^-1 J^T G^-1 (u, 0) by e_A, and A's return takes M^-1 J_A^T u / G_AA back.
+    Compared with the same motion by `EventDriven`.
+    """
+    box, u, dt = cp.model.free_box(mass=1.0, size=(0.2, 0.12, 0.08)), 0.5, 3e-3
+    q = np.array([0.0, 0.0, 0.041, 0.0, 0.0, 0.0, 1.0])
+    v = np.array([0.02 if friction > 0.5 else 0.3, 0.0, -u, 0.0, 0.0, 0.0])
+
+    def on_corners(e):
+        return cp.Scene(box, contacts=[
+            cp.FrictionalContact("box", cp.constraints.Point(), offset=(x, 0.0, -0.04),
+                                 friction=friction, restitution=r, name=name)
+            for name, x, r in (("A", -0.1, e), ("B", 0.1, 0.5))
+        ])  # fmt: skip
+
+    def moved(e):
+        driven = cp.simulation.EventDriven(cp.RungeKutta4())
+        motion = cp.simulate(on_corners(e), q, v, duration=dt, dt=dt / 10, integrator=driven)
+        return motion.q[-1], motion.v[-1]
+
+    by = located(on_corners(0.0), q, v, dt).by("restitution")[:, 0]
+    wanted = between(box.model, moved(1e-3), moved(0.0)) / 1e-3
+    assert by[8] > 0.01 * u
+    assert np.abs(by - wanted)[:6].max() < 1e-2 * np.abs(wanted[:6]).max()
+    assert np.abs(by - wanted)[6:].max() < 1e-3 * np.abs(wanted[6:]).max()
+
+
 @pytest.mark.parametrize("friction", [0.2, 0.9])
 def test_what_lands_and_stays_has_no_slope_by_a_restitution_of_zero(friction):
     """A rebound by e v is back soon, and the end differs by e^2 alone."""

@@ -1,0 +1,178 @@
+"""LocatedStep: a step that impacts at their own times cut into flows, and its derivatives.
+
+x+ = flow(dt - s) o impact o flow(s),    gap(s) = 0,    ds = -(J_n dq) / (J_n v)
+"""
+
+from __future__ import annotations
+
+from functools import partial
+from math import inf
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.contact.modes import OPEN
+from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.simulation.routes.active_set import ActiveSet, InModes
+from condyn_pin.simulation.routes.base import Route
+from condyn_pin.simulation.routes.landings import RESTS, TOUCHES, Cut, HeldSteps, Landings
+from condyn_pin.simulation.routes.law import Law
+from condyn_pin.simulation.routes.linear_steps import Ended, LinearSteps
+from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, made, modes_of
+
+# An impact is a step so short that no force has time to do anything [s].
+_INSTANT: Final = 1e-15
+
+# How flows are differenced by their length, as a share of the step.
+_SHARE: Final = 1e-4
+
+
+class LocatedStep:
+    """One step of some linear steps, cut where gaps close."""
+
+    def __init__(self, steps: LinearSteps) -> None:
+        self._steps, self._dt, self._system = steps, steps.dt, steps.system
+        self._law = partial(ActiveSet().law, size=steps.size)
+        self._landings = Landings(steps)
+
+    def taken(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the end of the step."""
+        done, landings = 0.0, self._landings
+        while done < self._dt:
+            struck = landings.struck(q, v)
+            if struck is not None:
+                q, v = self._impact(struck).ended(t + done, q, v, self._law)
+            cut = landings.next(t, done, q, v)
+            q, v = landings.flow(cut, t, q, v)
+            done = cut.start + cut.length if cut.closing >= 0 else self._dt
+        return q, v
+
+    def differentiated(self, route: Route, t: float, q: Array, v: Array) -> StepDerivatives:
+        """Return the end of the step, and how it changes with its start."""
+        columns, n, landings = self._steps.columns, len(v), self._landings
+        dq, dv, done, ds = columns.empty(), columns.empty(), 0.0, np.zeros(columns.size)
+        dq[:, columns.q], dv[:, columns.v] = np.eye(n), np.eye(n)
+        modes: dict[str, str] = {}
+        margin = self._from_landing(q, v)
+        while done < self._dt:
+            struck = landings.struck(q, v)
+            if struck is not None:
+                blow = self._impact(struck)
+                late = self._late(blow, t + done, q, v, ds)
+                impact = blow.end(t + done, q, v, self._law)
+                modes, margin = self._joined(modes, margin, impact)
+                q, v, (dq, dv) = impact.q, impact.v, _composed(impact, dq, dv, late, ds)
+            cut = landings.next(t, done, q, v)
+            flow = self._made(cut.length, cut.held)
+            ended = flow.end(t + done, q, v, self._law)
+            modes, margin = self._joined(modes, margin, ended)
+            if cut.held.any():
+                dv = self._settled(ended, t + done, q, v, (dq, dv))
+            rate_q, rate_v = self._rates(cut, t, q, v)
+            late_q, late_v = self._late(flow, t + done, q, v, ds)
+            # at the same time, though this part has begun later by ds
+            dq, dv = _composed(ended, dq, dv, (late_q - rate_q, late_v - rate_v), ds)
+            q, v, done = ended.q, ended.v, self._dt
+            if cut.closing >= 0:
+                J_n = landings.normal(q, cut.closing)
+                opening, done = float(J_n @ rate_q), cut.start + cut.length
+                ds = -(J_n @ dq) / opening
+                dq, dv = dq + np.outer(rate_q, ds), dv + np.outer(rate_v, ds)
+                margin = min(margin, self._missed(opening * (self._dt - done), opening))
+        margin = min(margin, self._from_landing(q, v))
+        return made(route, self._steps, (q, v), (dq, dv), modes, margin)
+
+    def _joined(
+        self, modes: dict[str, str], margin: float, ended: Ended
+    ) -> tuple[dict[str, str], float]:
+        """Return modes and margin with those of one more part.
+
+        A contact is what it was when it last touched.
+        """
+        then = modes_of(self._steps, ended).items()
+        joined = {name: modes.get(name, "open") if m == "open" else m for name, m in then}
+        return joined, min(margin, ended.law.margin)
+
+    def _from_landing(self, q: Array, v: Array) -> float:
+        """Return how far a gap that closes is from zero, where a step begins or ends.
+
+        There a landing would come into the step, or leave it.
+        """
+        each = np.column_stack(self._landings.approach(q, v)).tolist()
+        return min((self._missed(*one) for one in each if one[1] < -RESTS), default=inf)
+
+    def _missed(self, gap: float, opening: float) -> float:
+        """Return how far a gap (m, rad) that closes is from zero, as a share of a step."""
+        return abs(gap) / self._dt / max(-opening, self._steps.falls)
+
+    def _settled(self, flow: Ended, t: float, q: Array, v: Array, by: tuple[Array, Array]) -> Array:
+        """Return how v changes once what rests in a flow has come to rest again.
+
+        Velocities that open or close it last for no time: those that close end at once, and what
+        opens by e v is back after 2 e v / a, and then ends too. The impulses are those of the modes
+        that follow.
+        """
+        assert flow.law.modes is not None  # as `ActiveSet` has read them
+        modes, held = flow.law.modes.copy(), flow.posed.chosen.near
+        gaps, opening = (each[held] for each in self._landings.approach(q, v))
+        # not what is on its way out, or comes out of the ground by its flow alone
+        modes[: len(gaps)][(opening > RESTS) | (gaps < -TOUCHES)] = OPEN
+
+        def law(problem: ContactProblem, lam: Array, _: float) -> Law:
+            still = np.zeros_like(lam)
+            of = InModes(problem, modes).at(still)
+            return Law(still, of.by_sigma, of.by_lam, of.by_friction, inf, modes=modes)
+
+        (dq, dv), n = by, len(v)
+        at_once = self._made(_INSTANT, held).end(t, q, v, law)
+        return at_once.dv[:, :n] @ dq + at_once.dv[:, n : 2 * n] @ dv
+
+    def _impact(self, struck: NDArray[np.bool_]) -> LinearSteps:
+        return self._made(_INSTANT, struck, rebounds=self._landings.rebounds)
+
+    def _made(self, dt: float, held: NDArray[np.bool_], *, rebounds: bool = False) -> LinearSteps:
+        """Return the linear steps of a part."""
+        of = self._steps
+        made = LinearSteps(of.scene, of.scheme, dt, self._system, wrt=of.wrt)
+        made.steps = HeldSteps(of, dt, held, rebounds)
+        return made
+
+    def _rates(self, cut: Cut, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return how the end of a flow changes with its length (nv,) each."""
+        by, model = _SHARE * self._dt, self._system.model
+        (q1, v1), (q0, v0) = (
+            self._landings.flow(cut._replace(length=cut.length + x), t, q, v) for x in (by, -by)
+        )
+        middle = self._landings.flow(cut, t, q, v)[0]
+        moved = pin.difference(model, middle, q1) - pin.difference(model, middle, q0)
+        return np.asarray(moved) / (2 * by), (v1 - v0) / (2 * by)
+
+    def _late(
+        self, part: LinearSteps, t: float, q: Array, v: Array, ds: Array
+    ) -> tuple[Array, Array]:
+        """Return how the end of a part changes with its time, if ds is: its length stays."""
+        system, by, none = self._system, _SHARE * self._dt, np.zeros(len(v))
+        is_of_time = system.scene.is_driven or system.applied.constant is None
+        if not (is_of_time and ds.any()):
+            return none, none
+        (q1, v1), (q0, v0) = (part.ended(t + x, q, v, self._law) for x in (by, -by))
+        return np.asarray(pin.difference(system.model, q0, q1)) / (2 * by), (v1 - v0) / (2 * by)
+
+
+def _composed(
+    ended: Ended, dq: Array, dv: Array, late: tuple[Array, Array], ds: Array
+) -> tuple[Array, Array]:
+    """Return the end of a part by the start of the step, and by what acts in both.
+
+    `late` is how it changes where the part begins later, as it does by ds (columns,).
+    """
+    n = len(dq)
+    both = []
+    for of, slope in zip((ended.dq, ended.dv), late, strict=True):
+        x = of[:, :n] @ dq + of[:, n : 2 * n] @ dv + np.outer(slope, ds)
+        x[:, 2 * n :] += of[:, 2 * n :]
+        both.append(x)
+    return both[0], both[1]
