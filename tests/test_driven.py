@@ -511,3 +511,46 @@ def test_a_held_joint_is_a_locked_one(bar):
         cp.Scene(floating_box(), [HeldJoint("base")])
     with pytest.raises(cp.errors.UnknownName):
         cp.Scene(bar, [HeldJoint("crnk")])
+
+
+def test_a_scene_at_a_time_is_looked_at_where_it_is_closed_then(driven):
+    scene = driven.at(0.37)
+    assert scene.rank().closed
+    assert "is open by" not in str(scene.summary())
+    assert scene.rank().q[0] == pytest.approx(crank_at(driven, 0.37)[0], abs=1e-9)
+    assert cp.mechanism.is_integrable(scene)
+    with pytest.raises(
+        cp.errors.UnsupportedConstraint, match=r"crank.*growth_vector takes J v = 0"
+    ):
+        cp.mechanism.growth_vector(scene)
+
+
+def test_an_impact_that_a_drive_gives_to_says_so(driven):
+    scene = driven.at(0.37)
+    q, _ = scene.state()
+    found = cp.impact(scene, q, np.zeros(3))
+    assert found.energy_lost < 0
+    assert f"{-found.energy_lost:.4g} J more than 0 J" in repr(found)
+
+
+def test_a_scene_at_another_time_is_not_measured_again(driven):
+    free = replace(driven)
+    for t in (0.1, 0.2):
+        assert free.at(t).nominal is free.nominal
+        assert cp.mechanism.closed_chains.chains_of(free.at(t)).rank == 3
+        assert cp.Workspace(free.at(t)).scene.nominal is free.nominal
+        touching = replace(free, contacts=[cp.constraints.JointFriction("rocker", 0.1)])
+        assert touching.at(t).bilateral.nominal is touching.at(0.0).nominal
+
+
+def test_a_path_that_begins_out_of_reach_is_measured_where_it_is_in(bar):
+    """At t = 0 the rocker would be 2 rad away; at t = 1 it is where it can be."""
+    rocker = float(bar.postures["open"][2])
+    motor = Driven(HeldJoint("rocker", rocker), Polynomial((-2.0, 2.0)))
+    scene = cp.Scene(bar, [*bar.loops, motor])
+    assert not scene.nominal.closed
+    now = scene.at(1.0)
+    assert now.nominal.closed
+    q, v = now.state()
+    assert cp.solve(now, q, v, np.zeros(3)).status.ok
+    assert v[2] == pytest.approx(2.0, abs=1e-9)

@@ -597,7 +597,7 @@ def test_the_summary_lists_them_and_says_what_they_are():
     text = str(rolling("unicycle").summary())
     assert "wheel: RollingWheel (rolling, lateral), 2 rows" in text
     assert "wheel: rows on the velocity; mobility counts directions of motion" in text
-    assert "blade: KnifeEdge, 1 rows" in str(rolling("sleigh").summary())
+    assert "blade: KnifeEdge, 1 row" in str(rolling("sleigh").summary())
     assert rolling("unicycle").row_names == ("wheel.rolling", "wheel.lateral")
     assert rolling("rolling_disc").row_names == ("rim.rolling", "rim.lateral", "rim.normal")
     assert "on the velocity" not in str(

@@ -191,7 +191,7 @@ def test_answers_pickle_and_refuse():
     q, _ = scene.state()
     through = transmission(scene, q)
     assert np.array_equal(pickle.loads(pickle.dumps(through)).G, through.G)
-    assert repr(through) == "Transmission(four_bar: 1 motors, 0 undetermined, 0 conflicting)"
+    assert repr(through) == "Transmission(four_bar: 1 motor, 0 undetermined, 0 conflicting)"
     for call, error, said in (
         (lambda: through.velocities([1.0, 2.0]), cp.InvalidArgument, "w has shape"),
         (lambda: through.motor_torques([1.0]), cp.InvalidArgument, "tau has shape"),

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.names import counted
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.control.distribution.base import ForceDistribution
@@ -132,9 +133,10 @@ class InverseDynamics:
         return Sites(self.scene, self.q)
 
     def __repr__(self) -> str:
+        motors, missing = counted(len(self.u), "motor"), np.abs(self.residual).max()
         return (
-            f"InverseDynamics({self.scene.robot.name}: {len(self.u)} motors drive {self.rank} of "
-            f"{self.mobility} degrees of freedom, missing {np.abs(self.residual).max():.1e})"
+            f"InverseDynamics({self.scene.robot.name}: {motors} for {self.rank} of {self.mobility} "
+            f"degrees of freedom, missing {missing:.1e})"
         )
 
     def __str__(self) -> str:

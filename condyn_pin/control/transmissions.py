@@ -21,7 +21,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import checked, listed
+from condyn_pin._core.names import checked, counted, listed
 from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.dynamics.at_state import at_state, frame_jacobian
 from condyn_pin.dynamics.scene import Scene
@@ -111,7 +111,7 @@ class Transmission:
 
     def __repr__(self) -> str:
         return (
-            f"Transmission({self.scene.robot.name}: {self.G.shape[1]} motors, "
+            f"Transmission({self.scene.robot.name}: {counted(self.G.shape[1], 'motor')}, "
             f"{self.undetermined} undetermined, {self.conflicting} conflicting)"
         )
 

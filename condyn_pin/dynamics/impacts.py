@@ -116,10 +116,9 @@ class Impact:
         return _derivatives(self)
 
     def __repr__(self) -> str:
-        return (
-            f"Impact({self.scene.robot.name}, {len(self.lam)} rows: {self.energy_lost:.4g} of "
-            f"{self.energy_before:.4g} J lost)"
-        )
+        before, lost = f"{self.energy_before:.4g} J", self.energy_lost
+        what = f"{lost:.4g} of {before} lost" if lost >= 0 else f"{-lost:.4g} J more than {before}"
+        return f"Impact({self.scene.robot.name}, {len(self.lam)} rows: {what})"
 
     def __str__(self) -> str:
         lines = [repr(self)]

@@ -17,6 +17,7 @@ from condyn_pin.constraints.loads import Loads
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
+from condyn_pin.dynamics.at_any_time import at_any_time
 from condyn_pin.dynamics.nominal import NominalAnalysis, pinocchio_constraints_of
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene
@@ -39,7 +40,7 @@ class Memory(OneThread):
 
     def analysed(self, scene: Scene) -> Equations | None:
         """Analyse a scene that was not; return the equations that it took, for who needs them."""
-        if "nominal" in vars(scene):
+        if "nominal" in vars(scene) or at_any_time(scene) is not scene:
             return None
         equations = Equations(self.model, scene.bounds)
         vars(scene)["nominal"] = NominalAnalysis(scene, equations)

@@ -20,6 +20,7 @@ from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.at_any_time import at_any_time, placed_in_time
 from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.errors import InvalidArgument
@@ -102,7 +103,11 @@ class Scene:
     @cached_property
     def bilateral(self) -> Scene:
         """The scene without contacts: the scene itself if it has none."""
-        return replace(self, contacts=()) if self.contacts else self
+        if not self.contacts:
+            return self
+        bare = replace(self, contacts=())
+        of = at_any_time(self)
+        return bare if of is self else placed_in_time(bare, of.bilateral)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -124,6 +129,9 @@ class Scene:
         """What the scene is at its nominal state; each figure is measured on first use."""
         if self.contacts:
             return self.bilateral.nominal
+        of = at_any_time(self)
+        if of is not self:
+            return of.nominal
         self.robot.check_unedited()
         return NominalAnalysis(self, Equations(self.robot.unedited, self.bounds))
 
@@ -140,9 +148,7 @@ class Scene:
         if not self.is_driven:
             return self
         placed = replace(self, constraints=tuple(each.at(t) for each in self.constraints))
-        if "nominal" in vars(self):  # J is the same, and all that was measured with it
-            vars(placed)["nominal"] = self.nominal
-        return placed
+        return placed_in_time(placed, self)
 
     def closed(self, modes: Mapping[str, Mode] | None = None) -> Scene:
         """Return the scene with its contacts as constraints, which never let go.

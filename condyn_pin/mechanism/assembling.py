@@ -56,6 +56,15 @@ def assemble(
 
 
 @one_blas_thread
+def nominal_configuration(scene: Scene) -> Array:
+    """Return where a scene is looked at by default: its nominal state, closed at its time."""
+    q = scene.nominal.q
+    if not scene.is_driven:
+        return q
+    found = assemble(scene, q, within_limits=False, throw=False)
+    return found.q if found.closed else q
+
+
 def assemble_posture(scene: Scene, guess: Array) -> Assembly:
     """Close a posture: within the joint limits if it starts there and that can be, or without.
 

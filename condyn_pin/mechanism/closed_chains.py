@@ -32,6 +32,7 @@ from condyn_pin._core.linalg.numerical_rank import counted
 from condyn_pin._core.linalg.pivots import pivots, redundant_rows
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.at_any_time import at_any_time
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.closing import Closer
@@ -78,9 +79,10 @@ class ClosedChains:
 
 def chains_of(scene: Scene) -> ClosedChains:
     """Return the closed chains of a scene; they are found once."""
-    known = vars(scene)
+    of = at_any_time(scene)
+    known = vars(of)
     if "_chains" not in known:
-        known["_chains"] = read_only(_chains(scene))
+        known["_chains"] = read_only(_chains(of))
     found: ClosedChains = known["_chains"]
     return found
 

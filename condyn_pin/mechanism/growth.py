@@ -30,7 +30,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin._core.parameters import check_count
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.scene_checks import check_not_driven, check_scene
 from condyn_pin.mechanism.check import check
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.integrability import bracket, is_integrable
@@ -71,6 +71,8 @@ def growth_vector(scene: Scene, q: ArrayLike | None = None, *, deepest: int = 4)
         If `q` has a wrong size or is not finite, or `deepest` is no positive number.
     NotAssembled
         If a loop is open at q.
+    UnsupportedConstraint
+        If constraints are driven: what a path leads to is not in the brackets.
 
     Notes
     -----
@@ -84,6 +86,7 @@ def growth_vector(scene: Scene, q: ArrayLike | None = None, *, deepest: int = 4)
     chapters 7 and 8.
     """
     check_scene(scene)
+    check_not_driven(scene, "growth_vector")
     check_count("deepest", deepest)
     model = scene.robot.model
     scene.robot.check_unedited()

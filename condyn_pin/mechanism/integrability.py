@@ -34,7 +34,7 @@ from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.mechanism.assembling import assemble
+from condyn_pin.mechanism.assembling import assemble, nominal_configuration
 from condyn_pin.mechanism.check import check
 
 _LOOKS = 2  # at configurations nearby: a bracket may vanish at one by accident
@@ -86,7 +86,7 @@ def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
     check_scene(scene)
     model = scene.robot.model
     scene.robot.check_unedited()
-    q_ = scene.nominal.q if q is None else normalised(model, "q", q)
+    q_ = nominal_configuration(scene) if q is None else normalised(model, "q", q)
     check(scene, q_, None).raise_if_open()
     if not scene.rows:
         return True

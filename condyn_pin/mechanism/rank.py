@@ -27,6 +27,7 @@ from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, closed, worst
 from condyn_pin.dynamics.at_state import equations_of, gaps
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.mechanism.assembling import nominal_configuration
 from condyn_pin.mechanism.closed_chains import chains_of, factors_at
 
 _NEARLY_SINGULAR = 1e-4  # of the singular values
@@ -175,7 +176,7 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     """Return the rank of a scene at q; see `Scene.rank`."""
     robot, model = scene.robot, scene.robot.model
     robot.check_unedited()
-    q_ = scene.nominal.q if q is None else normalised(model, "q", q)
+    q_ = nominal_configuration(scene) if q is None else normalised(model, "q", q)
     chains, equations = chains_of(scene), equations_of(scene)
     terms = equations.terms(q_, np.zeros(model.nv))
     share = tolerances.ISOLATED if chains.isolated else tolerances.RANK

@@ -130,7 +130,8 @@ class Summary:
     def __str__(self) -> str:
         lines = [f"{label:<16} {text}" for label, text in self.facts().items()]
         lines += [
-            f"{'constraint':<16} {n}: {kind}, {rows} rows" for n, kind, rows in self.constraints
+            f"{'constraint':<16} {n}: {kind}, {counted(rows, 'row')}"
+            for n, kind, rows in self.constraints
         ]
         lines += [f"{'contact':<16} {name}: {text}" for name, text in self.contacts]
         lines += [f"{'not used':<16} {text}" for text in self.unused]
