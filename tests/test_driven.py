@@ -554,3 +554,16 @@ def test_a_path_that_begins_out_of_reach_is_measured_where_it_is_in(bar):
     q, v = now.state()
     assert cp.solve(now, q, v, np.zeros(3)).status.ok
     assert v[2] == pytest.approx(2.0, abs=1e-9)
+
+
+def test_what_starts_at_the_nominal_state_starts_at_its_time():
+    """Where the scene has been measured at t = 0 before, and where it has not."""
+    scene, _free, home = a_five_bar_with_one_crank_driven("left_motor", "right_motor")
+    for measured in (False, True):
+        if measured:
+            assert scene.nominal.closed
+        s = np.ravel(PATH(0.3))[0]
+        found = complete_state(scene.at(0.3), [home + s, 0.1])
+        assert found.q[0] == pytest.approx(home + s, abs=1e-12)
+        q, _ = scene.at(0.3).sample(np.random.default_rng(0))
+        assert q[0] == pytest.approx(home + s, abs=1e-9)

@@ -834,3 +834,9 @@ def test_a_coin_that_lies_flat_is_sent_to_a_solver_that_takes_it():
 def test_integrability_is_one_of_scenes():
     with pytest.raises(cp.InvalidArgument, match="scene = NoneType: a Scene is needed"):
         mechanism.is_integrable(None)
+
+
+def test_a_car_may_have_no_trailer_but_not_less():
+    assert cp.model.car(trailers=0).nv == cp.model.car().nv
+    with pytest.raises(cp.InvalidArgument, match="trailers = -1: a whole number of at least 0"):
+        cp.model.car(trailers=-1)

@@ -21,7 +21,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core import doctor
 from condyn_pin.errors import BrokenPinocchio, UnsupportedBackend
 
 try:
@@ -33,11 +32,15 @@ try:
     VERSION: tuple[int, ...] = tuple(int(part) for part in pin.__version__.split(".")[:2])
     pin.Model  # noqa: B018  another distribution shares the import name
 except (ImportError, AttributeError) as error:
-    raise BrokenPinocchio(doctor.advise(error)) from error
+    from condyn_pin._core.doctor import advise  # it is for what does not work
+
+    raise BrokenPinocchio(advise(error)) from error
 
 if not (3, 9) <= VERSION < (5, 0):
+    from condyn_pin._core.doctor import MEND_4
+
     raise BrokenPinocchio(
-        f"Pinocchio {pin.__version__} is installed; 3.9 or 4.x is needed: {doctor.MEND_4}"
+        f"Pinocchio {pin.__version__} is installed; 3.9 or 4.x is needed: {MEND_4}"
     )
 
 VERSION_TEXT: str = pin.__version__
@@ -172,7 +175,9 @@ def missing_lcaba() -> str:
     """Return what `lcaba` needs that is not there; nothing where it is."""
     if HAS_LCABA:
         return ""
-    return f"LCABA needs Pinocchio 4, and {VERSION_TEXT} is installed: {doctor.MEND_4}"
+    from condyn_pin._core.doctor import MEND_4
+
+    return f"LCABA needs Pinocchio 4, and {VERSION_TEXT} is installed: {MEND_4}"
 
 
 def _lcaba_or_refuse() -> None:

@@ -17,8 +17,7 @@ from condyn_pin.constraints.loads import Loads
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
-from condyn_pin.dynamics.at_any_time import at_any_time
-from condyn_pin.dynamics.nominal import NominalAnalysis, pinocchio_constraints_of
+from condyn_pin.dynamics.nominal import NominalAnalysis, at_any_time, pinocchio_constraints_of
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene
 

@@ -47,6 +47,20 @@ if TYPE_CHECKING:
 # How far joints are moved to open loops [rad, m].
 _APART = 1e-3
 
+_OF = "_at_any_time"  # where a scene at a time has the one that it is at all times
+
+
+def at_any_time(scene: Scene) -> Scene:
+    """Return the scene that a scene is at a time, if that closes: J, and what J says, is its."""
+    of: Scene = vars(scene).get(_OF, scene)
+    return of if of is scene or of.nominal.closed else scene
+
+
+def placed_in_time(scene: Scene, of: Scene) -> Scene:
+    """Return a scene, which is another one at a time."""
+    vars(scene)[_OF] = vars(of).get(_OF, of)
+    return scene
+
 
 class NominalAnalysis:
     """Rank, conditioning and redundant rows of a scene at its nominal state.

@@ -20,8 +20,7 @@ from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.dynamics.at_any_time import at_any_time, placed_in_time
-from condyn_pin.dynamics.nominal import NominalAnalysis
+from condyn_pin.dynamics.nominal import NominalAnalysis, at_any_time, placed_in_time
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot

@@ -14,7 +14,7 @@ from condyn_pin._core.names import checked
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.mechanism.assembling import best_end
+from condyn_pin.mechanism.assembling import best_end, nominal_configuration
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.model.limits import NO_LIMITS
@@ -94,7 +94,7 @@ class _Many:
         *,
         within_limits: bool,
     ) -> None:
-        self._home, self._iq = scene.nominal.q, iq
+        self._home, self._iq = nominal_configuration(scene), iq
         self._chains: ClosedChains = chains_of(scene)
         self._limits = self._chains.limits if within_limits else NO_LIMITS
         moving = np.ones(scene.robot.nv, dtype=bool)

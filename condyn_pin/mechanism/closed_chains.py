@@ -32,7 +32,7 @@ from condyn_pin._core.linalg.numerical_rank import counted
 from condyn_pin._core.linalg.pivots import pivots, redundant_rows
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.dynamics.at_any_time import at_any_time
+from condyn_pin.dynamics.nominal import at_any_time
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.closing import Closer

@@ -35,7 +35,12 @@ from condyn_pin.errors import (
     NotAssembled,
     UnsupportedConstraint,
 )
-from condyn_pin.mechanism.assembling import assemble_from, check_held, limited
+from condyn_pin.mechanism.assembling import (
+    assemble_from,
+    check_held,
+    limited,
+    nominal_configuration,
+)
 from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
 from condyn_pin.mechanism.following import Follower
@@ -146,7 +151,7 @@ def complete_state(
             f"{robot.name} has no actuated joints: dataclasses.replace(robot, actuated=[...])"
         )
     v_A = None if v_actuated is None else finite("v_actuated", v_actuated, A.size)
-    start = scene.nominal.q if near is None else normalised(model, "near", near)
+    start = nominal_configuration(scene) if near is None else normalised(model, "near", near)
     follower = Follower(scene)
     target = _target(follower, start, q_actuated)
     if within_limits:

@@ -10,7 +10,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.mechanism.assembling import assemble, best_end
+from condyn_pin.mechanism.assembling import assemble, best_end, nominal_configuration
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.projection import nearest
@@ -56,7 +56,7 @@ def sample(
         if not finite(name, value, ()) >= 0:
             raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
     scene.robot.check_unedited()
-    model, nv, home = scene.robot.model, scene.robot.nv, scene.nominal.q
+    model, nv, home = scene.robot.model, scene.robot.nv, nominal_configuration(scene)
     if not scene.nominal.closed:
         scene.state()  # raises what is in the way
     chains = chains_of(scene)

@@ -55,8 +55,7 @@ def car(*, trailers: int = 0, wheelbase: float = 2.5, hitch: float = 2.0) -> Rob
     Automatic Control 38, 1993.
     """
     check_positive(wheelbase=wheelbase, hitch=hitch)
-    if trailers:
-        check_count("trailers", trailers)
+    check_count("trailers", trailers, least=0)
     model = pin.Model()
     model.name = "car"
     here, joint = pin.SE3.Identity(), 0
