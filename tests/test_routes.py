@@ -1020,10 +1020,35 @@ def test_what_rests_goes_no_further_than_the_square_of_its_velocity(e):
     of = located(scene, q, np.zeros(6), 1e-2)
     assert np.abs(of.dq_dv[2]).max() < 1e-12
     assert np.abs(of.dv_dv[2]).max() < 1e-12
+    assert of.dq_dv[0, 0] == pytest.approx(6e-2 / 7)  # friction takes its time: (1 + 5/7) dt / 2
     for speed in (1e-3, -1e-3):
         moved = located(scene, q, speed * np.eye(6)[2], 1e-2)
         assert abs(moved.q[2] - of.q[2]) < 2e-3 * abs(speed) * 1e-2 + speed**2 / 9.81
         assert abs(moved.v[2]) < 1e-12
+
+
+@pytest.mark.parametrize("slip", [1e-3, 0.1])
+def test_what_lands_slides_until_friction_stops_it(slip):
+    """The slip of a landing ends in the flow behind it, or does not: it is no velocity of rest."""
+    body = cp.model.free_ball(mass=1.0, radius=0.05)
+    floor = cp.FrictionalContact("ball", cp.constraints.Point(), friction=0.9)
+    scene, u, gap, dt = cp.Scene(body, contacts=[floor]), 0.4, 1e-3, 5e-3
+    q, v = scene.state()[0].copy(), np.zeros(6)
+    q[2] = gap
+    v[[0, 2]] = 0.9 * sqrt(u**2 + 2 * 9.81 * gap) + slip, -u
+    of = located(scene, q, v, dt)
+    assert of.modes == {"ball": "stick" if slip < 0.01 else "slide"}
+    for along in np.eye(6)[[0, 2]]:
+        by_q = slope(body.model, lambda s, x=along: at_end(scene, q + s * np.r_[x, 0], v, dt), 1e-6)
+        by_v = slope(body.model, lambda s, x=along: at_end(scene, q, v + s * x, dt), 1e-6)
+        zero = np.zeros(6)
+        assert np.abs(np.concatenate(of.jvp(along, zero, zero)) - by_q).max() < 1e-6
+        assert np.abs(np.concatenate(of.jvp(zero, along, zero)) - by_v).max() < 1e-6
+
+
+def at_end(scene, q, v, dt):
+    of = located(scene, q, v, dt)
+    return of.q, of.v
 
 
 @pytest.mark.parametrize("friction", [0.0, 0.3, 0.9])

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.modes import OPEN
+from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.simulation.routes.active_set import ActiveSet, InModes
 from condyn_pin.simulation.routes.base import Route
@@ -111,24 +111,26 @@ class LocatedStep:
     def _settled(self, flow: Ended, t: float, q: Array, v: Array, by: tuple[Array, Array]) -> Array:
         """Return how v changes once what rests in a flow has come to rest again.
 
-        Velocities that open or close it last for no time: those that close end at once, and what
-        opens by e v is back after 2 e v / a, and then ends too. The impulses are those of the modes
-        that follow.
+        Velocities that open or close it last for no time: those that close end at once. What opens
+        by e v is back after 2 e v / a, and ends too, with the slip that it has then. Any other slip
+        takes its time, and ends in the flow.
         """
         assert flow.law.modes is not None  # as `ActiveSet` has read them
         modes, held = flow.law.modes.copy(), flow.posed.chosen.near
         gaps, opening = (each[held] for each in self._landings.approach(q, v))
         # not what is on its way out, or comes out of the ground by its flow alone
         modes[: len(gaps)][(opening > RESTS) | (gaps < -TOUCHES)] = OPEN
+        (dq, dv), n, e = by, len(v), self._steps.columns.restitution
+        steps = self._made(_INSTANT, held)
 
-        def law(problem: ContactProblem, lam: Array, _: float) -> Law:
-            still = np.zeros_like(lam)
-            of = InModes(problem, modes).at(still)
-            return Law(still, of.by_sigma, of.by_lam, of.by_friction, inf, modes=modes)
+        def ended(along: bool) -> Array:
+            at_once = steps.end(t, q, v, partial(_stopping, modes=modes, along=along))
+            return at_once.dv[:, :n] @ dq + at_once.dv[:, n : 2 * n] @ dv
 
-        (dq, dv), n = by, len(v)
-        at_once = self._made(_INSTANT, held).end(t, q, v, law)
-        return at_once.dv[:, :n] @ dq + at_once.dv[:, n : 2 * n] @ dv
+        settled = ended(along=False)
+        if dv[:, e].any():
+            settled[:, e] = ended(along=True)[:, e]
+        return settled
 
     def _impact(self, struck: NDArray[np.bool_]) -> LinearSteps:
         return self._made(_INSTANT, struck, rebounds=self._landings.rebounds)
@@ -176,3 +178,22 @@ def _composed(
         x[:, 2 * n :] += of[:, 2 * n :]
         both.append(x)
     return both[0], both[1]
+
+
+def _stopping(problem: ContactProblem, lam: Array, _: float, modes: Modes, along: bool) -> Law:
+    """Return the law of impulses that stop what rests: its normal velocity, and `along` its slip.
+
+    What slips has friction of them, whatever comes of it later.
+    """
+    still, sets = np.zeros_like(lam), problem.sets
+    t1, t2, n = sets.axes
+    sigma, modes = problem.velocities(still), modes.copy()
+    slips = np.hypot(sigma[t1], sigma[t2]) > RESTS
+    cones = modes[: len(slips)]
+    cones[slips & (cones == STICK)] = SLIDE
+    of = InModes(problem, modes).at(still)
+    if not along:
+        sticks = (modes == STICK)[sets.blocks]
+        sticks[n] = sticks[sets.parts[1]] = False
+        of.by_sigma[sticks], of.by_lam[sticks] = 0.0, np.eye(len(lam))[sticks]
+    return Law(still, of.by_sigma, of.by_lam, of.by_friction, inf, modes=modes)
