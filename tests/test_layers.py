@@ -307,10 +307,11 @@ STEPPED = [
     *(
         (kind, route)
         for kind in ("ball in the floor", "four-bar with dry friction", "solo12")
-        for route in ("activeset", "kappa", "softened")
+        for route in ("activeset", "kappa", "softened", "eventlocated")
     ),
     ("ball above it", "eventlocated"),
     ("ball in the floor", "randomised"),
+    ("four-bar with dry friction", "randomised"),
 ]
 
 

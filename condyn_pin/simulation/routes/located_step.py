@@ -46,7 +46,7 @@ class LocatedStep:
             if struck is not None:
                 q, v = self._impact(struck).ended(t + done, q, v, self._law)
             cut = landings.next(t, done, q, v)
-            q, v = landings.flow(cut, t, q, v)
+            q, v = self._flow(cut, t, q, v)
             done = cut.start + cut.length if cut.closing >= 0 else self._dt
         return q, v
 
@@ -55,7 +55,7 @@ class LocatedStep:
         columns, n, landings = self._steps.columns, len(v), self._landings
         dq, dv, done, ds = columns.empty(), columns.empty(), 0.0, np.zeros(columns.size)
         dq[:, columns.q], dv[:, columns.v] = np.eye(n), np.eye(n)
-        modes: dict[str, str] = {}
+        modes, none = dict[str, str](), np.zeros(n)
         margin = self._from_landing(q, v)
         while done < self._dt:
             struck = landings.struck(q, v)
@@ -71,7 +71,9 @@ class LocatedStep:
             modes, margin = self._joined(modes, margin, ended)
             if cut.held.any():
                 dv = self._settled(ended, t + done, q, v, (dq, dv))
-            rate_q, rate_v = self._rates(cut, t, q, v)
+            rate_q, rate_v = none, none
+            if ds.any() or cut.closing >= 0:
+                rate_q, rate_v = self._rates(cut, t, q, v, ended.q)
             late_q, late_v = self._late(flow, t + done, q, v, ds)
             # at the same time, though this part has begun later by ds
             dq, dv = _composed(ended, dq, dv, (late_q - rate_q, late_v - rate_v), ds)
@@ -142,13 +144,16 @@ class LocatedStep:
         made.steps = HeldSteps(of, dt, held, rebounds)
         return made
 
-    def _rates(self, cut: Cut, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return how the end of a flow changes with its length (nv,) each."""
+    def _flow(self, cut: Cut, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the end of a flow, to rounding."""
+        return self._made(cut.length, cut.held).ended(t + cut.start, q, v, self._law)
+
+    def _rates(self, cut: Cut, t: float, q: Array, v: Array, middle: Array) -> tuple[Array, Array]:
+        """Return how the end of a flow, `middle`, changes with its length (nv,) each."""
         by, model = _SHARE * self._dt, self._system.model
         (q1, v1), (q0, v0) = (
-            self._landings.flow(cut._replace(length=cut.length + x), t, q, v) for x in (by, -by)
+            self._flow(cut._replace(length=cut.length + x), t, q, v) for x in (by, -by)
         )
-        middle = self._landings.flow(cut, t, q, v)[0]
         moved = pin.difference(model, middle, q1) - pin.difference(model, middle, q0)
         return np.asarray(moved) / (2 * by), (v1 - v0) / (2 * by)
 
