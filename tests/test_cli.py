@@ -193,8 +193,9 @@ def test_what_control_cannot_do_is_named_and_exits_with_one():
     assert answer["tau"] == [None] * 18
 
 
-def test_control_is_a_page(tmp_path):
-    result = run("control solo12 --json --html", tmp_path / "solo.html")
+@pytest.mark.parametrize("option", ["--html", "--view"])
+def test_control_is_a_page(tmp_path, option):
+    result = run(f"control solo12 --json {option}", tmp_path / "solo.html")
     assert json.loads(result.stdout)["status"] == "ok"
     page = (tmp_path / "solo.html").read_text()
     assert "solo12, control: ok" in page

@@ -181,7 +181,8 @@ def test_bad_parameters_are_refused():
             DAQP(**wrong)
     with pytest.raises(cp.errors.UnknownName, match="no QP solver installed named 'gurobi2'"):
         AnyQP("gurobi2").start()
-    assert ProxQP().rougher.tolerance == pytest.approx(1e-4)
+    assert ProxQP().rougher == ProxQP(tolerance=1e-4)
+    assert "tolerance=0.0001," in repr(ProxQP().rougher)
     assert base.QPS["daqp"] is DAQP
 
 

@@ -56,7 +56,10 @@ def control(
     ] = None,
     friction: Annotated[float, typer.Option(help="Friction of all contacts.")] = 0.6,
     qp: Qp = "proxqp",
-    html: Annotated[Path | None, typer.Option(help="Write a page with forces and balance.")] = None,
+    html: Annotated[
+        Path | None,
+        typer.Option("--html", "--view", help="Write a page with forces and balance."),
+    ] = None,
     png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
     variant: arg.Variant = None,
     floating: arg.Floating = False,

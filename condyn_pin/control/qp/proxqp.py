@@ -54,7 +54,8 @@ class ProxQP(QPSolver):
     @property
     def rougher(self) -> ProxQP:
         """The same with a tolerance a hundred times as large."""
-        return replace(self, tolerance=_ROUGHER * self.tolerance)
+        # to 15 digits: the product is 9.999999999999999e-05, and shown in every path
+        return replace(self, tolerance=float(f"{_ROUGHER * self.tolerance:.15g}"))
 
     def start(self) -> BoundQP:
         """Return it at work: one object of ProxSuite for each size of program."""
