@@ -186,6 +186,21 @@ def test_bad_parameters_are_refused():
     assert base.QPS["daqp"] is DAQP
 
 
+@pytest.mark.parametrize("qp", [ProxQP(), DAQP(), Quadprog()], ids=repr)
+def test_equations_are_independent_whatever_their_sizes(qp):
+    """That of a rod that spins is 1e-7 of that of a force, and was taken for a contradiction."""
+    A = np.array([[30.0, 0.0, 0.0], [30.0, 0.0, 0.0], [0.0, 5e-7, 5e-7], [0.0, 0.0, 0.0]])
+    b, C, one = A @ (0.5, 70.0, 30.0), np.eye(3)[1:2], np.ones(1)
+    H = np.diag((1.0, 1e-5, 1e-5))  # what no task cares for
+    program = QuadraticProgram(H, np.zeros(3), A, b, C, -one, 40.0 * one)
+    found = Chain(qp).solve(program, soft(program))
+    assert found.solved
+    assert found.path == (repr(qp),)
+    assert found.answer.x == pytest.approx([0.5, 40.0, 60.0], rel=1e-9)
+    apart = QuadraticProgram(H, np.zeros(3), A, b + (1.0, 0.0, 0.0, 0.0), C, -one, one)
+    assert not Chain(qp).solve(apart, any_row(apart)).solved
+
+
 def test_a_program_without_unknowns_is_a_question_of_its_bounds():
     none, rows = np.zeros((0, 0)), np.zeros((1, 0))
     for upper, fine in ((1.0, True), (-1.0, False)):

@@ -160,22 +160,28 @@ class Chain:
 
 
 def _independent(program: QuadraticProgram) -> QuadraticProgram | None:
-    """Return the program with independent equations; None if they contradict each other."""
+    """Return the program with independent equations; None if they contradict each other.
+
+    Each equation is divided by its size: that of a rod that spins is 1e-6 of that of a force, and
+    as independent of the others.
+    """
     from scipy.linalg import lstsq, qr
     from scipy.linalg.lapack import dpotrf
 
-    A, b = program.A, program.b
-    if not len(b):
+    if not len(program.b):
         return program
-    sizes = np.linalg.norm(A, axis=1)
+    sizes = np.linalg.norm(program.A, axis=1)
+    sizes[sizes == 0.0] = 1.0
+    A, b = program.A / sizes[:, None], program.b / sizes
     factor, info = dpotrf(A @ A.T, lower=1)
-    if not info and (np.diagonal(factor) > tolerances.INDEPENDENT * sizes).all():
-        return program
+    if not info and (np.diagonal(factor) > tolerances.INDEPENDENT).all():
+        return replace(program, A=A, b=b)
     R, pivots = qr(A.T, mode="r", pivoting=True)
     pivot_sizes = np.abs(np.diagonal(R))
     rank = int(np.count_nonzero(pivot_sizes > tolerances.RANK * pivot_sizes[0]))
     x = lstsq(A[pivots[:rank]], b[pivots[:rank]])[0] if rank else np.zeros(A.shape[1])
-    if np.abs(A @ x - b).max() > tolerances.GIVES * (1.0 + np.abs(b).max()):
+    off = np.abs(program.A @ x - program.b).max()
+    if off > tolerances.GIVES * (1.0 + np.abs(program.b).max()):
         return None
     kept = np.sort(pivots[:rank])
     return replace(program, A=A[kept], b=b[kept])
