@@ -497,7 +497,11 @@ def test_an_arrow_says_the_largest_force_of_the_run(monkeypatch):
     largest = np.linalg.norm(force[:, :3], axis=1).max()
     assert largest > 10.0 * np.linalg.norm(swinging().forces[name][:, :3], axis=1)[0]
     assert said
-    assert all(text.startswith(f"{largest:.3g} N on ") for text in said)
+    assert all(text.startswith(f"{largest:.3g} N at most on ") for text in said)
+    said.clear()
+    drawing(run, t=0.0)
+    assert said
+    assert not any("at most" in text for text in said)
 
 
 def test_one_moment_of_a_motion_is_a_still_picture_with_its_own_forces():

@@ -100,6 +100,8 @@ def arrow_parts(
 ) -> Iterator[Part]:
     """Return the arrows of every constraint and contact of a scene, with labels.
 
+    Arrows follow a motion, and labels do not: these say the largest of it, and that they do.
+
     Parameters
     ----------
     scene : Scene
@@ -115,6 +117,7 @@ def arrow_parts(
                for arrow in _touch_arrows(name, between=ground != 0)]  # fmt: skip
     most = {arrow: arrow.most(moments, peaks) for arrow in arrows}
     weight = scene.robot.mass * tolerances.GRAVITY  # [N]
+    moves = len(moments) > 1
     for unit, least in (("N", _ROUNDING * weight), ("N m", _ROUNDING * weight * size)):
         same = [arrow for arrow in arrows if arrow.unit == unit]
         largest = max((most[arrow][0] for arrow in same), default=0.0)
@@ -122,7 +125,8 @@ def arrow_parts(
             length, on = most[arrow]
             if length > _LEAST * largest and largest > least:
                 body = body_of(scene.robot, on)
-                yield from _drawn(arrow, length, body, _LARGEST * size / largest, size)
+                words = f"{length:.3g} {unit} {'at most ' if moves else ''}on {body}"
+                yield from _drawn(arrow, words, body, _LARGEST * size / largest, size)
 
 
 def _arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
@@ -153,7 +157,7 @@ def _other(first: Callable[[Moment], _Acting | None]) -> Callable[[Moment], _Act
     return other
 
 
-def _drawn(arrow: _Arrow, most: float, on: str, scale: float, size: float) -> Iterator[Part]:
+def _drawn(arrow: _Arrow, words: str, on: str, scale: float, size: float) -> Iterator[Part]:
     def ends(at: Moment) -> tuple[Array, Array] | None:
         found = arrow.vector(at)
         if found is None or np.linalg.norm(found[1]) * scale < _LEAST * size:
@@ -164,8 +168,7 @@ def _drawn(arrow: _Arrow, most: float, on: str, scale: float, size: float) -> It
     path = f"{kind}/{arrow.name}/on {on.replace('/', ' ')}"
     pose, tip = then(ends, lambda both: span(*both)), then(ends, lambda both: at_point(both[1]))
     yield Part(path, pose, ((_unit_arrow(0.007 * size), arrow.colour),), on_top=True)
-    text = f"{most:.3g} {arrow.unit} on {on}"
-    yield label(f"{path} label", text, arrow.colour, tip, 0.024 * size)
+    yield label(f"{path} label", words, arrow.colour, tip, 0.024 * size)
 
 
 def _unit_arrow(radius: float) -> meshes.Mesh:
