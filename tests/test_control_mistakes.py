@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -29,6 +30,7 @@ from condyn_pin.control import (
     Orientation,
     Posture,
     ProxQP,
+    PushBound,
     at_rate,
     balance,
     gravity_compensation,
@@ -50,6 +52,12 @@ SCENE = cp.Scene(SOLO, SOLO.contacts)
 Q, V = SCENE.state()
 STAND = (CenterOfMass(weight=100), Orientation("base_link", weight=50), Posture(weight=0.1))
 Mistake = tuple[Callable[[], Any], type[CondynError], str]
+
+
+@cache
+def bound(size: float = 1.0) -> PushBound:
+    """Return what it stands to the front, along a way of some length."""
+    return push_bound(SCENE, Q, (size, 0, 0), cones=CONE)
 
 
 def solved(*tasks: Any, q: Any = Q, v: Any = V, t: Any = 0.0, **more: Any) -> Any:
@@ -107,7 +115,11 @@ TASKS: dict[str, Mistake] = {
         InvalidArgument,
         "a: give",
     ),
-    "a of two numbers": (lambda: solved(tasks=[CenterOfMass(a=(0, 1))]), InvalidArgument, "a has"),
+    "a of two numbers": (
+        lambda: solved(tasks=[CenterOfMass(a=(0, 1))]),
+        InvalidArgument,
+        r"CenterOfMass\.a has shape \(2,\): an array of shape \(3,\) is needed$",
+    ),
     "a nan": (lambda: CenterOfMass(a=(0, NAN, 0)), InvalidArgument, "a.1. = nan"),
     "frame unknown": (lambda: solved(FrameTask("FL_FOT")), UnknownName, "FL_FOOT"),
     "frame of the world": (lambda: solved(FrameTask("universe")), InvalidArgument, "universe"),
@@ -364,7 +376,12 @@ FORCES: dict[str, Mistake] = {
     "balance a nan": (
         lambda: balance(SCENE, Q, V, with_entry(V, NAN), np.zeros(12)),
         InvalidArgument,
-        "a",
+        r"^a\[\d+\] = nan",
+    ),
+    "balance lam that overflows": (
+        lambda: balance(SCENE, Q, V, V, np.full(12, 1e308)),
+        InvalidArgument,
+        "lam has numbers up to 1e.308",
     ),
     "balance cone a number": (
         lambda: balance(SCENE, Q, V, V, np.zeros(12), cones=0.6),
@@ -388,6 +405,19 @@ FORCES: dict[str, Mistake] = {
         InvalidArgument,
         "way",
     ),
+    "push across a floor, but for rounding": (
+        lambda: push_bound(SCENE, Q, (1e-17, 0, 1), cones=CONE),
+        InvalidArgument,
+        "across the plane",
+    ),
+    "push by nothing": (
+        lambda: push_bound(SCENE, Q, (0, 0, 0), cones=CONE),
+        InvalidArgument,
+        "way",
+    ),
+    "speed behind the start": (lambda: bound().speed_at(-0.1), InvalidArgument, "s = -0.1 m"),
+    "speed at nan": (lambda: bound().speed_at(NAN), InvalidArgument, "s = nan"),
+    "speed at many": (lambda: bound().speed_at(np.zeros(3)), InvalidArgument, "s = .* has shape"),
     "push with a contact without cone": (
         lambda: push_bound(SCENE, Q, (1, 0, 0), cones={"FL_FOOT": CONE}),
         InvalidArgument,
@@ -425,3 +455,11 @@ def test_a_mistake_is_an_error_that_names_it(
 
 def test_without_them_it_stands() -> None:
     assert solved().status.ok
+
+
+@pytest.mark.parametrize("size", [1e-200, 1e200])
+def test_a_way_may_have_any_length(size: float) -> None:
+    assert bound(size).impulse == pytest.approx(bound().impulse, rel=1e-12)
+    feet = support_polygon(SCENE, Q)
+    reach = feet.reach((0, 0, 0), (1, 0, 0))
+    assert feet.reach((0, 0, 0), (size, 0, 0)) == pytest.approx(reach, rel=1e-12)

@@ -173,7 +173,7 @@ def test_what_is_wrong_is_named() -> None:
         with pytest.raises(cp.InvalidArgument, match=text):
             push_bound(of, at, way, **given)
 
-    wrong("way: it is across the floor", way=(0, 0, 1))
+    wrong("way: it is across the plane", way=(0, 0, 1))
     wrong("way", way=(np.nan, 0, 0))
     wrong("way has shape", way=(1, 0))
     wrong("q has shape", q=q[:-1])

@@ -197,7 +197,8 @@ def test_equations_are_independent_whatever_their_sizes(qp):
     assert found.solved
     assert found.path == (repr(qp),)
     assert found.answer.x == pytest.approx([0.5, 40.0, 60.0], rel=1e-9)
-    apart = QuadraticProgram(H, np.zeros(3), A, b + (1.0, 0.0, 0.0, 0.0), C, -one, one)
+    other = b + np.array([1.0, 0.0, 0.0, 0.0])
+    apart = QuadraticProgram(H, np.zeros(3), A, other, C, -one, one)
     assert not Chain(qp).solve(apart, any_row(apart)).solved
 
 

@@ -151,12 +151,13 @@ def balance(
     check_scene(scene)
     check_bilateral(scene)
     model = scene.robot.unedited
-    q_, v_, a_ = Arguments(model).check(q, v, a)
+    q_, v_, _ = Arguments(model).check(q, v, np.zeros(scene.robot.nv))
+    a_ = finite("a", a, scene.robot.nv)
     forces = finite("lam", lam, scene.rows)
     at = Sites(scene, q_)
-    pressure = pressed(at, forces)
-    check_touching(pressure.points)
     with np.errstate(all="ignore"):  # what overflows is refused
+        pressure = pressed(at, forces)
+        check_touching(pressure.points)
         found = balanced(scene, q_, v_, a_, pressure)
         check_overflow("v", v_, found.com_velocity, found.com_velocity**2)
         check_overflow("a", a_, found.force, found.moment)

@@ -35,7 +35,13 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.braking import Brake
-from condyn_pin.control.support import SupportPlane, check_touching, plane_of, touching_points
+from condyn_pin.control.support import (
+    SupportPlane,
+    along_plane,
+    check_touching,
+    plane_of,
+    touching_points,
+)
 from condyn_pin.dynamics.force import Sites, upward
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene
@@ -84,7 +90,21 @@ class PushBound:
         return self.mass * self.speed
 
     def speed_at(self, s: float) -> float:
-        """Return the largest speed from which it stops where its mass has moved by s [m/s]."""
+        """Return the largest speed from which it stops where its mass has moved by s [m/s].
+
+        Parameters
+        ----------
+        s : float
+            Along the way, from where it was at rest [m]; zero beyond its end.
+
+        Raises
+        ------
+        InvalidArgument
+            If s is negative: postures on that side have another bound.
+        """
+        s = float(finite("s", s, ()))
+        if s < 0:
+            raise InvalidArgument(f"s = {s:g} m: behind the start; the way back has its own bound")
         rest = np.append(s, self.travel[self.travel > s])
         ahead = np.interp(rest, self.travel, self.pressure) - rest
         return float(np.sqrt(2.0 * self.gravity / self.height * max(_area(rest, ahead), 0.0)))
@@ -162,10 +182,7 @@ def push_bound(
         raise InvalidArgument(f"torque = {torque!r}: True or False is needed")
     q_ = normalised(scene.robot.unedited, "q", q)
     floor = _level_floor(Sites(scene, q_))
-    along = floor.axes[:2].T @ (floor.axes[:2] @ finite("way", way, 3))
-    if not np.linalg.norm(along) > 0:
-        raise InvalidArgument("way: it is across the floor; a direction along it is needed")
-    along /= np.linalg.norm(along)
+    along = floor.axes[:2].T @ along_plane(floor.axes[:2], way)
     brake = Brake(anchored(scene, q_), q_, floor, along, cones, actuation, torque, rigid)
     travel, pressure, motors = brake.stop(q_)
     return PushBound(along, travel, pressure, motors, brake.height, scene.robot.mass, brake.gravity)

@@ -83,11 +83,18 @@ class SupportPolygon:
         """
         axes = self.plane.axes[:2]
         p = axes @ (finite("point", point, 3) - self.plane.origin)
-        d = axes @ finite("way", way, 3)
-        size = float(np.linalg.norm(d))
-        if not size > 0:
-            raise InvalidArgument("way: it is across the plane; a direction along it is needed")
-        return reach_of(self.corners, p, d / size)
+        return reach_of(self.corners, p, along_plane(axes, way))
+
+
+def along_plane(axes: Array, way: ArrayLike) -> Array:
+    """Return a direction (3,) along a plane of two axes (2, 3), as a unit vector (2,) of it."""
+    d = finite("way", way, 3)
+    largest = float(np.abs(d).max())  # whose square may overflow, or vanish
+    along = axes @ (d / largest) if largest > 0 else np.zeros(2)
+    size = float(np.linalg.norm(along))
+    if not size > tolerances.SOLVED:
+        raise InvalidArgument("way: it is across the plane; a direction along it is needed")
+    return np.asarray(along / size)
 
 
 def margin_of(corners: Array, p: Array) -> float:

@@ -166,7 +166,7 @@ class Tracking(Task):
             Of a reference; returns a function of x: how far it is from the reference (size,).
         """
         if self.a is not None:
-            fixed = finite("a", np.atleast_1d(self.a), size)
+            fixed = finite(f"{self.name}.a", np.atleast_1d(self.a), size)
             return lambda x, v, t: fixed
         kp, kd = self.kp, float(self.kd or 0.0)
         if not callable(self.reference):
