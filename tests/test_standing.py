@@ -195,6 +195,35 @@ def test_cassie_stands_nine_tenths_of_it_sideways_on_feet_that_no_motor_rolls() 
     assert cassie.off(run) < 0.02
 
 
+def test_behind_a_corner_the_bound_of_cassie_counts_on_both_feet() -> None:
+    """There the pressure is between the heels: while a foot is off the floor it cannot be."""
+    cassie = at_rest()
+    com, left = cassie._balance(cassie.q, cassie.v).com, 0.1305  # [m], the line of the left foot
+
+    def ahead(degrees: float, q: Array) -> tuple[Array, float]:
+        """Where the pressure can be, and the impulse, behind the corner of the left heel."""
+        angle = np.arctan2(left - com[1], -0.08 - com[0]) + np.radians(degrees)
+        way = np.array([np.cos(angle), np.sin(angle), 0.0])
+        floor = FrictionCone(0.7, sides=16, pyramid="outer")
+        rigid = [spring.joint for spring in cassie.held.robot.springs]
+        found = push_bound(cassie.held, q, way, cones=floor, rigid=rigid)
+        return com + found.pressure[0] * way, found.impulse
+
+    before, _ = ahead(-3, cassie.q)
+    behind, impulse = ahead(3, cassie.q)
+    assert before[1] == pytest.approx(left, abs=1e-3)
+    assert behind[0] == pytest.approx(-0.08, abs=1e-3)
+    assert (left - behind[1]) / (2 * left) == pytest.approx(0.054, abs=0.005)  # on the other foot
+    # a foot that came down 11 mm further ahead
+    moved = [
+        replace(held, anchor=(held.anchor[0] + 0.0114, *held.anchor[1:]))
+        if held.name.startswith("left-foot/") else held
+        for held in anchored(cassie.held, cassie.q).constraints
+    ]  # fmt: skip
+    q = cp.Scene(cassie.held.robot, moved).assemble(cassie.q).q
+    assert ahead(3, q)[1] < 0.95 * impulse
+
+
 def at_rest() -> Standing:
     """Return Cassie on springs that have sunk, and that carry it."""
     cassie = Standing("cassie", "pelvis", OCTAGON).firm()
