@@ -146,6 +146,16 @@ def test_diagrams_show_what_was_found():
     assert "[m]" in over_time.get_ylabel()
 
 
+@pytest.mark.parametrize("draw", [plots_balance.from_above, plots_balance.margins])
+def test_the_balance_of_another_motion_is_not_drawn(draw):
+    run, found = sliding(), motion_balance(sliding())
+    for other in (replace(found, t=found.t[:-1]), 3):
+        with pytest.raises(cp.InvalidArgument, match=r"found = .*not of this motion"):
+            draw(run, found=other)
+    with pytest.raises(cp.InvalidArgument, match=r"trajectory = 'run\.npz'"):
+        draw("run.npz")
+
+
 def test_view_draws_support_pressure_and_capture_of_a_motion():
     found, run = parts(sliding(), balance=True), sliding()
     assert {f"balance/support/{i}" for i in range(4)} < found.keys()

@@ -20,7 +20,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, shown
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.control.balancing import Balance, Pressure, balanced, pressed
 from condyn_pin.control.support import SupportPolygon
@@ -97,6 +97,8 @@ def motion_balance(trajectory: Trajectory) -> MotionBalance:
     -----
     Takes a millisecond a sample.
     """
+    if not isinstance(trajectory, Trajectory):
+        raise InvalidArgument(f"trajectory = {shown(trajectory)}: one of simulate is needed")
     if not any(_may_press(phase.scene) for phase in trajectory.phases):
         raise InvalidArgument("trajectory: its scene has no contact that presses on a floor")
     found = list(balances(trajectory, range(len(trajectory.t))))

@@ -18,8 +18,10 @@ from typing import Any, Final
 
 import numpy as np
 
+from condyn_pin._core.arrays import shown
 from condyn_pin._core.plot_style import finished, line
 from condyn_pin._core.plots import axes
+from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.motion_balance import MotionBalance, motion_balance
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing.plots_motion import TIME, mark_events, title_of
@@ -50,9 +52,9 @@ def from_above(
     Raises
     ------
     InvalidArgument
-        If nothing of it could press on a floor.
+        If nothing of it could press on a floor, or what was found is of another motion.
     """
-    found = motion_balance(trajectory) if found is None else found
+    found = _found(trajectory, found)
     ax = axes(ax)
     for i, corners in enumerate(_supports(found)):
         ax.fill(*corners.T, facecolor="0.5", edgecolor="0.3", alpha=0.15, lw=0.8,
@@ -96,9 +98,9 @@ def margins(trajectory: Trajectory, ax: Any = None, *, found: MotionBalance | No
     Raises
     ------
     InvalidArgument
-        If nothing of it could press on a floor.
+        If nothing of it could press on a floor, or what was found is of another motion.
     """
-    found = motion_balance(trajectory) if found is None else found
+    found = _found(trajectory, found)
     ax = axes(ax)
     lines = {
         "ZMP": found.zmp_margin,
@@ -110,6 +112,17 @@ def margins(trajectory: Trajectory, ax: Any = None, *, found: MotionBalance | No
     ax.axhline(0.0, color="0.6", lw=0.8)
     mark_events(trajectory, ax)
     return finished(ax, title=title_of(trajectory), x=TIME, y="within the support by [m]")
+
+
+def _found(trajectory: Trajectory, found: MotionBalance | None) -> MotionBalance:
+    """Return the balance of a motion, which may be known."""
+    if found is None:
+        return motion_balance(trajectory)
+    if not (isinstance(found, MotionBalance) and np.array_equal(found.t, trajectory.t)):
+        raise InvalidArgument(
+            f"found = {shown(found)}: it is not of this motion; motion_balance(trajectory) is"
+        )
+    return found
 
 
 def _supports(found: MotionBalance) -> list[Any]:
