@@ -16,6 +16,7 @@ that keep the constraints.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -89,26 +90,36 @@ class LinearSteps:
         self, scene: Scene, scheme: ContactScheme, dt: float, system: System | None = None,
         *, wrt: Sequence[str] = (),
     ) -> None:  # fmt: skip
-        self.scene, self.scheme, self.dt, self.wrt = scene, scheme, dt, tuple(wrt)
+        self.scene, self.scheme, self.wrt = scene, scheme, tuple(wrt)
         self.system = system or System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
-        self.steps = ContactSteps(scheme, self.system, dt)
         model, self.begin = self.system.model, moment_of(scene)
-        self.floating, self.paths = self.steps.floating, self.steps.paths
         self.partials = FloatingPartials(model)
-        self.falls = falls(model, dt)
-        self.size = sum(inertia.mass for inertia in list(model.inertias)) * self.falls**2
         self.turning = ContactTurning(model, scene.contact_bounds)
-        self.asked = scheme, dt, self.wrt
         self.inertias = InertiaPartials(scene.robot.unedited) if "inertias" in wrt else None
         weighed = self.inertias.size if self.inertias else 0
         self.columns = Columns(scene.robot.nv, self.system.contacts.cones, weighed)
-        self.share = 0.5 * dt if scheme.at_midpoint else dt  # from `at` to the end [s]
         bounds = self.system.equations.bounds
         self.placed = np.array(rows_with_a_place(bounds), dtype=np.int_)
         self._unit = np.eye(scene.robot.nv)
         self.itself = self.columns.empty()  # where the equations are taken, by that
         self.itself[:, self.columns.q] = self._unit
+        self._take(dt, ContactSteps(scheme, self.system, dt))
+
+    def _take(self, dt: float, steps: ContactSteps) -> None:
+        """Take other steps of the same scheme, dt long [s]."""
+        model, scheme = self.system.model, self.scheme
+        self.dt, self.steps, self.asked = dt, steps, (scheme, dt, self.wrt)
+        self.floating, self.paths = steps.floating, steps.paths
+        self.falls = falls(model, dt)
+        self.size = sum(inertia.mass for inertia in list(model.inertias)) * self.falls**2
+        self.share = 0.5 * dt if scheme.at_midpoint else dt  # from `at` to the end [s]
         self._starts = Starts(self.system, scheme, dt, self.partials)
+
+    def lasting(self, dt: float, steps: ContactSteps) -> LinearSteps:
+        """Return other steps of the same scheme, dt long [s]; they share what they work in."""
+        others = copy(self)
+        others._take(dt, steps)
+        return others
 
     @property
     def linearisation(self) -> Linearisation:

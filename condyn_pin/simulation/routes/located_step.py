@@ -139,10 +139,7 @@ class LocatedStep:
 
     def _made(self, dt: float, held: NDArray[np.bool_], *, rebounds: bool = False) -> LinearSteps:
         """Return the linear steps of a part."""
-        of = self._steps
-        made = LinearSteps(of.scene, of.scheme, dt, self._system, wrt=of.wrt)
-        made.steps = HeldSteps(of, dt, held, rebounds)
-        return made
+        return self._steps.lasting(dt, HeldSteps(self._steps, dt, held, rebounds))
 
     def _flow(self, cut: Cut, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of a flow, to rounding."""
