@@ -6,10 +6,11 @@ import subprocess
 import sys
 import textwrap
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
-from condyn_pin._core import doctor
+from condyn_pin._core import compiled, doctor
 
 ROOT = Path(__file__).parent.parent
 
@@ -116,3 +117,23 @@ print(found.remedy)
     assert result.returncode == 0, result.stderr
     assert f"Pinocchio {version} is installed; 3.9 or 4.x is needed" in result.stdout
     assert "pip install" in result.stdout.splitlines()[1]
+
+
+@pytest.mark.parametrize("missing", [(), ("_tick",), ("_core", "_tick")])
+def test_core_and_control_ticks_are_told_apart(monkeypatch, missing):
+    """Either may be missing, or of another version, where the other is there."""
+
+    def imported(name):
+        _, module = name.split(".")
+        if module in missing:
+            raise ImportError(f"no module named {name}")
+        protocol = {"_core": compiled.PROTOCOL, "_tick": compiled.TICK_PROTOCOL}[module]
+        return SimpleNamespace(protocol=protocol, arch="", pinocchio="4.1.0", simd="SSE2")
+
+    for find in (compiled.compiled, compiled.compiled_tick):
+        monkeypatch.setattr(compiled, find.__name__, find.__wrapped__)
+    monkeypatch.setattr(compiled, "import_module", imported)
+    said = compiled.features()
+    for name, module in (("compiled core", "_core"), ("compiled control ticks", "_tick")):
+        assert said[name].startswith("no: " if module in missing else "yes, ")
+        assert ("pip install ./native" in said[name]) == (module in missing)

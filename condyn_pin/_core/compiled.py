@@ -55,12 +55,21 @@ def _module(name: str, protocol: int, missing: str) -> Any:
 
 def features() -> dict[str, str]:
     """Return what there is of it, for `condyn doctor`."""
+    return {"compiled core": _said_of_core(), "compiled control ticks": _said_of_ticks()}
+
+
+def _said_of_core() -> str:
     try:
         module = compiled()
     except MissingExtra as error:
-        return {"compiled core": f"no: {error}"}
+        return f"no: {error}"
     flags = f"for {module.arch}" if module.arch else "by default flags"
-    return {
-        "compiled core": f"yes, from headers of Pinocchio {module.pinocchio}, {flags} "
-        f"({module.simd})"
-    }
+    return f"yes, from headers of Pinocchio {module.pinocchio}, {flags} ({module.simd})"
+
+
+def _said_of_ticks() -> str:
+    try:
+        compiled_tick()
+    except MissingExtra as error:
+        return f"no: {error}"
+    return "yes, built with the compiled core"
