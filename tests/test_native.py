@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import os
 import pickle
+import shlex
 import signal
+import subprocess
+import sys
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -20,9 +23,11 @@ from shared import all_scenes, robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
+from condyn_pin._core.compiled import compiled
 from condyn_pin._core.tolerances import FORCES, SOLVED
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.choice import default_solver
+from condyn_pin.dynamics.compiled import arrays
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.errors import UnsupportedBackend
 
@@ -331,6 +336,25 @@ def test_bad_arguments_are_refused_as_in_python():
         core.solve(q[:, :-1].copy(), v, tau, **answers, **forces, threads=1)
 
 
+def test_rows_of_constraints_that_do_not_fit_are_refused_at_the_border():
+    """What would be written beyond the end of a matrix never gets that far."""
+    for label, column, value in (
+        ("four_bar loops", 2, 2), ("talos foot to foot, welded", 2, 5), ("four_bar hinge", 7, -1),
+        ("four_bar hinge", 7, 3), ("four_bar loops", 3, 99), ("four_bar geared", 10, 99),
+    ):  # fmt: skip
+        workspace = cp.Workspace(all_scenes()[label])
+        rest = {
+            **arrays.of_model(workspace.model), **arrays.of_springs(workspace.scene.robot),
+            **arrays.of_solver(workspace),
+        }  # fmt: skip
+        rows = arrays.of_constraints(workspace)
+        compiled().Core(**rest, **rows)
+        bad = rows["constraints"].copy()
+        bad[-1, column] = value
+        with pytest.raises(ValueError, match=r"constraint|coupling"):
+            compiled().Core(**rest, **(rows | {"constraints": bad}))
+
+
 def test_what_the_core_does_not_take_is_refused_by_name_or_done_by_python():
     scene, states = all_scenes()["solo12 contacts"], batch_of("solo12 contacts")
     damped, sparse = cp.DenseKKT(mu=1e-9), cp.dynamics.SparseKKT()
@@ -349,6 +373,28 @@ def test_workers_of_an_executor_use_the_core():
         native = cp.Native(threads=1, executor=workers)
         found = cp.solve_batch(scene, *states, executor=native, chunk=10)
     np.testing.assert_array_equal(found.a, wanted.a)
+
+
+def test_where_no_thread_can_be_started_the_calling_one_does_the_work():
+    """A stack of half the address space, which no thread gets: batches are answered still."""
+    code = """
+import threading
+import numpy as np
+import condyn_pin as cp
+try:
+    threading.Thread(target=int).start()
+    print("threads")
+except RuntimeError:
+    print("no thread")
+scene = cp.Scene(cp.load_robot("solo12"))
+rng = np.random.default_rng(0)
+q, v = map(np.array, zip(*(scene.sample(rng) for _ in range(40))))
+found = cp.solve_batch(scene, q, v, 0 * v, executor=cp.Native(threads=3))
+print("answered", int((found.statuses == 0).sum()))
+"""
+    shell = f"ulimit -s {2**46 // 1024} && exec {sys.executable} -c {shlex.quote(code)}"
+    said = subprocess.run(["sh", "-c", shell], capture_output=True, text=True)
+    assert said.stdout.split("\n")[:2] == ["no thread", "answered 40"], said.stderr
 
 
 def test_other_threads_of_python_go_on_meanwhile():

@@ -17,6 +17,7 @@ from shared import robot
 import condyn_pin as cp
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.compiled import compiled_tick
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.control import (
     TASKS,
@@ -34,6 +35,7 @@ from condyn_pin.control import (
     Posture,
     minimum_jerk,
 )
+from condyn_pin.control.compiled import tick_arrays
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.mechanism import project_velocity, without
 
@@ -345,6 +347,27 @@ def test_bad_input_is_named_and_nan_is_never_ok():
     for controller in pair(scene, [lost], OCTAGON):
         with pytest.raises(cp.InvalidArgument, match=r"lost: reference\(0.3\)"):
             controller.solve(q, v, 0.3)
+
+
+def test_numbers_of_tasks_that_do_not_fit_are_refused_at_the_border():
+    """What would be written beyond the end of a matrix never gets that far."""
+    scene = scene_of("solo12")
+    tasks = [*tasks_of("solo12"), JointTask("FL_HAA"), ContactForce("FL_FOOT", weight=1e-3)]
+    controller = Controller(scene, tasks, cones=OCTAGON, native=True)
+    arrays = tick_arrays.of_program(controller._program, 1e-8)
+    compiled_tick().Tick(**arrays)
+    kind, size, at = 0, 1, 2  # columns
+    for row, column, value in (
+        *((i, kind, 99) for i in range(5)), *((i, size, 2) for i in range(5)),
+        *((i, at, 99) for i in (1, 3, 4)),
+    ):  # fmt: skip
+        bad = arrays["tasks"].copy()
+        bad[row, column] = value
+        with pytest.raises(ValueError, match="task"):
+            compiled_tick().Tick(**(arrays | {"tasks": bad}))
+    apart = arrays | {"touching": [], "held": [*range(scene.rows)], "cones": np.zeros((0, 0))}
+    with pytest.raises(ValueError, match="contact of a task"):
+        compiled_tick().Tick(**apart)
 
 
 def test_answers_are_the_callers_own_and_controllers_are_pickled():

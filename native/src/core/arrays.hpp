@@ -1,9 +1,9 @@
 // What comes from Python: arrays of numbers, whose sizes are checked.
 #pragma once
 #include "scene.hpp"
+#include "want.hpp"
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
-#include <stdexcept>
 
 namespace condyn
 {
@@ -14,12 +14,6 @@ using Table = Array<const double, 2>;
 using List = Array<const double, 1>;
 using Integers = Array<const int, 1>;
 using IntegerTable = Array<const int, 2>;
-
-inline void want(bool fits, const char * what)
-{
-  if (!fits)
-    throw std::invalid_argument(std::string(what) + " does not fit the scene");
-}
 
 inline VectorXd vector(const List & x) { return In(x.data(), x.size()); }
 

@@ -1,6 +1,6 @@
 #include "candidates.hpp"
+#include "want.hpp"
 #include <map>
-#include <stdexcept>
 
 namespace condyn
 {
@@ -9,10 +9,6 @@ Candidates::Candidates(
   const std::vector<Dry> & dry)
 : touches(touches), stops(stops), dry(dry)
 {
-  const auto want = [](bool holds, const char * what) {
-    if (!holds)
-      throw std::invalid_argument(what);
-  };
   for (const auto & t : touches)
   {
     want(0 <= std::min(t.joint, t.ground) && std::max(t.joint, t.ground) < model.njoints, "joints of a contact");

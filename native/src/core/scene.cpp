@@ -1,14 +1,13 @@
 #include "scene.hpp"
-#include <stdexcept>
+#include "want.hpp"
 
 namespace condyn
 {
 namespace
 {
-using namespace pinocchio;
-
 Joint joint(const std::string & kind, const Vector3d & axis)
 {
+  using namespace pinocchio;
   if (kind == "JointModelRX") return JointModelRX();
   if (kind == "JointModelRY") return JointModelRY();
   if (kind == "JointModelRZ") return JointModelRZ();
@@ -21,12 +20,6 @@ Joint joint(const std::string & kind, const Vector3d & axis)
   if (kind == "JointModelPrismaticUnaligned") return JointModelPrismaticUnaligned(axis);
   throw std::invalid_argument("a joint of kind " + kind);
 }
-
-void want(bool holds, const char * what)
-{
-  if (!holds)
-    throw std::invalid_argument(what);
-}
 } // namespace
 
 Model make_model(const std::vector<JointSpec> & joints, const Vector3d & gravity, const VectorXd & armature)
@@ -34,13 +27,13 @@ Model make_model(const std::vector<JointSpec> & joints, const Vector3d & gravity
   Model model;
   for (const auto & spec : joints)
   {
-    want(0 <= spec.parent && spec.parent < model.njoints, "joints are not in the order of the tree");
+    want(0 <= spec.parent && spec.parent < model.njoints, "the order of joints");
     const auto id = model.addJoint(
       spec.parent, joint(spec.kind, spec.axis), spec.placement, "j" + std::to_string(model.njoints));
     // Written, not appended: appending to nothing would round.
-    model.inertias[id] = Inertia(spec.mass, spec.lever, Symmetric3(spec.inertia));
+    model.inertias[id] = pinocchio::Inertia(spec.mass, spec.lever, pinocchio::Symmetric3(spec.inertia));
   }
-  want(armature.size() == model.nv, "armature has another size than v");
+  want(armature.size() == model.nv, "armature");
   model.gravity.linear() = gravity;
   model.armature = armature;
   return model;
@@ -73,7 +66,8 @@ void add_constraints(
     want(valid(c.joint1) && valid(c.joint2), "joints of a constraint");
     want(c.rows == 3 || c.rows == 6, "rows of a constraint of Pinocchio");
     Rigid made(
-      c.rows == 6 ? CONTACT_6D : CONTACT_3D, model, c.joint1, c.placement1, c.joint2, c.placement2, LOCAL);
+      c.rows == 6 ? pinocchio::CONTACT_6D : pinocchio::CONTACT_3D, model, c.joint1, c.placement1, c.joint2,
+      c.placement2, pinocchio::LOCAL);
     made.m_baumgarte_parameters.Kp = c.anchored ? scene.kp : 0.0;
     made.m_baumgarte_parameters.Kd = scene.kd;
     if (!c.anchored)

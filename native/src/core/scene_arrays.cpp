@@ -37,7 +37,9 @@ std::vector<Constraint> constraint_specs(const IntegerTable & ints, const Table 
     c.placement1 = placement(x), c.placement2 = placement(x + 12);
     c.sign = x[24], c.length = x[25], c.offset = x[26];
     want(c.size == (c.is_scalar() ? 1 : int(c.selection.size())), "rows of a constraint");
-    want(-1 <= c.axis && c.axis < 3, "axis of a constraint");
+    want(c.kind != Kind::ball || c.size == 3, "rows of a constraint");
+    want(c.kind != Kind::weld || c.size == 6, "rows of a constraint");
+    want((c.is_hinge ? 0 : -1) <= c.axis && c.axis < 3, "axis of a constraint");
     specs.push_back(c);
   }
   return specs;

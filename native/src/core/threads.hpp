@@ -1,34 +1,37 @@
 // Work on many rows by some threads, while Python may be interrupted.
 #pragma once
 #include <nanobind/nanobind.h>
+#include <algorithm>
 #include <atomic>
 #include <chrono>
 #include <condition_variable>
 #include <mutex>
+#include <system_error>
 #include <thread>
 #include <vector>
 
 namespace condyn
 {
 /// Calls work(worker, i) for all i < n; who is free takes the next few. To be called without the GIL.
-/// Without threads the calling one does it.
+/// Without threads the calling one does it, and where the system starts fewer, those do it.
 ///
 /// The calling thread looks for signals: after one, no further row is begun, `stop` says so to the
 /// rows in work, and the exception of Python is thrown. `work` may throw nothing.
 template<typename Work>
 void share(std::size_t n, int threads, std::atomic<bool> & stop, Work work)
 {
-  if (threads == 0)
-  {
+  const auto alone = [&] {
     for (std::size_t i = 0; i < n; ++i)
       work(0, i);
-    return;
-  }
+  };
+  threads = int(std::min(std::size_t(threads), n));
+  if (threads == 0)
+    return alone();
   std::atomic<std::size_t> next{0};
   const std::size_t chunk = std::max<std::size_t>(1, std::min<std::size_t>(64, n / (8 * threads)));
   std::mutex mutex;
   std::condition_variable ended;
-  int running = threads;
+  int running = 0;
   const auto take = [&](int worker) {
     for (std::size_t begin; !stop && (begin = next.fetch_add(chunk)) < n;)
       for (std::size_t i = begin; !stop && i < std::min(begin + chunk, n); ++i)
@@ -39,8 +42,20 @@ void share(std::size_t n, int threads, std::atomic<bool> & stop, Work work)
     ended.notify_one();
   };
   std::vector<std::thread> workers;
+  workers.reserve(threads);
   for (int worker = 0; worker < threads; ++worker)
-    workers.emplace_back(take, worker);
+    try
+    {
+      const std::lock_guard<std::mutex> lock(mutex);
+      workers.emplace_back(take, worker);
+      ++running;
+    }
+    catch (const std::system_error &) // no more of them
+    {
+      break;
+    }
+  if (workers.empty())
+    return alone();
   bool interrupted = false;
   {
     std::unique_lock<std::mutex> lock(mutex);

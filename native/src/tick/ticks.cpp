@@ -46,6 +46,11 @@ void read_tasks(
     want(task.kind == TaskKind::posture || task.of_v == task.size, "numbers of a task");
     const int turned = task.kind == TaskKind::orientation ? 9 : task.kind == TaskKind::pose ? 12 : task.size;
     want(task.kind == TaskKind::posture || task.of_x == turned, "numbers of a task");
+    const int rows = task.kind == TaskKind::pose ? 6 : task.kind == TaskKind::joint ? 1 : 3;
+    want(task.kind == TaskKind::posture || task.size == rows, "rows of a task");
+    for (int i = 0; task.is_force() && i < scene.constraints[task.at].size; ++i)
+      want(std::count(spec.touching.begin(), spec.touching.end(), scene.constraints[task.at].first + i) == 1,
+           "contact of a task");
     spec.task_rows += task.size, spec.numbers += task.of_x + 2 * task.of_v;
     spec.tasks.push_back(task);
   }
