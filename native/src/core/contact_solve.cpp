@@ -57,7 +57,7 @@ double solve_contact(ContactProblem & problem, bool sticks_first, double accurac
   lam.setZero(problem.rows());
   if (!problem.rows())
     return 0.0;
-  if (sticks_first && stick(problem, lam))
+  if (sticks_first && sticking_impulses(problem, lam))
   {
     const double natural = natural_residual(problem, lam);
     if (natural <= accuracy)

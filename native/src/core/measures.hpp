@@ -1,11 +1,10 @@
 // What is said of every sample of a motion.
 #pragma once
+#include "largest.hpp"
 #include "rows.hpp"
 
 namespace condyn
 {
-inline double largest(const VectorXd & x) { return x.size() ? x.cwiseAbs().maxCoeff() : 0.0; }
-
 /// Writes violation, slip, kinetic and potential energy [m, m/s, J, J], after forward kinematics with (q, v)
 /// and the rows at it.
 inline void write_measures(const Model & model, const Data & data, const Rows & rows, const VectorXd & v, double * four)

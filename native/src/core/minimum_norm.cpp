@@ -2,12 +2,12 @@
 #include <Eigen/Cholesky>
 #include <Eigen/QR>
 #include <cmath>
+#include <limits>
 
 namespace condyn
 {
 namespace
 {
-const double eps = std::ldexp(1.0, -52);
 const double rank_tolerance = 1e-7, noise = 1e3; // as in Python: RANK and _NOISE
 
 // Pivots between these, relative to the first, are neither rounding nor clearly more: Python looks.
@@ -47,7 +47,7 @@ bool MinimumNorm::by_rows(const MatrixXd & J, double share)
   const Eigen::HouseholderQR<MatrixXd> qr(A_);
   const VectorXd pivots = qr.matrixQR().diagonal().cwiseAbs();
   const double largest = scene_.weights.maxCoeff(); // squared, the largest of M^-1: what J M^-1 J^T is rounded by
-  const double rounding = eps * largest * largest * J.squaredNorm();
+  const double rounding = std::numeric_limits<double>::epsilon() * largest * largest * J.squaredNorm();
   const double least = std::max(share * pivots.maxCoeff(), std::sqrt(noise * rounding));
   if (!(pivots.minCoeff() > least))
     return false;

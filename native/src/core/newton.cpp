@@ -7,7 +7,7 @@ namespace
 {
 constexpr double rounding = 4 * std::numeric_limits<double>::epsilon(); // a residual that is nothing, relative
 constexpr int steps_at_most = 50, halvings = 20, slips_at_most = 8;
-constexpr double redundant = 1e-12; // singular values of F' that steps ignore
+constexpr double ignored = 1e-12; // singular values of F' that steps ignore
 constexpr double regular = 1e-8; // and those of an F' that has none of them, without a doubt
 constexpr double along_nothing = 0.5, behind = 1e-3; // as in Python: `_ALONG`, `_BEHIND`
 
@@ -23,7 +23,7 @@ bool smallest_step(const MatrixXd & D, const VectorXd & F, VectorXd & step)
     return true;
   }
   Eigen::CompleteOrthogonalDecomposition<MatrixXd> factor(D.rows(), D.cols());
-  factor.setThreshold(redundant);
+  factor.setThreshold(ignored);
   factor.compute(D);
   step = -factor.solve(F);
   return true;

@@ -1,4 +1,5 @@
 #include "proof.hpp"
+#include "largest.hpp"
 #include <pinocchio/algorithm/kinematics.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
 
@@ -6,16 +7,6 @@ namespace condyn
 {
 namespace
 {
-/// NaN where there is one, which Eigen's maximum may miss.
-double largest(const VectorXd & x)
-{
-  double found = 0;
-  for (Eigen::Index i = 0; i < x.size(); ++i)
-    if (!(std::abs(x[i]) <= found))
-      found = std::abs(x[i]);
-  return found;
-}
-
 /// Newton-Euler from the bodies back to the root, after forward kinematics with a: M a + h less what the
 /// wrenches on the joints do. `rnea` would go through the kinematics once more.
 const VectorXd & newton_euler(const Model & model, Data & data, const VectorXd & a, const Forces & on_joint)

@@ -29,7 +29,7 @@ inline bool solved(const MatrixXd & G, const VectorXd & g, VectorXd & lam)
 } // namespace sticking
 
 /// Impulses if no contact slides, which nobody has proved; false where there are none.
-inline bool stick(const ContactProblem & problem, VectorXd & lam)
+inline bool sticking_impulses(const ContactProblem & problem, VectorXd & lam)
 {
   std::vector<int> rows;
   for (int i = 0; i < problem.cones(); ++i)

@@ -1,6 +1,5 @@
 #include "active_set.hpp"
 #include <cmath>
-#include <limits>
 
 namespace condyn
 {
@@ -9,7 +8,6 @@ namespace
 constexpr double settled = 1e-14; // of the largest number: what is left is rounding
 constexpr double aim = 1e-12; // where the search ends: below this is rounding
 constexpr int repetitions = 10, rounds = 10;
-constexpr double none = std::numeric_limits<double>::infinity();
 } // namespace
 
 double ActiveSet::solve(const QuadraticProgram & program, std::vector<Side> & sides, double enough)
@@ -108,13 +106,13 @@ double ActiveSet::refine()
   const auto R = R_.topLeftCorner(count_, count_).triangularView<Eigen::Upper>();
   auto y = multipliers_.head(count_);
   const auto bound = bound_.head(count_);
-  const double size = 1.0 + largest_of(program_->g), reach = 1.0 + largest_of(bound);
+  const double size = 1.0 + largest(program_->g), reach = 1.0 + largest(bound);
   double before = none;
   for (int repetition = 0; repetition < repetitions; ++repetition)
   {
     VectorXd u = -program_->g - G * y, s = bound - G.transpose() * x;
     u -= program_->H.selfadjointView<Eigen::Lower>() * x;
-    const double left = std::max(largest_of(u) / size, largest_of(s) / reach);
+    const double left = std::max(largest(u) / size, largest(s) / reach);
     if (!(left > settled) || left > 0.5 * before)
       break;
     forward(u);

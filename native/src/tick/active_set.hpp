@@ -16,10 +16,12 @@
 #pragma once
 #include "quadratic_program.hpp"
 #include <Eigen/Cholesky>
+#include <limits>
 #include <vector>
 
 namespace condyn
 {
+constexpr double none = std::numeric_limits<double>::infinity(); // what is left where there is no answer
 constexpr double dependent = 1e-9; // what is left of a row, relative, that is a combination of others
 
 /// On which side of an inequality an answer is: at its lower bound, between, at its upper one.

@@ -2,14 +2,12 @@
 // becomes active, and those whose multiplier would change its sign on the way leave.
 #include "active_set.hpp"
 #include <algorithm>
-#include <limits>
 
 namespace condyn
 {
 namespace
 {
 constexpr double violated = 1e-10; // [m/s^2]
-constexpr double none = std::numeric_limits<double>::infinity();
 } // namespace
 
 ActiveSet::Violated ActiveSet::most_violated() const

@@ -4,23 +4,12 @@
 //
 //   H x + g + A y + C z = 0,    A^T x = b,    C^T x = clip(C^T x + z, lower, upper)
 #pragma once
-#include <Eigen/Core>
+#include "largest.hpp"
 
 namespace condyn
 {
 using Eigen::MatrixXd;
 using Eigen::VectorXd;
-
-/// The largest size of an entry; NaN where there is one, which Eigen's maximum may miss.
-template<typename V>
-double largest_of(const V & x)
-{
-  double found = 0;
-  for (Eigen::Index i = 0; i < x.size(); ++i)
-    if (!(std::abs(x[i]) <= found))
-      found = std::abs(x[i]);
-  return found;
-}
 
 struct QuadraticProgram
 {
@@ -36,12 +25,11 @@ struct QuadraticProgram
   double kkt_residual(const VectorXd & x, const VectorXd & pull, const VectorXd & z) const
   {
     const VectorXd Hx = H.selfadjointView<Eigen::Lower>() * x, Cx = C.transpose() * x;
-    const double size = 1.0 + std::max(largest_of(g), largest_of(Hx));
+    const double size = 1.0 + std::max(largest(g), largest(Hx));
     const VectorXd nearest = (Cx + z / size).cwiseMax(lower).cwiseMin(upper);
     const VectorXd gradient = (Hx + g + pull + C * z) / size;
-    Eigen::Vector3d each(
-      largest_of(gradient), largest_of(VectorXd(A.transpose() * x - b)), largest_of(VectorXd(Cx - nearest)));
-    return largest_of(each);
+    const VectorXd missed = A.transpose() * x - b;
+    return largest(Eigen::Vector3d(largest(gradient), largest(missed), largest(Cx - nearest)));
   }
 };
 } // namespace condyn

@@ -29,7 +29,7 @@ TickSizes Tick::operator()(
     applied[spec_.rigid[i]] += rigid[i];
   const Sizes found = proof_(q, v, applied, a, lam);
   sizes.dynamics = found.dynamics, sizes.constraints = found.constraint, sizes.a = found.a;
-  sizes.torque = std::max(largest_of(program_.terms().h), largest_of(applied)), sizes.unreached = program_.unreached;
+  sizes.torque = std::max(largest(program_.terms().h), largest(applied)), sizes.unreached = program_.unreached;
   return sizes;
 }
 } // namespace condyn

@@ -139,7 +139,7 @@ void TickProgram::write_equations()
     const int rank = nearest_reached(touch_, demanded_, spec_.rank);
     if (contacts_ == unknown)
       contacts_ = rank < m ? redundant : independent;
-    unreached = largest_of(VectorXd(demanded_ - wanted));
+    unreached = largest(demanded_ - wanted);
   }
   qp.A.setZero(n, laws + m + hard), qp.b.resize(laws + m + hard);
   qp.A.topLeftCorner(k + m, laws) = law_.transpose();
