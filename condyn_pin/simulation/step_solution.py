@@ -195,7 +195,8 @@ class StepSolution:
             f"constraints {self.constraint_error:.1e} m/s, {self.violation:.1e} m",
             f"penetration {self.penetration:.1e} m",
             f"contacts took {self.energy_lost:.4g} J, corrections brought "
-            f"{self.correction_work:.2g} J, the step itself {self.algorithmic_work:.2g} J",
+            f"{self.correction_work:.2g} J, the step itself {self.algorithmic_work:.2g} J"
+            + (f", drives {self.driven_work:.4g} J" if self.scene.is_driven else ""),
         ]
         for name, mode in self.modes.items():
             force = np.array2string(self.forces[name], precision=4, suppress_small=True)

@@ -19,7 +19,7 @@ from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.simulation.routes.active_set import ActiveSet, InModes
 from condyn_pin.simulation.routes.base import Route
 from condyn_pin.simulation.routes.landings import RESTS, TOUCHES, Cut, HeldSteps, Landings
-from condyn_pin.simulation.routes.law import Law
+from condyn_pin.simulation.routes.law import Law, least
 from condyn_pin.simulation.routes.linear_steps import Ended, LinearSteps
 from condyn_pin.simulation.routes.step_derivatives import StepDerivatives, made, modes_of
 
@@ -60,17 +60,16 @@ class LocatedStep:
         while done < self._dt:
             struck = landings.struck(q, v)
             if struck is not None:
-                blow = self._impact(struck)
-                late = self._late(blow, t + done, q, v, ds)
-                impact = blow.end(t + done, q, v, self._law)
+                impact = self._impact(struck).end(t + done, q, v, self._law)
                 modes, margin = self._joined(modes, margin, impact)
+                late = np.zeros(n), self._struck_late(impact, t + done)
                 q, v, (dq, dv) = impact.q, impact.v, _composed(impact, dq, dv, late, ds)
             cut = landings.next(t, done, q, v)
             flow = self._made(cut.length, cut.held)
             ended = flow.end(t + done, q, v, self._law)
             modes, margin = self._joined(modes, margin, ended)
             if cut.held.any():
-                dv = self._settled(ended, t + done, q, v, (dq, dv))
+                dv = self._settled(ended, t + done, q, v, (dq, dv, ds))
             rate_q, rate_v = none, none
             if ds.any() or cut.closing >= 0:
                 rate_q, rate_v = self._rates(cut, t, q, v, ended.q)
@@ -110,7 +109,9 @@ class LocatedStep:
         """Return how far a gap (m, rad) that closes is from zero, as a share of a step."""
         return abs(gap) / self._dt / max(-opening, self._steps.falls)
 
-    def _settled(self, flow: Ended, t: float, q: Array, v: Array, by: tuple[Array, Array]) -> Array:
+    def _settled(
+        self, flow: Ended, t: float, q: Array, v: Array, by: tuple[Array, Array, Array]
+    ) -> Array:
         """Return how v changes once what rests in a flow has come to rest again.
 
         Velocities that open or close it last for no time: those that close end at once. What opens
@@ -122,12 +123,13 @@ class LocatedStep:
         gaps, opening = (each[held] for each in self._landings.approach(q, v))
         # not what is on its way out, or comes out of the ground by its flow alone
         modes[: len(gaps)][(opening > RESTS) | (gaps < -TOUCHES)] = OPEN
-        (dq, dv), n, e = by, len(v), self._steps.columns.restitution
+        (dq, dv, ds), n, e = by, len(v), self._steps.columns.restitution
         steps = self._made(_INSTANT, held)
 
         def ended(along: bool) -> Array:
             at_once = steps.end(t, q, v, partial(_stopping, modes=modes, along=along))
-            return at_once.dv[:, :n] @ dq + at_once.dv[:, n : 2 * n] @ dv
+            late = np.outer(self._struck_late(at_once, t), ds)
+            return at_once.dv[:, :n] @ dq + at_once.dv[:, n : 2 * n] @ dv + late
 
         settled = ended(along=False)
         if dv[:, e].any():
@@ -154,11 +156,23 @@ class LocatedStep:
         moved = pin.difference(model, middle, q1) - pin.difference(model, middle, q0)
         return np.asarray(moved) / (2 * by), (v1 - v0) / (2 * by)
 
+    def _struck_late(self, ended: Ended, t: float) -> Array:
+        """Return how v behind an instant changes with its time (nv,): by s'' of driven rows."""
+        (condensed, law), equations = (ended.posed.condensed, ended.law), self._system.equations
+        if not equations.is_driven:
+            return np.zeros(len(ended.v))
+        equations.at(t)
+        free, dsigma = condensed.changed(np.zeros((len(ended.v), 1)), equations.wanted[2][:, None])
+        A = law.by_sigma.dot(condensed.G) + law.by_lam
+        free -= condensed.X.dot(least(A, law.by_sigma.dot(dsigma)))
+        return np.asarray(condensed.factors.mass.L_inv.T.dot(free[:, 0]))
+
     def _late(
         self, part: LinearSteps, t: float, q: Array, v: Array, ds: Array
     ) -> tuple[Array, Array]:
-        """Return how the end of a part changes with its time, if ds is: its length stays."""
-        system, by, none = self._system, _SHARE * self._dt, np.zeros(len(v))
+        """Return how the end of a flow changes with its time, if ds is: its length stays."""
+        system, none = self._system, np.zeros(len(v))
+        by = min(_SHARE * self._dt, 0.1 * part.dt)
         is_of_time = system.scene.is_driven or system.applied.constant is None
         if not (is_of_time and ds.any()):
             return none, none
