@@ -9,6 +9,7 @@ from needs_native import needs_native
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Driven, HeldJoint, Polynomial, Sine
+from condyn_pin.contact import FrictionCone
 from condyn_pin.control import (
     Controller,
     ControlLimits,
@@ -16,6 +17,7 @@ from condyn_pin.control import (
     Hierarchy,
     JointTask,
     Posture,
+    push_bound,
 )
 
 pytest.importorskip("proxsuite")
@@ -110,3 +112,12 @@ def test_the_core_refuses_a_driven_row_by_name():
         Controller(scene, [JointTask("arm")], cones={}, native=True)
     law = Controller(scene, [JointTask("arm")], cones={}, native="where possible")
     assert law.solve([0.0, 0.1], [0.0, 0.0], 0.2).status.ok
+
+
+def test_what_is_about_a_robot_at_rest_refuses_a_drive():
+    solo = cp.load_robot("solo12")
+    feet = [cp.PointContact(name) for name in ("FL_FOOT", "FR_FOOT", "HL_FOOT")]
+    scene = cp.Scene(solo, [*feet, Driven(HeldJoint("HR_HFE"), PATH)])
+    q, _ = cp.Scene(solo, feet).state()
+    with pytest.raises(cp.errors.UnsupportedConstraint, match=r"HR_HFE.*push_bound takes J v = 0"):
+        push_bound(scene, q, [1.0, 0.0, 0.0], cones=FrictionCone(0.7))

@@ -44,7 +44,7 @@ from condyn_pin.control.support import (
 )
 from condyn_pin.dynamics.force import Sites, upward
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene
+from condyn_pin.dynamics.scene_checks import check_bilateral, check_not_driven, check_scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.anchoring import anchored
 
@@ -161,7 +161,7 @@ def push_bound(
     Infeasible
         If motors and floor cannot even hold the robot at rest.
     UnsupportedConstraint
-        If contacts may open: `scene.closed()` has those that count.
+        If contacts may open: `scene.closed()` has those that count. If constraints are driven.
 
     Notes
     -----
@@ -179,6 +179,7 @@ def push_bound(
     """
     check_scene(scene)
     check_bilateral(scene)
+    check_not_driven(scene, "push_bound")
     if not isinstance(torque, bool):
         raise InvalidArgument(f"torque = {torque!r}: True or False is needed")
     q_ = normalised(scene.robot.unedited, "q", q)
