@@ -460,6 +460,15 @@ def test_motors_and_paths_make_a_state():
     assert found.undetermined == found.conflicting == 0
 
 
+@pytest.mark.parametrize("t", [0.0, 0.2, 0.45, 0.9])
+def test_motors_that_no_path_moves_are_at_rest_by_default(t):
+    scene, free, home = a_five_bar_with_one_crank_driven("right_motor")
+    s, rate, _ = np.ravel(PATH(t))
+    found = complete_state(scene.at(t), [0.1])
+    expected = complete_state(free, [home + s, 0.1], [rate, 0.0])
+    assert found.v == pytest.approx(expected.v, abs=1e-12)
+
+
 def test_a_motor_that_is_driven_too_has_the_place_and_the_velocity_of_its_path():
     scene, free, home = a_five_bar_with_one_crank_driven("left_motor", "right_motor")
     t, (s, rate, _) = 0.3, np.ravel(PATH(0.3))

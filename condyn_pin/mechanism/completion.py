@@ -181,11 +181,14 @@ def _velocity(scene: Scene, follower: Follower, q: Array, G: Array, v_A: Array |
     J, rates = follower.jacobian(q), follower.rates
     v = np.zeros(len(G))
     v[follower.dependent] = follower.inverse(J) @ rates
+    missing, fast = rates - J @ v, float(np.abs(rates).max())
     if v_A is None:
-        v_A = np.linalg.pinv(J @ G, rcond=tolerances.DEAD_POINT) @ (rates - J @ v)
+        v_A = np.zeros(G.shape[1])
+        if np.abs(missing).max() > tolerances.FORCES * fast:  # motors are moved too
+            v_A = np.linalg.pinv(J @ G, rcond=tolerances.DEAD_POINT) @ missing
     v = v + G @ v_A
     slips = np.abs(J @ v - rates)
-    if slips.max(initial=0.0) > tolerances.FORCES * max(np.abs(rates).max(), np.abs(v).max()):
+    if slips.max() > tolerances.FORCES * max(fast, np.abs(v).max()):
         row = scene.row_names[follower.closer.rows[int(slips.argmax())]]
         raise InvalidArgument(
             f"v_actuated: {row} would be at {slips.max():.3g} m/s or rad/s beside its path: a "

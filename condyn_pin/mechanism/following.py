@@ -52,7 +52,7 @@ class Follower:
 
     @property
     def rates(self) -> Array:
-        """S' of the rows of J: zero but where they are driven."""
+        """The rates s' of the rows of J: zero but where they are driven."""
         rates: Array = self.closer.equations.wanted[1][self.closer.rows]
         return rates
 
