@@ -7,6 +7,7 @@ import pickle
 
 import numpy as np
 import pytest
+from own_task import nearest, own_task, still
 from shared import robot
 
 import condyn_pin as cp
@@ -248,24 +249,7 @@ def test_random_states_are_answered_within_the_cones(name):
 @pytest.mark.parametrize("name", ["cassie", "talos"])
 def test_a_posture_weighted_with_inertia_is_gauss_principle(name):
     """min |a - a_free|_M, with motors everywhere, is the motion that none of them would change."""
-    from dataclasses import dataclass
-
-    from condyn_pin.control.tasks.base import BoundTask, Task
-
-    @dataclass(frozen=True)
-    class Nearest(Task):
-        def bind(self, scene, home):
-            n = scene.robot.nv
-            names = self._row_names([str(i) for i in range(n)])
-
-            def rows(motion, t):
-                M, h = motion.terms.M, motion.terms.h
-                root = np.linalg.cholesky(M).T
-                return root, root @ np.linalg.solve(M, -h)
-
-            return BoundTask("accelerations", names, "kg^1/2 m/s^2", rows)
-
-    try:
+    with own_task(nearest, "kg^1/2 m/s^2") as Nearest:
         scene, _, _ = CASES[name][0]()
         made, rng = scene.robot, np.random.default_rng(7)
         free = Controller(
@@ -275,11 +259,9 @@ def test_a_posture_weighted_with_inertia_is_gauss_principle(name):
         for _ in range(5):
             q, v = scene.sample(rng, spread=0.1)
             out = free.solve(q, v)
-            nearest = cp.solve(scene, q, v, 0 * v, solver=cp.dynamics.GaussPrinciple()).a
+            least = cp.solve(scene, q, v, 0 * v, solver=cp.dynamics.GaussPrinciple()).a
             assert out.status.ok
-            assert np.abs(out.a - nearest).max() < 1e-9 * np.abs(nearest).max()
-    finally:
-        del TASKS["Nearest"]
+            assert np.abs(out.a - least).max() < 1e-9 * np.abs(least).max()
 
 
 def test_points_of_a_foot_that_turns_leave_a_program():
@@ -595,27 +577,12 @@ def test_a_minimum_jerk_way_is_smooth_and_at_rest_at_both_ends():
 
 
 def test_a_task_of_ones_own_is_one_class():
-    from dataclasses import dataclass
-
-    from condyn_pin.control.tasks.base import BoundTask, Task
-
-    @dataclass(frozen=True)
-    class Still(Task):
-        def bind(self, scene, home):
-            n = scene.robot.nv
-            names = self._row_names([str(i) for i in range(n)])
-            return BoundTask(
-                "accelerations", names, "m/s^2", lambda motion, t: (np.eye(n), -motion.v)
-            )
-
-    try:
+    with own_task(still, "m/s^2") as Own:
         scene, q, v = solo()
-        out = Controller(scene, [Still()], cones=OCTAGON).solve(q, v)
+        out = Controller(scene, [Own()], cones=OCTAGON).solve(q, v)
         assert np.abs(out.a).max() < 1e-5
-        with pytest.raises(cp.InvalidArgument, match="a task named Still exists"):
-            type("Still", (Task,), {"bind": lambda self, scene, home: None})
-    finally:
-        del TASKS["Still"]
+        with pytest.raises(cp.InvalidArgument, match="a task named Own exists"):
+            type("Own", (Own.__base__,), {"bind": lambda self, scene, home: None})
 
 
 # Strict levels

@@ -7,11 +7,11 @@ from __future__ import annotations
 
 import functools
 import pickle
-from dataclasses import dataclass
 
 import numpy as np
 import pytest
 from needs_native import needs_ticks
+from own_task import own_task, still
 from shared import robot
 
 import condyn_pin as cp
@@ -299,20 +299,11 @@ def test_what_contradicts_itself_is_told_as_by_python():
 
 
 def test_what_it_does_not_take_is_refused_by_name_or_done_by_python():
-    from condyn_pin.control.tasks.base import BoundTask, Task
-
-    @dataclass(frozen=True)
-    class Calm(Task):
-        def bind(self, scene, home):
-            n = scene.robot.nv
-            names = self._row_names([str(i) for i in range(n)])
-            return BoundTask("accelerations", names, "1/s", lambda now, t: (np.eye(n), -now.v))
-
-    try:
+    with own_task(still, "m/s^2") as Own:
         scene, (q, v) = scene_of("solo12"), states_of("solo12", 1)[0]
         held = dict.fromkeys(("FR_FOOT", "HL_FOOT", "HR_FOOT"), OCTAGON)
         for tasks, cones, reason in (
-            ([Calm(), Posture()], OCTAGON, "task 'Calm': it has no rows for this Calm"),
+            ([Own(), Posture()], OCTAGON, "task 'Own': it has no rows for this Own"),
             (Hierarchy(*([each] for each in tasks_of("solo12"))), OCTAGON, "of a Hierarchy"),
             ([ContactForce("FL_FOOT")], held, "contact that has no cone"),
         ):
@@ -324,8 +315,6 @@ def test_what_it_does_not_take_is_refused_by_name_or_done_by_python():
                 same = either.solve(q, v)
                 assert np.allclose(same.tau, out.tau, rtol=0, atol=1e-8)
                 assert same.path == out.path
-    finally:
-        del TASKS["Calm"]
 
 
 def test_bad_input_is_named_and_nan_is_never_ok():
