@@ -14,7 +14,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.tolerances import CLOSED
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
+from condyn_pin.lab.extremes import EXTREMES
 from condyn_pin.mechanism.closed_chains import chains_of
+from condyn_pin.mechanism.closing import Closer
 
 # rows, rank, mobility: counted by hand or taken from an independent engine
 COUNTS = {
@@ -122,6 +124,20 @@ def test_samples_are_closed_moving_and_reproducible(label):
     assert np.abs(workspace.violation(q)).max(initial=0.0) <= CLOSED
     assert np.abs(workspace.jacobian(q) @ v).max(initial=0.0) < 1e-10
     assert np.abs(v).max() > 0.1
+
+
+def test_as_many_guesses_are_sampled_as_are_asked_for(monkeypatch):
+    """Loops that leave no motion are closed by none at random, and the error is of the last."""
+    scene, guesses, ends = EXTREMES["near_loops"].case(1e-7).scene, [], Closer.ends
+    assert chains_of(scene).assembly_mode is not None
+    monkeypatch.setattr(Closer, "ends", lambda *args: guesses.append(args) or ends(*args))
+    with pytest.raises(cp.errors.NotAssembled, match=r"none of 2 random .* is open by") as error:
+        scene.sample(np.random.default_rng(0), tries=2)
+    assert len(guesses) == 2
+    assert np.array_equal(error.value.assembly.start, guesses[-1][1])
+    for tries in (0, 1.5, True, "many"):
+        with pytest.raises(cp.InvalidArgument, match=r"^tries = .* whole number of at least 1"):
+            scene.sample(np.random.default_rng(0), tries=tries)
 
 
 @each_scene

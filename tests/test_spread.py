@@ -15,6 +15,7 @@ from condyn_pin.constraints.rows.point_pairs import NEARLY, ONE
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.lab.extremes import EXTREMES
 from condyn_pin.lab.extremes.verdict import error_of, right_answers
+from condyn_pin.mechanism.closing import Closer
 
 SOLVERS = [cp.Proximal(), *([cp.LCABA()] if hasattr(pin, "lcaba") else [])]
 HANDS = ("gripper_left_base_link", "gripper_right_base_link")
@@ -58,12 +59,19 @@ def is_spread(scene: cp.Scene) -> bool:
 
 @pytest.mark.parametrize("severity", [1e-4, 1e-6, 1e-7, 1e-8])
 @pytest.mark.parametrize("solver", SOLVERS, ids=lambda s: type(s).__name__)
-def test_two_balls_are_a_hinge_however_near(solver, severity):
-    """Errors were 1 and more, where the line through them is known to 1e-16 / severity."""
+def test_two_balls_are_a_hinge_however_near(solver, severity, monkeypatch):
+    """Errors were 1 and more, where the line through them is known to 1e-16 / severity.
+
+    They hardly close: what measures a solver at random states gives up after a few guesses.
+    """
     case = EXTREMES["near_loops"].case(severity, 0)
+    assert case.scene.nominal.closed
+    guesses, ends = [], Closer.ends
+    monkeypatch.setattr(Closer, "ends", lambda *args: guesses.append(args) or ends(*args))
     solution = cp.solve(case.scene, case.q, case.v, case.tau, solver=solver, throw=False)
     held = right_answers(case)[0]
     assert error_of(case, solution.a, held) < max(1e-9, 1e-15 / severity)
+    assert len(guesses) <= 8
 
 
 @pytest.mark.parametrize("other", [HANDS[1], "world"])

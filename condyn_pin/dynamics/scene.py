@@ -267,15 +267,20 @@ class Scene:
         )
 
     def sample(
-        self, rng: np.random.Generator, *, spread: float = 0.2, speed: float = 1.0
+        self,
+        rng: np.random.Generator,
+        *,
+        spread: float = 0.2,
+        speed: float = 1.0,
+        tries: int = 50,
     ) -> tuple[Array, Array]:
         """Return a random (q, v) that satisfies the constraints.
 
-        `rng`, `spread`, `speed` and the errors are those of `condyn_pin.mechanism.sample`.
+        `rng`, `spread`, `speed`, `tries` and the errors are those of `condyn_pin.mechanism.sample`.
         """
         from condyn_pin.mechanism.sampling import sample
 
-        return sample(self, rng, spread=spread, speed=speed)
+        return sample(self, rng, spread=spread, speed=speed, tries=tries)
 
     def check(self, q: ArrayLike, v: ArrayLike | None = None) -> Check:
         """Return how far each loop is open at q, and which constraints v violates."""

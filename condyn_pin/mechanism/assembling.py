@@ -93,10 +93,22 @@ def assemble_from(
     """Close the loops of a scene with the velocity indices that may move; nothing is raised."""
     chains = chains_of(scene)
     closer = Closer.of(scene, moving, chains.limits if within_limits else NO_LIMITS)
-    end, status, flipped = best_end(chains, closer, start, branch)
+    return assembly_of(scene, closer, start, *best_end(chains, closer, start, branch))
+
+
+def assembly_of(
+    scene: Scene,
+    closer: Closer,
+    start: Array,
+    end: Closing,
+    status: AssemblyStatus,
+    flipped: tuple[str, ...],
+) -> Assembly:
+    """Return what is to be said of the best end of `closer` from `start`."""
+    chains = chains_of(scene)
     iterations, beyond = end.iterations, chains.limits.beyond(end.q)
-    if within_limits and status is AssemblyStatus.UNREACHABLE:
-        free = Closer.of(scene, moving).close(end.q)
+    if closer.limits is chains.limits and status is AssemblyStatus.UNREACHABLE:
+        free = replace(closer, limits=NO_LIMITS).close(end.q)
         iterations += free.iterations
         if free.size <= tolerances.CLOSED:
             status, beyond = AssemblyStatus.BEYOND_LIMITS, chains.limits.beyond(free.q)

@@ -8,20 +8,24 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.parameters import check_count
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.mechanism.assembling import assemble, best_end, nominal_configuration
+from condyn_pin.mechanism.assembling import assembly_of, best_end, nominal_configuration
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.projection import nearest
 from condyn_pin.model.limits import NO_LIMITS
 
-_TRIES = 50
-
 
 @one_blas_thread
 def sample(
-    scene: Scene, rng: np.random.Generator, *, spread: float = 0.2, speed: float = 1.0
+    scene: Scene,
+    rng: np.random.Generator,
+    *,
+    spread: float = 0.2,
+    speed: float = 1.0,
+    tries: int = 50,
 ) -> tuple[Array, Array]:
     """Return a random (q, v) that satisfies the constraints.
 
@@ -36,6 +40,9 @@ def sample(
         Standard deviation of each joint about the nominal state, before closing [rad, m].
     speed : float
         Standard deviation of each velocity, before projection to J v = 0 [rad/s, m/s].
+    tries : int
+        How many random guesses are closed at most. One that cannot be closed takes as long as a
+        thousand answers.
 
     Returns
     -------
@@ -47,14 +54,15 @@ def sample(
     Raises
     ------
     InvalidArgument
-        If `rng` is no generator, or `spread` or `speed` is no number >= 0.
+        If `rng` is no generator, `spread` or `speed` is no number >= 0, or `tries` no count.
     NotAssembled
-        If the loops cannot be closed at the nominal state, or from none of 50 random guesses.
+        If the loops cannot be closed at the nominal state, or from none of the random guesses.
     """
     check_generator(rng)
     for name, value in (("spread", spread), ("speed", speed)):
         if not finite(name, value, ()) >= 0:
             raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
+    check_count("tries", tries, least=1)
     scene.robot.check_unedited()
     model, nv, home = scene.robot.model, scene.robot.nv, nominal_configuration(scene)
     if not scene.nominal.closed:
@@ -62,22 +70,16 @@ def sample(
     chains = chains_of(scene)
     limits = NO_LIMITS if chains.limits.beyond(home) else chains.limits
     closer = Closer.of(scene, limits=limits)
-    for _ in range(_TRIES):
+    for _ in range(tries):
         guess = normalised(model, "q", pin.integrate(model, home, spread * rng.normal(size=nv)))
-        end, status, _ = best_end(chains, closer, guess, chains.assembly_mode)
+        end, status, flipped = best_end(chains, closer, guess, chains.assembly_mode)
         if status.ok:
             v = speed * rng.normal(size=nv)
             terms = closer.equations.mass(end.q), end.J, -closer.equations.wanted[1]
             return end.q, nearest(scene, end.q, "v", v, terms, closed=True)
-    found = assemble(
-        scene,
-        guess,
-        within_limits=limits is chains.limits,
-        branch=chains.assembly_mode,
-        throw=False,
-    )
+    found = assembly_of(scene, closer, guess, end, status, flipped)
     raise NotAssembled(
-        f"spread = {spread}: none of {_TRIES} random configurations about the nominal one could be "
+        f"spread = {spread}: none of {tries} random configurations about the nominal one could be "
         f"closed; use a smaller spread. The last one: {found.error()}",
         found,
     )
