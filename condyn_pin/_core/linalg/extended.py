@@ -54,10 +54,10 @@ def exact_residual(A: Array, b: Sequence[Array], x: tuple[Array, Array]) -> Arra
     with np.errstate(over="ignore", invalid="ignore"):  # what overflows becomes NaN in its row
         p, e = exact_product(A, x[0])
         rows = np.column_stack([*b, -p, -e, -A * x[1]])
-    return np.array([_sum(row) for row in rows])
+    return np.array([_sum(row) for row in rows.tolist()])  # a list is read three times as fast
 
 
-def _sum(row: Array) -> float:
+def _sum(row: list[float]) -> float:
     try:
         return math.fsum(row)
     except (OverflowError, ValueError):

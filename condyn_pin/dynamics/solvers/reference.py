@@ -99,8 +99,9 @@ class Reference(Solver):
         b = (np.concatenate([tau, terms.a_ref]), -np.concatenate([terms.h, terms.gamma]))
         unit = _power_of_two(*b)  # splitting a huge number overflows
         b = (b[0] / unit, b[1] / unit)
-        x = (np.zeros(n + m), np.zeros(n + m))
-        for _ in range(1 + self.refinements):
+        r = b[0] + b[1] + 0.0  # of x = 0, rounded once as it is; no zero is negative
+        x = (np.concatenate(factors.solve(r[:n], r[n:])), np.zeros(n + m))
+        for _ in range(self.refinements):
             r = exact_residual(K, b, x)
             x = add(x, np.concatenate(factors.solve(r[:n], r[n:])))
         return unit * x[0][:n], unit * x[0][n:]
