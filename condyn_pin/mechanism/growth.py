@@ -128,11 +128,15 @@ class _Span:
 
 
 class _Allowed:
-    """The fields of allowed velocities of one scene, X_i(q) = (1 - A^+ A) e_i."""
+    """The fields of allowed velocities of one scene, X_i(q) = (1 - A^+ A) e_i.
+
+    Brackets of brackets ask for the same fields at the same places again: what is known is kept.
+    """
 
     def __init__(self, scene: Scene) -> None:
         self._model, self._closer = scene.robot.model, Closer.of(scene)
         self.rank = scene.nominal.rank
+        self._projectors: dict[bytes, Array] = {}
 
     def most(self, q: Array) -> int:
         """Return what rows with a position leave: no bracket leads out of that."""
@@ -141,9 +145,11 @@ class _Allowed:
 
     def projector(self, q: Array) -> Array:
         """Return 1 - A^+ A (nv, nv)."""
-        A = self._closer.equations.jacobian(q)
-        V = np.linalg.svd(A)[2][: self.rank]
-        return np.asarray(np.eye(self._model.nv) - V.T @ V)
+        P = self._projectors.get(place := q.tobytes())
+        if P is None:
+            V = np.linalg.svd(self._closer.equations.jacobian(q))[2][: self.rank]
+            P = self._projectors[place] = np.eye(self._model.nv) - V.T @ V
+        return P
 
     def chosen(self, q: Array) -> list[int]:
         """Return the joints whose fields are a basis at q: the largest of what is left, in turn."""
@@ -166,9 +172,15 @@ class _Allowed:
             ends = (share / _STEP * Z(self._moved(q, k * _STEP * x)) for k, share in _STENCIL)
             return np.asarray(sum(ends))
 
+        known: dict[bytes, Array] = {}
+
         def found(q: Array) -> Array:
-            x, y = X(q), Y(q)
-            return along(q, x, Y) - along(q, y, X) + bracket(self._model, x, y)
+            z = known.get(place := q.tobytes())
+            if z is None:
+                x, y = X(q), Y(q)
+                z = along(q, x, Y) - along(q, y, X) + bracket(self._model, x, y)
+                known[place] = z
+            return z
 
         return found
 
