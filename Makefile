@@ -1,8 +1,9 @@
 # make test      set up a virtual environment, check style and types, run every test
 # make test3     the same tests on Pinocchio 3.9, in an environment of its own
+# make test3-calls  of these, all in which Pinocchio has a part; the numerical ones with an older processor's kernel
 # make test-kernels   both, as other processors would round: all kernels of OpenBLAS that this one
 #                     runs, numpy without AVX, 1, 4 and all threads (hours); TESTS="tests/test_x.py"
-# make test-numerics  the numerical tests with two kernels that are not this processor's own (minutes)
+# make test-numerics  the numerical tests on Pinocchio 4 with another, newer processor's kernel (minutes)
 # make docs      build the documentation, run its notebook, check that it needs no network
 # make demo      set up, run `condyn bench talos cassie`, write demo/bench.{csv,json,png}
 # make dist      build wheel and sdist into dist/, and check them as PyPI would
@@ -31,7 +32,7 @@ export OMP_NUM_THREADS := 1
 export PIP_RETRIES ?= 10
 export PIP_DEFAULT_TIMEOUT ?= 120
 
-.PHONY: dist test test3 test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
+.PHONY: dist test test3 test3-calls test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -45,12 +46,16 @@ style: $(VENV)/ready
 test3: $(VENV3)/ready
 	$(VENV3)/bin/python -m pytest -n 2
 
+test3-calls: $(VENV3)/ready
+	$(VENV3)/bin/python tests/kernels.py --older -- -n 2 $(NUMERICS)
+	$(VENV3)/bin/python -m pytest -n 2 -m "not once" $(NUMERICS:%=--ignore=%)
+
 test-kernels: $(VENV)/ready $(VENV3)/ready
 	$(BIN)/python tests/kernels.py -- -n 2 $(TESTS)
 	$(VENV3)/bin/python tests/kernels.py -- -n 2 $(TESTS)
 
 test-numerics: $(VENV)/ready
-	$(BIN)/python tests/kernels.py --others 2 -- -n 2 $(NUMERICS)
+	$(BIN)/python tests/kernels.py --newer -- -n 2 $(NUMERICS)
 
 docs: $(VENV)/docs
 	rm -rf docs/_build

@@ -32,6 +32,7 @@ _NO_CHROMIUM = "there is no Chromium"
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "chromium: looks at what a browser draws")
+    config.addinivalue_line("markers", "once: Pinocchio has no part in it, one version will do")
 
 
 def pytest_collection_modifyitems(items):

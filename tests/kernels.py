@@ -3,6 +3,7 @@
     python tests/kernels.py                             say what this processor can run
     python tests/kernels.py -- tests/test_scene.py      run pytest with each, all files by default
     python tests/kernels.py --others 2 -- ...           with two kernels that are not its own
+    python tests/kernels.py --older -- ...              with the older of these two, or --newer
 
 OpenBLAS chooses its kernels by the processor, or by OPENBLAS_CORETYPE; numpy chooses its loops, and
 leaves out what NPY_DISABLE_CPU_FEATURES names; the C library its sine and cosine. Sums are rounded
@@ -105,9 +106,15 @@ def main() -> int:
     words = sys.argv[1:]
     cut = words.index("--") if "--" in words else len(words)
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--others", type=int, metavar="N", help="only N kernels, not its own")
+    asks = parser.add_mutually_exclusive_group()
+    asks.add_argument("--others", type=int, metavar="N", help="only N kernels, not its own")
+    asks.add_argument("--older", action="store_true", help="only the older of two, not its own")
+    asks.add_argument("--newer", action="store_true", help="only the newer of these two")
     asked = parser.parse_args(words[:cut])
-    chosen = list(environments()) if asked.others is None else others(asked.others)
+    if asked.older or asked.newer:
+        chosen = [others(2)[asked.newer]]
+    else:
+        chosen = list(environments()) if asked.others is None else others(asked.others)
     codes = []
     for each in chosen:
         said = " ".join(f"{name}={value!r}" for name, value in each.variables.items() if value)

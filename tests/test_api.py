@@ -13,6 +13,8 @@ import pytest
 
 import condyn_pin as cp
 
+pytestmark = pytest.mark.once
+
 ROOMS = [cp, *(room for name in cp.__all__ if inspect.ismodule(room := getattr(cp, name)))]
 PUBLIC = {
     name: value

@@ -19,6 +19,8 @@ from lost import kill_once
 
 import condyn_pin as cp
 
+pytestmark = pytest.mark.once
+
 
 def square(x: int) -> int:
     return x * x

@@ -21,6 +21,8 @@ import condyn_pin as cp
 from condyn_pin.cli.commands import commands
 from condyn_pin.cli.main import app, main
 
+pytestmark = pytest.mark.once
+
 COMMANDS = commands() | {
     f"lab {name}": module for name, module in commands("condyn_pin.cli.lab").items()
 }

@@ -14,6 +14,8 @@ import condyn_pin as cp
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture(scope="module")
 def client():

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+pytestmark = pytest.mark.once
+
 mujoco = pytest.importorskip("mujoco")
 
 ROOT = Path(__file__).parent.parent

@@ -82,6 +82,7 @@ def marked(line: str) -> object:
     return pytest.param(line, marks=pytest.mark.chromium if "--png" in line else (), id=line)
 
 
+@pytest.mark.once
 @pytest.mark.parametrize("line", [marked(line) for line in commands() if line[:7] == "condyn "])
 def test_condyn_commands_run(line, elsewhere):
     if "compare" in line:  # what the lines above it have written

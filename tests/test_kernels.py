@@ -160,3 +160,10 @@ def test_pytest_is_run_in_each_and_a_failure_is_its_exit_code(tmp_path):
         assert ends[0] == f"passed: {first}"
         assert all(end.startswith("failed: ") for end in ends[1:])
         assert done.returncode == code
+
+
+def test_two_kernels_can_be_asked_for_one_by_one(monkeypatch, capsys):
+    for word, which in (("--older", 0), ("--newer", 1)):
+        monkeypatch.setattr(sys, "argv", ["kernels.py", word])
+        assert kernels.main() == 0
+        assert capsys.readouterr().out.startswith(f"== {kernels.others(2)[which].label}: ")

@@ -14,6 +14,8 @@ import pytest
 import condyn_pin as cp
 from condyn_pin._core import html
 
+pytestmark = pytest.mark.once
+
 EMPTY = {"br", "hr", "polyline"}
 
 

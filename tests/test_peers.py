@@ -13,6 +13,8 @@ import pytest
 
 import condyn_pin as cp
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).parent.parent
 FOLDER = ROOT / "benchmarks" / "peers"
 

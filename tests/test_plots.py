@@ -10,6 +10,8 @@ import condyn_pin as cp
 from condyn_pin._core import plot_style
 from condyn_pin.viewing import plots_contact, plots_motion, plots_scene
 
+pytestmark = pytest.mark.once
+
 mpl.use("Agg")
 
 

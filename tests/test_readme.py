@@ -11,6 +11,8 @@ import pytest
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
 LINKAGES = ("four_bar", "cassie")  # of the simulation beside MuJoCo

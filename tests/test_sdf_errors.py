@@ -11,6 +11,8 @@ from sdf_texts import AB, AXIS, INERTIAL, LOOP, axis, closures, joint, link, pos
 from condyn_pin.errors import InvalidModel, UnknownName
 from condyn_pin.io.sdf import read_sdf
 
+pytestmark = pytest.mark.once
+
 
 def moving(inside: str) -> str:
     return link("a") + link("b", inside) + joint("j", "a", "b")

@@ -19,6 +19,8 @@ from condyn_pin.errors import CondynError
 from condyn_pin.io.description import Description
 from condyn_pin.io.sdf import read_sdf
 
+pytestmark = pytest.mark.once
+
 GEARS = (
     "<gearbox_ratio>0.1</gearbox_ratio><gearbox_reference_body>finger</gearbox_reference_body>"
     "<axis><xyz>0 0 1</xyz></axis><axis2><xyz>0 0 -1</xyz></axis2>"

@@ -13,6 +13,8 @@ from condyn_pin.io import xml
 from condyn_pin.io.mjcf_file import compiled
 from condyn_pin.model.soundness import _memory
 
+pytestmark = pytest.mark.once
+
 INERTIA = '<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
 LINK = f'<inertial><mass value="1"/>{INERTIA}</inertial>'
 

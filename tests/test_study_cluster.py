@@ -4,9 +4,12 @@ from __future__ import annotations
 
 import os
 
+import pytest
 from lost import KillsOnce
 
 import condyn_pin as cp
+
+pytestmark = pytest.mark.once
 
 
 def test_a_killed_worker_of_a_cluster_loses_nothing(tmp_path):

@@ -17,6 +17,8 @@ import condyn_pin as cp
 from condyn_pin.cli import output
 from condyn_pin.cli.main import app, main
 
+pytestmark = pytest.mark.once
+
 EVIL = "a\x1b[31m\x9b2J\x07\u202eb"
 WRITTEN = r"a\x1b[31m\x9b2J\x07\u202eb"
 

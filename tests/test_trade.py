@@ -25,6 +25,8 @@ from condyn_pin.study.row import ALONE, Row
 from condyn_pin.study.states import LOADS, NominalStates, SampledStates
 from condyn_pin.study.table import Table
 
+pytestmark = pytest.mark.once
+
 
 def row(
     solver: cp.dynamics.Solver, us: float | None, error: float, scene: str = "s", **other

@@ -12,6 +12,8 @@ import pytest
 
 import condyn_pin as cp
 
+pytestmark = pytest.mark.once
+
 ROOT = Path(__file__).parent.parent
 sys.path.insert(0, str(ROOT / "benchmarks"))
 

@@ -25,6 +25,8 @@ from condyn_pin.study.cheapest import Choice
 from condyn_pin.study.fresh import Fresh, FreshErrors
 from condyn_pin.study.plan import fingerprint
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture(autouse=True)
 def cache(tmp_path, monkeypatch):

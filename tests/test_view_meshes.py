@@ -10,6 +10,8 @@ import condyn_pin as cp
 from condyn_pin.io import meshes
 from condyn_pin.io.shapes import shapes_of
 
+pytestmark = pytest.mark.once
+
 
 def files(name):
     """The mesh files that a robot is drawn with."""

@@ -28,6 +28,8 @@ from condyn_pin.cli.main import app
 from condyn_pin.viewing import chromium, page, palette
 from condyn_pin.viewing.motion import tracks
 
+pytestmark = pytest.mark.once
+
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 PATIENCE = 300.0  # [s] that no machine needs, for what may hang
 

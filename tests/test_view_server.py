@@ -10,6 +10,8 @@ import pytest
 import condyn_pin as cp
 from condyn_pin.viewing import server
 
+pytestmark = pytest.mark.once
+
 PATIENCE = 300.0  # [s] that no machine needs, for what may hang
 
 

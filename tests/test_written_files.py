@@ -24,6 +24,8 @@ from condyn_pin.study import plan as plans
 from condyn_pin.study.bench import bench
 from condyn_pin.study.results import Results
 
+pytestmark = pytest.mark.once
+
 
 @pytest.fixture(scope="module")
 def motion() -> cp.Trajectory:
