@@ -955,6 +955,9 @@ MASKED = np.ma.array(np.zeros(N), mask=[False, True, False])
         "flags of a posture": (
             lambda: cp.Robot("a", BAR.robot.model, postures={"b": [True, False, True]}), FLAGS
         ),
+        "nothing": (lambda: cp.solve(BAR, Q, V, None), "^tau: .*numbers, not None"),
+        "one that is missing": (lambda: cp.solve(BAR, Q, V, [0.0, None, 0.0]), "^tau: .*not None"),
+        "no duration": (lambda: cp.simulate(BAR, Q, V, duration=None), "^duration = None: .*not"),
         "masked": (lambda: cp.solve(BAR, Q, V, MASKED), r"^tau: .*masked; .filled"),
         "masked batch": (lambda: cp.solve_batch(BAR, [Q], [V], MASKED[None]), "^TAU: .*masked"),
         "a column": (lambda: cp.solve(BAR, Q, V, np.zeros((N, 1))), r"^tau has shape \(3, 1\)"),

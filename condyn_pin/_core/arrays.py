@@ -91,6 +91,8 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
             raise TypeError("some of them are masked; .filled(...) says what they are")
         if array.dtype.kind == "c":
             raise TypeError("they are complex")
+        if array.dtype.kind == "O" and any(each is None for each in array.flat):
+            raise TypeError("numbers, not None")
         is_text = array.dtype.kind in "SU"
         array = array.astype(np.float64, copy=False)
         if is_text:
