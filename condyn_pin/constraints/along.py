@@ -8,6 +8,7 @@ from typing import Final
 import numpy as np
 
 from condyn_pin._core.arrays import Array, shown
+from condyn_pin._core.names import counted
 from condyn_pin.constraints.path import Along
 from condyn_pin.errors import InvalidArgument
 
@@ -26,7 +27,7 @@ def along_at(along: Along, t: float, rows: int, name: str) -> Array:
     if found.shape != (3, rows):
         raise InvalidArgument(
             f"{name}: along({t:g}) = {shown(value)}: three arrays are needed, s, its rate and the "
-            f"rate of that, {rows} number{'s' * (rows > 1)} each"
+            f"rate of that, {counted(rows, 'number')} each"
         )
     if not np.isfinite(found).all():
         raise InvalidArgument(f"{name}: along({t:g}) = {shown(value)} is not finite")

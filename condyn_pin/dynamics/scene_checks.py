@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from condyn_pin._core.names import counted
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 
@@ -17,7 +18,7 @@ def check_bilateral(scene: Scene) -> None:
     if scene.contacts:
         count = sum(len(bound.candidates) for bound in scene.contact_bounds)
         raise UnsupportedConstraint(
-            f"{count} contact{'s' * (count > 1)} may open: step, its derivatives and simulate take "
+            f"{counted(count, 'contact')} may open: step, its derivatives and simulate take "
             "them; scene.closed() is the scene that holds them"
         )
 

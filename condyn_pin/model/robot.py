@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin._core.names import counted
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.rows.mass_pivots import least_pivots
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel
@@ -396,9 +397,8 @@ class Robot:
         return robot_html(self)
 
     def __repr__(self) -> str:
-        count = len(self.loops)
         return (
             f"Robot({self.name!r}: nq {self.nq}, nv {self.nv}, {self.mass:.4g} kg, "
-            f"{count} loop{'' if count == 1 else 's'}, "
+            f"{counted(len(self.loops), 'loop')}, "
             f"postures: {', '.join(self.postures) or 'none'})"
         )

@@ -107,11 +107,11 @@ class LinearSteps:
 
     def _take(self, dt: float, steps: ContactSteps) -> None:
         """Take other steps of the same scheme, dt long [s]."""
-        model, scheme = self.system.model, self.scheme
+        scheme = self.scheme
         self.dt, self.steps, self.asked = dt, steps, (scheme, dt, self.wrt)
         self.floating, self.paths = steps.floating, steps.paths
-        self.falls = falls(model, dt)
-        self.size = sum(inertia.mass for inertia in list(model.inertias)) * self.falls**2
+        self.falls = falls(self.system.model, dt)
+        self.size = self.scene.robot.mass * self.falls**2
         self.share = 0.5 * dt if scheme.at_midpoint else dt  # from `at` to the end [s]
         self._starts = Starts(self.system, scheme, dt, self.partials)
 
