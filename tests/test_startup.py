@@ -26,7 +26,7 @@ ANALYSIS = (
     ("mechanism.closed_chains", "_chains"),
     ("mechanism.assembling", "assemble"),
     ("mechanism.closing", "Closer.close"),
-    ("dynamics.nominal", "nominal_states"),
+    ("dynamics.nominal_states", "nominal_states"),
     ("dynamics.nominal", "redundant_rows"),
     ("dynamics.solvers.reference", "Reference.solve"),
 )

@@ -29,7 +29,6 @@ from condyn_pin.constraints.rows.pinocchio_constraints import (
     pinocchio_constraints,
 )
 from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.dynamics.nominal_states import NominalState, nominal_states
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.residuals import ErrorEstimator
 from condyn_pin.errors import (
@@ -40,6 +39,7 @@ from condyn_pin.errors import (
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
 if TYPE_CHECKING:
+    from condyn_pin.dynamics.nominal_states import NominalState
     from condyn_pin.dynamics.scene import Scene
     from condyn_pin.dynamics.solvers.base import Solver
     from condyn_pin.model.robot import Robot
@@ -183,6 +183,8 @@ class NominalAnalysis:
     @one_blas_thread
     def states(self) -> tuple[NominalState, ...]:
         """Two states at q: at rest, and moving along the constraints under random torques."""
+        from condyn_pin.dynamics.nominal_states import nominal_states  # it imports a solver
+
         equations = Equations(self._scene.robot.unedited, self._scene.bounds)
         return read_only(nominal_states(equations, self.q, self.factors, self.cancellation))
 
