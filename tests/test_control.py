@@ -280,6 +280,28 @@ def test_points_of_a_foot_that_turns_leave_a_program():
     assert 1e-2 < out.residuals.constraints < 2 * least
 
 
+@pytest.mark.parametrize(
+    "task",
+    [
+        FrameTask("panda_link8", reference=(0.4, 0.1, 0.5)),
+        Orientation("panda_link8"),
+        CenterOfMass(a=(0.0, 0.0, 1.0)),
+        AngularMomentum(),
+    ],
+)
+def test_without_constraints_a_tick_knows_nothing_of_the_answer_before(task):
+    """The drift of what a task is about is that of the motion, not of the last accelerations."""
+    scene = cp.Scene(robot("panda"))
+    q, v = scene.state()
+    v = 0.1 * np.arange(1.0, len(v) + 1)
+    tasks = [task, Posture(weight=1e-3)]
+    first = Controller(scene, tasks, cones={}).solve(q, v)
+    used = Controller(scene, tasks, cones={})
+    used.solve(q, 0 * v)
+    for _ in range(3):
+        assert np.allclose(used.solve(q, v).tau, first.tau, rtol=1e-9, atol=1e-9)
+
+
 def test_springs_that_are_taken_for_rigid_do_not_accelerate():
     """What keeps them so is what they would have to give: at rest they give nothing."""
     free = robot("cassie")

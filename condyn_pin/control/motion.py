@@ -52,6 +52,8 @@ class Motion:
         """Go to a state: the terms of the scene, joint Jacobians and accelerations with a = 0."""
         self.q, self.v = q, v
         self.terms = self._equations.terms(q, v)
+        if not self._equations.m:  # data.a is still that of the last answer
+            pin.forwardKinematics(self.model, self.data, q, v, np.zeros_like(v))
 
     def frame(self, joint: int, placement: Any) -> Point:
         """Return a frame: its placement in the world, and 6 rows in the axes of the world."""
