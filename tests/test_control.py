@@ -461,10 +461,10 @@ def test_tasks_together_see_what_each_sees_alone():
         out = every.solve(q, v)
         assert out.status.ok
         x = np.linalg.lstsq(program.A, program.b)[0]  # any that the equations allow
-        _, levels = every._program.assemble(q, v, 0.0, np.zeros(scene.robot.nv))
-        errors = every._program.errors(levels, x)
+        every._program.assemble(q, v, 0.0, np.zeros(scene.robot.nv))
+        errors = every._program.errors(x)
         for name, level in wanted.items():
-            assert np.abs(errors[name] - (level.G @ x - level.b)).max() < 1e-9
+            assert np.abs(errors[name] - (level.rows.of(x) - level.rows.b)).max() < 1e-9
 
 
 def measured(task, scene, q, v, out, error) -> None:

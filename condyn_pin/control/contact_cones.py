@@ -25,6 +25,8 @@ class ContactCones:
         Rows of the scene that belong to contacts with a cone, and the others.
     names : tuple of str
         Of the inequalities: the contact, and what it does where the row is violated.
+    constant : (r, m_c) array or None
+        A, where no cone turns with the robot; not to be written to.
     """
 
     touching: NDArray[np.int_]
@@ -51,10 +53,8 @@ class ContactCones:
         self.names = tuple(names)
         self.touching, self.held = np.flatnonzero(is_touching), np.flatnonzero(~is_touching)
         self._shape = (row, column)
-        self._constant: Array | None = None
-        turning = any(group.turns for group in self._groups)
-        if not turning:
-            self._constant = self.rows(None)
+        turns = any(group.turns for group in self._groups)
+        self.constant: Array | None = None if turns else self.standing
 
     @property
     def turning(self) -> list[TurningCone]:
@@ -72,8 +72,8 @@ class ContactCones:
 
     def rows(self, oMi: Any) -> Array:
         """Return A (r, m_c) of A lam <= 0, with the joints at oMi; not to be written to."""
-        if self._constant is not None:
-            return self._constant
+        if self.constant is not None:
+            return self.constant
         A = np.zeros(self._shape)
         for group in self._groups:
             group.fill(A, oMi, self._up)

@@ -172,7 +172,7 @@ class Controller(OneThread):
         home = lru_cache(maxsize=1)(lambda: scene.state()[0])
         self._program = Program(
             scene, levels, ContactCones(scene, cones), settings.limits, self.actuation, equations,
-            home, settings.rigid,
+            home, settings.rigid, settings.regularisation,
         )  # fmt: skip
         self._cascade = Cascade(settings.qp or default, len(levels), settings.regularisation)
         self._tick = self._compiled() if settings.native else None
@@ -262,7 +262,7 @@ class Controller(OneThread):
         if self._tick:
             self._tick.begin_from(answers[-1].answer)
         return ControlAnswer(
-            *verdict(self._program, given, levels, x, answers),
+            *verdict(self._program, given, x, answers),
             path=tuple(step for each in answers for step in each.path),
             iterations=sum(each.iterations for each in answers),
             solve_time=elapsed,
@@ -295,7 +295,8 @@ class Controller(OneThread):
             As in `solve` [N m, N].
         """
         given, levels = self._assembled(*self._accepted(q, v, t, passive))
-        return weighted(given, levels[0], self._settings.regularisation)
+        given = Constraints(*(each.copy() for each in given))  # the next tick overwrites them
+        return weighted(given, levels[0])
 
     @property
     def rows(self) -> tuple[str, ...]:
@@ -322,9 +323,11 @@ class Controller(OneThread):
             if not isfinite(passive.dot(passive)):
                 check_overflow("passive", passive, passive**2)
             given, levels = self._program.assemble(q, v, t, passive)
-            wanted = (given.b, *(level.b for level in levels))
-            if not isfinite(sum(b.dot(b) for b in wanted)):
-                check_overflow("v", v, *wanted)
+            size = given.b.dot(given.b)
+            for level in levels:
+                size += level.rows.b.dot(level.rows.b)
+            if not isfinite(size):
+                check_overflow("v", v, given.b, *(level.rows.b for level in levels))
         return given, levels
 
     def __repr__(self) -> str:

@@ -93,10 +93,11 @@ class Elimination:
 
     def particular(self, r: Array) -> Array:
         """Return a_0, the smallest acceleration with J a = r (m,)."""
-        from scipy.linalg.lapack import dtrtrs
-
         if not self.holds:
             return np.zeros(len(self.N))
+        # imported here: scipy.linalg takes as long to import as Pinocchio
+        from scipy.linalg.lapack import dtrtrs
+
         independent = self._pivots[: len(self._R)]
         return np.asarray(self._Q @ dtrtrs(self._R, r[independent], trans=1)[0])
 

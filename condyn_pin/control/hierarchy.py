@@ -116,34 +116,37 @@ class Cascade:
             x = x + Z @ found.answer.x
             z = np.abs(found.answer.z)
             strictly = z > _STRICTLY * z.max(initial=0.0)
-            Z = Z @ null_space(np.vstack((level.G @ Z, inner.C[strictly]))).T
+            Z = Z @ null_space(np.vstack((level.rows.of(Z), inner.C[strictly]))).T
         return x, answers
 
     def _at_once(
         self, given: Constraints, level: Level, costs: Costs
     ) -> tuple[Array | None, list[ChainAnswer]]:
         """Return the answer of a level with the equations in its program."""
-        found = self._chains[0].solve(weighted(given, level, self._regularisation), costs)
+        found = self._chains[0].solve(weighted(given, level), costs)
         return found.answer.x if found.answer else None, [found]
 
 
-def weighted(constraints: Constraints, level: Level, regularisation: float) -> QuadraticProgram:
+def weighted(constraints: Constraints, level: Level) -> QuadraticProgram:
     """Return the program with the objective of a level."""
-    WG = level.weights[:, None] * level.G
-    H = level.G.T @ WG
-    H.ravel()[:: len(H) + 1] += regularisation
-    return QuadraticProgram(H, -(level.b @ WG), *constraints)
+    G, b = level.rows
+    c, changing, g = G.shape[1], np.zeros(level.W.shape), np.zeros(len(level.H))
+    changing[:, :c] = G[level.changing]
+    H = changing.T.dot(level.W * changing)
+    H += level.H
+    g[:c] = (level.weights * -b).dot(G)
+    return QuadraticProgram(H, g, *constraints)
 
 
 def _within(
     given: Constraints, level: Level, x: Array, Z: Array, regularisation: float
 ) -> QuadraticProgram:
     """Return the program of a level over s, with the point x = x + Z s at s = 0 feasible."""
-    GZ, CZ, Cx = level.G @ Z, given.C @ Z, given.C @ x
+    GZ, CZ, Cx = level.rows.of(Z), given.C @ Z, given.C @ x
     WG = level.weights[:, None] * GZ
     H = GZ.T @ WG
     H.ravel()[:: len(H) + 1] += regularisation
-    g = WG.T @ (level.G @ x - level.b) + regularisation * (Z.T @ x)
+    g = WG.T @ (level.rows.of(x) - level.rows.b) + regularisation * (Z.T @ x)
     lower, upper = given.lower - Cx, given.upper - Cx
     # what the levels above left at a bound is there but for rounding
     lower[(lower > -_SLACK) & (lower < 10 * _SLACK)] = -_SLACK

@@ -45,6 +45,7 @@ class Motion:
         self.model, self.data = equations.model, equations.data
         self._equations = equations
         # views of data: what Pinocchio writes is read there
+        self._oMi = [self.data.oMi[joint] for joint in range(self.model.njoints)]
         self._com = self.data.com[0], self.data.vcom[0]
         self._acom = self.data.acom[0]
 
@@ -61,7 +62,7 @@ class Motion:
         velocity = pin.getFrameVelocity(model, data, joint, placement, ALIGNED)
         drift = pin.getFrameClassicalAcceleration(model, data, joint, placement, ALIGNED)
         J = frame_jacobian(model, data, joint, placement, ALIGNED)
-        return Point(data.oMi[joint] * placement, velocity.vector, J, drift.vector)
+        return Point(self._oMi[joint] * placement, velocity.vector, J, drift.vector)
 
     def center_of_mass(self) -> Point:
         """Return the centre of mass: 3 rows in the axes of the world."""

@@ -19,7 +19,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from math import isinf
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,43 +30,14 @@ from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import AccelerationBounds, ControlLimits, torque_limits
 from condyn_pin.control.elimination import Elimination, reached
-from condyn_pin.control.levels import FLOOR, JOINT, LAW, MOTOR, Level, Row, Stack
+from condyn_pin.control.levels import FLOOR, JOINT, LAW, MOTOR, Level, Row, Rows, Stack
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.qp.quadratic_program import Constraints
+from condyn_pin.control.reduction import Reduction, reduced
 from condyn_pin.control.tasks.base import Home, Task
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
-
-
-class _Eliminated(NamedTuple):
-    """The equations of a tick over z and f = lam_c / m.
-
-    Attributes
-    ----------
-    map : Elimination
-    a_0 : (nv,) array
-        What the held rows alone demand [rad/s^2, m/s^2].
-    J_c, touch : (m_c, nv), (m_c, k) array
-        Rows of contacts with a cone, over a and over z.
-    wanted : (m_c,) array
-        What they demand of z [m/s^2, rad/s^2].
-    unreached, unreached_0 : (p, k + m_c), (p,) array
-        What no motor reaches of N^T (M a + h - passive - J_c^T lam_c) / m, over (z, f) and with
-        both zero.
-    torque, torque_0 : (motors, n), (motors,) array
-        T and t_0: what motors give, over x and with x = 0.
-    """
-
-    map: Elimination
-    a_0: Array
-    J_c: Array
-    touch: Array
-    wanted: Array
-    unreached: Array
-    unreached_0: Array
-    torque: Array
-    torque_0: Array
 
 
 class Program:
@@ -101,6 +71,8 @@ class Program:
 
     passive: Array
     unreached: float = 0.0
+    _asked: list[tuple[Stack, Rows]]  # by the tasks of the last tick
+    _sizes: tuple[int, int, int] | None = None  # of the constraints that there is memory for
 
     def __init__(
         self,
@@ -112,11 +84,13 @@ class Program:
         equations: Equations,
         home: Home,
         rigid: Sequence[str],
+        regularisation: float,
     ) -> None:
         robot = scene.robot
         self.cones, self.equations = cones, equations
         self.motion = Motion(scene, equations)
         self.mass = robot.mass
+        self._regularisation = regularisation
         self.columns = actuation.columns
         self._motors, self._touching = entries(self.columns), entries(cones.touching)
         self.bounds = AccelerationBounds(robot, limits, self.columns)
@@ -133,79 +107,120 @@ class Program:
         self.inequalities = self._inequality_rows([actuation.motors[i] for i in limited])
         self._redundant: bool | None = None  # not known before the first tick
         self.rigid = rigid_rows(robot, rigid, self.columns)
-        self._nothing = np.zeros(len(cones.names))
-        self._endless = self._nothing - np.inf
+        self._least, self._rigid_rest = -self.most, np.zeros(len(self.rigid))
+        self._none = np.zeros((0, 0))
         self._constant: Elimination | None = None
         if not len(cones.held):
             self._constant = Elimination.of(self.rigid, self.columns)
+        self._fixed: dict[Stack, tuple[Array, Array]] = {}  # where x has the same meaning always
 
     def assemble(
         self, q: Array, v: Array, t: float, passive: Array
     ) -> tuple[Constraints, list[Level]]:
-        """Return the constraints of a tick, and the levels of its tasks."""
+        """Return the constraints of a tick, and the levels of its tasks.
+
+        They are in the memory of this object: the next tick overwrites them.
+        """
         self.equations.at(t)
         self.motion.move(q, v)
         self.passive = passive
-        at = self._at = self._eliminated()
-        hard = self._wished = self._level(self.hard, t)
-        first = len(at.unreached)
-        last = first + len(at.touch)
-        A = np.zeros((last + len(hard.b), self._size))
-        A[:first, : at.unreached.shape[1]] = at.unreached
-        A[first:last, : at.touch.shape[1]] = at.touch
-        A[last:] = hard.G
-        b = np.concatenate((-at.unreached_0, self._within_reach(at.touch, at.wanted), hard.b))
-        given = Constraints(A, b, *self._inequalities(q, v))
-        return given, [self._level(stack, t) for stack in self.levels]
+        self._at = self._reduced()
+        self._asked = []
+        levels = [self._level(stack, t) for stack in self.levels]
+        wished = self._rows(self.hard, t)
+        return self._constraints(q, v, wished), levels
 
-    def _eliminated(self) -> _Eliminated:
+    def _reduced(self) -> Reduction:
         """Return the equations of motion and contacts over z and lam_c / m."""
         terms, held, touching = self.motion.terms, self.cones.held, self._touching
-        rows, E = self.rigid, self._constant
-        wanted = terms.a_ref - terms.gamma
+        wanted, E = terms.a_ref - terms.gamma, self._constant
         if E is None:
-            rows = np.concatenate((terms.J[held], rows))
-            E = Elimination.of(rows, self.columns)
-        J_c, h = terms.J[touching], terms.h - self.passive
-        a_0, r_c = np.zeros(len(h)), wanted[touching]
-        if E.holds:
-            a_0 = E.particular(np.concatenate((wanted[held], np.zeros(len(self.rigid)))))
-            h, r_c = h + terms.M @ a_0, r_c - J_c @ a_0
-        touch = E.along(J_c)
-        k = E.N.shape[1]
-        force, force_0 = np.empty((k, k + len(touch))), E.along(h) / self.mass
-        np.multiply(E.within(terms.M), 1.0 / self.mass, out=force[:, :k])
-        np.negative(touch.T, out=force[:, k:])
-        torque = E.torques(force)
-        if E.inner.shape[1]:
-            torque = np.hstack((torque, E.inner))
-        law = E.unreached(force), E.unreached(force_0)
-        return _Eliminated(E, a_0, J_c, touch, r_c, *law, torque, E.torques(force_0))
+            E = Elimination.of(np.concatenate((terms.J[held], self.rigid)), self.columns)
+        r_l = np.concatenate((wanted[held], self._rigid_rest)) if E.holds else self._rigid_rest
+        return reduced(
+            terms, terms.h - self.passive, E, r_l, terms.J[touching], wanted[touching], self.mass
+        )
 
-    @property
-    def _size(self) -> int:
-        """How many unknowns x has."""
-        return int(self._at.torque.shape[1])
+    def _constraints(self, q: Array, v: Array, wished: Rows) -> Constraints:
+        """Return equations: motion, contacts, hard tasks; and inequalities."""
+        at = self._at
+        if at.sizes != self._sizes:
+            self._sizes, self._memory = at.sizes, self._blank()
+        A, b, C, lower, upper = self._memory
+        first, m = len(at.unreached_0), len(at.touch)
+        A[:first, : at.unreached.shape[1]] = at.unreached
+        A[first : first + m, : at.touch.shape[1]] = at.touch
+        A[first + m :, : wished.G.shape[1]] = wished.G
+        np.negative(at.unreached_0, out=b[:first])
+        b[first : first + m] = self._within_reach(at.touch, at.wanted)
+        b[first + m :] = wished.b
+        self._limit(C, lower, upper, q, v)
+        return self._memory
 
-    def _level(self, stack: Stack, t: float) -> Level:
+    def _blank(self) -> Constraints:
+        """Return memory for the constraints of ticks with as many unknowns and equations."""
+        n, k, law = self._at.sizes
+        m, r = len(self._at.touch), len(self.inequalities)
+        p = law + m + len(self.hard.rows)
+        made = Constraints(
+            np.zeros((p, n)), np.zeros(p), np.zeros((r, n)), np.full(r, -np.inf), np.zeros(r)
+        )
+        if self.cones.constant is not None:
+            made.C[r - len(self.cones.names) :, k : k + m] = self.cones.constant
+        return made
+
+    def _limit(self, C: Array, lower: Array, upper: Array, q: Array, v: Array) -> None:
+        """Write the inequalities: torques, accelerations of joints, cones."""
+        at, k, columns = self._at, self._at.sizes[1], self.bounds.columns
+        first = len(self.most)
+        last = first + len(columns)
+        given = at.torque_0[self._limited]
+        C[:first] = at.torque[self._limited]
+        np.subtract(self._least, given, out=lower[:first])
+        np.subtract(self.most, given, out=upper[:first])
+        if len(columns):
+            C[first:last, :k] = at.map.N[columns]
+            least, most = self.bounds.at(q, v)
+            lower[first:last], upper[first:last] = least - at.a_0[columns], most - at.a_0[columns]
+        if self.cones.constant is None:
+            C[last:, k : k + len(at.touch)] = self.cones.rows(self.motion.data.oMi)
+
+    def _rows(self, stack: Stack, t: float) -> Rows:
         """Return the rows of tasks, over x."""
+        at = self._at
         if not stack.rows:
-            return Level(np.zeros((0, self._size)), np.zeros(0), stack.weights)
+            return Rows(self._none, stack.weights)
         J, F, b = stack.at(self.motion, t)
         if len(F) and F[:, self.cones.held].any():
             raise InvalidArgument(
                 f"tasks: one of {', '.join(stack.tasks)} is about the force of a contact that has "
                 "no cone; cones={name: FrictionCone(...)} gives it one"
             )
-        at = self._at
-        k, m = at.map.N.shape[1], len(at.touch)
-        G = np.zeros((len(b), self._size))
-        G[: len(J), :k] = at.map.along(J)
-        if len(F):
-            G[len(J) :, k : k + m] = self.mass * F[:, self.cones.touching]
+        G = at.map.along(J)
         if at.map.holds:
             b[: len(J)] -= J @ at.a_0
-        return Level(G, b, stack.weights)
+        if len(F):
+            k, m = at.touch.shape[1], len(at.touch)
+            G = np.vstack((np.hstack((G, np.zeros((len(J), m)))), np.zeros((len(F), k + m))))
+            G[len(J) :, k:] = self.mass * F[:, self.cones.touching]
+        rows = Rows(G, b)
+        self._asked.append((stack, rows))
+        return rows
+
+    def _level(self, stack: Stack, t: float) -> Level:
+        """Return the rows of tasks, over x, and what they count."""
+        W, H = self._fixed.get(stack) or self._unchanging(stack)
+        return Level(self._rows(stack, t), stack.weights, stack.changing, W, H)
+
+    def _unchanging(self, stack: Stack) -> tuple[Array, Array]:
+        """Return the weights of the rows that change, and H of the others (`Level`)."""
+        n, k, _ = self._at.sizes
+        H = self._regularisation * np.eye(n)
+        H[:k, :k] += self._at.map.within(stack.H)
+        found = np.repeat(stack.weights[stack.changing, None], n, axis=1), H
+        if self._constant:
+            self._fixed[stack] = found
+        return found
 
     def _within_reach(self, touch: Array, wanted: Array) -> Array:
         """Return what contacts demand, as near as their rows can come to it.
@@ -221,26 +236,6 @@ class Program:
         self.unreached = float(np.abs(best - wanted).max(initial=0.0))
         return best
 
-    def _inequalities(self, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Return C and its bounds: torques, accelerations of joints, cones."""
-        at, k, columns = self._at, self._at.map.N.shape[1], self.bounds.columns
-        first = len(self.most)
-        last = first + len(columns)
-        C = np.zeros((len(self.inequalities), self._size))
-        C[:first] = at.torque[self._limited]
-        C[last:, k : k + len(at.touch)] = self.cones.rows(self.motion.data.oMi)
-        given = at.torque_0[self._limited]
-        lower, upper = [-self.most - given], [self.most - given]
-        if len(columns):
-            C[first:last, :k] = at.map.N[columns]
-            least, most = self.bounds.at(q, v)
-            lower, upper = [*lower, least - at.a_0[columns]], [*upper, most - at.a_0[columns]]
-        return (
-            C,
-            np.concatenate((*lower, self._endless)),
-            np.concatenate((*upper, self._nothing)),
-        )
-
     def equation_rows(self, given: Constraints) -> list[Row]:
         """Return what the equations of a tick are."""
         laws = len(given.b) - len(self.hard.rows)
@@ -253,7 +248,9 @@ class Program:
         a = at.a_0 + at.map.N @ x[:k] if at.map.holds else x[:k].copy()
         lam, tau = np.zeros(len(terms.J)), np.zeros(len(a))
         f = lam[self._touching] = self.mass * x[k : k + m]
-        tau[self._motors] = self.mass * (at.torque @ x + at.torque_0)
+        given = at.torque.dot(x)
+        given += at.torque_0
+        tau[self._motors] = self.mass * given
         if not at.map.holds:
             return a, tau, lam, np.zeros(0)
         left = terms.M @ a + terms.h - self.passive - tau - at.J_c.T @ f
@@ -261,15 +258,14 @@ class Program:
         lam[held] = forces[: len(held)]
         return a, tau, lam, forces[len(held) :]
 
-    def errors(self, levels: Sequence[Level], x: Array) -> dict[str, Array]:
-        """Return how far each task is from what it wants, by name."""
+    def errors(self, x: Array) -> dict[str, Array]:
+        """Return how far each task of the last tick is from what it wants, by name."""
         found: dict[str, Array] = {}
-        stacks = zip((*self.levels, self.hard), (*levels, self._wished), strict=True)
-        for stack, level in stacks:
-            if not stack.tasks:
-                continue
-            left = level.G @ x - level.b
-            found |= {name: left[rows] for name, rows in stack.tasks.items()}
+        for stack, rows in self._asked:
+            left = rows.of(x)
+            left -= rows.b
+            for name, place in stack.tasks.items():
+                found[name] = left[place]
         return found
 
     def _inequality_rows(self, limited: Sequence[str]) -> list[Row]:

@@ -12,14 +12,13 @@ from typing import NamedTuple
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.rows.terms import Terms, largest_torque
 from condyn_pin.control.answer import Contradiction, ControlResiduals, ControlStatus, Give
-from condyn_pin.control.levels import Level
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.chain import ChainAnswer
 from condyn_pin.control.qp.polish import Flags
-from condyn_pin.control.qp.quadratic_program import Constraints, largest
+from condyn_pin.control.qp.quadratic_program import Constraints, peak
 
 
 class Verdict(NamedTuple):
@@ -39,7 +38,6 @@ class Verdict(NamedTuple):
 def verdict(
     program: Program,
     given: Constraints,
-    levels: Sequence[Level],
     x: Array | None,
     answers: Sequence[ChainAnswer],
 ) -> Verdict:
@@ -54,8 +52,8 @@ def verdict(
     a, tau, lam, rigid = program.recover(x)
     passive = program.passive + rigid @ program.rigid if len(rigid) else program.passive
     residuals, status = _proof(program, a, tau, passive, lam, answers)
-    errors, last = program.errors(levels, x), answers[-1].answer
-    active = active_rows(program, last.at_lower, last.at_upper) if last else ()
+    errors, last = program.errors(x), answers[-1].answer
+    active = active_rows(program, last.active, last.at_upper) if last else ()
     return Verdict(tau, a, lam, rigid, errors, active, None, residuals, status)
 
 
@@ -70,7 +68,7 @@ def _proof(
     """Return the residuals of an answer, and what they amount to."""
     motion, applied = program.motion, tau + passive
     _, largest = program.equations.errors(motion.q, motion.v, applied, a, lam)
-    kkt = max(each.answer.residual if each.answer else np.inf for each in answers)
+    kkt = max([each.answer.residual if each.answer else np.inf for each in answers])
     residuals = ControlResiduals(kkt, largest[0], largest[4])
     size = max(largest[1], tolerances.GRAVITY)
     holds = (
@@ -84,17 +82,17 @@ def _proof(
 def _is_rounding(dynamics: float, terms: Terms, tau: Array, size: float) -> bool:
     """Return whether torques that are left over are rounding of those that there are."""
     # |h| is one of them, and mostly large enough: the sums over M take longer
-    return dynamics <= tolerances.SOLVED * largest(terms.h) or (
+    return dynamics <= tolerances.SOLVED * peak(terms.h) or (
         dynamics <= tolerances.SOLVED * largest_torque(terms, tau, size)
     )
 
 
-def active_rows(program: Program, at_lower: Flags, at_upper: Flags) -> tuple[str, ...]:
+def active_rows(program: Program, active: Indices, at_upper: Flags) -> tuple[str, ...]:
     """Return the active inequalities by name, and the side of those that have two."""
     rows = program.inequalities
     first_cone = len(rows) - len(program.cones.names)
     named = []
-    for i in (at_lower | at_upper).nonzero()[0].tolist():
+    for i in active.tolist():
         side = " at upper" if at_upper[i] else " at lower"
         named.append(rows[i].name + (side if i < first_cone else ""))
     return tuple(named)

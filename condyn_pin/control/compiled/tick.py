@@ -72,7 +72,7 @@ class CompiledTick:
             return None
         at_a, at_tau, at_lam, at_rigid, at_errors = self._parts
         errors = out[at_errors:]
-        active = active_rows(self._program, sides < 0, sides > 0) if count else ()
+        active = active_rows(self._program, sides.nonzero()[0], sides > 0) if count else ()
         return ControlAnswer(
             tau=out[at_tau:at_lam],
             a=out[at_a:at_tau],

@@ -26,8 +26,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core.arrays import Array
-from condyn_pin.control.qp.quadratic_program import QuadraticProgram, largest
+from condyn_pin._core.arrays import Array, Indices
+from condyn_pin.control.qp.quadratic_program import QuadraticProgram, peak
 
 Flags = NDArray[np.bool_]
 
@@ -35,7 +35,7 @@ Flags = NDArray[np.bool_]
 # those that do not at its square root, and each repetition takes a factor of 1e-5 or more off.
 _DELTA = 1e-11
 _REPETITIONS = 4
-_SETTLED = 1e-13  # of the largest unknown: a step that changes the last digits alone
+_SETTLED = 1e-13  # of what is wanted: a step that changes the last digits alone
 
 
 class Polished(NamedTuple):
@@ -46,6 +46,8 @@ class Polished(NamedTuple):
     x, y, z : (n,), (p,), (r,) array
     at_lower, at_upper : (r,) bool array
         The active rows.
+    active : (k,) int array
+        Their numbers.
     residual : float
     """
 
@@ -54,7 +56,13 @@ class Polished(NamedTuple):
     z: Array
     at_lower: Flags
     at_upper: Flags
+    active: Indices
     residual: float
+
+    @classmethod
+    def rough(cls, x: Array, y: Array, z: Array, at_lower: Flags, at_upper: Flags) -> Polished:
+        """Return an answer that has not been judged yet."""
+        return cls(x, y, z, at_lower, at_upper, (at_lower | at_upper).nonzero()[0], np.inf)
 
 
 def start(
@@ -64,11 +72,11 @@ def start(
     y = np.zeros(len(program.b))
     if active:
         y = active.y if len(active.y) == len(y) else y
-        return Polished(x, y, z, active.at_lower, active.at_upper, np.inf)
+        return Polished(x, y, z, active.at_lower, active.at_upper, active.active, np.inf)
     moved = program.C @ x + z
     # where rows depend on each other a solver holds only some of them, and its choice has the signs
     at_lower, at_upper = (z < 0) & (moved < program.lower), (z > 0) & (moved > program.upper)
-    return Polished(x, y, z, at_lower, at_upper, np.inf)
+    return Polished.rough(x, y, z, at_lower, at_upper)
 
 
 def polish(program: QuadraticProgram, rough: Polished, tolerance: float, rounds: int) -> Polished:
@@ -95,36 +103,45 @@ def _on_other_rows(program: QuadraticProgram, now: Polished, tolerance: float) -
     at_lower = (now.at_lower & (now.z < 0)) | (inactive & below)
     at_upper = (now.at_upper & (now.z > 0)) | (inactive & above)
     at_upper |= program.lower == program.upper
-    return Polished(now.x, now.y, now.z, at_lower, at_upper, np.inf)
+    return Polished.rough(now.x, now.y, now.z, at_lower, at_upper)
 
 
 def _on_active_rows(program: QuadraticProgram, at: Polished) -> Polished:
     """Return the answer with the active rows as equations."""
-    n, p = len(program.g), len(program.b)
-    active = (at.at_lower | at.at_upper).nonzero()[0]
-    bound = np.where(at.at_upper[active], program.upper[active], program.lower[active])
-    wanted = np.concatenate((-program.g, program.b, bound))
-    K = np.zeros((len(wanted), len(wanted)))
-    K[:n, :n], K[n : n + p, :n], K[n + p :, :n] = program.H, program.A, program.C[active]
-    K[:n, n:] = K[n:, :n].T
-    solve = _factorised(K, n, _DELTA / float(program.H.diagonal().max()))
-    xy, settled = np.concatenate((at.x, at.y, at.z[active])), _SETTLED * largest(wanted)
+    n, p, active = len(program.g), len(program.b), at.active
+    G, d = _held(program, active, at.at_upper)
+    wanted = np.concatenate((-program.g, d))
+    K = np.empty((len(wanted), len(wanted)))
+    K[:n, :n], K[n:, :n], K[:n, n:], K[n:, n:] = program.H, G, G.T, 0.0
+    solve = _factorised(K, n, _DELTA / peak(program.H.diagonal()))
+    xy = np.concatenate((at.x, at.y, at.z[active]))
+    settled = _SETTLED**2 * wanted.dot(wanted)
     for _ in range(_REPETITIONS):
         left = wanted - K.dot(xy)
-        xy = xy + solve(left)
-        if largest(left) <= settled:
+        xy += solve(left)
+        if left.dot(left) <= settled:
             break
     x, y, z = xy[:n], xy[n : n + p], np.zeros(len(program.lower))
     z[active] = xy[n + p :]
-    return Polished(x, y, z, at.at_lower, at.at_upper, program.kkt_residual(x, y, z))
+    residual = program.kkt_residual(x, y, z)
+    return Polished(x, y, z, at.at_lower, at.at_upper, active, residual)
+
+
+def _held(program: QuadraticProgram, active: Indices, at_upper: Flags) -> tuple[Array, Array]:
+    """Return the rows that hold with equality, and what they are equal to: G x = d."""
+    if not len(active):  # as in most control ticks
+        return program.A, program.b
+    bound = np.where(at_upper[active], program.upper[active], program.lower[active])
+    return np.concatenate((program.A, program.C[active])), np.concatenate((program.b, bound))
 
 
 def _factorised(K: Array, n: int, delta: float) -> Callable[[Array], Array]:
     """Return what solves with K, from its row n on with -delta on the diagonal."""
     dgetrf, dgetrs = _lapack()
-    near = K.copy()
-    near.ravel()[n * (len(K) + 1) :: len(K) + 1] = -delta
-    factor, pivots, _ = dgetrf(near.T, overwrite_a=1)  # symmetric, and LAPACK reads columns
+    corner = K.ravel()[n * (len(K) + 1) :: len(K) + 1]
+    corner[:] = -delta
+    factor, pivots, _ = dgetrf(K.T)  # symmetric, and LAPACK reads columns
+    corner[:] = 0.0
     return lambda left: dgetrs(factor, pivots, left)[0]
 
 

@@ -10,8 +10,9 @@ At its answer, with multipliers y and z, z > 0 at an upper bound and z < 0 at a 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
 from math import isfinite
-from typing import Literal, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -77,9 +78,10 @@ class QuadraticProgram:
         """
         # asked in every tick: of a vector `dot` takes two thirds of the time of @
         Hx, Cx = self.H.dot(x), self.C.dot(x)
-        size = 1.0 + max(largest(self.g), largest(Hx))
+        size = 1.0 + max(peak(self.g), peak(Hx))  # what is not finite shows in the gradient
         nearest = np.minimum(np.maximum(Cx + z / size, self.lower), self.upper)
-        gradient = (Hx + self.g + y.dot(self.A) + z.dot(self.C)) / size
+        gradient = Hx + self.g + y.dot(self.A) + z.dot(self.C)
+        gradient /= size
         found = largest(np.concatenate((gradient, self.A.dot(x) - self.b, Cx - nearest)))
         return found if isfinite(found) else np.inf
 
@@ -87,6 +89,19 @@ class QuadraticProgram:
 def largest(v: Array) -> float:
     """Return the largest size of an entry; NaN if one is."""
     return float(np.maximum.reduce(np.abs(v))) if len(v) else 0.0
+
+
+def peak(v: Array) -> float:
+    """Return the largest size of an entry of finite numbers, in half the time of `largest`."""
+    return abs(float(v[_blas()(v)])) if len(v) else 0.0
+
+
+@cache
+def _blas() -> Any:
+    # imported here: scipy.linalg takes as long to import as Pinocchio
+    from scipy.linalg.blas import idamax
+
+    return idamax
 
 
 class QPResult(NamedTuple):

@@ -59,6 +59,8 @@ class BoundTask:
         Of (motion, t); returns J (r, nv) or (r, m) and b (r,).
     compiled : CompiledTask, optional
         The same for the compiled core.
+    fixed : (r, nv) array, optional
+        J, where it is the same in every tick: its part of the program is computed once.
     """
 
     over: Literal["accelerations", "forces"]
@@ -66,6 +68,7 @@ class BoundTask:
     unit: str
     rows: Callable[[Motion, float], tuple[Array, Array]]
     compiled: CompiledTask | None = None
+    fixed: Array | None = None
 
 
 @dataclass(frozen=True)

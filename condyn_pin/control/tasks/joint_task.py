@@ -69,4 +69,4 @@ class JointTask(Tracking):
             return J, wanted(motion.q[i : i + 1], motion.v[k : k + 1], t)
 
         compiled = self._compiled(JOINT, (1, 1), start, np.atleast_1d, at=i, columns=(k,))
-        return BoundTask("accelerations", (self.name,), self.unit, rows, compiled)
+        return BoundTask("accelerations", (self.name,), self.unit, rows, compiled, J)

@@ -76,7 +76,7 @@ class Orientation(Tracking):
 
 def turn_to(wanted: Array, R: Array) -> Array:
     """Return the turn that takes the axes R to those that are wanted, in the world [rad]."""
-    return np.asarray(pin.log3(wanted @ R.T))
+    return np.asarray(pin.log3(wanted.dot(R.T)))
 
 
 def _turn_numbers(reference: Any) -> Array:

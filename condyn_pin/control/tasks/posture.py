@@ -83,7 +83,7 @@ class Posture(Tracking):
         names = self._row_names(entry_names(robot.model, columns))
         sizes = robot.model.nq, robot.nv
         compiled = self._compiled(POSTURE, sizes, start, goal, columns=tuple(columns.tolist()))
-        return BoundTask("accelerations", names, self.unit, rows, compiled)
+        return BoundTask("accelerations", names, self.unit, rows, compiled, J)
 
     def _configuration(self, robot: Robot, home: Home) -> Any:
         """Return the posture (nq,)."""
