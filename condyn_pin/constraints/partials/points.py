@@ -18,8 +18,9 @@ less body 2's,
     v_q = R1^T (v1_q - v2_q - v2 x Ja),         c_q = R1^T (J1 - J2 - (p2 - p1) x Ja_1),
 
 and the force F = R1 lam, fixed in c1, turns on body 2: J^T lam changes by J2^T F x Ja. One product
-does for all points: [1, -p x, -p2'' x, -2 p' x, F x] of either end with the columns that each of
-them meets, or [1, -p x, -p2' x] where v_q is asked for. On the world all of body 2 is zero.
+does for all points: 1, p x, p2'' x, p' x and F x of either end, each where it is wanted, with the
+columns that all of them meet, J, dA, dA_v and dJ, for dV = dA_v - dJ. On the world all of body 2 is
+zero.
 """
 
 from __future__ import annotations
@@ -34,25 +35,47 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import Bound
-from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import rows_of
 from condyn_pin.constraints.rows.loops import Balls
-from condyn_pin.constraints.rows.rolling import skews
+from condyn_pin.constraints.rows.point_ends import AXES, ONE, ROWS, PointEnds
+
+# What is known of an end, by its rows in `PointEnds.places`: p, p', p'' and F.
+_P, _P1, _P2, _F = 3, 4, 5, 6
+# Where its columns begin: linear and angular ones of J, dA, dA_v and dJ.
+_J, _J_ANG, _A, _A_ANG, _AV, _AV_ANG, _DJ, _DJ_ANG, _COLUMNS = *range(0, 24, 3), 24
 
 
-def _factors(*times: float) -> Array:
-    """Return the map of 1, p, x, ... (3 a block) to [1, -p x, -times x x, ...], three rows each."""
-    count = len(times)
-    of = np.zeros((1 + 3 * count, 3, 3 + 3 * count))
-    of[0, :, :3] = np.eye(3)
-    for i, e in enumerate(np.eye(3)):
-        for block, factor in enumerate(times):
-            of[1 + 3 * block + i, :, 3 + 3 * block : 6 + 3 * block] = -factor * pin.skew(e)
-    return of.reshape(len(of), -1)
+def _factors(*terms: tuple[int, float, int | None, int]) -> Array:
+    """Return the map of what is known of an end to the factors of its columns.
+
+    Of terms (part, number, x, columns), with x None for the product with 1. There are three rows a
+    part, and the parts alternate: the x of all of them come first.
+    """
+    parts = 1 + max(part for part, *_ in terms)
+    of = np.zeros((ROWS, 3, 3, parts, _COLUMNS))
+    for part, number, x, columns in terms:
+        three = slice(columns, columns + 3)
+        if x is None:
+            of[ONE, 0, :, part, three] += number * np.eye(3)
+        else:
+            for i, e in enumerate(np.eye(3)):
+                of[x, i, :, part, three] += number * pin.skew(e)
+    return np.ascontiguousarray(of[AXES.stop :].reshape(3 * (ROWS - AXES.stop), -1))
 
 
-_ACCELERATED: Final = _factors(1.0, 1.0, 2.0, -1.0)  # of 1, p, p2'', p' and F
-_MOVED: Final = _factors(1.0, 1.0)  # of 1, p and p2'
+# Of J, -a_q and -a_v, where c1 has the p2'' of its c2, and of F x Ja.
+_ACCELERATED: Final = (
+    (0, 1.0, None, _J), (0, -1.0, _P, _J_ANG),
+    (1, -1.0, None, _A), (1, 1.0, _P, _A_ANG), (1, 1.0, _P2, _J_ANG),
+    (1, 2.0, _P1, _AV_ANG), (1, -2.0, _P1, _DJ_ANG),
+    (2, -1.0, None, _AV), (2, 1.0, _P, _AV_ANG), (2, 2.0, _P1, _J_ANG),
+)  # fmt: skip
+_PUSHED: Final = (3, 1.0, _F, _J_ANG)
+# Of v_q, where c1 has the p2' of its c2.
+_MOVED: Final = _factors(
+    (0, 1.0, None, _AV), (0, -1.0, None, _DJ), (0, -1.0, _P, _AV_ANG), (0, 1.0, _P, _DJ_ANG),
+    (0, -1.0, _P1, _J_ANG),
+)  # fmt: skip
 
 
 class PointPartials:
@@ -70,98 +93,93 @@ class PointPartials:
         self, model: Any, data: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None
     ) -> None:
         self._data, self._drift, self._n = data, drift, model.nv
-        # views into data's own memory; of a single coordinate Pinocchio has vectors
-        left = data.J, data.dJ, data.dAdq, data.dAdv
-        self._left = tuple(part.reshape(6, model.nv) for part in left)
         points = [b for b in bounds if isinstance(b, Bound) and b.is_point]
         points.sort(key=lambda b: b.joint2 == 0)  # those between two bodies come first
         self.k, self.between = k, between = len(points), sum(b.joint2 > 0 for b in points)
-        self._rows, self._ends = rows_of(points), Ends(data, points)
+        self._rows, self._ends = rows_of(points), PointEnds(data, points)
         rows = self._rows
         self._below = (
             slice(rows.start + model.nv, rows.stop + model.nv)
             if isinstance(rows, slice)
             else rows + model.nv
         )
-        signs = np.array([b.sign for b in points]).reshape(k, 1, 1, 1)
+        self._signs = np.array([b.sign for b in points]).reshape(k, 1, 1)
         self._anchored = np.array([float(b.anchored) for b in points]).reshape(k, 1, 1)
         # which columns move the bodies of c1, and those of c2 where they move
-        moves = _moved(model, points)
-        moves = np.concatenate((moves[0], moves[1, :between]))
-        self._moved = moves * np.concatenate((signs, signs[:between]))
-        # s_q and s_v are asked for with the other sign, and F has the sign of lam
-        self._chosen = np.concatenate((self._moved, -self._moved, -self._moved, moves), axis=2)
-        # what 1, p x, p2'' x, 2 p' x and F x meet, for J, s_q, s_v and F x Ja each
-        self._columns = columns = np.zeros((15, 4, model.nv))
-        self._places = np.ones((k + between, 13))
-        # views of columns, and what goes there
-        J, dJ, A_q, A_v = self._left
-        self._whole, self._sources = columns[:6, :3].reshape(6, -1), (J, A_q, A_v)
-        self._turns = np.einsum("iji...->ij...", columns[6:].reshape(3, 3, 4, -1)[:, :, 1:])
-        self._dV = A_v[3:], dJ[3:], columns[9:12, 1]
-        # of p, p' and p'' of all ends c1 and then all c2: p and p' of each, p'' of its c2
-        end, xyz = np.arange(k + between)[:, None], np.arange(3)
-        self._taken = np.hstack([9 * end + xyz, 9 * (k + end % k) + 6 + xyz, 9 * end + 3 + xyz])
+        moves = _moved(model, points) * self._signs[:, :, :, None]
+        self._moved = np.concatenate((moves[0], moves[1, :between]))
+        self._make_room(data, model.nv)
+
+    def _make_room(self, data: Any, n: int) -> None:
+        """Make the memory of columns and parts, and the views into it that are wanted."""
+        k, between = self.k, self.between
+        # views into data's own memory; of a single coordinate Pinocchio has vectors
+        left = data.J, data.dAdq, data.dAdv, data.dJ
+        self._left = tuple(part.reshape(6, n) for part in left)
+        self._columns = np.zeros((_COLUMNS, n))
+        # J, -a_q and -a_v, and F x Ja where a body 2 moves
+        kinds = 4 if between else 3
+        self._accelerated = _factors(*_ACCELERATED, *([_PUSHED] if between else []))
+        self._flat_parts = np.zeros((3 * kinds * (k + between), n))
+        self._parts = parts = self._flat_parts.reshape(k + between, 3, kinds, n)
+        self._slip_between, self._of_c2 = parts[:between], parts[k:]
+        self._stacked_slip = parts[:k].reshape(k, 3, -1)
+        self._J2T = parts[k:, :, 0].reshape(-1, n).T
+        self._turned = parts[:between, :, -1].reshape(-1, n)
+        self._rotated = np.zeros((k, 3, kinds * n))
+        rows = self._rotated.reshape(3 * k, kinds, n)
+        self._J, self._by_state = rows[:, 0], rows[:, 1:3]
 
     def write(self, lam: Array, rhs: Array, J: Array, balls: Balls | None = None) -> None:
         """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q.
 
         `balls` are where the points are, if all of them were evaluated at this state already.
         """
-        n, k, between = self._n, self.k, self.between
-        axes, moving = (balls.axes, balls.moving) if balls else self._ends.in_world()
-        parts = self._parts(lam, axes[0], moving)
-        slip = parts[:k]
-        slip[:between] -= parts[k:]
-        rows = (axes[0] @ slip.reshape(k, 3, -1)).reshape(3 * k, 4, n)
-        J[self._rows], rhs[self._below] = rows[:, 0], rows[:, 1:3].reshape(3 * k, -1)
+        n = self._n
+        places = balls.ends.places if balls else self._evaluated(lam)
+        places[0, :, _P2 : _F + 1] = places[1, :, _P2 : _F + 1]
+        np.concatenate(self._left, out=self._columns)
+        self._of_ends(places, self._accelerated, self._flat_parts)
+        self._parts *= self._moved
+        self._slip_between -= self._of_c2
+        np.matmul(places[0, :, AXES], self._stacked_slip, out=self._rotated)
+        J[self._rows], rhs.reshape(-1, 2, n)[self._below] = self._J, self._by_state
+        if self.between:
+            rhs[:n, :n] += self._J2T.dot(self._turned)
         if self._drift:
-            by_q = self._drift.Kp * self._c_q(axes[0], moving, J)
-            by_q += self._drift.Kd * self._v_q(axes[0], moving)
+            by_q = self._drift.Kp * self._c_q(places, J) + self._drift.Kd * self._v_q(places)
             rhs[:, :n][self._below] -= by_q.reshape(-1, n)
-        if between:
-            J2, turned = parts[k:, :, 0], slip[:between, :, 3]
-            rhs[:n, :n] += J2.reshape(-1, n).T.dot(turned.reshape(-1, n))
 
     def turning(self, out: Array) -> None:
         """Write v_q (m, nv) of these rows."""
-        axes, moving = self._ends.in_world()
-        out[self._rows] = self._v_q(axes[0], moving).reshape(-1, self._n)
+        places = self._ends.evaluate()
+        np.concatenate(self._left, out=self._columns)
+        out[self._rows] = self._v_q(places).reshape(-1, self._n)
 
-    def _parts(self, lam: Array, axes: Array, moving: Array) -> Array:
-        """Return J, -a_q, -a_v and F x Ja of both ends (k + between, 3, 4, nv), in the world.
+    def _evaluated(self, lam: Array) -> Array:
+        """Return where the points are, with their forces if those have a part in it."""
+        places = self._ends.evaluate()
+        if self.between:
+            self._ends.push(self._signs * lam[self._rows].reshape(-1, 1, 3))
+        return places
 
-        Those of c2 come behind all of c1. Both have their part of a2 x Ja in -a_q.
-        """
-        np.concatenate(self._sources, axis=1, out=self._whole)
-        self._turns[:] = self._left[0][3:]
-        A_v, dJ, dV = self._dV
-        np.subtract(A_v, dJ, out=dV)
-        places, k = self._places, self.k
-        places[:, 1:10] = moving.take(self._taken)
-        F = (lam[self._rows].reshape(k, 1, 3) @ axes).reshape(k, 3)
-        places[:k, 10:], places[k:, 10:] = F, F[: self.between]
-        factors = places.dot(_ACCELERATED).reshape(-1, 15)
-        parts: Array = factors.dot(self._columns.reshape(15, -1)).reshape(-1, 3, 4, self._n)
-        parts *= self._chosen
-        return parts
+    def _of_ends(self, places: Array, factors: Array, out: Array | None = None) -> Array:
+        """Return what some factors make of the columns, for c1 and behind all of them c2."""
+        known = places.reshape(2 * self.k, -1)[: self.k + self.between, 3 * AXES.stop :]
+        return known.dot(factors).reshape(-1, _COLUMNS).dot(self._columns, out)
 
-    def _v_q(self, axes: Array, moving: Array) -> Array:
+    def _v_q(self, places: Array) -> Array:
         """Return the partials of J v by q (k, 3, nv)."""
-        J, dJ, _, A_v = self._left
-        x = self._places[:, :7].copy()
-        x[:, 1:4] = moving.reshape(-1, 9)[: len(x), :3]
-        x[: self.k, 4:], x[self.k :, 4:] = moving[1, :, 1], moving[1, : self.between, 1]
-        columns = np.concatenate((A_v - dJ, J[3:]))
-        parts = x.dot(_MOVED).reshape(-1, 9).dot(columns).reshape(-1, 3, self._n)
+        places[0, :, _P1] = places[1, :, _P1]
+        parts = self._of_ends(places, _MOVED).reshape(-1, 3, self._n)
         parts *= self._moved[:, 0]
         parts[: self.between] -= parts[self.k :]
-        return np.asarray(axes @ parts[: self.k])
+        return np.asarray(places[0, :, AXES] @ parts[: self.k])
 
-    def _c_q(self, axes: Array, moving: Array, J: Array) -> Array:
+    def _c_q(self, places: Array, J: Array) -> Array:
         """Return the partials of the violation (k, 3, nv), zero without an anchor."""
-        apart = skews(moving[1, :, 0] - moving[0, :, 0])
-        turned = axes @ apart @ (self._moved[: self.k, 0] * self._left[0][3:])
+        apart = skews(places[1, :, _P] - places[0, :, _P])
+        turned = places[0, :, AXES] @ apart @ (self._moved[: self.k, 0] * self._left[0][3:])
         return np.asarray(self._anchored * (J[self._rows].reshape(self.k, 3, -1) - turned))
 
 

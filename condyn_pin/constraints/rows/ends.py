@@ -38,13 +38,6 @@ class Ends:
         crossed = Centripetal(linear, angular).factors
         self._crossedT = np.ascontiguousarray(np.vstack([linear, crossed]).T)
         self._motion = np.zeros((2, self._joints.size))
-        self._make_room(self.k)
-
-    def _make_room(self, k: int) -> None:
-        """Make rows (0, 1), (v, 0) and (a, 0) of each end; with its placement, p, p' and p''."""
-        self._factors = np.zeros((2, k, 3, 4))
-        self._factors[:, :, 0, 3] = 1.0
-        self._moving = self._factors[:, :, 1:, :3].transpose(2, 0, 1, 3)  # a view
 
     def placements(self) -> Array:
         """Return E (2, k, 4, 3): axes of c1 and c2 in the world, one a row, and their origins."""
@@ -65,12 +58,6 @@ class Ends:
         both = found[:, :size]
         both[1] += centripetal(found[0, size:])
         return both.reshape(2, 2, self.k, 3)  # type: ignore[no-any-return]
-
-    def in_world(self) -> tuple[Array, Array]:
-        """Return the axes of both ends (2, k, 3, 3), one a row, and p, p' and p'' (2, k, 3, 3)."""
-        E = self.placements()
-        self._moving[:] = self.linear()
-        return E[:, :, :3], self._factors @ E
 
     def angular(self) -> Array:
         """Return the same of the turning, right after `linear`."""

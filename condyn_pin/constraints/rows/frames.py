@@ -30,8 +30,8 @@ FrameJacobian = Callable[[int, Any], Array]
 class Joints:
     """Velocities and accelerations of some joints, side by side, after forward kinematics.
 
-    `velocities` are views into that memory, (6,) a joint. The world may be among the joints: it
-    does not move.
+    `sources` are views into that memory, (6,) a joint, velocities first. The world may be among the
+    joints: it does not move.
     """
 
     def __init__(self, data: Any, joints: set[int]) -> None:
@@ -41,17 +41,16 @@ class Joints:
         self._motion = np.zeros((2, self.size))
         self._flat = self._motion.reshape(-1)
         # views into data's own memory: to fetch one costs a third of a microsecond
-        self._sources = [
+        self.sources = [
             source[joint].vector if joint else np.zeros(6)
             for source in (data.v, data.a)
             for joint in self.numbers
         ]
-        self.velocities = self._sources[: len(self.numbers)]
         self._data = data  # keeps that memory alive
 
     def read(self) -> Array:
         """Return (2, size): velocities in the first row, accelerations in the second."""
-        np.concatenate(self._sources, out=self._flat)
+        np.concatenate(self.sources, out=self._flat)
         return self._motion
 
     def maps(self, ends: Sequence[tuple[int, Any]]) -> tuple[Array, Array]:

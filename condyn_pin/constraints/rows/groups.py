@@ -23,6 +23,7 @@ from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import FrameJacobian, WorldContacts, Wrenches
 from condyn_pin.constraints.rows.loops import Balls, Weld
 from condyn_pin.constraints.rows.plain import PlainRows
+from condyn_pin.constraints.rows.point_ends import PointEnds
 from condyn_pin.constraints.rows.related import Related, Relations
 from condyn_pin.constraints.rows.rods import Rods
 from condyn_pin.constraints.rows.rolling import Rolled, Rolling
@@ -98,7 +99,7 @@ class Groups:
         self.plain = PlainRows(model, data, bounds)
         self.couplings = Couplings(coupled, model.nv) if coupled else None
         contacts = [WorldContacts(data, held, motion)] if held else []
-        self.balls = Balls(Ends(data, balls), balls) if balls else None
+        self.balls = Balls(PointEnds(data, balls), balls) if balls else None
         loops: list[Loops] = [self.balls] if self.balls else []
         loops += [Weld(data, b) for b in welds]
         others: list[tuple[UnlikePinocchio, Sequence[OnFrames], tuple[int, ...]]] = []

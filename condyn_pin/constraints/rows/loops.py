@@ -13,15 +13,18 @@ X the action of E1^-1 E2. The last term is the turning of c1's axes, in which v2
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import Bound
-from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import rows_of
+from condyn_pin.constraints.rows.point_ends import AXES, MOVING, PointEnds
+
+if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.many import ManyEnds
 
 
 class Balls:
@@ -29,34 +32,33 @@ class Balls:
 
     Attributes
     ----------
-    axes : (2, k, 3, 3) array
-        Those of c1 and c2 in the world, one a row, of the last evaluation.
-    moving : (2, k, 3, 3) array
-        p, p' and p'' of both ends in the world, of the last evaluation.
+    ends : PointEnds or ManyEnds
+        Where they are, and how they move, since the last evaluation.
     """
 
-    def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
-        self._ends = ends
+    def __init__(self, ends: PointEnds | ManyEnds, bounds: Sequence[Bound]) -> None:
+        self.ends = ends
         self._rows = rows_of(bounds)
-        self.axes, self.moving = np.zeros((2, 2, len(bounds), 3, 3))
+        slips = np.zeros((3, len(bounds), 3))
+        self._slips, self._of_each = slips.reshape(3, -1), slips.swapaxes(0, 1)
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
         rows = self._rows
-        self.axes, self.moving = self._ends.in_world()
-        one, two = self.moving
-        slip = (one - two) @ self.axes[0].swapaxes(1, 2)
-        c[rows], velocity[rows], acceleration[rows] = slip.swapaxes(0, 1).reshape(3, -1)
+        one, two = self.ends.evaluate()
+        apart = one[:, MOVING] - two[:, MOVING]
+        np.matmul(apart, one[:, AXES].swapaxes(1, 2), out=self._of_each)
+        c[rows], velocity[rows], acceleration[rows] = self._slips
 
     def violation(self, c: Array) -> None:
         """Write c of these loops: placements in `data` are enough."""
-        one, two = self._ends.placements()
+        one, two = self.ends.placements()
         c[self._rows] = ((one[:, 3:] - two[:, 3:]) @ one[:, :3].swapaxes(1, 2)).reshape(-1)
 
     def stack(self, lam: Array, _: Array, f2: Array) -> None:
         """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
-        forces = lam[self._rows].reshape(-1, 1, 3) @ self.axes[0]
-        f2[self._rows] = (forces @ self.axes[1].swapaxes(1, 2)).reshape(-1)
+        assert isinstance(self.ends, PointEnds)  # one state: forces of many are not asked for
+        f2[self._rows] = self.ends.push(lam[self._rows].reshape(-1, 1, 3)).reshape(-1)
 
 
 class Weld:

@@ -82,10 +82,12 @@ class ManyEnds(Ends):
 
     def __init__(self, data: Any, bounds: Sequence[OnFrames]) -> None:
         super().__init__(data, bounds)
-        self._velocities = self._joints.velocities
+        self._velocities = self._joints.sources[: len(self._joints.numbers)]
         self._placed = np.zeros((MANY, *self._of_joints.shape))
         self._moved = np.zeros((MANY, self._joints.size))
-        self._make_room(MANY * self.k)
+        # rows of each end, axes, (0, 1), (v, 0) and 0: with its placement, axes, p, p' and p''
+        self._rows = np.zeros((2, MANY * self.k, 6, 4))
+        self._rows[:, :, :4] = np.eye(4)
 
     def read(self, i: int) -> None:
         """Copy what forward kinematics has left, as state i."""
@@ -96,6 +98,11 @@ class ManyEnds(Ends):
         """Return E (2, MANY k, 4, 3)."""
         E = self._in_joints @ self._placed
         return np.asarray(E.swapaxes(0, 1).reshape(2, -1, 4, 3))
+
+    def evaluate(self) -> Array:
+        """Return axes, p, p' and zeros for p'' (2, MANY k, 6, 3), as `PointEnds` has them."""
+        self._rows[:, :, 4, :3] = self.linear()[0]
+        return self._rows @ self.placements()
 
     def linear(self) -> Array:
         """Return (2, 2, MANY k, 3): velocities, and zeros for accelerations."""
