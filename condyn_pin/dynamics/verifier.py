@@ -41,6 +41,7 @@ class Verifier:
         self._scene = workspace.scene
         nominal = workspace.scene.nominal
         self._estimator, self._pivots = nominal.estimator, nominal.pivots
+        self._turns_by_numbers = bool(workspace.scene.robot.arguments.units)
 
     def verify(
         self,
@@ -59,8 +60,8 @@ class Verifier:
         residuals, doubtful = estimator.prove(dynamics, largest, _torques(tau, load))
         singular = False
         # rotations by a loose quaternion are none: the residuals agree with an answer that is off
-        loose = not pin.isNormalized(self._workspace.model, q, LOOSE)
-        doubtful = doubtful or loose
+        if self._turns_by_numbers and not pin.isNormalized(self._workspace.model, q, LOOSE):
+            doubtful = True
         if not doubtful and self._pivots.may_fall:
             doubtful = not self._pivots.holds(residuals.bound, equations.mass(q))
         if doubtful and isfinite(residuals.bound):

@@ -2,8 +2,8 @@
 
 With M = L L^T, LAPACK's complete orthogonal factorisation of the whitened Jacobian J L^-T is
 
-    L^-1 J^T P = Q [ T  0 ] Z,        T upper triangular,    K = P Z^T [ T^-1 ]
-                   [ 0  0 ]                                            [  0   ]
+    L^-1 J^T P = Q [ T  0 ] Z,        T upper triangular,    K^T = [ T^-T  0 ] Z P^T
+                   [ 0  0 ]
 
 Rows of B = Q^T L^-1 are motions with B M B^T = 1. The first, B_h, are held, one for each
 independent row, and J^T K = M B_h^T: columns of K are the smallest forces that push against them.
@@ -77,35 +77,27 @@ def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:
     if not m:
         return _all_free(L_inv, m)
     of = lapack()
-    R, order, reflectors, _, _ = of.dgeqp3(L_inv.dot(J.T), overwrite_a=1)
+    # arguments by place: by name they take half as long again
+    T, order, reflectors, _, _ = of.dgeqp3(L_inv.dot(J.T), 3 * (m + 1), 1)
     rank = len(reflectors)  # pivots fall
-    sizes = R.diagonal().tolist()
+    sizes = T.diagonal().tolist()
     while rank and abs(sizes[rank - 1]) <= share * abs(sizes[0]):
         rank -= 1
     if not rank:
         return _all_free(L_inv, m)
-    B = of.dormqr("L", "T", R[:, : len(reflectors)], reflectors, L_inv, _BLOCK * n)[0]
-    if rank == m:
-        P_Z = of.dtrtri(R[:m])[0] * _upper(m)  # reflectors are below the diagonal
-    else:
-        T, turns, _ = of.dtzrzf(R[:rank])
-        P_Z = _unit(m).copy(order="F")
-        P_Z[:rank, :rank] = of.dtrtrs(T[:, :rank], _unit(rank))[0]
-        P_Z = of.dormrz(T, turns, P_Z, trans="T", overwrite_c=1)[0]
-    P_Z = P_Z.take(order.argsort(), axis=0)
-    return HeldAndFree(B, P_Z[:, :rank], P_Z[:, rank:])
+    B = of.dormqr("L", "T", T[:, : len(reflectors)], reflectors, L_inv, _BLOCK * n)[0]
+    ZP_T = _numbered(m).take(order, axis=1).T
+    if rank < m:
+        T, turns, _ = of.dtzrzf(T[:rank])
+        ZP_T = of.dormrz(T, turns, ZP_T, "L", "N", m, 1)[0]
+    K_T = of.dtrtrs(T[:rank, :rank], ZP_T[:rank], 0, 1)[0]
+    return HeldAndFree(B, K_T.T, ZP_T[rank:].T)
 
 
 @cache
-def _upper(m: int) -> Array:
-    """Return ones on and above the diagonal (m, m)."""
-    return read_only(np.triu(np.ones((m, m))))
-
-
-@cache
-def _unit(m: int) -> Array:
-    """Return the unit matrix (m, m), column by column as LAPACK has it."""
-    return read_only(np.eye(m, order="F"))
+def _numbered(m: int) -> Array:
+    """Return the columns of the unit matrix (m, m + 1) by their numbers, from 1 as in LAPACK."""
+    return read_only(np.eye(m, m + 1, 1))
 
 
 def _all_free(L_inv: Array, m: int) -> HeldAndFree:

@@ -91,10 +91,11 @@ def inverse_factor(M: Array) -> Array:
     InvalidModel
         If M is not positive definite.
     """
-    upper, info = lapack().dpotrf(M.T)
+    of = lapack()
+    upper, info = of.dpotrf(M.T)
     if info:
         raise InvalidModel(_NOT_POSITIVE)
-    return np.asarray(lapack().dtrtri(upper, overwrite_c=1)[0].T)
+    return of.dtrtri(upper, 0, 0, 1)[0].T  # type: ignore[no-any-return]
 
 
 def pivots(M: Array) -> Array:

@@ -38,6 +38,7 @@ from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.rows.frames import rows_of
 from condyn_pin.constraints.rows.loops import Balls
 from condyn_pin.constraints.rows.point_ends import AXES, ONE, ROWS, PointEnds
+from condyn_pin.constraints.rows.rolling import skews
 
 # What is known of an end, by its rows in `PointEnds.places`: p, p', p'' and F.
 _P, _P1, _P2, _F = 3, 4, 5, 6
@@ -109,6 +110,7 @@ class PointPartials:
         moves = _moved(model, points) * self._signs[:, :, :, None]
         self._moved = np.concatenate((moves[0], moves[1, :between]))
         self._make_room(data, model.nv)
+        self._chosen = np.ascontiguousarray(np.broadcast_to(self._moved, self._parts.shape))
 
     def _make_room(self, data: Any, n: int) -> None:
         """Make the memory of columns and parts, and the views into it that are wanted."""
@@ -123,7 +125,7 @@ class PointPartials:
         self._flat_parts = np.zeros((3 * kinds * (k + between), n))
         self._parts = parts = self._flat_parts.reshape(k + between, 3, kinds, n)
         self._slip_between, self._of_c2 = parts[:between], parts[k:]
-        self._stacked_slip = parts[:k].reshape(k, 3, -1)
+        self._stacked_slip = parts[:k].reshape(k, 3, kinds * n)
         self._J2T = parts[k:, :, 0].reshape(-1, n).T
         self._turned = parts[:between, :, -1].reshape(-1, n)
         self._rotated = np.zeros((k, 3, kinds * n))
@@ -136,50 +138,51 @@ class PointPartials:
         `balls` are where the points are, if all of them were evaluated at this state already.
         """
         n = self._n
-        places = balls.ends.places if balls else self._evaluated(lam)
-        places[0, :, _P2 : _F + 1] = places[1, :, _P2 : _F + 1]
+        ends = balls.ends if balls else self._evaluated(lam)
+        ends.of_c1[:] = ends.of_c2
         np.concatenate(self._left, out=self._columns)
-        self._of_ends(places, self._accelerated, self._flat_parts)
-        self._parts *= self._moved
+        self._of_ends(ends, self._accelerated, self._flat_parts)
+        self._parts *= self._chosen
         self._slip_between -= self._of_c2
-        np.matmul(places[0, :, AXES], self._stacked_slip, out=self._rotated)
+        np.matmul(ends.axes1, self._stacked_slip, out=self._rotated)
         J[self._rows], rhs.reshape(-1, 2, n)[self._below] = self._J, self._by_state
         if self.between:
-            rhs[:n, :n] += self._J2T.dot(self._turned)
+            pulls = rhs[:n, :n]
+            pulls += self._J2T.dot(self._turned)
         if self._drift:
-            by_q = self._drift.Kp * self._c_q(places, J) + self._drift.Kd * self._v_q(places)
+            by_q = self._drift.Kp * self._c_q(ends, J) + self._drift.Kd * self._v_q(ends)
             rhs[:, :n][self._below] -= by_q.reshape(-1, n)
 
     def turning(self, out: Array) -> None:
         """Write v_q (m, nv) of these rows."""
-        places = self._ends.evaluate()
+        self._ends.evaluate()
         np.concatenate(self._left, out=self._columns)
-        out[self._rows] = self._v_q(places).reshape(-1, self._n)
+        out[self._rows] = self._v_q(self._ends).reshape(-1, self._n)
 
-    def _evaluated(self, lam: Array) -> Array:
+    def _evaluated(self, lam: Array) -> PointEnds:
         """Return where the points are, with their forces if those have a part in it."""
-        places = self._ends.evaluate()
+        self._ends.evaluate()
         if self.between:
             self._ends.push(self._signs * lam[self._rows].reshape(-1, 1, 3))
-        return places
+        return self._ends
 
-    def _of_ends(self, places: Array, factors: Array, out: Array | None = None) -> Array:
+    def _of_ends(self, ends: PointEnds, factors: Array, out: Array | None = None) -> Array:
         """Return what some factors make of the columns, for c1 and behind all of them c2."""
-        known = places.reshape(2 * self.k, -1)[: self.k + self.between, 3 * AXES.stop :]
+        known = ends.known[: self.k + self.between]
         return known.dot(factors).reshape(-1, _COLUMNS).dot(self._columns, out)
 
-    def _v_q(self, places: Array) -> Array:
+    def _v_q(self, ends: PointEnds) -> Array:
         """Return the partials of J v by q (k, 3, nv)."""
-        places[0, :, _P1] = places[1, :, _P1]
-        parts = self._of_ends(places, _MOVED).reshape(-1, 3, self._n)
+        ends.places[0, :, _P1] = ends.places[1, :, _P1]
+        parts = self._of_ends(ends, _MOVED).reshape(-1, 3, self._n)
         parts *= self._moved[:, 0]
         parts[: self.between] -= parts[self.k :]
-        return np.asarray(places[0, :, AXES] @ parts[: self.k])
+        return np.asarray(ends.axes1 @ parts[: self.k])
 
-    def _c_q(self, places: Array, J: Array) -> Array:
+    def _c_q(self, ends: PointEnds, J: Array) -> Array:
         """Return the partials of the violation (k, 3, nv), zero without an anchor."""
-        apart = skews(places[1, :, _P] - places[0, :, _P])
-        turned = places[0, :, AXES] @ apart @ (self._moved[: self.k, 0] * self._left[0][3:])
+        apart = skews(ends.places[1, :, _P] - ends.places[0, :, _P])
+        turned = ends.axes1 @ apart @ (self._moved[: self.k, 0] * self._left[0][3:])
         return np.asarray(self._anchored * (J[self._rows].reshape(self.k, 3, -1) - turned))
 
 

@@ -76,4 +76,5 @@ def more_than(least: float, J: Array) -> Array:
 
     The rank is relative to the largest singular value: such rows would hold what they cannot.
     """
-    return np.zeros_like(J) if np.vdot(J, J) <= least else J
+    entries = J.ravel()
+    return np.zeros_like(J) if entries.dot(entries) <= least else J

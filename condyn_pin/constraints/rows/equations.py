@@ -43,7 +43,7 @@ class Recursion(Protocol):
         """Return M a + h less what wrenches on the joints do, those of an `answer_key`."""
 
     def mass(self, q: Array) -> Array | None:
-        """Return M if that recursion has left it behind at q."""
+        """Return M if that recursion has left it behind at q; it is overwritten by the next."""
 
 
 def answer_key(q: Array, v: Array, a: Array, lam: Array) -> bytes:
@@ -166,7 +166,7 @@ class Equations:
         return self._cancellation.at(q)
 
     def mass(self, q: Array) -> Array:
-        """Return M (nv, nv)."""
+        """Return M (nv, nv); owned by the caller, unless it is a recursion's."""
         M = self.recursion.mass(q) if self.recursion else None
         return np.array(_crba(self.model, self.data, q)) if M is None else M
 

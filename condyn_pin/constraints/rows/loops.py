@@ -21,7 +21,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.rows.frames import rows_of
-from condyn_pin.constraints.rows.point_ends import AXES, MOVING, PointEnds
+from condyn_pin.constraints.rows.point_ends import PointEnds
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.many import ManyEnds
@@ -45,9 +45,8 @@ class Balls:
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
         rows = self._rows
-        one, two = self.ends.evaluate()
-        apart = one[:, MOVING] - two[:, MOVING]
-        np.matmul(apart, one[:, AXES].swapaxes(1, 2), out=self._of_each)
+        R1, one, two = self.ends.evaluate()
+        np.matmul(one - two, R1, out=self._of_each)
         c[rows], velocity[rows], acceleration[rows] = self._slips
 
     def violation(self, c: Array) -> None:

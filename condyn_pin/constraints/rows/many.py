@@ -21,6 +21,7 @@ from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.groups import sorted_by_rows
 from condyn_pin.constraints.rows.loops import Balls
+from condyn_pin.constraints.rows.point_ends import AXES, MOVING
 from condyn_pin.constraints.rows.rods import Rods
 from condyn_pin.constraints.rows.rolling import Rolling
 
@@ -99,10 +100,11 @@ class ManyEnds(Ends):
         E = self._in_joints @ self._placed
         return np.asarray(E.swapaxes(0, 1).reshape(2, -1, 4, 3))
 
-    def evaluate(self) -> Array:
-        """Return axes, p, p' and zeros for p'' (2, MANY k, 6, 3), as `PointEnds` has them."""
+    def evaluate(self) -> tuple[Array, Array, Array]:
+        """Return R1, and p, p' and zeros for p'' of both ends, as `PointEnds` does."""
         self._rows[:, :, 4, :3] = self.linear()[0]
-        return self._rows @ self.placements()
+        one, two = self._rows @ self.placements()
+        return one[:, AXES].swapaxes(1, 2), one[:, MOVING], two[:, MOVING]
 
     def linear(self) -> Array:
         """Return (2, 2, MANY k, 3): velocities, and zeros for accelerations."""

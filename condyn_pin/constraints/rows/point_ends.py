@@ -29,7 +29,14 @@ class PointEnds:
     Attributes
     ----------
     places : (2, k, 8, 3) array
-        What is known of c1 and of c2, in the world: overwritten by the next evaluation.
+        What is known of c1 and of c2, in the world: overwritten by the next evaluation. All others
+        are views of it.
+    axes1 : (k, 3, 3) array
+        Axes of c1, one a row.
+    of_c1, of_c2 : (k, 2, 3) array
+        p'' and the force, which is on c2 alone.
+    known : (2 k, 15) array
+        All but axes, of c1 and behind all of them c2.
     """
 
     def __init__(self, data: Any, bounds: Sequence[OnFrames]) -> None:
@@ -44,14 +51,10 @@ class PointEnds:
         self._read = np.zeros(24 * k + 2 * joints.size)
         self._of_joints = self._read[: 24 * k].reshape(2, k, 4, 3)
         self._motion = self._read[24 * k :].reshape(2, joints.size)
-        self._make_room(ends, joints)
-        self.places = np.zeros((2, k, ROWS, 3))
-        self.places[:, :, ONE, 0] = 1.0
-        self._found = self.places[:, :, : MOVING.stop]
-        self._axes1, self._force = self.places[0, :, AXES], self.places[1, :, FORCE]
-        self._axes2T = self.places[1, :, AXES].swapaxes(1, 2)
+        self._make_rows(ends, joints)
+        self._name_places(k)
 
-    def _make_room(self, ends: Sequence[tuple[int, Any]], joints: Joints) -> None:
+    def _make_rows(self, ends: Sequence[tuple[int, Any]], joints: Joints) -> None:
         """Make the rows of each end in its joint: axes, s, u and p'', and what finds the last two.
 
         Times [R^T, t] they are those in the world.
@@ -59,34 +62,45 @@ class PointEnds:
         k, aligned = len(ends) // 2, [(j, pin.SE3(np.eye(3), p.translation)) for j, p in ends]
         self._rows = np.zeros((2, k, 6, 4))
         self._rows[:, :, :4] = np.array([p.homogeneous.T for _, p in ends]).reshape(2, k, 4, 4)
-        self._rows_u, self._rows_a = self._rows[:, :, 4, :3], self._rows[:, :, 5, :3]
+        self._moving_rows = self._rows[:, :, 4:, :3].transpose(2, 0, 1, 3)
         linear, angular = joints.maps(aligned)
         crossed = Centripetal(linear, angular).factors
         self._map = np.ascontiguousarray(np.vstack([linear, crossed]).T)
         # u of all ends, and what w x u is made of; below, a + alpha x s, and what is of no use
-        of_joints = np.zeros((2, 30 * k))
-        self._moved, (self._u, self._a) = of_joints, of_joints[:, : 6 * k].reshape(2, 2, k, 3)
-        self._w, self._across = of_joints[0, 6 * k :].reshape(2, 2, 2, k, 3)
+        self._found = np.zeros((2, 30 * k))
+        self._moving = self._found[:, : 6 * k].reshape(2, 2, k, 3)
+        self._a = self._moving[1]
+        self._w, self._across = self._found[0, 6 * k :].reshape(2, 2, 2, k, 3)
         self._products = np.zeros((2, 2, k, 3))
         self._forth, self._back = self._products
 
-    def evaluate(self) -> Array:
-        """Find axes, p, p' and p''; return `places`."""
+    def _name_places(self, k: int) -> None:
+        """Make `places`, and views of it."""
+        self.places = np.zeros((2, k, ROWS, 3))
+        self.places[:, :, ONE, 0] = 1.0
+        self.known = self.places.reshape(2 * k, 3 * ROWS)[:, 3 * AXES.stop :]
+        self._in_world, (one, two) = self.places[:, :, : MOVING.stop], self.places
+        self.axes1, self._force = one[:, AXES], two[:, FORCE]
+        self._axes1T, self._axes2T = one[:, AXES].swapaxes(1, 2), two[:, AXES].swapaxes(1, 2)
+        self.of_c1, self.of_c2 = one[:, MOVING.stop - 1 : ONE], two[:, MOVING.stop - 1 : ONE]
+        self._evaluated = self._axes1T, one[:, MOVING], two[:, MOVING]
+
+    def evaluate(self) -> tuple[Array, Array, Array]:
+        """Return R1 (k, 3, 3), and p, p' and p'' (k, 3, 3) of c1 and of c2, a row each."""
         np.concatenate(self._sources, out=self._read)
-        np.dot(self._motion, self._map, out=self._moved)
+        np.dot(self._motion, self._map, out=self._found)
         np.multiply(self._w, self._across, out=self._products)
-        w_x_u = np.subtract(self._forth, self._back, out=self._forth)
-        self._rows_u[:] = self._u
-        np.add(self._a, w_x_u, out=self._rows_a)
-        np.matmul(self._rows, self._of_joints, out=self._found)
-        return self.places
+        self._a += np.subtract(self._forth, self._back, out=self._forth)
+        self._moving_rows[:] = self._moving
+        np.matmul(self._rows, self._of_joints, out=self._in_world)
+        return self._evaluated
 
     def push(self, lam: Array) -> Array:
         """Take lam (k, 1, 3), in the axes of c1, for the force; return it in those of c2."""
-        force = np.matmul(lam, self._axes1, out=self._force)
-        return np.asarray(force @ self._axes2T)
+        force = np.matmul(lam, self.axes1, out=self._force)
+        return force @ self._axes2T
 
     def placements(self) -> Array:
         """Return E (2, k, 4, 3): axes of c1 and c2 in the world, one a row, and their origins."""
         np.concatenate(self._sources, out=self._read)
-        return np.asarray(self._rows[:, :, :4] @ self._of_joints)
+        return self._rows[:, :, :4] @ self._of_joints

@@ -6,7 +6,6 @@ Columns are tangent: column i is the derivative along ``pin.integrate(model, q, 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -35,6 +34,8 @@ class Derivatives(ABC):
         Where rows are redundant, those of the smallest lam.
     """
 
+    _formed: tuple[Array, Array, Array] | None = None  # as soon as one of them was asked for
+
     def __init__(self, solution: Solution) -> None:
         self.solution = solution
         self._n, self._m = len(solution.a), len(solution.lam)
@@ -43,10 +44,14 @@ class Derivatives(ABC):
     def _form(self) -> tuple[Array, Array, Array]:
         """Return the derivatives of (a, lam) by q, v and tau, each (nv + m, nv)."""
 
-    @cached_property
-    @one_blas_thread
+    @property
     def _blocks(self) -> tuple[Array, Array, Array]:
-        return self._form()
+        return self._formed or self._form_once()
+
+    @one_blas_thread
+    def _form_once(self) -> tuple[Array, Array, Array]:
+        self._formed = self._form()
+        return self._formed
 
     @property
     def da_dq(self) -> Array:

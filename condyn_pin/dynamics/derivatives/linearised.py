@@ -78,6 +78,7 @@ class Linearisation:
             model = self._carried.model
         # in which no axes turn
         self._model, self._data = model, model.createData()
+        self._hold_views(self._data, model.nv)
         self._of_constraints = ConstraintPartials(model, self._data, bounds, drift)
         self._drift = drift
         self._m = sum(b.size for b in bounds)
@@ -91,17 +92,25 @@ class Linearisation:
         """Return the partial derivatives at a state and an answer."""
         if self._carried is None:
             asked, J = self._of_bodies(q, v, a, lam)
-            M = np.array(self._data.M)  # Newton-Euler's derivatives leave it behind
+            M = self._M.copy()  # Newton-Euler's derivatives leave it behind
         else:
             free_q, nu, rate, chain = self._carried.state(q, v, a)
             of_free, J = self._of_bodies(free_q, nu, rate, lam)
-            r = np.array(self._data.tau)  # as Newton-Euler's derivatives left it
+            r = self._torques.copy()  # as Newton-Euler's derivatives left it
             by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
             by_state = of_free[:, : 2 * self._model.nv]
             rhs, J, M = self._carried.back(chain, by_state, -by_a, -r), J @ chain.Phi, None
             asked = np.hstack([rhs, np.eye(len(rhs), len(v))])
         self._of_constraints.write_couplings(asked[:, : 2 * len(v)], J)
         return Linearised(J, asked, M)
+
+    def _hold_views(self, data: Any, n: int) -> None:
+        """Hold what Newton-Euler's derivatives write: to fetch it costs as much as to copy it."""
+        # of a single coordinate Pinocchio has vectors
+        self._M, self._dtau_dq, self._dtau_dv = (
+            part.reshape(n, n) for part in (data.M.T, data.dtau_dq, data.dtau_dv)
+        )
+        self._torques = data.tau
 
     @property
     def takes_the_model(self) -> bool:
@@ -112,15 +121,15 @@ class Linearisation:
         """Return M a + h less what wrenches do; `at` finds the derivatives of the answer done."""
         _rnea_derivatives(self._model, self._data, q, v, a, wrenches)
         self._done = answer
-        return self._data.tau  # type: ignore[no-any-return]
+        return self._torques
 
     def mass(self, q: Array) -> Array | None:
-        """Return M if `newton_euler` has left it behind at q."""
-        return np.array(self._data.M) if self._done.startswith(q.tobytes()) else None
+        """Return M if `newton_euler` has left it behind at q, where it stands."""
+        return self._M if self._done.startswith(q.tobytes()) else None
 
     def _of_bodies(self, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
         """Return what a step leaves to solve and J, but for couplings, where no axes turn."""
-        data, n, equations = self._data, self._model.nv, self._equations
+        n, equations = self._model.nv, self._equations
         answer = answer_key(q, v, a, lam)
         proved = answer == equations.answer
         if self._done != answer:
@@ -130,8 +139,8 @@ class Linearisation:
         self._done = b""  # for one call
         asked, J = self._asked.copy(), np.zeros((self._m, n))
         rhs = asked[:, : 2 * n]
-        np.negative(data.dtau_dq, out=rhs[:n, :n])
-        np.negative(data.dtau_dv, out=rhs[:n, n:])
+        np.negative(self._dtau_dq, out=rhs[:n, :n])
+        np.negative(self._dtau_dv, out=rhs[:n, n:])
         self._of_constraints.write(lam, rhs, J, equations.balls if proved else None)
         if self._drift:
             rhs[n:, n:] -= self._drift.Kd * J
