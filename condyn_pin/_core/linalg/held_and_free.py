@@ -67,6 +67,15 @@ class HeldAndFree(NamedTuple):
         self.B.T.dot(moved, found[:n])
         return found
 
+    def answer_to_forces(self) -> Array:
+        """Return the same for x = 1 and y = 0 (nv + m, nv): what forces on the motions do."""
+        n, rank = len(self.B), self.K.shape[1]
+        held, free = self.B[:rank], self.B[rank:]
+        found = np.empty((n + len(self.K), n))
+        free.T.dot(free, found[:n])
+        np.negative(self.K.dot(held), out=found[n:])
+        return found
+
 
 def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:
     """Return the motions of M = L L^T and J (m, nv).

@@ -100,10 +100,12 @@ def inverse_factor(M: Array) -> Array:
 
 def pivots(M: Array) -> Array:
     """Return D (nv,) of M = U D U^T; NaN if M is not positive definite."""
-    factor, info = lapack().dpotrf(M[::-1, ::-1], lower=1)
+    from_the_tips = M.ravel()[::-1].copy().reshape(M.shape)
+    factor, info = lapack().dpotrf(from_the_tips.T, 1, 0, 1)  # M is symmetric
     if info:
         return np.full(len(M), np.nan)
-    return np.asarray(factor.diagonal()[::-1] ** 2)
+    roots = factor.diagonal()[::-1]
+    return np.asarray(roots * roots)
 
 
 @cache

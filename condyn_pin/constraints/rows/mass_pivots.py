@@ -50,7 +50,8 @@ class MassPivots:
 
         Accelerations are off by 1 over it times what an estimate at the nominal state says.
         """
-        least = float((pivots(M)[self.watched] / self.nominal).min(initial=1.0))
+        shares = pivots(M).take(self.watched) / self.nominal
+        least = float(np.minimum.reduce(shares, initial=1.0))
         return 0.0 if isnan(least) else least
 
 

@@ -60,7 +60,7 @@ class KktDerivatives(Derivatives):
     @cached_property
     @of_workspace
     def _factored(self) -> tuple[Array, HeldAndFree]:
-        """What a step of q, v and tau leaves to solve (nv + m, 3 nv), and what solves it."""
+        """What a step of q and v leaves to solve (nv + m, 2 nv), and what solves it."""
         return self._factorise()
 
     def _factorise(self) -> tuple[Array, HeldAndFree]:
@@ -68,10 +68,10 @@ class KktDerivatives(Derivatives):
         of = self._linearisation.at(q, self._v, solution.a, solution.lam)
         if solution.applied:
             loads = self._workspace.loads
-            of.asked[: self._n, : self._n] += load_partial(loads, q, solution.applied)
+            of.rhs[: self._n, : self._n] += load_partial(loads, q, solution.applied)
         J = self._equations.drop_roundoff_rows(of.J)
         M = self._equations.mass(q) if of.M is None else of.M
-        return of.asked, held_and_free(inverse_factor(M), J, tolerances.RANK)
+        return of.rhs, held_and_free(inverse_factor(M), J, tolerances.RANK)
 
     @property
     def _motions(self) -> HeldAndFree:
@@ -135,14 +135,14 @@ class KktDerivatives(Derivatives):
         return self._motions.solve(-r, -s)
 
     def _form(self) -> tuple[Array, Array, Array]:
-        n, (asked, motions) = self._n, self._factored
-        found = motions.answer(asked[:n], asked[n:])
-        return found[:, :n], found[:, n : 2 * n], found[:, 2 * n :]
+        n, (rhs, motions) = self._n, self._factored
+        found = motions.answer(rhs[:n], rhs[n:])
+        return found[:, :n], found[:, n:], motions.answer_to_forces()
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
         n = self._n
-        x = self._factored[0].dot(np.concatenate([dq, dv, dtau]))
-        da, dlam = self._motions.solve(x[:n], x[n:])
+        x = self._factored[0].dot(np.concatenate([dq, dv]))
+        da, dlam = self._motions.solve(x[:n] + dtau, x[n:])
         if dq.any() and self._null is not None:
             dlam += self._null @ dq
         return da, dlam
@@ -150,11 +150,11 @@ class KktDerivatives(Derivatives):
     def _backward(self, da: Array, dlam: Array) -> tuple[Array, Array, Array]:
         n = self._n
         by_tau, forced = self._motions.solve(da, -dlam)  # the transpose, but for signs
-        asked = self._factored[0]
-        by = by_tau.dot(asked[:n]) - forced.dot(asked[n:])
+        rhs = self._factored[0]
+        by = by_tau.dot(rhs[:n]) - forced.dot(rhs[n:])
         if dlam.any() and self._null is not None:
             by[:n] += dlam @ self._null
-        return by[:n], by[n : 2 * n], by_tau
+        return by[:n], by[n:], by_tau
 
 
 def turning_null_space(linearisation: Linearisation, q: Array, w: Array, N: Array) -> Array:

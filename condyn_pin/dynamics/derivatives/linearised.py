@@ -35,26 +35,21 @@ class Linearised(NamedTuple):
     """The partial derivatives at one (q, v, a, lam)."""
 
     J: Array  # (m, nv)
-    # what a step of q, v and tau leaves to solve, [[-r_q, -r_v, 1], [-s_q, -s_v, 0]]
-    asked: Array  # (nv + m, 3 nv)
+    # -[[r_q, r_v], [s_q, s_v]]: what a step of q and v leaves to solve
+    rhs: Array  # (nv + m, 2 nv)
     M: Array | None  # (nv, nv), r by a; None where free bodies carry joints
-
-    @property
-    def rhs(self) -> Array:
-        """(nv + m, 2 nv), -[[r_q, r_v], [s_q, s_v]]: what a step of q and v leaves to solve."""
-        return self.asked[:, : 2 * self.J.shape[1]]
 
     @property
     def r_q(self) -> Array:
         """(nv, nv)."""
         n = self.J.shape[1]
-        return -self.asked[:n, :n]
+        return -self.rhs[:n, :n]
 
     @property
     def s_q(self) -> Array:
         """(m, nv)."""
         n = self.J.shape[1]
-        return -self.asked[n:, :n]
+        return -self.rhs[n:, :n]
 
 
 class Linearisation:
@@ -82,8 +77,6 @@ class Linearisation:
         self._of_constraints = ConstraintPartials(model, self._data, bounds, drift)
         self._drift = drift
         self._m = sum(b.size for b in bounds)
-        self._asked = np.zeros((model.nv + self._m, 3 * model.nv))
-        self._asked[: model.nv, 2 * model.nv :] = np.eye(model.nv)
         if equations is None or model is not given:
             equations = Equations(model, bounds)
         self._equations, self._given = equations, given
@@ -91,18 +84,16 @@ class Linearisation:
     def at(self, q: Array, v: Array, a: Array, lam: Array) -> Linearised:
         """Return the partial derivatives at a state and an answer."""
         if self._carried is None:
-            asked, J = self._of_bodies(q, v, a, lam)
+            rhs, J = self._of_bodies(q, v, a, lam)
             M = self._M.copy()  # Newton-Euler's derivatives leave it behind
         else:
             free_q, nu, rate, chain = self._carried.state(q, v, a)
             of_free, J = self._of_bodies(free_q, nu, rate, lam)
             r = self._torques.copy()  # as Newton-Euler's derivatives left it
             by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
-            by_state = of_free[:, : 2 * self._model.nv]
-            rhs, J, M = self._carried.back(chain, by_state, -by_a, -r), J @ chain.Phi, None
-            asked = np.hstack([rhs, np.eye(len(rhs), len(v))])
-        self._of_constraints.write_couplings(asked[:, : 2 * len(v)], J)
-        return Linearised(J, asked, M)
+            rhs, J, M = self._carried.back(chain, of_free, -by_a, -r), J @ chain.Phi, None
+        self._of_constraints.write_couplings(rhs, J)
+        return Linearised(J, rhs, M)
 
     def _hold_views(self, data: Any, n: int) -> None:
         """Hold what Newton-Euler's derivatives write: to fetch it costs as much as to copy it."""
@@ -137,14 +128,13 @@ class Linearisation:
             wrenches = equations.on_joints if proved else equations.wrenches_at(q, lam)
             self.newton_euler(q, v, a, wrenches, answer)
         self._done = b""  # for one call
-        asked, J = self._asked.copy(), np.zeros((self._m, n))
-        rhs = asked[:, : 2 * n]
+        rhs, J = np.zeros((n + self._m, 2 * n)), np.zeros((self._m, n))
         np.negative(self._dtau_dq, out=rhs[:n, :n])
         np.negative(self._dtau_dv, out=rhs[:n, n:])
         self._of_constraints.write(lam, rhs, J, equations.balls if proved else None)
         if self._drift:
             rhs[n:, n:] -= self._drift.Kd * J
-        return asked, J
+        return rhs, J
 
     def turning(self, q: Array, w: Array) -> Array:
         """Return how J w changes with q (m, nv) while w (nv,) stays: as the slip does at v = w."""
