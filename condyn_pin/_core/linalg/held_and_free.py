@@ -54,27 +54,32 @@ class HeldAndFree(NamedTuple):
 
     def solve(self, x: Array, y: Array) -> tuple[Array, Array]:
         """Return (a, lam) for one or many right-hand sides x (nv, k), y (m, k)."""
-        answer = self.answer(x, y)
-        return answer[: len(x)], answer[len(x) :]
+        return self.motion(x, y), self.force(x, y)
 
-    def answer(self, x: Array, y: Array) -> Array:
-        """Return the same, a above lam (nv + m,) or (nv + m, k)."""
-        n, rank = len(x), self.K.shape[1]
-        moved, asked = self.B.dot(x), self.K.T.dot(y)
-        found = np.empty((n + len(y), *x.shape[1:]))
-        self.K.dot(asked - moved[:rank], found[n:])
-        moved[:rank] = asked
-        self.B.T.dot(moved, found[:n])
-        return found
+    def motion(self, x: Array, y: Array) -> Array:
+        """Return a (nv,) or (nv, k)."""
+        moved = self.B.dot(x)
+        moved[: self.K.shape[1]] = self.K.T.dot(y)
+        a: Array = self.B.T.dot(moved)
+        return a
 
-    def answer_to_forces(self) -> Array:
-        """Return the same for x = 1 and y = 0 (nv + m, nv): what forces on the motions do."""
-        n, rank = len(self.B), self.K.shape[1]
-        held, free = self.B[:rank], self.B[rank:]
-        found = np.empty((n + len(self.K), n))
-        free.T.dot(free, found[:n])
-        np.negative(self.K.dot(held), out=found[n:])
-        return found
+    def force(self, x: Array, y: Array) -> Array:
+        """Return lam (m,) or (m, k)."""
+        asked = self.K.T.dot(y)
+        asked -= self.B[: self.K.shape[1]].dot(x)
+        lam: Array = self.K.dot(asked)
+        return lam
+
+    @property
+    def mobility(self) -> Array:
+        """B_f^T B_f (nv, nv): how torques accelerate what is free."""
+        free = self.B[self.K.shape[1] :]
+        return np.asarray(free.T.dot(free))
+
+    @property
+    def support(self) -> Array:
+        """-K B_h (m, nv): what constraints push back when torques push."""
+        return np.asarray(-self.K.dot(self.B[: self.K.shape[1]]))
 
 
 def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:

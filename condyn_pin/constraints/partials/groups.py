@@ -9,8 +9,10 @@ what turns of J^T lam, and their rows of J, -s_q and -s_v.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
+
+import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
@@ -21,7 +23,7 @@ from condyn_pin.constraints.partials.rolling import RollingPartials
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.rows.couplings import Coupled
-from condyn_pin.constraints.rows.loops import Balls
+from condyn_pin.constraints.rows.point_ends import PointEnds
 from condyn_pin.constraints.rows.related import Related
 from condyn_pin.constraints.rows.rolling import Rolled
 
@@ -30,6 +32,11 @@ class ConstraintPartials:
     """The partials of all constraints of one scene.
 
     `data` holds what `pin.computeRNEADerivatives` leaves.
+
+    Attributes
+    ----------
+    make : callable
+        What makes arrays for `write`: zeros where there are couplings, all other rows are written.
     """
 
     def __init__(
@@ -41,11 +48,12 @@ class ConstraintPartials:
         self._rolling = RollingPartials(frames, bounds, drift)
         self._points = PointPartials(model, data, bounds, drift)
         self._couplings = [b for b in bounds if isinstance(b, Coupled)]
+        self.make: Callable[[tuple[int, ...]], Array] = np.zeros if self._couplings else np.empty
 
-    def write(self, lam: Array, rhs: Array, J: Array, balls: Balls | None = None) -> None:
-        """Write all rows but those of couplings into rhs and J.
+    def write(self, lam: Array, rhs: Array, J: Array, ends: PointEnds | None = None) -> None:
+        """Write all rows but those of couplings into rhs and J, arrays that `make` has made.
 
-        `balls` are the loops of three rows, where this answer was evaluated already.
+        `ends` are those of the loops of three rows, where this answer was evaluated already.
         """
         if self._pairs.k:
             self._pairs.write(lam, rhs, J)
@@ -53,7 +61,7 @@ class ConstraintPartials:
             self._rolling.write(lam, rhs, J)
         if self._points.k:
             known = self._points.k == self._points.between
-            self._points.write(lam, rhs, J, balls if known else None)
+            self._points.write(lam, rhs, J, ends if known else None)
 
     def write_couplings(self, rhs: Array, J: Array) -> None:
         """Write the rows of couplings, whose accelerations change with neither q nor v."""

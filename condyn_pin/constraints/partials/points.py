@@ -36,24 +36,23 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import Bound
 from condyn_pin.constraints.rows.frames import rows_of
-from condyn_pin.constraints.rows.loops import Balls
 from condyn_pin.constraints.rows.point_ends import AXES, ONE, ROWS, PointEnds
 from condyn_pin.constraints.rows.rolling import skews
 
 # What is known of an end, by its rows in `PointEnds.places`: p, p', p'' and F.
 _P, _P1, _P2, _F = 3, 4, 5, 6
 # Where its columns begin: linear and angular ones of J, dA, dA_v and dJ.
-_J, _J_ANG, _A, _A_ANG, _AV, _AV_ANG, _DJ, _DJ_ANG, _COLUMNS = *range(0, 24, 3), 24
+_J, _J_ANG, _A, _A_ANG, _AV, _AV_ANG, _DJ_ANG, _DJ = range(0, 24, 3)
 
 
 def _factors(*terms: tuple[int, float, int | None, int]) -> Array:
-    """Return the map of what is known of an end to the factors of its columns.
+    """Return the map of what is known of an end to the factors of its columns, the first of them.
 
     Of terms (part, number, x, columns), with x None for the product with 1. There are three rows a
     part, and the parts alternate: the x of all of them come first.
     """
     parts = 1 + max(part for part, *_ in terms)
-    of = np.zeros((ROWS, 3, 3, parts, _COLUMNS))
+    of = np.zeros((ROWS, 3, 3, parts, 3 + max(columns for *_, columns in terms)))
     for part, number, x, columns in terms:
         three = slice(columns, columns + 3)
         if x is None:
@@ -116,9 +115,9 @@ class PointPartials:
         """Make the memory of columns and parts, and the views into it that are wanted."""
         k, between = self.k, self.between
         # views into data's own memory; of a single coordinate Pinocchio has vectors
-        left = data.J, data.dAdq, data.dAdv, data.dJ
-        self._left = tuple(part.reshape(6, n) for part in left)
-        self._columns = np.zeros((_COLUMNS, n))
+        J, A, A_v, dJ = (part.reshape(6, n) for part in (data.J, data.dAdq, data.dAdv, data.dJ))
+        self._left, self._columns = (J, A, A_v, dJ[3:], dJ[:3]), np.zeros((24, n))
+        self._first_columns = self._columns[:_DJ]  # what accelerations change with
         # J, -a_q and -a_v, and F x Ja where a body 2 moves
         kinds = 4 if between else 3
         self._accelerated = _factors(*_ACCELERATED, *([_PUSHED] if between else []))
@@ -132,16 +131,16 @@ class PointPartials:
         rows = self._rotated.reshape(3 * k, kinds, n)
         self._J, self._by_state = rows[:, 0], rows[:, 1:3]
 
-    def write(self, lam: Array, rhs: Array, J: Array, balls: Balls | None = None) -> None:
+    def write(self, lam: Array, rhs: Array, J: Array, ends: PointEnds | None = None) -> None:
         """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q.
 
-        `balls` are where the points are, if all of them were evaluated at this state already.
+        `ends` are those of all points, if they were evaluated with this lam already.
         """
         n = self._n
-        ends = balls.ends if balls else self._evaluated(lam)
+        ends = ends or self._evaluated(lam)
         ends.of_c1[:] = ends.of_c2
         np.concatenate(self._left, out=self._columns)
-        self._of_ends(ends, self._accelerated, self._flat_parts)
+        self._of_ends(ends, self._accelerated, self._first_columns, self._flat_parts)
         self._parts *= self._chosen
         self._slip_between -= self._of_c2
         np.matmul(ends.axes1, self._stacked_slip, out=self._rotated)
@@ -150,7 +149,8 @@ class PointPartials:
             pulls = rhs[:n, :n]
             pulls += self._J2T.dot(self._turned)
         if self._drift:
-            by_q = self._drift.Kp * self._c_q(ends, J) + self._drift.Kd * self._v_q(ends)
+            by_q = self._drift.Kp * self._c_q(ends, J)
+            by_q += self._drift.Kd * self._v_q(ends)
             rhs[:, :n][self._below] -= by_q.reshape(-1, n)
 
     def turning(self, out: Array) -> None:
@@ -166,15 +166,17 @@ class PointPartials:
             self._ends.push(self._signs * lam[self._rows].reshape(-1, 1, 3))
         return self._ends
 
-    def _of_ends(self, ends: PointEnds, factors: Array, out: Array | None = None) -> Array:
+    def _of_ends(
+        self, ends: PointEnds, factors: Array, columns: Array, out: Array | None = None
+    ) -> Array:
         """Return what some factors make of the columns, for c1 and behind all of them c2."""
         known = ends.known[: self.k + self.between]
-        return known.dot(factors).reshape(-1, _COLUMNS).dot(self._columns, out)
+        return known.dot(factors).reshape(-1, len(columns)).dot(columns, out)  # type: ignore[no-any-return]
 
     def _v_q(self, ends: PointEnds) -> Array:
         """Return the partials of J v by q (k, 3, nv)."""
         ends.places[0, :, _P1] = ends.places[1, :, _P1]
-        parts = self._of_ends(ends, _MOVED).reshape(-1, 3, self._n)
+        parts = self._of_ends(ends, _MOVED, self._columns).reshape(-1, 3, self._n)
         parts *= self._moved[:, 0]
         parts[: self.between] -= parts[self.k :]
         return np.asarray(ends.axes1 @ parts[: self.k])

@@ -27,7 +27,7 @@ from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.cancellation import Cancellation, least_of, more_than
 from condyn_pin.constraints.rows.groups import Groups
-from condyn_pin.constraints.rows.loops import Balls
+from condyn_pin.constraints.rows.point_ends import PointEnds
 from condyn_pin.constraints.rows.terms import Terms
 
 # bound once: these are called in every residuals, which is to cost little more than they do
@@ -290,9 +290,9 @@ class Equations:
         return self._groups.on_joints
 
     @property
-    def balls(self) -> Balls | None:
-        """The loops of three rows, where they are at the last `answer`."""
-        return self._groups.balls
+    def ball_ends(self) -> PointEnds | None:
+        """The ends of the loops of three rows, at the last `answer`."""
+        return self._groups.ball_ends
 
     def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""

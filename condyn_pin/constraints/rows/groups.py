@@ -99,8 +99,8 @@ class Groups:
         self.plain = PlainRows(model, data, bounds)
         self.couplings = Couplings(coupled, model.nv) if coupled else None
         contacts = [WorldContacts(data, held, motion)] if held else []
-        self.balls = Balls(PointEnds(data, balls), balls) if balls else None
-        loops: list[Loops] = [self.balls] if self.balls else []
+        self.ball_ends = PointEnds(data, balls) if balls else None
+        loops: list[Loops] = [Balls(self.ball_ends, balls)] if self.ball_ends else []
         loops += [Weld(data, b) for b in welds]
         others: list[tuple[UnlikePinocchio, Sequence[OnFrames], tuple[int, ...]]] = []
         kinds: list[tuple[Any, Sequence[OnFrames], tuple[int, ...]]] = [

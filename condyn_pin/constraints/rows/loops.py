@@ -30,34 +30,31 @@ if TYPE_CHECKING:
 class Balls:
     """All 3-row loops at once: R1^T times the difference of both ends in the world.
 
-    Attributes
-    ----------
-    ends : PointEnds or ManyEnds
-        Where they are, and how they move, since the last evaluation.
+    `ends` are those of one state, or of many, whose forces nobody asks for.
     """
 
     def __init__(self, ends: PointEnds | ManyEnds, bounds: Sequence[Bound]) -> None:
-        self.ends = ends
+        self._ends = ends
         self._rows = rows_of(bounds)
         slips = np.zeros((3, len(bounds), 3))
-        self._slips, self._of_each = slips.reshape(3, -1), slips.swapaxes(0, 1)
+        self._of_each, self._slips = slips.swapaxes(0, 1), tuple(slips.reshape(3, -1))
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
         rows = self._rows
-        R1, one, two = self.ends.evaluate()
+        R1, one, two = self._ends.evaluate()
         np.matmul(one - two, R1, out=self._of_each)
         c[rows], velocity[rows], acceleration[rows] = self._slips
 
     def violation(self, c: Array) -> None:
         """Write c of these loops: placements in `data` are enough."""
-        one, two = self.ends.placements()
+        one, two = self._ends.placements()
         c[self._rows] = ((one[:, 3:] - two[:, 3:]) @ one[:, :3].swapaxes(1, 2)).reshape(-1)
 
     def stack(self, lam: Array, _: Array, f2: Array) -> None:
         """Write R^T lam, the forces in the axes of c2, for the rows of these loops."""
-        assert isinstance(self.ends, PointEnds)  # one state: forces of many are not asked for
-        f2[self._rows] = self.ends.push(lam[self._rows].reshape(-1, 1, 3)).reshape(-1)
+        assert isinstance(self._ends, PointEnds)
+        f2[self._rows] = self._ends.push(lam[self._rows].reshape(-1, 1, 3)).reshape(-1)
 
 
 class Weld:

@@ -50,8 +50,8 @@ class MassPivots:
 
         Accelerations are off by 1 over it times what an estimate at the nominal state says.
         """
-        shares = pivots(M).take(self.watched) / self.nominal
-        least = float(np.minimum.reduce(shares, initial=1.0))
+        shares = (pivots(M).take(self.watched) / self.nominal).tolist()
+        least: float = min([*shares, 1.0])  # of nothing but NaN, or of none
         return 0.0 if isnan(least) else least
 
 

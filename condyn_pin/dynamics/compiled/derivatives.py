@@ -23,15 +23,15 @@ class CompiledDerivatives(KktDerivatives):
 
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, blocks: Blocks) -> None:
         self._hold(workspace, solution, v)
-        self._formed = blocks
+        self._found = blocks
 
     @property
-    def dlam_dq(self) -> Array:
-        """(m, nv); where rows are redundant, that of the smallest lam."""
-        return self._formed[0][self._n :]
+    def _forces(self) -> Blocks:
+        by_q, by_v, by_tau = self._found
+        return by_q[self._n :], by_v[self._n :], by_tau[self._n :]
 
     def _form(self) -> Blocks:
-        return self._formed
+        return self._found
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
         return Derivatives._forward(self, dq, dv, dtau)

@@ -21,6 +21,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.held_and_free import HeldAndFree, held_and_free
 from condyn_pin._core.linalg.mass_factor import inverse_factor
 from condyn_pin._core.one_thread import of_workspace
@@ -87,15 +88,29 @@ class KktDerivatives(Derivatives):
         w, _ = motions.solve(np.zeros(self._n), of.lam)
         return turning_null_space(self._linearisation, of.q, w, motions.N)
 
-    @cached_property
-    def _lam_by_q(self) -> Array:
-        by_q: Array = self._blocks[0][self._n :]
-        return by_q if self._null is None else by_q + self._null
-
     @property
     def dlam_dq(self) -> Array:
         """(m, nv); where rows are redundant, it takes its time when it is asked for first."""
-        return self._lam_by_q
+        return self._forces[0]
+
+    @property
+    def dlam_dv(self) -> Array:
+        """Constraint forces by the velocity (m, nv)."""
+        return self._forces[1]
+
+    @property
+    def dlam_dtau(self) -> Array:
+        """Constraint forces by the torques (m, nv)."""
+        return self._forces[2]
+
+    @cached_property
+    @one_blas_thread
+    def _forces(self) -> tuple[Array, Array, Array]:
+        """The derivatives of lam by q, v and tau; `_blocks` has those of a alone."""
+        n, (rhs, motions) = self._n, self._factored
+        found = motions.force(rhs[:n], rhs[n:])
+        by_q = found[:, :n] if self._null is None else found[:, :n] + self._null
+        return by_q, found[:, n:], motions.support
 
     def by_gravity(self) -> tuple[Array, Array]:
         """Return the derivatives of a (nv, 3) and lam (m, 3) by the vector of gravity [m/s^2]."""
@@ -136,8 +151,8 @@ class KktDerivatives(Derivatives):
 
     def _form(self) -> tuple[Array, Array, Array]:
         n, (rhs, motions) = self._n, self._factored
-        found = motions.answer(rhs[:n], rhs[n:])
-        return found[:, :n], found[:, n:], motions.answer_to_forces()
+        found = motions.motion(rhs[:n], rhs[n:])
+        return found[:, :n], found[:, n:], motions.mobility
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:
         n = self._n

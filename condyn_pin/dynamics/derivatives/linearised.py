@@ -112,7 +112,7 @@ class Linearisation:
         """Return M a + h less what wrenches do; `at` finds the derivatives of the answer done."""
         _rnea_derivatives(self._model, self._data, q, v, a, wrenches)
         self._done = answer
-        return self._torques
+        return self._torques  # type: ignore[no-any-return]
 
     def mass(self, q: Array) -> Array | None:
         """Return M if `newton_euler` has left it behind at q, where it stands."""
@@ -128,10 +128,11 @@ class Linearisation:
             wrenches = equations.on_joints if proved else equations.wrenches_at(q, lam)
             self.newton_euler(q, v, a, wrenches, answer)
         self._done = b""  # for one call
-        rhs, J = np.zeros((n + self._m, 2 * n)), np.zeros((self._m, n))
+        make = self._of_constraints.make
+        rhs, J = make((n + self._m, 2 * n)), make((self._m, n))
         np.negative(self._dtau_dq, out=rhs[:n, :n])
         np.negative(self._dtau_dv, out=rhs[:n, n:])
-        self._of_constraints.write(lam, rhs, J, equations.balls if proved else None)
+        self._of_constraints.write(lam, rhs, J, equations.ball_ends if proved else None)
         if self._drift:
             rhs[n:, n:] -= self._drift.Kd * J
         return rhs, J
