@@ -496,6 +496,19 @@ def test_joints_whose_axes_turn_with_their_own_q(name, constraint):
     assert np.abs(struck.dv_dq @ step[0] - by_q).max() < 1e-7 * max(np.abs(by_q).max(), 1.0)
 
 
+@pytest.mark.parametrize("drift", [None, PULLED])
+def test_one_answer_is_linearised_twice_alike(drift):
+    """What its proof has left of the loops is read, not used up; they slip, so both ends differ."""
+    scene = all_scenes()["four_bar"]
+    q, _, tau = states("four_bar")[0]
+    v = np.array([1.0, -0.5, 2.0])
+    workspace = cp.Workspace(scene, drift=drift)
+    solution = workspace.solve(q, v, tau, throw=False)
+    first, again = (workspace.linearisation.at(q, v, solution.a, solution.lam) for _ in range(2))
+    assert (first.rhs == again.rhs).all()
+    assert (first.J == again.J).all()
+
+
 def test_a_light_body_that_carries_a_heavy_one_keeps_the_digits():
     """23 g on a hinge carry 4.7 kg: Pinocchio's inverse of M is off by 1e-7 there, and so was dlam.
 

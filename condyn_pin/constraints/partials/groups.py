@@ -1,10 +1,11 @@
 """The partial derivatives of all constraints of one scene, group by group.
 
-Groups write into what the linearised equations ask for,
+Of what the linearised equations ask for,
 
-    rhs = -[[r_q, r_v], [s_q, s_v]],       r = M a + h - tau - J^T lam,    s = J a + gamma - a_ref
+    -[[r_q, r_v], [s_q, s_v]],             r = M a + h - tau - J^T lam,    s = J a + gamma - a_ref
 
-what turns of J^T lam, and their rows of J, -s_q and -s_v.
+groups add what turns of J^T lam to -r_q, the `pulls` (nv, nv), and write their `slips` -[s_q, s_v]
+(m, 2 nv) and their rows of J.
 """
 
 from __future__ import annotations
@@ -50,27 +51,29 @@ class ConstraintPartials:
         self._couplings = [b for b in bounds if isinstance(b, Coupled)]
         self.make: Callable[[tuple[int, ...]], Array] = np.zeros if self._couplings else np.empty
 
-    def write(self, lam: Array, rhs: Array, J: Array, ends: PointEnds | None = None) -> None:
-        """Write all rows but those of couplings into rhs and J, arrays that `make` has made.
+    def write(
+        self, lam: Array, pulls: Array, slips: Array, J: Array, ends: PointEnds | None = None
+    ) -> None:
+        """Write all rows but those of couplings into slips and J, arrays that `make` has made.
 
         `ends` are those of the loops of three rows, where this answer was evaluated already.
         """
         if self._pairs.k:
-            self._pairs.write(lam, rhs, J)
+            self._pairs.write(lam, pulls, slips, J)
         if self._rolling.k:
-            self._rolling.write(lam, rhs, J)
+            self._rolling.write(lam, pulls, slips, J)
         if self._points.k:
             known = self._points.k == self._points.between
-            self._points.write(lam, rhs, J, ends if known else None)
+            self._points.write(lam, pulls, slips, J, ends if known else None)
 
-    def write_couplings(self, rhs: Array, J: Array) -> None:
+    def write_couplings(self, slips: Array, J: Array) -> None:
         """Write the rows of couplings, whose accelerations change with neither q nor v."""
         n = J.shape[1]
         for coupled in self._couplings:
             J[coupled.rows, coupled.columns] = coupled.entries
             if self._drift:
-                rhs[n:, :n][coupled.rows] = -self._drift.Kp * J[coupled.rows]
-                rhs[n:, n:][coupled.rows] = -self._drift.Kd * J[coupled.rows]
+                slips[coupled.rows, :n] = -self._drift.Kp * J[coupled.rows]
+                slips[coupled.rows, n:] = -self._drift.Kd * J[coupled.rows]
 
     def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q."""

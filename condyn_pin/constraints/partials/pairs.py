@@ -59,11 +59,11 @@ class PairPartials:
         several = len(self._between) > 1
         self._ends = EndPartials(frames, self._between) if several else None
 
-    def write(self, lam: Array, rhs: Array, J: Array) -> None:
-        """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q."""
+    def write(self, lam: Array, pulls: Array, slips: Array, J: Array) -> None:
+        """Write J (m, nv) and slips, -[s_q, s_v], and add the turning of J^T lam to pulls, -r_q."""
         n = J.shape[1]
-        s_q, s_v = rhs[n:, :n], rhs[n:, n:]  # with the other sign
-        for b, of in self._partials(lam, rhs[:n, :n]):
+        s_q, s_v = slips[:, :n], slips[:, n:]  # with the other sign
+        for b, of in self._partials(lam, pulls):
             np.multiply(b.sign, of.J, out=J[b.rows])
             np.multiply(-b.sign, of.s_q, out=s_q[b.rows])
             np.multiply(-b.sign, of.s_v, out=s_v[b.rows])

@@ -41,6 +41,7 @@ from condyn_pin.constraints.rows.rolling import skews
 
 # What is known of an end, by its rows in `PointEnds.places`: p, p', p'' and F.
 _P, _P1, _P2, _F = 3, 4, 5, 6
+_MOVING: Final = slice(3 * (_P1 - _P), 3 * (_P2 - _P))  # where `PointEnds.known` has p'
 # Where its columns begin: linear and angular ones of J, dA, dA_v and dJ.
 _J, _J_ANG, _A, _A_ANG, _AV, _AV_ANG, _DJ_ANG, _DJ = range(0, 24, 3)
 
@@ -97,12 +98,6 @@ class PointPartials:
         points.sort(key=lambda b: b.joint2 == 0)  # those between two bodies come first
         self.k, self.between = k, between = len(points), sum(b.joint2 > 0 for b in points)
         self._rows, self._ends = rows_of(points), PointEnds(data, points)
-        rows = self._rows
-        self._below = (
-            slice(rows.start + model.nv, rows.stop + model.nv)
-            if isinstance(rows, slice)
-            else rows + model.nv
-        )
         self._signs = np.array([b.sign for b in points]).reshape(k, 1, 1)
         self._anchored = np.array([float(b.anchored) for b in points]).reshape(k, 1, 1)
         # which columns move the bodies of c1, and those of c2 where they move
@@ -131,27 +126,28 @@ class PointPartials:
         rows = self._rotated.reshape(3 * k, kinds, n)
         self._J, self._by_state = rows[:, 0], rows[:, 1:3]
 
-    def write(self, lam: Array, rhs: Array, J: Array, ends: PointEnds | None = None) -> None:
-        """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q.
+    def write(
+        self, lam: Array, pulls: Array, slips: Array, J: Array, ends: PointEnds | None = None
+    ) -> None:
+        """Write J (m, nv) and slips, -[s_q, s_v], and add the turning of J^T lam to pulls, -r_q.
 
         `ends` are those of all points, if they were evaluated with this lam already.
         """
-        n = self._n
         ends = ends or self._evaluated(lam)
         ends.of_c1[:] = ends.of_c2
         np.concatenate(self._left, out=self._columns)
-        self._of_ends(ends, self._accelerated, self._first_columns, self._flat_parts)
+        self._of_ends(ends.known, self._accelerated, self._first_columns, self._flat_parts)
         self._parts *= self._chosen
         self._slip_between -= self._of_c2
         np.matmul(ends.axes1, self._stacked_slip, out=self._rotated)
-        J[self._rows], rhs.reshape(-1, 2, n)[self._below] = self._J, self._by_state
+        by_state = slips.reshape(-1, 2, self._n)
+        J[self._rows], by_state[self._rows] = self._J, self._by_state
         if self.between:
-            pulls = rhs[:n, :n]
             pulls += self._J2T.dot(self._turned)
         if self._drift:
             by_q = self._drift.Kp * self._c_q(ends, J)
             by_q += self._drift.Kd * self._v_q(ends)
-            rhs[:, :n][self._below] -= by_q.reshape(-1, n)
+            by_state[self._rows, 0] -= by_q.reshape(-1, self._n)
 
     def turning(self, out: Array) -> None:
         """Write v_q (m, nv) of these rows."""
@@ -167,16 +163,17 @@ class PointPartials:
         return self._ends
 
     def _of_ends(
-        self, ends: PointEnds, factors: Array, columns: Array, out: Array | None = None
+        self, known: Array, factors: Array, columns: Array, out: Array | None = None
     ) -> Array:
         """Return what some factors make of the columns, for c1 and behind all of them c2."""
-        known = ends.known[: self.k + self.between]
+        known = known[: self.k + self.between]
         return known.dot(factors).reshape(-1, len(columns)).dot(columns, out)  # type: ignore[no-any-return]
 
     def _v_q(self, ends: PointEnds) -> Array:
         """Return the partials of J v by q (k, 3, nv)."""
-        ends.places[0, :, _P1] = ends.places[1, :, _P1]
-        parts = self._of_ends(ends, _MOVED, self._columns).reshape(-1, 3, self._n)
+        known = ends.known.copy()
+        known[: self.k, _MOVING] = known[self.k :, _MOVING]
+        parts = self._of_ends(known, _MOVED, self._columns).reshape(-1, 3, self._n)
         parts *= self._moved[:, 0]
         parts[: self.between] -= parts[self.k :]
         return np.asarray(ends.axes1 @ parts[: self.k])

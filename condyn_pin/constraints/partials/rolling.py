@@ -35,15 +35,15 @@ class RollingPartials:
         self._bounds = [b for b in bounds if isinstance(b, Rolled)]
         self.k = len(self._bounds)
 
-    def write(self, lam: Array, rhs: Array, J: Array) -> None:
-        """Write the rows into J (m, nv) and -[s_q, s_v], and add the turning of J^T lam to -r_q."""
+    def write(self, lam: Array, pulls: Array, slips: Array, J: Array) -> None:
+        """Write J (m, nv) and slips, -[s_q, s_v], and add the turning of J^T lam to pulls, -r_q."""
         n = J.shape[1]
         for b in self._bounds:
             one = self._frames.end(b.joint1, b.placement1)
             of = self._rows(b, one, lam[b.rows])
             J[b.rows] = of.J
-            rhs[n:, :n][b.rows], rhs[n:, n:][b.rows] = -of.s_q, -of.s_v
-            rhs[:n, :n] += one.J.T @ of.wrench_q
+            slips[b.rows, :n], slips[b.rows, n:] = -of.s_q, -of.s_v
+            pulls += one.J.T @ of.wrench_q
 
     def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q."""

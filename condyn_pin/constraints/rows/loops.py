@@ -42,8 +42,8 @@ class Balls:
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
         rows = self._rows
-        R1, one, two = self._ends.evaluate()
-        np.matmul(one - two, R1, out=self._of_each)
+        R1, apart = self._ends.evaluate()
+        np.matmul(apart, R1, out=self._of_each)
         c[rows], velocity[rows], acceleration[rows] = self._slips
 
     def violation(self, c: Array) -> None:

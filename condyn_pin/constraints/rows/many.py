@@ -100,11 +100,11 @@ class ManyEnds(Ends):
         E = self._in_joints @ self._placed
         return np.asarray(E.swapaxes(0, 1).reshape(2, -1, 4, 3))
 
-    def evaluate(self) -> tuple[Array, Array, Array]:
-        """Return R1, and p, p' and zeros for p'' of both ends, as `PointEnds` does."""
+    def evaluate(self) -> tuple[Array, Array]:
+        """Return R1, and p, p' and zeros for p'' of c1 less those of c2, as `PointEnds` does."""
         self._rows[:, :, 4, :3] = self.linear()[0]
         one, two = self._rows @ self.placements()
-        return one[:, AXES].swapaxes(1, 2), one[:, MOVING], two[:, MOVING]
+        return one[:, AXES].swapaxes(1, 2), one[:, MOVING] - two[:, MOVING]
 
     def linear(self) -> Array:
         """Return (2, 2, MANY k, 3): velocities, and zeros for accelerations."""

@@ -83,16 +83,19 @@ class PointEnds:
         self.axes1, self._force = one[:, AXES], two[:, FORCE]
         self._axes1T, self._axes2T = one[:, AXES].swapaxes(1, 2), two[:, AXES].swapaxes(1, 2)
         self.of_c1, self.of_c2 = one[:, MOVING.stop - 1 : ONE], two[:, MOVING.stop - 1 : ONE]
-        self._evaluated = self._axes1T, one[:, MOVING], two[:, MOVING]
+        self._between = np.zeros((k, ROWS, 3))
+        self._evaluated = self._axes1T, self._between[:, MOVING]
+        self._one, self._two = one, two
 
-    def evaluate(self) -> tuple[Array, Array, Array]:
-        """Return R1 (k, 3, 3), and p, p' and p'' (k, 3, 3) of c1 and of c2, a row each."""
+    def evaluate(self) -> tuple[Array, Array]:
+        """Return R1 (k, 3, 3), and p, p' and p'' (k, 3, 3) of c1 less those of c2, a row each."""
         np.concatenate(self._sources, out=self._read)
         np.dot(self._motion, self._map, out=self._found)
         np.multiply(self._w, self._across, out=self._products)
         self._a += np.subtract(self._forth, self._back, out=self._forth)
         self._moving_rows[:] = self._moving
         np.matmul(self._rows, self._of_joints, out=self._in_world)
+        np.subtract(self._one, self._two, out=self._between)  # the whole is quicker than a part
         return self._evaluated
 
     def push(self, lam: Array) -> Array:
