@@ -499,8 +499,8 @@ def test_joints_whose_axes_turn_with_their_own_q(name, constraint):
 @pytest.mark.parametrize("drift", [None, PULLED])
 def test_one_answer_is_linearised_twice_alike(drift):
     """What its proof has left of the loops is read, not used up; they slip, so both ends differ."""
-    scene = all_scenes()["four_bar"]
-    q, _, tau = states("four_bar")[0]
+    scene = all_scenes()["four_bar loops"]
+    q, _, tau = states("four_bar loops")[0]
     v = np.array([1.0, -0.5, 2.0])
     workspace = cp.Workspace(scene, drift=drift)
     solution = workspace.solve(q, v, tau, throw=False)
