@@ -16,6 +16,7 @@ from condyn_pin.control.qp.chain import Chain
 from condyn_pin.control.qp.elastic import elastic
 from condyn_pin.control.qp.polish import polish, start
 from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
+from condyn_pin.control.qp.saddle import Saddle
 
 pytest.importorskip("proxsuite")
 pytest.importorskip("daqp")
@@ -131,7 +132,7 @@ def test_a_polish_takes_a_rough_answer_to_rounding():
             continue
         noise = 1e-7 * rng.normal(size=len(program.g))
         rough = start(program, exact.answer.x + noise, exact.answer.z)
-        found = polish(program, rough, 1e-12, 10)
+        found = polish(program, rough, 1e-12, 10, Saddle())
         assert found.residual <= 1e-9
         polished += 1
     assert polished > 15

@@ -25,6 +25,7 @@ from condyn_pin.control.qp.polish import Polished, polish, start
 from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadprog import Quadprog
 from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
+from condyn_pin.control.qp.saddle import Saddle
 
 # Where a polish ends: below this is rounding. What counts is tolerances.KKT.
 _AIM = 1e-12
@@ -69,6 +70,7 @@ class Chain:
         self._solver = qp
         self._bound: dict[QPSolver, BoundQP] = {qp: qp.start()}  # a missing package is said now
         self._last: Polished | None = None
+        self._saddle = Saddle()
         self._quietly = quietly(self._solve)  # numbers of no answer may overflow; residuals say it
 
     def solve(
@@ -112,7 +114,7 @@ class Chain:
         if last and (len(last.x), len(last.z)) == (len(program.g), len(program.lower)):
             # equations that depend on each other are no trouble to the polish
             begin = start(program, last.x, last.z, last)
-            yield "last active set", 0, polish(program, begin, _AIM, _FROM_LAST)
+            yield "last active set", 0, polish(program, begin, _AIM, _FROM_LAST, self._saddle)
         asked = _independent(program)
         if asked is None or (program.lower > program.upper).any():
             return
@@ -121,7 +123,7 @@ class Chain:
             found = None
             if np.isfinite(result.x).all() and np.isfinite(result.z).all():
                 begin = start(program, result.x, result.z)
-                found = polish(program, begin, _AIM, _FROM_SOLVER)
+                found = polish(program, begin, _AIM, _FROM_SOLVER, self._saddle)
             yield repr(qp), result.iterations, found
 
     def _solvers(self) -> Iterator[QPSolver]:
@@ -153,7 +155,7 @@ class Chain:
         if given > tolerances.GIVES:
             return ChainAnswer(None, found, tuple(path), iterations)
         begin = start(program, found.x, np.zeros(len(program.lower)))
-        last = polish(program, begin, _AIM, _FROM_ELASTIC)
+        last = polish(program, begin, _AIM, _FROM_ELASTIC, self._saddle)
         if best is None or last.residual < best.residual:
             best = last
         return ChainAnswer(best, None, tuple(path), iterations)
