@@ -147,6 +147,13 @@ def test_diagrams_show_what_was_found():
 
 
 @pytest.mark.parametrize("draw", [plots_balance.from_above, plots_balance.margins])
+@pytest.mark.parametrize("ax", [3, "upper", np.zeros(2)])
+def test_what_is_no_axes_is_named(draw, ax):
+    with pytest.raises(cp.InvalidArgument, match=r"ax = .*: axes of matplotlib are needed"):
+        draw(sliding(), ax)
+
+
+@pytest.mark.parametrize("draw", [plots_balance.from_above, plots_balance.margins])
 def test_the_balance_of_another_motion_is_not_drawn(draw):
     run, found = sliding(), motion_balance(sliding())
     for other in (replace(found, t=found.t[:-1]), 3):
@@ -173,6 +180,13 @@ def test_view_draws_support_pressure_and_capture_of_a_motion():
 
 
 _MARKED = ("cop", "capture_point", "dcm")
+
+
+@pytest.mark.parametrize("name", ["balance", "forces", "light", "cones"])
+def test_what_is_drawn_is_chosen_by_true_or_false(name):
+    with pytest.raises(cp.InvalidArgument, match=f"{name} = 3: True or False is needed"):
+        drawing(sliding(), **{name: 3})
+    assert drawing(sliding(), **{name: np.True_}).parts
 
 
 def test_what_has_no_velocity_has_no_balance_to_be_drawn():

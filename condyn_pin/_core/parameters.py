@@ -56,6 +56,12 @@ def check_refinements(refinements: int) -> None:
         )
 
 
+def check_flag(name: str, value: object) -> None:
+    """Refuse what is neither True nor False, of Python or of numpy."""
+    if not isinstance(value, bool | np.bool_):
+        raise InvalidArgument(f"{name} = {shown(value)}: True or False is needed")
+
+
 def is_whole(value: object) -> bool:
     """Whether a value is a whole number, of Python or of numpy; True and False are none."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)

@@ -6,16 +6,24 @@ import importlib.util
 import math
 from typing import Any, Final
 
-from condyn_pin.errors import MissingExtra
+from condyn_pin._core.arrays import shown
+from condyn_pin.errors import InvalidArgument, MissingExtra
 
 PICTURES: Final = (".png", ".svg", ".pdf")
 
 
 def axes(ax: Any) -> Any:
     """Return the axes of the caller, or those of a new figure."""
-    if ax is not None:
-        return ax
     require_matplotlib()
+    if ax is not None:
+        from matplotlib.axes import Axes
+
+        if not isinstance(ax, Axes):
+            raise InvalidArgument(
+                f"ax = {shown(ax)}: axes of matplotlib are needed, one of figure.subplots(); "
+                "without any a new figure is made"
+            )
+        return ax
     from matplotlib import pyplot
 
     return pyplot.subplots(layout="constrained")[1]  # long names of contacts are not cut off

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.files.beside import check_format, check_writable
+from condyn_pin._core.parameters import check_flag
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.balancing import Balance
 from condyn_pin.control.balancing import balance as balance_of
@@ -129,6 +130,7 @@ def view(
         raise InvalidArgument(f"speed = {speed!r}: a positive number is needed")
     require_meshcat()
     check_port(port)
+    check_flag("browser", browser)
     for path, endings in ((html, HTML), (png, PNG)):
         if path is not None:
             check_format(path, *endings)
@@ -170,6 +172,9 @@ def drawing_of(
     balance: bool = False,
 ) -> Drawing:
     """Return what `view` shows of a subject, without a page."""
+    flags = {"forces": forces, "light": light, "cones": cones, "balance": balance}
+    for name, value in flags.items():
+        check_flag(name, value)
     if not isinstance(subject, Subject):
         if isinstance(subject, str):
             raise InvalidArgument(
