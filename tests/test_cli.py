@@ -195,6 +195,20 @@ def test_what_control_cannot_do_is_named_and_exits_with_one():
     assert answer["tau"] == [None] * 18
 
 
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("--up nan", "--up = nan"),
+        ("--up nan --lift FL_FOOT", "--up = nan"),
+        ("--up 3", "--up 3: no foot is lifted; --lift FOOT says which"),
+    ],
+)
+def test_an_acceleration_of_no_foot_is_not_left_out(condyn, line, said):
+    code, _, complaint = condyn(f"control solo12 {line}")
+    assert code == 2
+    assert said in complaint
+
+
 @pytest.mark.parametrize("option", ["--html", "--view"])
 def test_control_is_a_page(tmp_path, option):
     result = run(f"control solo12 --json {option}", tmp_path / "solo.html")

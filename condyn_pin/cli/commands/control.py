@@ -33,6 +33,7 @@ Qp = Annotated[
     ),
 ]
 
+_UP: Final = 2.0  # [m/s^2]
 _SHOWN: Final = 6  # motors, the hardest worked first; `--json` has all of them
 
 
@@ -48,8 +49,9 @@ def control(
         typer.Option(help="A contact, or a frame with all of its contacts; repeat for others."),
     ] = None,
     up: Annotated[
-        float, typer.Option(help="Upward acceleration of the lifted feet [m/s^2].")
-    ] = 2.0,
+        float | None,
+        typer.Option(help="Upward acceleration of the lifted feet [m/s^2]; 2 by default."),
+    ] = None,
     com: Annotated[
         str | None,
         typer.Option(help="Demand this acceleration of the centre of mass, as 0,0,-11 [m/s^2]."),
@@ -78,7 +80,8 @@ def control(
     check_written(html, png)
     listed = contacts or ready_contacts(robot_of(robot, variant, floating))
     scene = scene_of(robot, listed, loops, variant, floating)
-    before, after = stand_and_lift(scene, posture, lift or [], up, _demanded(com), friction, qp)
+    rise = _rise(up, lift or [])
+    before, after = stand_and_lift(scene, posture, lift or [], rise, _demanded(com), friction, qp)
     shown = after or before
     if as_json:
         print_json(_facts(before, after))
@@ -90,6 +93,19 @@ def control(
             if path and not as_json:
                 say(f"written: {path}")
     leave(ok=shown.status.ok)
+
+
+def _rise(up: float | None, lift: list[str]) -> float:
+    """Return the acceleration of the lifted feet [m/s^2]."""
+    from condyn_pin._core.arrays import finite
+    from condyn_pin.errors import InvalidArgument
+
+    if up is None:
+        return _UP
+    rise = float(finite("--up", up, ()))
+    if not lift:
+        raise InvalidArgument(f"--up {up:g}: no foot is lifted; --lift FOOT says which")
+    return rise
 
 
 def _demanded(text: str | None) -> tuple[float, ...] | None:
