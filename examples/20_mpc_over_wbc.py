@@ -2,9 +2,8 @@
 
     python examples/20_mpc_over_wbc.py [--quick] [--no-view]
 
-Above, an inverted pendulum looks half a second ahead: min sum |c - wanted|^2 + 1e-6 |u|^2 over the
-jerks u that keep its ZMP z = c - (h / g) c'' in the support. Below, a controller computes the motor
-torques for that acceleration, on feet that may open and slide. Needs the extra "control".
+Above, a pendulum looks 0.5 s ahead: min |c - wanted|^2 + 1e-6 |u|^2 over jerks u with the ZMP
+z = c - (h / g) c'' in the support. Below, a controller gives torques. Needs the extra "control".
 """
 
 import argparse
@@ -24,15 +23,16 @@ def after(t):
 
 def preview(height, low, high):
     """Return the MPC: from c, c', c'' (3, 2) and the way that is wanted (n, 2) to a jerk (2,)."""
-    n, free = len(AHEAD), np.array([after(T * k)[0] for k in AHEAD])
-    step = np.array([after(T * k)[0] @ after(T)[1] for k in range(n)])  # a jerk, k steps later
-    by_u = np.array([[step[max(k - i, 0)] * (i <= k) for i in range(n)] for k in range(n)])
+    n, B, free = len(AHEAD), after(T)[1], np.array([after(T * k)[0] for k in AHEAD])
+    by_u = np.array([[after(T * (k - i))[0] @ B * (i <= k) for i in range(n)] for k in range(n)])
     zmp, C, A, b = np.array([1.0, 0.0, -height / G]), by_u[..., 0], np.zeros((0, n)), np.zeros(0)
     H, Z, qp = C.T @ C + 1e-6 * np.eye(n), by_u @ zmp, control.ProxQP().start()
 
     def jerk(s, wanted, least, most):  # along one axis
         g, z = C.T @ (free[:, 0] @ s - wanted), free @ s @ zmp
-        return qp(control.QuadraticProgram(H, g, A, b, Z, least - z, most - z)).x[0]
+        found = qp(control.QuadraticProgram(H, g, A, b, Z, least - z, most - z))
+        assert found.verdict == "solved", f"no way keeps the ZMP on the feet: {found.verdict}"
+        return found.x[0]
 
     return lambda s, wanted: [jerk(s[:, k], wanted[:, k], low[k], high[k]) for k in (0, 1)]
 

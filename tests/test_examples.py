@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
+
+from condyn_pin.control import ProxQP
+from condyn_pin.control.qp.quadratic_program import QPResult
 
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
@@ -20,6 +25,18 @@ def test_there_are_examples():
 def test_the_documentation_lists_them_all():
     page = (ROOT / "docs" / "examples.md").read_text(encoding="utf-8")
     assert re.findall(r"^\| `examples/(\w+)\.py`", page, re.MULTILINE) == [p.stem for p in EXAMPLES]
+
+
+def test_a_preview_that_is_not_solved_says_so(monkeypatch):
+    preview = runpy.run_path(str(ROOT / "examples" / "20_mpc_over_wbc.py"))["preview"]
+    still, way, far = np.zeros((3, 2)), np.zeros((16, 2)), np.array([0.1, 0.1])
+    assert np.allclose(preview(0.25, -far, far)(still, way), 0.0)
+    with pytest.raises(AssertionError, match="no way keeps the ZMP on the feet: failed"):
+        preview(0.25, -far, far)(still * np.nan, way)
+    none = QPResult(np.zeros(16), np.zeros(16), "infeasible", 1)
+    monkeypatch.setattr(ProxQP, "start", lambda _: lambda _: none)
+    with pytest.raises(AssertionError, match="no way keeps the ZMP on the feet: infeasible"):
+        preview(0.25, -far, far)(still, way)
 
 
 @pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
