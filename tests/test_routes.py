@@ -635,6 +635,10 @@ def test_what_a_step_does_not_depend_on_is_refused():
         Kappa(0.0)
     with pytest.raises(cp.InvalidArgument, match="sigma"):
         Randomised(sigma=-1.0)
+    with pytest.raises(cp.InvalidArgument, match="samples = 0: a whole number of at least 1"):
+        Randomised(0, 1e-3)
+    with pytest.raises(cp.InvalidArgument, match="seed = -1: a whole number of at least 0"):
+        Randomised(seed=-1)
     with pytest.raises(cp.InvalidArgument, match="samples"):
         pushed(8.0, Randomised(samples=2))
     scene, q, v = bounce()

@@ -116,6 +116,7 @@ class _OverPlanes:
         self._grounds = self._ground[:, None]
         self._radius = np.array([t.radius for t in touches])[:, None]
         self._is_round = bool(self._radius.any())
+        self._radial = np.zeros((k, 3, 3))
         self._local = np.zeros((self._placements.size, 4 * k))  # middles (k), axes (3 k)
         for i, t in enumerate(touches):
             self._local[self._placements.rows(t.joint), i] = (*t.centre, 1.0)
@@ -134,8 +135,10 @@ class _OverPlanes:
         k = len(self._radius)
         world = self._placements.read(data).dot(self._local)
         p, self._d = world[:, :k].T, world[:, k:].T.reshape(k, 3, 3)
-        radial = self._radius * self._d[:, 2]
-        self._P, self._radial = p - radial, _skew(radial)
+        self._P = p
+        if self._is_round:
+            radial = self._radius * self._d[:, 2]
+            self._P, self._radial = p - radial, _skew(radial)
         self._F = np.concatenate((self._d, self._d @ -_skew(self._P)), axis=2)  # (k, 3, 6)
         self._S = S = np.array(data.J).reshape(6, -1)
         # (k, 3, nv), the middles if all coordinates move them
@@ -194,14 +197,9 @@ def _skew(a: Array) -> Array:
 
 
 def _crossed(V: Array, S: Array) -> Array:
-    """Return V x S of columns of motions (..., 6, n).
-
-    omega x S_l, omega x S_a and V_l x S_a, all at once.
-    """
-    products = V.take(_V_YZX, axis=-2) * S.take(_S_ZXY, axis=-2)
-    products -= V.take(_V_ZXY, axis=-2) * S.take(_S_YZX, axis=-2)
-    products[..., :3, :] += products[..., 6:, :]
-    return np.asarray(products[..., :6, :])
+    """Return V x S of columns of motions, V (count, 6, n) and S (6, n)."""
+    by_V = S.T.dot(_BY_V).reshape(-1, 6, 6)  # (n, 6, 6), a map of V for each column
+    return np.asarray((by_V @ V.transpose(2, 1, 0)).transpose(2, 1, 0))
 
 
 # a @ _EPSILON has the nine entries of skew(a)
@@ -220,6 +218,12 @@ def _felt() -> Array:
 
 _FELT: Final = _felt()
 
-_YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
-_V_YZX, _V_ZXY = (np.concatenate((3 + i, 3 + i, i)) for i in (_YZX, _ZXY))
-_S_YZX, _S_ZXY = (np.concatenate((i, 3 + i, 3 + i)) for i in (_YZX, _ZXY))
+
+def _by_V() -> Array:
+    """Return what makes of S the map of V to V x S: -[[skew S_a, skew S_l], [0, skew S_a]]."""
+    of, skews = np.zeros((6, 6, 6)), -_EPSILON.reshape(3, 3, 3)
+    of[3:, :3, :3] = of[:3, :3, 3:] = of[3:, 3:, 3:] = skews
+    return of.reshape(6, 36)
+
+
+_BY_V: Final = _by_V()

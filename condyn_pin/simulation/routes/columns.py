@@ -8,6 +8,7 @@ from __future__ import annotations
 from typing import Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, Indices
 
@@ -24,16 +25,21 @@ class Columns:
     def __init__(self, nv: int, cones: int, inertias: int = 0) -> None:
         self.nv, self.cones = nv, cones
         self.q, self.v, self.tau = (slice(i * nv, (i + 1) * nv) for i in range(3))
-        self.friction: Indices = 3 * nv + np.arange(cones)
-        self.restitution: Indices = self.friction + cones
+        self.friction = slice(3 * nv, 3 * nv + cones)
+        self.restitution = slice(3 * nv + cones, 3 * nv + 2 * cones)
         self.solref = slice(3 * nv + 2 * cones, 3 * nv + 2 * cones + 2)
         first = 3 * nv + 2 * cones + 2
         self.inertias, self.size = slice(first, first + inertias), first + inertias
 
-    def of(self, parameter: str) -> slice | Indices:
+    def of(self, parameter: str) -> slice:
         """Return the columns of one of `PARAMETERS`, or of tau."""
-        found: slice | Indices = getattr(self, parameter)
+        found: slice = getattr(self, parameter)
         return found
+
+    def of_cones(self, parameter: str, cones: NDArray[np.bool_] | slice) -> slice | Indices:
+        """Return the columns of friction or restitution of some cones, by flags, or of all."""
+        of_all = self.of(parameter)
+        return of_all if isinstance(cones, slice) else np.arange(of_all.start, of_all.stop)[cones]
 
     def empty(self, rows: int | None = None) -> Array:
         """Return zeros (rows, columns), nv rows by default."""

@@ -212,7 +212,7 @@ class LinearSteps:
         """
         n, dt, columns = len(v1), self.dt, self.columns
         M = self.system.equations.mass(posed.at) if of.M is None else of.M
-        L, f = posed.condensed.factors.L, columns.empty()
+        f = columns.empty()
         by_mean = of.rhs[:n, n:] + M.dot(self.partials.turning(posed.mean))
         np.multiply(dt, of.rhs[:n, :n], out=f[:, columns.q])
         np.multiply(dt, self._unit, out=f[:, columns.tau])
@@ -220,7 +220,7 @@ class LinearSteps:
             np.multiply(dt, by_mean, out=f[:, columns.v])
         else:
             f += (dt * by_mean).dot(mean)
-        f[:, columns.v] += L.dot(L.T)
+        f[:, columns.v] += posed.condensed.factors.mass.M  # with springs, if those are implicit
         if self.inertias:
             a = (v1 - posed.v) / dt - posed.turning
             f[:, columns.inertias] -= dt * self.inertias.forces(posed.at, posed.mean, a)
@@ -278,9 +278,9 @@ class LinearSteps:
 
         return np.column_stack([slope(pull, along) for along in np.eye(len(x))])
 
-    def _friction(self, posed: Posed) -> Indices:
-        return self.columns.friction[posed.chosen.cones]
+    def _friction(self, posed: Posed) -> slice | Indices:
+        return self.columns.of_cones("friction", posed.chosen.cones)
 
-    def restitution(self, posed: Posed) -> Indices:
+    def restitution(self, posed: Posed) -> slice | Indices:
         """Return the columns of the restitution of the cones that take part."""
-        return self.columns.restitution[posed.chosen.cones]
+        return self.columns.of_cones("restitution", posed.chosen.cones)

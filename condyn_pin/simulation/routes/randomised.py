@@ -67,10 +67,12 @@ class Randomised(Route):
     seed: int = 0
 
     def __post_init__(self) -> None:
-        for name in ("samples", "seed"):
+        for name, least in (("samples", 1), ("seed", 0)):
             value = getattr(self, name)
-            if isinstance(value, bool) or not isinstance(value, int) or value < (name == "samples"):
-                raise InvalidArgument(f"{name} = {value!r}: a whole number is needed")
+            if isinstance(value, bool) or not isinstance(value, int) or value < least:
+                raise InvalidArgument(
+                    f"{name} = {value!r}: a whole number of at least {least} is needed"
+                )
         sigma = float(finite("sigma", self.sigma, ()))
         if not sigma > 0:
             raise InvalidArgument(f"sigma = {self.sigma!r}: a number > 0 is needed")
