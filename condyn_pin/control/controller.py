@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from functools import lru_cache, partial
 from math import isfinite
 from time import perf_counter
@@ -15,10 +14,9 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.compiled import Native, check_native
+from condyn_pin._core.compiled import Native
 from condyn_pin._core.names import checked
 from condyn_pin._core.one_thread import OneThread, alone
-from condyn_pin._core.parameters import check_accuracy
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.scene_cones import Cones
@@ -26,6 +24,7 @@ from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import ControlLimits
+from condyn_pin.control.controller_settings import Settings
 from condyn_pin.control.hierarchy import Cascade, Hierarchy, check_tasks, weighted
 from condyn_pin.control.levels import Level
 from condyn_pin.control.program import Program
@@ -43,20 +42,6 @@ if TYPE_CHECKING:
     from condyn_pin.control.compiled.tick import CompiledTick
 
 _KEPT = 16  # programs of contacts and tasks that a controller switches between
-
-
-@dataclass(frozen=True)
-class _Settings:
-    """What stays when contacts and tasks are switched."""
-
-    cones: Cones
-    qp: QPSolver | None
-    limits: ControlLimits
-    actuation: Actuation | None
-    drift: Baumgarte | None
-    regularisation: float
-    rigid: tuple[str, ...]
-    native: Native
 
 
 class Controller(OneThread):
@@ -135,20 +120,10 @@ class Controller(OneThread):
         native: Native = False,
     ) -> None:
         check_scene(scene)
-        check_accuracy("regularisation", regularisation)
-        if regularisation == 0:
-            raise InvalidArgument("regularisation = 0: the program may then have many solutions")
-        if qp is not None and not isinstance(qp, QPSolver):
-            raise InvalidArgument(f"qp = {qp!r}: a solver such as ProxQP() is needed")
         limits = ControlLimits() if limits is None else limits
-        if not isinstance(limits, ControlLimits):
-            raise InvalidArgument(f"limits = {limits!r}: ControlLimits(...) is needed")
-        if not isinstance(drift, Baumgarte | None):
-            raise InvalidArgument(f"drift = {drift!r}: Baumgarte(alpha, beta) or None is needed")
-        check_native(native)
         stiff = checked("rigid", rigid, scene.robot.joints, "joint")
-        self._settings = _Settings(
-            cones, qp, limits, actuation, drift, float(regularisation), stiff, native
+        self._settings = Settings(
+            cones, qp, limits, actuation, drift, regularisation, stiff, native
         )
         self._siblings: dict[tuple[Scene, object], Controller] = {}
         self._set_up(scene, tasks, cones)
