@@ -29,12 +29,13 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import AccelerationBounds, ControlLimits, torque_limits
-from condyn_pin.control.elimination import Elimination, reached
+from condyn_pin.control.elimination import Elimination
 from condyn_pin.control.levels import FLOOR, JOINT, LAW, MOTOR, Level, Row, Rows, Stack
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.qp.quadratic_program import Constraints
 from condyn_pin.control.reduction import Reduction, reduced
 from condyn_pin.control.tasks.base import Home, Task
+from condyn_pin.control.tick_constraints import TickConstraints
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
@@ -64,15 +65,10 @@ class Program:
         The others.
     rigid : (k, nv) array
         A row of the identity for each joint that is taken for rigid.
-    unreached : float
-        How far contacts with redundant rows are from what they demand, whatever moves, in the last
-        tick: zero where their velocity is [m/s^2, rad/s^2].
     """
 
     passive: Array
-    unreached: float = 0.0
     _asked: list[tuple[Stack, Rows]]  # by the tasks of the last tick
-    _sizes: tuple[int, int, int] | None = None  # of the constraints that there is memory for
 
     def __init__(
         self,
@@ -96,8 +92,8 @@ class Program:
         self.bounds = AccelerationBounds(robot, limits, self.columns)
         most = torque_limits(robot, self.columns)
         limited = np.flatnonzero(np.isfinite(most)) if limits.torque else np.zeros(0, int)
-        self.limited, self._limited = limited, entries(limited)
-        self.most = most[limited] / self.mass
+        self.limited, self.most = limited, most[limited] / self.mass
+        self._constraints = TickConstraints(cones, self.bounds, limited, self.most)
         tasks = [task for level in levels for task in level]
         hard = [task for task in tasks if isinf(task.weight)]
         self.hard = Stack(scene, hard, home)
@@ -105,9 +101,8 @@ class Program:
             Stack(scene, [task for task in level if task not in hard], home) for level in levels
         ]
         self.inequalities = self._inequality_rows([actuation.motors[i] for i in limited])
-        self._redundant: bool | None = None  # not known before the first tick
         self.rigid = rigid_rows(robot, rigid, self.columns)
-        self._least, self._rigid_rest = -self.most, np.zeros(len(self.rigid))
+        self._rigid_rest = np.zeros(len(self.rigid))
         self._none = np.zeros((0, 0))
         self._constant: Elimination | None = None
         if not len(cones.held):
@@ -128,7 +123,12 @@ class Program:
         self._asked = []
         levels = [self._level(stack, t) for stack in self.levels]
         wished = self._rows(self.hard, t)
-        return self._constraints(q, v, wished), levels
+        return self._constraints.of(self._at, wished, self.motion), levels
+
+    @property
+    def unreached(self) -> float:
+        """How far redundant contacts are from what they demand (`TickConstraints`)."""
+        return self._constraints.unreached
 
     def _reduced(self) -> Reduction:
         """Return the equations of motion and contacts over z and lam_c / m."""
@@ -140,50 +140,6 @@ class Program:
         return reduced(
             terms, terms.h - self.passive, E, r_l, terms.J[touching], wanted[touching], self.mass
         )
-
-    def _constraints(self, q: Array, v: Array, wished: Rows) -> Constraints:
-        """Return equations: motion, contacts, hard tasks; and inequalities."""
-        at = self._at
-        if at.sizes != self._sizes:
-            self._sizes, self._memory = at.sizes, self._blank()
-        A, b, C, lower, upper = self._memory
-        first, m = len(at.unreached_0), len(at.touch)
-        A[:first, : at.unreached.shape[1]] = at.unreached
-        A[first : first + m, : at.touch.shape[1]] = at.touch
-        A[first + m :, : wished.G.shape[1]] = wished.G
-        np.negative(at.unreached_0, out=b[:first])
-        b[first : first + m] = self._within_reach(at.touch, at.wanted)
-        b[first + m :] = wished.b
-        self._limit(C, lower, upper, q, v)
-        return self._memory
-
-    def _blank(self) -> Constraints:
-        """Return memory for the constraints of ticks with as many unknowns and equations."""
-        n, k, law = self._at.sizes
-        m, r = len(self._at.touch), len(self.inequalities)
-        p = law + m + len(self.hard.rows)
-        made = Constraints(
-            np.zeros((p, n)), np.zeros(p), np.zeros((r, n)), np.full(r, -np.inf), np.zeros(r)
-        )
-        if self.cones.constant is not None:
-            made.C[r - len(self.cones.names) :, k : k + m] = self.cones.constant
-        return made
-
-    def _limit(self, C: Array, lower: Array, upper: Array, q: Array, v: Array) -> None:
-        """Write the inequalities: torques, accelerations of joints, cones."""
-        at, k, columns = self._at, self._at.sizes[1], self.bounds.columns
-        first = len(self.most)
-        last = first + len(columns)
-        given = at.torque_0[self._limited]
-        C[:first] = at.torque[self._limited]
-        np.subtract(self._least, given, out=lower[:first])
-        np.subtract(self.most, given, out=upper[:first])
-        if len(columns):
-            C[first:last, :k] = at.map.N[columns]
-            least, most = self.bounds.at(q, v)
-            lower[first:last], upper[first:last] = least - at.a_0[columns], most - at.a_0[columns]
-        if self.cones.constant is None:
-            C[last:, k : k + len(at.touch)] = self.cones.rows(self.motion.data.oMi)
 
     def _rows(self, stack: Stack, t: float) -> Rows:
         """Return the rows of tasks, over x."""
@@ -221,20 +177,6 @@ class Program:
         if self._constant:
             self._fixed[stack] = found
         return found
-
-    def _within_reach(self, touch: Array, wanted: Array) -> Array:
-        """Return what contacts demand, as near as their rows can come to it.
-
-        Two points of a foot that turns cannot both keep their places: equations that contradict
-        each other would leave no torques at all.
-        """
-        if self._redundant is False:
-            return wanted
-        best, rank = reached(touch, wanted)
-        if self._redundant is None:
-            self._redundant = rank < len(touch)
-        self.unreached = float(np.abs(best - wanted).max(initial=0.0))
-        return best
 
     def equation_rows(self, given: Constraints) -> list[Row]:
         """Return what the equations of a tick are."""
