@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import read_only
-from condyn_pin._core.parallel.chunks import Progress, in_flight
+from condyn_pin._core.parallel.chunks import Progress, in_flight, silent
 from condyn_pin._core.parallel.memory import CAN_SHARE, Arrays, Kinds
 from condyn_pin._core.parallel.outcome import MISSING
 from condyn_pin._core.parallel.processes import Processes, workers_of
@@ -54,7 +54,8 @@ class Rows:
     progress: Progress
 
     def __post_init__(self) -> None:
-        check_called("progress", self.progress, "done, total")
+        if self.progress is not silent:
+            check_called("progress", self.progress, "done, total")
         if self.chunk is not None:
             check_count("chunk", self.chunk)
 
@@ -148,9 +149,10 @@ class Rows:
 
 def _sealed(outputs: Arrays, done: NDArray[np.bool_]) -> Arrays:
     """Return the outputs, NaN where they are missing, and read-only."""
+    some_missing = not done.all()
     outputs["statuses"][~done] = MISSING
     for array in outputs.values():
-        if array.dtype.kind == "f" and not done.all():
+        if some_missing and array.dtype.kind == "f":
             array[~done] = nan
         read_only(array)
     return outputs

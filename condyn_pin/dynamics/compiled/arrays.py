@@ -44,6 +44,8 @@ _DIRECT: Final[tuple[Solver, ...]] = (DenseKKT(), NullSpace())
 
 def untaken(workspace: Workspace) -> Iterator[str]:
     """Yield what the core does not take of a workspace, in words."""
+    if "compiled" in vars(workspace):  # it was asked before
+        return
     solver = workspace.solver
     if type(solver) is not Proximal:
         if solver not in _DIRECT:

@@ -137,5 +137,5 @@ def _check_samples(batch: BatchTrajectory, samples: Samples) -> None:
 
 def _check_units(name: str, batch: BatchTrajectory, q: Array) -> None:
     """Refuse quaternions that are not normalised, of configurations (k, nq)."""
-    if any(loose(batch.scene.robot.model, q)):
+    if any(loose(batch.scene.robot, q)):
         raise ValueError(f"{name} has a quaternion that is not normalised")

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import HIGH, LOW, Arguments
+from condyn_pin._core.arguments import HIGH, LOW
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
@@ -18,13 +17,13 @@ from condyn_pin.model.robot import Robot
 
 
 def check_states(
-    model: Any, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, *, suffix: str = ""
+    robot: Robot, Q: ArrayLike, V: ArrayLike, TAU: ArrayLike, *, suffix: str = ""
 ) -> tuple[Array, Array, Array]:
     """Return Q (N, nq), V (N, nv) and TAU (N, nv) or (nv,), converted where necessary.
 
     What cannot be is refused by row and entry; `suffix` is that of the names of Q and V.
     """
-    name = f"Q{suffix}"
+    name, model = f"Q{suffix}", robot.model
     count = _rows(name, Q, model.nq)
     q = finite(name, Q, (count, model.nq))
     v = finite(f"V{suffix}", V, (count, model.nv))
@@ -32,7 +31,7 @@ def check_states(
         TAU = np.zeros(model.nv)
     for_all = np.ndim(TAU) == 1
     tau = finite("TAU", TAU, (model.nv,) if for_all else (count, model.nv))
-    for i, part, norm in loose(model, q):
+    for i, part, norm in loose(robot, q):
         raise InvalidArgument(
             f"{name}[{i}, {part.start}:{part.stop}] = {q[i, part]} has norm {norm:.9g}: a unit "
             "quaternion (x y z w) or (cos, sin) is needed; "
@@ -41,9 +40,9 @@ def check_states(
     return np.ascontiguousarray(q), np.ascontiguousarray(v), np.ascontiguousarray(tau)
 
 
-def loose(model: Any, q: Array) -> Iterator[tuple[int, slice, float]]:
+def loose(robot: Robot, q: Array) -> Iterator[tuple[int, slice, float]]:
     """Yield row, place and norm of the parts of q (N, nq) that should have norm 1 and have not."""
-    for part in Arguments(model).units:
+    for part in robot.arguments.units:
         norms = np.einsum("ij,ij->i", q[:, part], q[:, part])
         for i in np.flatnonzero(~((norms > LOW) & (norms < HIGH))):
             yield int(i), part, float(norms[i] ** 0.5)

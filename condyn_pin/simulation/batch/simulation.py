@@ -117,7 +117,7 @@ def simulate_batch(
     planned = motions.plan(scene)
     every = max(planned.steps // _LOOKS, _APART) if record is None else record
     given: ArrayLike = 0.0 if function is not None else TAU  # type: ignore[assignment]
-    q, v, tau = check_states(scene.robot.model, Q0, V0, given, suffix="0")
+    q, v, tau = check_states(scene.robot, Q0, V0, given, suffix="0")
     applied, of_rows, more = split(scene.robot, forces, len(q), functions=True)
     motions = replace(motions, every=every, forces=of_rows, contacts=tuple(scene.contacts))
     most = max(1, int(_SOLVES / planned.steps / max(planned.integrator.solves_per_step, 1)))

@@ -111,7 +111,7 @@ def starts_of_steps(
 ) -> Arrays:  # fmt: skip
     """Return the states that steps begin at, one row each; InvalidArgument before the work."""
     check_scene(scene)
-    q, v, tau = check_states(scene.robot.model, Q, V, TAU)
+    q, v, tau = check_states(scene.robot, Q, V, TAU)
     tau = np.broadcast_to(tau, v.shape).copy()
     if len(q):
         contact_problem(scene, q[0], v[0], tau[0], dt=dt, integrator=integrator)

@@ -193,7 +193,7 @@ def _inputs(
     check_scene(scene)
     if accuracy is not None:
         check_accuracy_of_a(accuracy)
-    q, v, tau = check_states(scene.robot.model, Q, V, TAU)
+    q, v, tau = check_states(scene.robot, Q, V, TAU)
     return {"q": q, "v": v, "tau": tau}, len(q)
 
 
