@@ -1,9 +1,10 @@
 #include "derivatives.hpp"
+#include <cmath>
 
 namespace condyn
 {
 Derivatives::Derivatives(const Scene & scene)
-: scene_(scene), linearisation_(scene), factors_(scene)
+: scene_(scene), linearisation_(scene), carried_(linearisation_.touched()), factors_(scene)
 {}
 
 bool Derivatives::operator()(
@@ -14,27 +15,32 @@ bool Derivatives::operator()(
   linearisation_.at(q, v, a, lam, loads, placed);
   if (!factors_.factorise(linearisation_.data.M, linearisation_.J))
     return false;
-  MatrixXd da(n, 3 * n);
-  da << linearisation_.r, MatrixXd::Identity(n, n);
-  MatrixXd dlam = factors_.solve(da, linearisation_.s);
+  factors_.invert(inverse_);
+  by_state_.setZero(n + m, 2 * n);
+  carried_.add_product(inverse_, linearisation_.asked, by_state_);
   if (factors_.dependent())
-    dlam.leftCols(n) += along_redundant_rows(q, lam);
+    by_state_.bottomLeftCorner(m, n) += along_redundant_rows(lam);
+  write(out);
+  return std::isfinite(by_state_.sum() + inverse_.sum()); // a sum that overflows is looked at as well
+}
+
+void Derivatives::write(double * const out[6]) const
+{
+  const int n = scene_.model.nv, m = scene_.rows;
   for (int k = 0; k < 3; ++k)
   {
-    Eigen::Map<RowMajor>(out[k], n, n) = da.middleCols(k * n, n);
+    const auto by = k < 2 ? by_state_.middleCols(k * n, n) : inverse_.leftCols(n);
+    Eigen::Map<RowMajor>(out[k], n, n) = by.topRows(n);
     if (m)
-      Eigen::Map<RowMajor>(out[3 + k], m, n) = dlam.middleCols(k * n, n);
+      Eigen::Map<RowMajor>(out[3 + k], m, n) = by.bottomRows(m);
   }
-  return da.allFinite() && dlam.allFinite();
 }
 
 /// What keeps lam the smallest as the rows turn.
-MatrixXd Derivatives::along_redundant_rows(const VectorXd & q, const VectorXd & lam)
+MatrixXd Derivatives::along_redundant_rows(const VectorXd & lam)
 {
-  // lam = J w, with the smallest w in the metric of M
-  VectorXd w = factors_.Q * (factors_.B_inverse * lam);
-  factors_.L.triangularView<Eigen::Lower>().transpose().solveInPlace(w);
-  const MatrixXd turned = linearisation_.turning(q, w);
-  return turned - factors_.Q2 * (factors_.Q2.transpose() * turned);
+  const VectorXd w = factors_.U * (factors_.K.transpose() * lam); // lam = J w, the smallest in the metric of M
+  const MatrixXd turned = linearisation_.turning(w);
+  return turned - factors_.forces() * (factors_.forces().transpose() * turned);
 }
 } // namespace condyn

@@ -2,6 +2,8 @@
 //
 //   M da - J^T dlam = r,    J da = s,    r = dtau - r_q dq - r_v dv,    s = -s_q dq - s_v dv
 //
+// The inverse of that is formed: by tau it is the answer, and by q and v a coordinate asks little of it (`Carried`).
+//
 // Where rows are redundant dlam is that of the smallest lam: with N the left null space of J and
 // lam = J w, w the smallest in the metric of M, N^T dlam = N^T (dJ w).
 #pragma once
@@ -22,10 +24,13 @@ public:
     const Data & placed, double * const out[6]);
 
 private:
-  MatrixXd along_redundant_rows(const VectorXd & q, const VectorXd & lam);
+  MatrixXd along_redundant_rows(const VectorXd & lam);
+  void write(double * const out[6]) const;
 
   const Scene & scene_;
   Linearisation linearisation_;
+  const Carried carried_;
   MinimumNorm factors_;
+  MatrixXd inverse_, by_state_; // (nv + rows, nv + rows), and of q and v (nv + rows, 2 nv)
 };
 } // namespace condyn

@@ -53,15 +53,13 @@ double Direct::pivots_left()
 
 bool Direct::close(const VectorXd & q, const VectorXd & v, VectorXd & dq, VectorXd & dv)
 {
-  const int n = model.nv, m = scene.rows;
   pinocchio::forwardKinematics(model, data, q, v, zero_);
   rows_.evaluate(scene, data, q, v, zero_);
   if (!nearest_.size() || pinocchio::difference(model, made_at_, q).cwiseAbs().maxCoeff() > near)
   {
-    if (!factorise(q) || factors_.Q.cols() != rank_)
+    if (!factorise(q) || factors_.rank() != rank_)
       return false;
-    nearest_.setZero(n, m);
-    factors_.solve(nearest_, MatrixXd::Identity(m, m));
+    nearest_.noalias() = factors_.U * factors_.K.transpose();
     made_at_ = q;
   }
   dq = -(nearest_ * rows_.c), dv = -(nearest_ * rows_.velocity);

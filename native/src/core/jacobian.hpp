@@ -21,6 +21,13 @@ struct Moved
         columns.push_back(j), one.push_back(by1[j]), two.push_back(by2[j]);
   }
 
+  /// Whether a column may have entries in rows of its own constraint: what carries both sides moves them as one,
+  /// which rows of balls see where they are apart.
+  bool slips(std::size_t column, const Constraint & k) const
+  {
+    return k.kind == Kind::ball || one[column] != two[column];
+  }
+
 private:
   static std::vector<char> above(const Model & model, int joint)
   {

@@ -6,10 +6,30 @@
 namespace condyn
 {
 Linearisation::Linearisation(const Scene & scene)
-: data(scene.model), scene_(scene), on_joint_(scene.model.njoints, Force::Zero())
+: data(scene.model), scene_(scene), on_joint_(scene.model.njoints, Force::Zero()), J1_(6, scene.model.nv), J2_(J1_)
+, w1_(J1_), w2_(J1_)
 {
   for (const auto & k : scene.constraints)
     moved_.emplace_back(scene.model, k);
+}
+
+/// Where `asked` may not be zero.
+Carried Linearisation::touched() const
+{
+  Carried found(scene_.model, scene_.rows);
+  for (std::size_t i = 0; i < scene_.constraints.size(); ++i)
+  {
+    const Constraint & k = scene_.constraints[i];
+    const auto & moved = moved_[i];
+    found.tie(moved.columns);
+    for (std::size_t c = 0; c < moved.columns.size(); ++c)
+      if (moved.slips(c, k))
+        found.change(moved.columns[c], k.first, k.size);
+    if (k.kind == Kind::coupling)
+      for (int j : {k.v_a, k.v_b})
+        found.change(j, k.first, 1);
+  }
+  return found;
 }
 
 void Linearisation::at(
@@ -18,11 +38,12 @@ void Linearisation::at(
 {
   const int n = scene_.model.nv, m = scene_.rows;
   on_joint_ = loads.on_joint;
-  VectorXd of_couplings = VectorXd::Zero(n); // J^T lam that does not change
-  add_wrenches(scene_, placed, lam, on_joint_, of_couplings);
+  of_couplings_.setZero(n);
+  add_wrenches(scene_, placed, lam, on_joint_, of_couplings_);
   pinocchio::computeRNEADerivatives(scene_.model, data, q, v, a, on_joint_);
-  r.resize(n, 2 * n), s.setZero(m, 2 * n), J.setZero(m, n);
-  r.leftCols(n) = -data.dtau_dq, r.rightCols(n) = -data.dtau_dv;
+  asked.resize(n + m, 2 * n), J.setZero(m, n);
+  asked.topLeftCorner(n, n) = -data.dtau_dq, asked.topRightCorner(n, n) = -data.dtau_dv;
+  asked.bottomRows(m).setZero();
   for (std::size_t i = 0; i < scene_.constraints.size(); ++i)
     write(i, lam);
   for (std::size_t i = 0; i < loads.pushes.size(); ++i)
@@ -48,15 +69,17 @@ void Linearisation::turn(const Push & push, const Vector6d & wrench)
   const MatrixXd by = J.transpose() * turned;
   for (std::size_t c = 0; c < columns.size(); ++c)
     for (std::size_t b = 0; b < columns.size(); ++b)
-      r(columns[b], columns[c]) += by(b, c);
+      asked(columns[b], columns[c]) += by(b, c);
 }
 
 /// Writes the rows of a constraint into J and -[s_q, s_v], and adds what turns of J^T lam to -r_q.
 void Linearisation::write(std::size_t i, const VectorXd & lam)
 {
   const Constraint & k = scene_.constraints[i];
+  const Moved & moved = moved_[i];
   const int n = scene_.model.nv;
   const double kp = scene_.kp, kd = scene_.kd;
+  auto s = asked.bottomRows(scene_.rows);
   if (k.kind == Kind::coupling)
   {
     write_coupling(k, J.row(k.first));
@@ -64,15 +87,16 @@ void Linearisation::write(std::size_t i, const VectorXd & lam)
     s.row(k.first).tail(n) = -kd * J.row(k.first);
     return;
   }
-  const Linearised of(k, data, k.sign * lam.segment(k.first, k.size));
-  const auto & columns = moved_[i].columns;
-  const int count = int(columns.size());
-  Matrix6x J1(6, count), J2(6, count), w1(6, count), w2(6, count);
-  for (int c = 0; c < count; ++c)
+  Vector6d force = Vector6d::Zero();
+  force.head(k.size) = k.sign * lam.segment(k.first, k.size);
+  const Linearised of(k, data, force);
+  for (std::size_t c = 0; c < moved.columns.size(); ++c)
   {
-    const int j = columns[c];
-    const Column one = of.at1(j, moved_[i].one[c]), two = of.at2(j, moved_[i].two[c]);
-    const RowPartials by = of(one, two);
+    const int j = moved.columns[c];
+    J1_.col(c) = of.J1(j, moved.one[c]), J2_.col(c) = of.J2(j, moved.two[c]);
+    if (!moved.slips(c, k))
+      continue;
+    const RowPartials by = of(of.at1(j, moved.one[c]), of.at2(j, moved.two[c]));
     for (int row = 0; row < k.size; ++row)
     {
       const int from = k.component(row), to = k.first + row;
@@ -80,33 +104,45 @@ void Linearisation::write(std::size_t i, const VectorXd & lam)
       s(to, j) = -k.sign * (by.s_q[from] + kp * by.c_q[from] + kd * by.v_q[from]);
       s(to, n + j) = -k.sign * (by.s_v[from] + kd * by.J[from]);
     }
-    J1.col(c) = one.J.toVector(), J2.col(c) = two.J.toVector();
-    w1.col(c) = by.w1, w2.col(c) = by.w2;
+    w1_.col(c) = by.w1, w2_.col(c) = by.w2;
   }
-  if (k.kind == Kind::held)
-    return;
-  MatrixXd turned(count, count);
-  turned.noalias() = -J2.transpose() * w2;
-  if (k.kind != Kind::ball && k.kind != Kind::weld)
-    turned.noalias() += J1.transpose() * w1;
+  if (k.kind != Kind::held)
+    turn_pair(moved, k);
+}
+
+/// Adds what turns of the wrenches on the second body, and on the first one, to -r_q.
+void Linearisation::turn_pair(const Moved & moved, const Constraint & k)
+{
+  const int count = int(moved.columns.size());
+  const bool both = k.kind != Kind::ball && k.kind != Kind::weld;
   for (int c = 0; c < count; ++c)
+  {
+    if (!moved.slips(c, k))
+      continue;
+    auto r_q = asked.col(moved.columns[c]);
     for (int b = 0; b < count; ++b)
-      r(columns[b], columns[c]) += turned(b, c);
+    {
+      const double second = moved.two[b] ? J2_.col(b).dot(w2_.col(c)) : 0.0;
+      const double first = both && moved.one[b] ? J1_.col(b).dot(w1_.col(c)) : 0.0;
+      r_q[moved.columns[b]] += first - second;
+    }
+  }
 }
 
 /// How J w changes with q while w stays: as the slip does at v = w.
-MatrixXd Linearisation::turning(const VectorXd & q, const VectorXd & w)
+MatrixXd Linearisation::turning(const VectorXd & w)
 {
   const Model & model = scene_.model;
-  pinocchio::forwardKinematics(model, data, q, w);
   data.ov[0].setZero();
   for (int i = 1; i < model.njoints; ++i)
   {
-    data.ov[i] = data.oMi[i].act(data.v[i]);
+    const Motion & parent = data.ov[model.parents[i]];
+    data.ov[i] = parent;
     for (int j = model.idx_vs[i]; j < model.idx_vs[i] + model.nvs[i]; ++j)
     {
-      const Motion moved = data.ov[model.parents[i]].cross(Motion(data.J.col(j).head<3>(), data.J.col(j).tail<3>()));
-      data.dVdq.col(j) = moved.toVector();
+      const Motion column(data.J.col(j).head<3>(), data.J.col(j).tail<3>());
+      data.dVdq.col(j) = parent.cross(column).toVector();
+      data.ov[i] += w[j] * column;
     }
   }
   MatrixXd turned = MatrixXd::Zero(scene_.rows, model.nv);
@@ -115,9 +151,11 @@ MatrixXd Linearisation::turning(const VectorXd & q, const VectorXd & w)
     const Constraint & k = scene_.constraints[i];
     if (k.kind == Kind::coupling)
       continue;
-    const Linearised of(k, data, VectorXd::Zero(k.size));
+    const Linearised of(k, data, Vector6d::Zero());
     for (std::size_t c = 0; c < moved_[i].columns.size(); ++c)
     {
+      if (!moved_[i].slips(c, k))
+        continue;
       const int j = moved_[i].columns[c];
       const RowPartials by = of(of.slip1(j, moved_[i].one[c]), of.slip2(j, moved_[i].two[c]));
       for (int row = 0; row < k.size; ++row)

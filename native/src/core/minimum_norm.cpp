@@ -1,6 +1,4 @@
 #include "minimum_norm.hpp"
-#include <Eigen/Cholesky>
-#include <Eigen/QR>
 #include <cmath>
 #include <limits>
 
@@ -14,82 +12,96 @@ const double rank_tolerance = 1e-7, noise = 1e3; // as in Python: RANK and _NOIS
 const double nothing_below = 1e-9, something_above = 1e-5;
 } // namespace
 
+MinimumNorm::MinimumNorm(const Scene & scene)
+: scene_(scene), factor_(scene.model), nothing_(VectorXd::Zero(scene.model.nv))
+{}
+
 bool MinimumNorm::factorise(const MatrixXd & M, const MatrixXd & J)
 {
   if (!whiten(M, J))
     return false;
-  return J.rows() == 0 || (!scene_.rank.dependent && by_rows(J, rank_tolerance)) || by_pivots();
+  if (J.rows() && !(!scene_.rank.dependent && is_clear(J, rank_tolerance))
+      && !(of_columns_.last() > something_above * of_columns_.first()))
+    return false;
+  return divide();
 }
 
 bool MinimumNorm::factorise_independent(const MatrixXd & M, const MatrixXd & J)
 {
-  return whiten(M, J) && (J.rows() == 0 || by_rows(J, something_above));
+  return whiten(M, J) && (!J.rows() || is_clear(J, something_above)) && divide();
 }
 
 bool MinimumNorm::whiten(const MatrixXd & M, const MatrixXd & J)
 {
-  const Eigen::LLT<MatrixXd, Eigen::Upper> llt(M);
-  if (llt.info() != Eigen::Success || (J.rows() && !(J.squaredNorm() > scene_.rank.least)))
+  lower_ = M.transpose();
+  if (!factor_.factorise(lower_, nothing_) || (J.rows() && !(J.squaredNorm() > scene_.rank.least)))
     return false;
-  L = llt.matrixL();
-  A_ = J.transpose();
-  L.triangularView<Eigen::Lower>().solveInPlace(A_);
-  Q2.resize(0, 0);
-  return true;
+  rows_ = J;
+  factor_.whiten_rows(rows_);
+  of_columns_.compute(rows_.transpose(), nothing_below);
+  return !J.rows() || rank();
 }
 
-/// By L^-1 J^T = Q R; false where a pivot of R is below a share of the largest, or rounding.
-bool MinimumNorm::by_rows(const MatrixXd & J, double share)
+/// Whether all rows are independent: no pivot is below a share of the largest, or rounding.
+bool MinimumNorm::is_clear(const MatrixXd & J, double share) const
 {
-  const int n = int(A_.rows()), m = int(A_.cols());
-  if (m > n)
-    return false;
-  const Eigen::HouseholderQR<MatrixXd> qr(A_);
-  const VectorXd pivots = qr.matrixQR().diagonal().cwiseAbs();
   const double largest = scene_.weights.maxCoeff(); // squared, the largest of M^-1: what J M^-1 J^T is rounded by
   const double rounding = std::numeric_limits<double>::epsilon() * largest * largest * J.squaredNorm();
-  const double least = std::max(share * pivots.maxCoeff(), std::sqrt(noise * rounding));
-  if (!(pivots.minCoeff() > least))
+  return rank() == J.rows()
+    && of_columns_.last() > std::max(share * of_columns_.first(), std::sqrt(noise * rounding));
+}
+
+//   B = Q' R',    K R'^T = Q'
+bool MinimumNorm::divide()
+{
+  const int m = int(rows_.rows());
+  rows_ = of_columns_.Q().transpose();
+  factor_.unwhiten_rows(rows_);
+  U = rows_.transpose();
+  MatrixXd & B = pushed_;
+  B.resize(m, rank());
+  for (int j = 0; j < m; ++j)
+    B.row(of_columns_.order[j]) = of_columns_.R().col(j).transpose();
+  of_rows_.compute(B, 0.0);
+  if (of_rows_.rank < rank())
     return false;
-  Q = qr.householderQ() * MatrixXd::Identity(n, m);
-  B_inverse = qr.matrixQR().topRows(m).triangularView<Eigen::Upper>().transpose().solve(MatrixXd::Identity(m, m));
-  return true;
-}
-
-/// With pivots on the columns.
-bool MinimumNorm::by_pivots()
-{
-  const int n = int(A_.rows()), m = int(A_.cols());
-  const Eigen::ColPivHouseholderQR<MatrixXd> qr(A_);
-  const VectorXd pivots = qr.matrixR().diagonal().cwiseAbs();
-  int rank = 0;
-  for (double pivot : pivots)
-    if (pivot > something_above * pivots[0])
-      ++rank;
-    else if (!(pivot < nothing_below * pivots[0]))
-      return false;
-  Q = qr.householderQ() * MatrixXd::Identity(n, rank);
-  const MatrixXd R = qr.matrixR().topRows(rank).triangularView<Eigen::Upper>();
-  const MatrixXd B = qr.colsPermutation() * R.transpose(); // of full column rank: Q2 R2
-  const Eigen::HouseholderQR<MatrixXd> of_rows(B);
-  Q2 = of_rows.householderQ() * MatrixXd::Identity(m, rank);
-  B_inverse = of_rows.matrixQR().topRows(rank).triangularView<Eigen::Upper>().solve(MatrixXd(Q2.transpose()));
-  return true;
-}
-
-MatrixXd MinimumNorm::solve(Eigen::Ref<MatrixXd> r, const Eigen::Ref<const MatrixXd> & s) const
-{
-  L.triangularView<Eigen::Lower>().solveInPlace(r); // y
-  MatrixXd lam(s.rows(), r.cols());
-  if (s.rows())
+  K.resize(m, rank());
+  for (int k = rank() - 1; k >= 0; --k)
   {
-    MatrixXd z(Q.cols(), r.cols());
-    z.noalias() = -Q.transpose() * r;
-    z.leftCols(s.cols()).noalias() += B_inverse * s;
-    r.noalias() += Q * z;
-    lam.noalias() = B_inverse.transpose() * z;
+    const int at = of_rows_.order[k];
+    K.col(at) = of_rows_.Q().col(k);
+    for (int j = k + 1; j < rank(); ++j)
+      K.col(at) -= of_rows_.R()(k, j) * K.col(of_rows_.order[j]);
+    K.col(at) /= of_rows_.R()(k, k);
   }
-  L.triangularView<Eigen::Lower>().transpose().solveInPlace(r);
+  return true;
+}
+
+VectorXd MinimumNorm::solve(VectorXd & r, const VectorXd & s) const
+{
+  factor_.whiten(r);
+  VectorXd z = K.transpose() * s, lam(s.size());
+  z.noalias() -= of_columns_.Q().transpose() * r;
+  r.noalias() += of_columns_.Q() * z;
+  lam.noalias() = K * z;
+  factor_.unwhiten(r);
   return lam;
+}
+
+void MinimumNorm::invert(MatrixXd & inverse)
+{
+  const int n = factor_.size(), m = int(K.rows());
+  factor_.invert(mobility_);
+  inverse.resize(n + m, n + m);
+  pushed_.resize(m, n);
+  if (m)
+  {
+    mobility_.noalias() -= U * U.transpose();
+    pushed_.noalias() = K * U.transpose();
+    inverse.bottomRightCorner(m, m).noalias() = K * K.transpose();
+  }
+  inverse.topLeftCorner(n, n) = mobility_;
+  inverse.topRightCorner(n, m) = pushed_.transpose();
+  inverse.bottomLeftCorner(m, n) = -pushed_;
 }
 } // namespace condyn

@@ -2,13 +2,17 @@
 //
 //   M a - J^T lam = r,    J a = s
 //
-//   M = L L^T,    J L^-T = B Q^T,    y = L^-1 r,    z = B^+ s - Q^T y
-//   L^T a = y + Q z,    lam = B^+T z
+//   M = S^T S,    S^-T J^T = Q B^T,    U = S^-1 Q,    K = B (B^T B)^-1
 //
-// with Q of orthonormal columns and B of full rank: R^T of L^-1 J^T = Q R where rows are independent, and
-// with pivots on the columns where they are not. There lam is the smallest.
+//   [ a   ]   [ M^-1 - U U^T   U K^T ] [ r ]
+//   [ lam ] = [   -K U^T       K K^T ] [ s ]
+//
+// with Q of orthonormal columns and B of full rank: columns of U are motions that are held, and those of K the
+// smallest forces that push against one of them each. Where rows are redundant, lam is the smallest.
 #pragma once
+#include "orthonormal.hpp"
 #include "scene.hpp"
+#include "tree_factor.hpp"
 
 namespace condyn
 {
@@ -16,27 +20,34 @@ namespace condyn
 class MinimumNorm
 {
 public:
-  explicit MinimumNorm(const Scene & scene) : scene_(scene) {}
+  explicit MinimumNorm(const Scene & scene);
 
   /// Of M in its upper triangle; false where M is not positive definite, or the rank is in doubt.
   bool factorise(const MatrixXd & M, const MatrixXd & J);
   /// The same, and false where rows are not clearly independent.
   bool factorise_independent(const MatrixXd & M, const MatrixXd & J);
 
-  /// Returns lam, and a in the place of r. Where s has fewer columns than r, the others are zero.
-  MatrixXd solve(Eigen::Ref<MatrixXd> r, const Eigen::Ref<const MatrixXd> & s) const;
+  /// Returns lam, and a in the place of r.
+  VectorXd solve(VectorXd & r, const VectorXd & s) const;
+  /// The matrix above (nv + m, nv + m).
+  void invert(MatrixXd & inverse);
 
-  bool dependent() const { return Q2.size() > 0; }
+  int rank() const { return of_columns_.rank; }
+  bool dependent() const { return rank() < K.rows(); }
+  /// Orthonormal columns that span those of B.
+  auto forces() const { return of_rows_.Q(); }
 
-  MatrixXd L, Q, B_inverse; // B^+ (rank, m)
-  MatrixXd Q2; // orthonormal columns that span those of B; empty where rows are independent
+  MatrixXd U, K; // (nv, rank), (m, rank)
 
 private:
   bool whiten(const MatrixXd & M, const MatrixXd & J);
-  bool by_rows(const MatrixXd & J, double share);
-  bool by_pivots();
+  bool is_clear(const MatrixXd & J, double share) const;
+  bool divide();
 
   const Scene & scene_;
-  MatrixXd A_; // L^-1 J^T
+  TreeFactor factor_;
+  const VectorXd nothing_; // on the diagonal
+  MatrixXd lower_, rows_, mobility_, pushed_;
+  Orthonormal of_columns_, of_rows_; // Q R of S^-T J^T, and of B
 };
 } // namespace condyn

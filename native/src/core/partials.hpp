@@ -26,8 +26,8 @@ struct RowPartials
 class Linearised
 {
 public:
-  /// `lam` (size,) acts on body 1, in the axes of c1; after `computeRNEADerivatives`.
-  Linearised(const Constraint & k, const Data & data, const VectorXd & lam)
+  /// `lam`, in its first entries, acts on body 1, in the axes of c1; after `computeRNEADerivatives`.
+  Linearised(const Constraint & k, const Data & data, const Vector6d & lam)
   : k_(k), data_(data), E1_(data.oMi[k.joint1] * k.placement1), E2_(data.oMi[k.joint2] * k.placement2)
   , between_(E1_.actInv(E2_)), R_(between_.rotation()), r_(between_.translation())
   , seen2_(k.kind == Kind::weld ? E1_ : SE3(E1_.rotation(), E2_.translation()))
@@ -36,13 +36,17 @@ public:
     for (int i = 0; i < k.size; ++i)
       if (k.kind != Kind::rod)
         force_[k.selection[i]] = lam[i];
-    length_ = lam.size() ? lam[0] : 0.0;
+    length_ = lam[0];
     const bool turns = k.anchored && (k.kind == Kind::weld || (k.kind == Kind::held && !k.is_point()));
     if (turns)
       pinocchio::Jlog6(between_, log_);
     else if (k.anchored && k.kind == Kind::cut && k.is_slider)
       pinocchio::Jlog3(R_, log3_);
   }
+
+  /// What coordinate j does to the velocities of both ends.
+  Vector6d J1(int j, bool moves) const { return J_at(E1_, j, moves); }
+  Vector6d J2(int j, bool moves) const { return J_at(seen2_, j, moves); }
 
   /// Columns of coordinate j at both ends, zero at one that it does not move.
   Column at1(int j, bool moves) const { return moves ? column(data_, j, E1_, one_.v) : nothing(); }
@@ -67,6 +71,11 @@ public:
   }
 
 private:
+  Vector6d J_at(const SE3 & from, int j, bool moves) const
+  {
+    return moves ? seen(data_.J, j, from).toVector() : Vector6d(Vector6d::Zero());
+  }
+
   RowPartials held(const Column & one) const
   {
     RowPartials of;

@@ -139,7 +139,7 @@ void StepDerivatives::untouched()
   f.leftCols(n) = f_.leftCols(n), f.middleCols(n, n) = step.free_.M + by_mean;
   f.noalias() += by_mean * dfirst;
   if (m) // rows with the first h, and this v+
-    s.leftCols(n) -= linearisation_.turning(step.free_.q, step.touching_.v1 - first);
+    s.leftCols(n) -= linearisation_.turning(step.touching_.v1 - first);
   dv.leftCols(3 * n) = solved(f, s);
 }
 
@@ -177,7 +177,7 @@ bool StepDerivatives::close(const Readings & readings)
   MatrixXd by_start(n, n), by_x(n, n);
   mechanics_.integrate_partials(begin, x, by_start, by_x);
   dq = (by_start * dq).eval();
-  dq.leftCols(n) += by_x * (inverse_ * of_moves_.r.leftCols(n));
+  dq.leftCols(n) += by_x * (inverse_ * of_moves_.r().leftCols(n));
   mechanics_.jacobians(step.q);
   MatrixXd J;
   write_jacobian(scene_, mechanics_.data, moved_, J);

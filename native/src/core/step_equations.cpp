@@ -21,7 +21,7 @@ void StepDerivatives::balance(const VectorXd & mean)
   const ContactSteps & step = steps_;
   const int n = scene_.model.nv;
   const double dt = step.plan_.dt;
-  f_ = dt * linearisation_.r;
+  f_ = dt * linearisation_.r();
   f_.leftCols(n).diagonal() -= dt * step.free_.stiffness;
   moved_partials_.turning(mean).add_product(step.free_.M, dt, f_.rightCols(n));
 }
@@ -34,9 +34,9 @@ MatrixXd StepDerivatives::slip(const VectorXd & v1)
   const double dt = step.plan_.dt;
   if (!m)
     return MatrixXd(0, 2 * n);
-  MatrixXd s = linearisation_.s;
+  MatrixXd s = linearisation_.s();
   moved_partials_.turning(step.free_.v).add_product(linearisation_.J, 1.0, s.rightCols(n));
-  s.leftCols(n) -= linearisation_.turning(step.free_.q, (v1 + step.free_.v) / dt);
+  s.leftCols(n) -= linearisation_.turning((v1 + step.free_.v) / dt);
   return 0.5 * dt * s;
 }
 
