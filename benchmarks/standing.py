@@ -61,7 +61,7 @@ ROBOTS: dict[str, tuple[str, Cone, float, float]] = {
     "cassie": ("pelvis", FrictionCone(0.65, sides=8), 5e-4, 2.0),
     "talos": ("base_link", WrenchCone(0.5), 1e-3, 2.0),
 }
-SHARES = {"solo12": (0.98, 1.25), "cassie": (0.9, 0.95, 1.25), "talos": (0.98, 1.25)}
+SHARES = {"solo12": (0.98, 1.25), "cassie": (0.95, 1.25), "talos": (0.98, 1.25)}
 PERIOD, EVERY, FIRST, LASTS, FRICTION = 1e-3, 3.0, 1.0, 0.05, 0.7  # [s], ..., [1]
 RUNS, PUSHES, DURATION = 4, 3, 10.0  # a row: runs, pushes of each, how long each takes [s]
 GRAVITY = 9.81  # [m/s^2]
@@ -127,7 +127,9 @@ class Stand:
         ]
         self.rigid = [spring.joint for spring in made.springs]
         feet = cp.Baumgarte.critical(FEET * omega)
-        self.controller = Controller(self.closed, tasks, cones=cone, rigid=self.rigid, drift=feet)
+        self.controller = Controller(
+            self.closed, tasks, cones=cone, rigid=self.rigid, drift=feet, native="where possible"
+        )
         torque = at_rate(self.controller, PERIOD)
         self.rest = cp.simulate(self.floor, self.q, self.v, torque, duration=FIRST, dt=self.dt).q[
             -1

@@ -195,6 +195,25 @@ def test_cassie_stands_nine_tenths_of_it_sideways_on_feet_that_no_motor_rolls() 
     assert cassie.off(run) < 0.02
 
 
+def test_cassie_stands_behind_a_corner_where_her_springs_throw_a_foot_off() -> None:
+    """The foot comes down flat, where it stood: its springs are not swung up by what damps it."""
+    cassie = at_rest()
+    middle, omega = cassie.middle, np.sqrt(9.81 / cassie.middle[2])
+    angle = np.arctan2(0.1305, -0.08) + np.radians(8.0)  # of the heel, and behind it
+    way = np.array([np.cos(angle), np.sin(angle), 0.0])
+    floor = FrictionCone(0.7, sides=16, pyramid="outer")
+    rigid = [spring.joint for spring in cassie.held.robot.springs]
+    bound = push_bound(cassie.held, cassie.q, way, cones=floor, rigid=rigid)
+    lasts = omega * 0.05  # while it lasts, it is braked: with a pressure that stays, by this much
+    most = bound.impulse * lasts / -np.expm1(-lasts) * middle[2] / cassie.q[2]  # at the pelvis
+    run = cassie.run(1.8, 0.95 * most * way, dt=5e-4)
+    assert run.status.ok
+    cassie.check(1.8)
+    assert (run.modes["right-foot/heel"] == "open").any()
+    assert all(modes[-1] == "stick" for modes in run.modes.values())
+    assert cassie.off(run) < 0.02
+
+
 def test_behind_a_corner_the_bound_of_cassie_counts_on_both_feet() -> None:
     """There the pressure is between the heels: while a foot is off the floor it cannot be."""
     cassie = at_rest()
@@ -366,6 +385,4 @@ def test_the_table_is_that_of_the_committed_results(monkeypatch: pytest.MonkeyPa
     measured = [(row.robot, row.share) for row in rows]
     assert measured == [(name, x) for name in standing.ROBOTS for x in standing.SHARES[name]]
     assert all(row.stood == 0 for row in rows if row.share > 1)
-    below = [row for row in rows if row.share < 1]
-    assert all(row.stood == row.runs == 4 for row in below if row.robot != "cassie")
-    assert all(row.stood >= 3 for row in below)
+    assert all(row.stood == row.runs == 4 for row in rows if row.share < 1)

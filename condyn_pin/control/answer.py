@@ -144,7 +144,8 @@ class ControlAnswer:
         One for all contacts that press on a floor, or one each by name.
     scene : Scene
     q, v : (nq,), (nv,) array
-        Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear first.
+        Configuration, and velocity [rad/s, m/s], without the swing of joints that are taken for
+        rigid; a free-flyer's in its body frame, linear first.
     t : float
         Of the tick [s].
     """

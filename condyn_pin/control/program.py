@@ -18,7 +18,7 @@ eliminated (`elimination`): with m the mass of the robot, so that all unknowns a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from math import isinf
+from math import isfinite, isinf
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,7 @@ from condyn_pin.control.levels import FLOOR, JOINT, LAW, MOTOR, Level, Row, Rows
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.qp.quadratic_program import Constraints
 from condyn_pin.control.reduction import Reduction, reduced
+from condyn_pin.control.swing import locked
 from condyn_pin.control.tasks.base import Home, Task
 from condyn_pin.control.tick_constraints import TickConstraints
 from condyn_pin.dynamics.scene import Scene
@@ -108,6 +109,13 @@ class Program:
         if not len(cones.held):
             self._constant = Elimination.of(self.rigid, self.columns)
         self._fixed: dict[Stack, tuple[Array, Array]] = {}  # where x has the same meaning always
+
+    def without_swing(self, q: Array, v: Array) -> Array:
+        """Return the velocity that is left if joints that are taken for rigid are locked."""
+        if not (self.rigid @ v).any() or not isfinite(np.vdot(q, q) + np.vdot(v, v)):
+            return v  # what is not finite is refused later
+        loops = self.equations.jacobian(q)[self.cones.held]
+        return locked(v, self.equations.mass(q), loops, self.rigid)
 
     def assemble(
         self, q: Array, v: Array, t: float, passive: Array

@@ -167,8 +167,8 @@ def push_bound(
     -----
     Costs 0.1 s: twenty postures and as many linear programs. The velocity products of the way there
     are left out. The way ends where a leg is stretched: contacts that would have to let go there
-    are not let go. Springs in `rigid` throw a foot off that they carry: just behind a corner of the
-    support, where the bound needs a little load on it, a robot on springs stands less.
+    are not let go. Springs in `rigid` throw off a foot that carries little; the bound stays, if the
+    foot comes down where it stood.
 
     References
     ----------
