@@ -7,32 +7,33 @@ Writes benchmarks/results/simulation_vs_mujoco.{json,png} and docs/results.md; w
 
 Both engines read one file (`Robot.to_mjcf`), start from one state, and are measured with one
 reference, Pinocchio's: the largest gap and change of energy among samples every 16 ms. Energy is
-conserved: nothing dissipates. Time is CPU time of the thread, the median over interleaved blocks
-of steps; MuJoCo takes the steps of a block in one call of `mj_step`.
+conserved: nothing dissipates. Time is CPU time of one thread, the median over interleaved blocks
+of steps; MuJoCo takes the steps of a block in one call of `mj_step`, and the compiled core, if it
+is built, those of 32 equal motions in one call of `simulate_batch`.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib.util
 import json
 import os
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from time import thread_time
+from time import process_time, thread_time
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import marks
 import numpy as np
-from method_lines import Lines
+from simulation_vs_mujoco_text import CORE, PYTHON, Row, draw, load, markdown, pages
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.machine import machine
 from condyn_pin.simulation.measures import gauge_of
-from condyn_pin.simulation.outcome import Effects
 from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import follow
@@ -42,29 +43,7 @@ RESULTS = ROOT / "benchmarks" / "results"
 
 SAMPLED = 1.6e-2  # [s]
 BLOCK = 0.01  # CPU seconds of a block, about [s]
-LOST = 1.0  # a loop that is open by so much is no loop [m]
-
-
-@dataclass(frozen=True)
-class Row:
-    """One way to simulate one linkage.
-
-    `us` is CPU time per simulated millisecond [us]; gap [m], energy [J] and what happened.
-    """
-
-    problem: str
-    engine: str
-    method: str
-    dt: float  # [s]
-    violation: float  # [m]
-    energy: float  # [J]
-    us: float  # [us / ms]
-    status: str
-
-    @property
-    def name(self) -> str:
-        """Method and step."""
-        return f"{self.method}, {1e3 * self.dt:g} ms"
+MOTIONS = 32  # of a block of the compiled core, which is called once for all of them
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,26 +56,22 @@ class Problem:
     v: np.ndarray
     duration: float  # [s]
 
-    def effects(self) -> Effects:
-        """Return what acts: springs always, damping never."""
-        return Effects(damping=False)
-
     def errors(self, Q: Sequence[np.ndarray], V: Sequence[np.ndarray]) -> tuple[float, float]:
         """Return the largest gap [m] and change of energy [J] among some states."""
         q, v = np.array(Q), np.array(V)
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
             return np.inf, np.inf
-        scene = self.effects().applied_to(self.scene)
-        found = gauge_of(scene).measure(np.zeros(len(q)), q, v)  # nothing is driven
-        energy = found.kinetic + found.potential + Passive.of(scene.robot).energy(q)
+        found = gauge_of(self.scene).measure(np.zeros(len(q)), q, v)  # nothing is driven
+        energy = found.kinetic + found.potential + Passive.of(self.scene.robot).energy(q)
         return float(found.violation.max()), float(np.abs(energy - energy[0]).max())
 
 
 def problems() -> tuple[Problem, ...]:
-    """Return the four-bar for 2 s, and Cassie afloat without gravity on its springs for 1 s."""
+    """Return the four-bar for 2 s, and Cassie afloat on its springs without damping for 1 s."""
     bar, cassie = cp.load_robot("four_bar"), cp.load_robot("cassie")
     model = pin.Model(cassie.model)
     model.gravity = pin.Motion.Zero()
+    model.damping[:] = 0.0
     cassie = replace(cassie, model=model)
     closed, legs = cp.Scene(bar, bar.loops), cp.Scene(cassie, cassie.loops)
     q, _ = legs.state()
@@ -117,7 +92,7 @@ def ours(problem: Problem, integrator: Any, drift: Any, dt: float) -> tuple[Row,
     def planned(duration: float, record: int) -> Any:
         return plan(
             problem.scene, 0.0, duration=duration, dt=dt, integrator=integrator, drift=drift,
-            solver=None, record=record, effects=problem.effects(),
+            solver=None, record=record,
         )  # fmt: skip
 
     whole = planned(problem.duration, max(round(SAMPLED / dt), 1))
@@ -138,11 +113,37 @@ def ours(problem: Problem, integrator: Any, drift: Any, dt: float) -> tuple[Row,
         _, phase = follow(part, problem.q, problem.v, phase=phase)
         return 1e3 * (thread_time() - begun) / (steps * dt)
 
-    chosen = whole.method.drift
+    chosen = whole.drift
     method = integrator.title if integrator.keeps_constraints else _title(integrator, chosen)
-    return Row(
-        problem.name, "condyn_pin", method, dt, gap, energy, 0.0, found.status.name.lower()
-    ), block
+    return Row(problem.name, PYTHON, method, dt, gap, energy, 0.0, found.status.name.lower()), block
+
+
+def compiled(problem: Problem, integrator: Any, drift: Any, dt: float) -> tuple[Row, Block] | None:
+    """Run a method by the compiled core; None if it breaks down, as it does in Python too."""
+    core, every = cp.Native(threads=1), max(round(SAMPLED / dt), 1)
+
+    def run(motions: int, duration: float, record: int | None = None) -> Any:
+        return cp.simulate_batch(
+            problem.scene, np.tile(problem.q, (motions, 1)), np.tile(problem.v, (motions, 1)),
+            duration=duration, dt=dt, integrator=integrator, drift=drift, record=record,
+            executor=core,
+        )  # fmt: skip
+
+    found = run(1, problem.duration, every)
+    if not found.ok:
+        return None
+    gap, energy = problem.errors(found.samples.q[0], found.samples.v[0])
+    begun = process_time()
+    run(MOTIONS, 8 * dt)
+    steps = 8 * max(round(10 * BLOCK / (process_time() - begun)), 1)
+
+    def block() -> float:
+        begun = process_time()
+        run(MOTIONS, steps * dt)
+        return 1e3 * (process_time() - begun) / (MOTIONS * steps * dt)
+
+    row = Row(problem.name, CORE, _title(integrator, drift), dt, gap, energy, 0.0, "finished")
+    return row, block
 
 
 def _title(integrator: Any, drift: Any) -> str:
@@ -187,6 +188,7 @@ def candidates(problem: Problem, *, quick: bool) -> list[tuple[Row, Block]]:
 
     steps = (1e-3,) if quick else (5e-4, 1e-3, 2e-3, 4e-3, 8e-3, 1.6e-2)
     slow = (8e-3,) if quick else (4e-3, 8e-3, 1.6e-2)
+    has_core = importlib.util.find_spec("condyn_pin_native") is not None
     semi, springs = cp.SemiImplicitEuler(implicit=False), cp.SemiImplicitEuler()
     eulers = (semi, springs) if problem.scene.robot.springs else (semi,)
     tried = [
@@ -199,12 +201,11 @@ def candidates(problem: Problem, *, quick: bool) -> list[tuple[Row, Block]]:
     for integrator in (*eulers, *second, cp.RungeKutta4()):
         gain = 0.03 if integrator.order.q > 2 else 0.3
         for dt in steps:
-            drifts = (
-                cp.Baumgarte.critical(gain / dt),
-                cp.simulation.PostStabilization(),
-                cp.simulation.Projection(),
-            )
+            drifts = cp.Baumgarte.critical(gain / dt), cp.simulation.PostStabilization()
             tried += [ours(problem, integrator, drift, dt) for drift in drifts]
+            tried.append(ours(problem, integrator, cp.simulation.Projection(), dt))
+            if has_core and not isinstance(integrator, cp.simulation.Leapfrog):
+                tried += [compiled(problem, integrator, drift, dt) for drift in drifts]
     for integrator in (cp.simulation.Rattle(), cp.simulation.GearGuptaLeimkuhler()):
         tried += [ours(problem, integrator, cp.simulation.NoDrift(), dt) for dt in slow]
     return [each for each in tried if each]
@@ -222,124 +223,6 @@ def measure(*, quick: bool = False) -> list[Row]:
         for (row, _), samples in zip(tried, times, strict=True):
             rows.append(Row(**asdict(row) | {"us": float(np.median(samples))}))
     return rows
-
-
-def answer(rows: Sequence[Row], to: Row) -> Row | None:
-    """Return our fastest way that is at least as accurate as one of MuJoCo, in gap and energy."""
-    good = [
-        row
-        for row in rows
-        if row.engine != "MuJoCo" and row.problem == to.problem and row.status == "finished"
-        if row.violation <= to.violation and row.energy <= to.energy
-    ]
-    return min(good, key=lambda row: row.us, default=None)
-
-
-def markdown(rows: Sequence[Row], about: dict[str, str]) -> str:
-    """Return the whole table, and what it says: every way of MuJoCo with steps of 1 and 4 ms."""
-    shown = [row for row in _theirs(rows) if row.dt in (1e-3, 4e-3)]
-    lines = [
-        "| linkage | MuJoCo | gap [m] | energy [J] | us/ms | condyn_pin, no less accurate | gap "
-        "[m] | energy [J] | us/ms | x |",
-        "|---|---|---|---|---|---|---|---|---|---|",
-    ]
-    for row in shown:
-        found = answer(rows, row)
-        mine = "none | | | |"
-        if found:
-            mine = f"{found.name} | {found.violation:.0e} | {found.energy:.0e} | {found.us:.1f} |"
-        lines.append(
-            f"| {row.problem} | {row.name} | {row.violation:.0e} | {row.energy:.0e} "
-            f"| {row.us:.1f} | "
-            f"{mine} {_ratio(rows, row):.2f} |"
-        )
-    ratios: dict[str, list[float]] = {}
-    for row in _theirs(rows):
-        ratios.setdefault(row.problem, []).append(_ratio(rows, row))
-    counts = ", ".join(
-        f"{sum(r >= 1 for r in found)} of {len(found)} on {name} (x from {min(found):.2g} to "
-        f"{max(found):.2g})"
-        for name, found in ratios.items()
-    )
-    lines += [
-        "",
-        "us/ms: CPU time per simulated millisecond. x: MuJoCo's time over ours, at no larger gap "
-        "and no larger energy error; **below 1 MuJoCo is ahead**, 0 where no setting of condyn_pin "
-        "is as accurate. Of its points with steps from 0.5 to 16 ms condyn_pin is ahead at "
-        f"{counts}.",
-    ]
-    where = (
-        "`python benchmarks/simulation_vs_mujoco.py` on {processor} ({cores} cores, one thread), "
-        "{system}, Python {python}, Pinocchio {pinocchio}, MuJoCo {mujoco}, {date}."
-    )
-    return "\n".join([*lines, where.format(**about)])
-
-
-def _theirs(rows: Sequence[Row]) -> list[Row]:
-    return [
-        r for r in rows if r.engine == "MuJoCo" and r.status == "finished" and r.violation < LOST
-    ]
-
-
-def _ratio(rows: Sequence[Row], row: Row) -> float:
-    """Return MuJoCo's time over ours at no larger errors; 0 where ours are all larger."""
-    found = answer(rows, row)
-    return row.us / found.us if found else 0.0
-
-
-def pages(rows: Sequence[Row], about: dict[str, str]) -> dict[str, dict[str, str]]:
-    """Return the block of docs/results.md."""
-    return {marks.RESULTS: {"mujoco": markdown(rows, about)}}
-
-
-# MuJoCo's ways, all without lines: colours of its constraints, and markers of its integrators.
-_STIFFNESS = {"default": "#F0A000", "solref .005": "#D55E00", "solref .002": "#802000"}
-_STEPS = {"Euler": "x", "RK4": "+", "implicitfast": "1"}
-
-
-def _of_mujoco(method: str) -> dict[str, Any]:
-    """Return how a way of MuJoCo is drawn, from 'integrator, constraints'."""
-    integrator, _, constraints = method.partition(", ")
-    colour = next(c for key, c in _STIFFNESS.items() if constraints.startswith(key))
-    return {"color": colour, "marker": _STEPS[integrator], "ls": "", "ms": 7, "zorder": 3}
-
-
-def draw(rows: Sequence[Row], path: Path) -> None:
-    """Draw gap and energy error against time, a column a linkage."""
-    from matplotlib.figure import Figure
-    from matplotlib.lines import Line2D
-
-    names = list(dict.fromkeys(row.problem for row in rows))
-    lines = Lines(dict.fromkeys(row.method for row in rows if row.engine != "MuJoCo"))
-    figure = Figure(figsize=(6 * len(names), 10), layout="constrained")
-    places = figure.subplots(2, len(names), squeeze=False)
-    for j, name in enumerate(names):
-        kept = [r for r in rows if r.problem == name and r.status == "finished"]
-        curves: dict[tuple[str, str], list[Row]] = {}
-        for row in kept:
-            curves.setdefault((row.engine, row.method), []).append(row)
-        for i, (field, unit) in enumerate((("violation", "m"), ("energy", "J"))):
-            ax = places[i, j]
-            for (engine, method), points in curves.items():
-                x = [row.us for row in points]
-                y = [max(getattr(row, field), 1e-17) for row in points]
-                ax.plot(x, y, **(_of_mujoco(method) if engine == "MuJoCo" else lines.of(method)))
-            ax.set(xscale="log", yscale="log", title=f"{name}: {field} error [{unit}]")
-            ax.set(xlabel="CPU time per simulated ms [us]", ylim=(None, LOST))
-            ax.grid(visible=True, color="0.92")
-    theirs = [
-        Line2D([], [], label=f"MuJoCo {method}", **_of_mujoco(method))
-        for method in dict.fromkeys(row.method for row in rows if row.engine == "MuJoCo")
-    ]
-    shown = theirs + lines.legend()
-    figure.legend(handles=shown, loc="outside lower center", ncols=3, frameon=False, fontsize=8)
-    figure.savefig(path, dpi=130)
-
-
-def load(path: Path) -> tuple[list[Row], dict[str, str]]:
-    """Return the rows that `main` wrote, and what they were taken on."""
-    saved = json.loads(path.read_text(encoding="utf-8"))
-    return [Row(**row) for row in saved["rows"]], saved["machine"]
 
 
 def main() -> None:

@@ -118,16 +118,17 @@ def test_beside_mujoco_a_motion_that_stands_still_has_no_error():
 
 def test_beside_mujoco_no_answer_is_less_accurate_than_asked_for():
     """The estimator is the same, both start closed; and the README counts who is faster."""
-    import simulation_vs_mujoco as versus
+    import simulation_vs_mujoco_text as versus
 
     rows, _ = versus.load(RESULTS / "simulation_vs_mujoco.json")
     assert {row.problem for row in rows} == set(LINKAGES)
     for row in rows:
-        if row.engine == "MuJoCo" and (found := versus.answer(rows, row)):
-            assert found.violation <= row.violation
-            assert found.energy <= row.energy
-    theirs = {name: [r for r in versus._theirs(rows) if r.problem == name] for name in LINKAGES}
-    ahead = {name: sum(versus._ratio(rows, r) < 1 for r in theirs[name]) for name in LINKAGES}
+        for by in (versus.PYTHON, versus.CORE):
+            if row.engine == "MuJoCo" and (found := versus.answer(rows, row, by)):
+                assert found.violation <= row.violation
+                assert found.energy <= row.energy
+    theirs = {name: [r for r in versus.of_mujoco(rows) if r.problem == name] for name in LINKAGES}
+    ahead = {name: sum(versus.ratio(rows, r) < 1 for r in theirs[name]) for name in LINKAGES}
     said = (
         f"faster at {ahead['four_bar']} of its {len(theirs['four_bar'])} settings on the four-bar, "
         f"{ahead['cassie']} of {len(theirs['cassie'])} on Cassie"
