@@ -19,6 +19,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from under_valgrind import OURS
+
 # All of -fsanitize=undefined but for null pointers, alignment and sizes of objects, which double
 # the code that templates become: what they find, that for addresses does where it is used.
 SANITIZERS = (
@@ -28,8 +30,6 @@ SANITIZERS = (
 
 # What has to be there before Python is: Python itself is not linked with C++.
 RUNTIMES = {"address": ("libasan.so", "libubsan.so"), "thread": ("libtsan.so",)}
-
-OURS = "condyn_pin_native"
 
 
 def runtime_of(module: Path) -> str:
@@ -90,8 +90,9 @@ def main() -> None:
         log = Path(folder) / "log"
         command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", *tests]
         ended = subprocess.run(command, check=False, env=environment(kind, log))
-        said = [one for path in sorted(Path(folder).iterdir()) for one in reports(path.read_text())]
-    print(f"{kind}: {len(said)} reports of the core", *dict.fromkeys(said), sep="\n\n")
+        logs = [path.read_text() for path in sorted(Path(folder).iterdir())]
+        said = dict.fromkeys(one for text in logs for one in reports(text))
+    print(f"{kind}: {len(said)} reports of the core", *said, sep="\n\n")
     sys.exit(bool(said) or ended.returncode)
 
 
