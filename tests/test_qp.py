@@ -168,6 +168,47 @@ def test_what_gives_and_what_stands_against_it():
     assert answer.elastic.of_inequalities[0] == pytest.approx(1.0)  # either bound by one
 
 
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: type(solver).__name__)
+@pytest.mark.parametrize(
+    ("lower", "upper", "verdict"),
+    [
+        (1.0, -2.0, "infeasible"),
+        (1.0, 1.0 - 1e-9, "infeasible"),
+        (np.inf, np.inf, "infeasible"),
+        (-np.inf, -np.inf, "infeasible"),
+        (np.nan, 1.0, "failed"),
+        (-1.0, np.nan, "failed"),
+    ],
+)
+def test_a_solver_alone_calls_nothing_solved_that_bounds_leave_no_value(
+    solver, lower, upper, verdict
+):
+    """At work without a chain, cold, and warm from a program that it has just solved."""
+    C, none = np.array([[1.0, 0.5], [0.2, -1.0]]), np.zeros((0, 2))
+
+    def program(least: float, most: float) -> QuadraticProgram:
+        bounds = np.array([least, -1.0]), np.array([most, 1.0])
+        return QuadraticProgram(np.eye(2), np.array([1.0, -2.0]), none, np.zeros(0), C, *bounds)
+
+    work = solver.start()
+    assert work(program(lower, upper)).verdict == verdict
+    first = work(program(-1.0, 1.0))
+    assert first.verdict == "solved"
+    assert work(program(lower, upper)).verdict == verdict
+    again = work(program(-1.0, 1.0))
+    assert again.verdict == "solved"
+    assert again.x == pytest.approx(first.x, abs=1e-5)
+
+
+@pytest.mark.parametrize("solver", SOLVERS, ids=lambda solver: type(solver).__name__)
+def test_a_solver_alone_calls_no_answer_solved_that_is_not_finite(solver):
+    C, none = np.array([[1.0, 0.5]]), np.zeros((0, 2))
+    program = QuadraticProgram(
+        np.eye(2), np.array([np.nan, 1.0]), none, np.zeros(0), C, -np.ones(1), np.ones(1)
+    )
+    assert solver.start()(program).verdict != "solved"
+
+
 def test_a_missing_package_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "proxsuite", None)
     with pytest.raises(cp.errors.MissingExtra, match=r'pip install "condyn_pin\[control\]"'):

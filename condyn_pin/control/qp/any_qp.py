@@ -32,7 +32,7 @@ class AnyQP(QPSolver):
         if not isinstance(self.solver, str):
             raise InvalidArgument(f"solver = {self.solver!r}: the name of a solver is needed")
 
-    def start(self) -> BoundQP:
+    def _start(self) -> BoundQP:
         """Return it at work; it keeps nothing from call to call."""
         qpsolvers = package(self.module)
         if self.solver not in qpsolvers.available_solvers:

@@ -4,11 +4,12 @@
    are its parameters, each with a default, and in the docstring the reason of the default.
 2. Set `title` and `use`. The class registers itself under its lower-case name in `QPS`, and the
    tests find it there.
-3. Write `start()`. It imports the package, with `package` for the error of one that is missing,
+3. Write `_start()`. It imports the package, with `package` for the error of one that is missing,
    and returns a function of a `QuadraticProgram` that returns a `QPResult`. The function may keep
    memory and a start from one call to the next, where the sizes are the same.
-4. Rows of A are independent when it is called, no lower bound is above its upper one, and bounds
-   that do not exist are infinite. z has the signs of `quadratic_program`.
+4. It is called by `start()`, which lets through programs whose bounds leave a value to each row.
+   Bounds that do not exist are infinite. z has the signs of `quadratic_program`. Rows of A are
+   independent when a chain asks.
 5. Nothing is believed: an answer is polished on its active set and judged by its KKT residual, and
    "infeasible" is asked again elsewhere (`condyn_pin.control.qp.chain`). Rough answers are welcome.
 6. A solver that can answer more roughly, where it says "infeasible" by mistake, returns itself with
@@ -24,8 +25,10 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any, ClassVar
 
+import numpy as np
+
 from condyn_pin._core.registry import enter
-from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
+from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram, Verdict
 from condyn_pin.errors import MissingExtra
 
 QPS: dict[str, type[QPSolver]] = {}
@@ -43,13 +46,34 @@ class QPSolver(ABC):
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
-        if getattr(cls.start, "__isabstractmethod__", False):
+        if getattr(cls._start, "__isabstractmethod__", False):
             return
         enter(QPS, cls.__name__.lower(), cls, f"a QP solver named {cls.__name__}")
 
-    @abstractmethod
     def start(self) -> BoundQP:
-        """Return this solver at work, with memory of its own."""
+        """Return this solver at work, with memory of its own.
+
+        What it returns says "infeasible" of rows whose bounds leave no value, such as a lower one
+        above its upper one, and "failed" where numbers of the program or of the answer are NaN or
+        infinite: solvers call some of these solved.
+        """
+        work = self._start()
+
+        def solve(program: QuadraticProgram) -> QPResult:
+            if not program.has_room:
+                verdict: Verdict = "failed" if program.has_nan_bounds else "infeasible"
+                n, _, r = program.sizes
+                return QPResult(np.zeros(n), np.zeros(r), verdict, 0)
+            found = work(program)
+            if found.verdict == "solved" and not np.isfinite(found.x).all():
+                return found._replace(verdict="failed")
+            return found
+
+        return solve
+
+    @abstractmethod
+    def _start(self) -> BoundQP:
+        """Return the solver at work."""
 
     @property
     def rougher(self) -> QPSolver | None:

@@ -116,7 +116,7 @@ class Chain:
             begin = start(program, last.x, last.z, last)
             yield "last active set", 0, polish(program, begin, _AIM, _FROM_LAST, self._saddle)
         asked = _independent(program)
-        if asked is None or (program.lower > program.upper).any():
+        if asked is None or not program.has_room:
             return
         for qp in self._solvers():
             result = self._ask(qp, asked)

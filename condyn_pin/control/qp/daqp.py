@@ -44,7 +44,7 @@ class DAQP(QPSolver):
         check_accuracy("tolerance", self.tolerance)
         check_iterations(self.max_iterations)
 
-    def start(self) -> BoundQP:
+    def _start(self) -> BoundQP:
         """Return it at work; it keeps nothing from call to call."""
         daqp = package(self.module)
 

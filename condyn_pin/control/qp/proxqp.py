@@ -57,7 +57,7 @@ class ProxQP(QPSolver):
         # to 15 digits: the product is 9.999999999999999e-05, and shown in every path
         return replace(self, tolerance=float(f"{_ROUGHER * self.tolerance:.15g}"))
 
-    def start(self) -> BoundQP:
+    def _start(self) -> BoundQP:
         """Return it at work: one object of ProxSuite for each size of program."""
         proxqp = package(self.module).proxqp
         made: dict[tuple[int, int, int], Any] = {}

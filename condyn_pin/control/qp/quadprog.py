@@ -25,7 +25,7 @@ class Quadprog(QPSolver):
     use: ClassVar[str] = "where DAQP is not there"
     module: ClassVar[str] = "quadprog"
 
-    def start(self) -> BoundQP:
+    def _start(self) -> BoundQP:
         """Return it at work; it keeps nothing from call to call."""
         solve_qp = package(self.module).solve_qp
 

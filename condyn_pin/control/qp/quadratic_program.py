@@ -68,6 +68,17 @@ class QuadraticProgram:
         """Numbers of unknowns, of equations and of inequalities."""
         return len(self.g), len(self.b), len(self.lower)
 
+    @property
+    def has_room(self) -> bool:
+        """Whether the bounds of each row leave a value to it: none does that are crossed or NaN."""
+        least, most = self.lower, self.upper
+        return bool(((least <= most) & (least < np.inf) & (most > -np.inf)).all())
+
+    @property
+    def has_nan_bounds(self) -> bool:
+        """Whether a bound is NaN."""
+        return bool(np.isnan(self.lower).any() or np.isnan(self.upper).any())
+
     def kkt_residual(self, x: Array, y: Array, z: Array) -> float:
         """Return the largest of the three; that of the gradient relative to its largest term.
 
