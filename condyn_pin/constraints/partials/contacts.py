@@ -1,15 +1,16 @@
 """How the rows of contacts that may let go change with q.
 
-A contact point with its middle p over a plane with the axes d and the normal n touches at
-P = p - radius n and has the rows d . (S_l + S_a x P) of each column S = (S_l, S_a) that moves body
-or ground, in the axes of the world and at its origin. A step of coordinate j carries along what is
-above it,
+Column i of the rows of a contact point P is m_i u_i, the velocity of P that a unit of coordinate i
+gives to the body, m = 1, or to the ground, m = -1. With w_i its angular velocity, P moved along by
+the body, and all of it seen from the ground,
 
-    P'   = b_j (S_l + S_a x p)_j - g_j radius S_aj x n,    d' = g_j S_aj x d,
-    S_i' = S_j x S_i    if j belongs to the joint of i or to one below it,
+    d(m_i u_i)/dq_j = m_i m_j (w_j x u_i)    if i belongs to the joint of j or to one below it,
+                      m_i m_j (w_i x u_j)    else,
 
-with b_j and g_j one where j moves the body and the ground. Stops and dry friction have rows that
-stay. Where shapes meet, and where the axes of a joint turn with its own q, rows are differenced:
+the other way round where j moves the ground; what moves both is no change. A ball of radius r on a
+plane with normal n is touched at its middle less r n, which adds m_i m_j w_i x (w_j x r n). Stops
+and dry friction have rows that stay. Where shapes meet, and where the axes of a joint turn with its
+own q, rows are differenced:
 
     f'(0) d ~ sum_k w_k (f(k h d) - f(-k h d)) / h
 """
@@ -46,12 +47,12 @@ class ContactTurning:
             self._over_planes = _OverPlanes(model, touches)
         self._moves = bool(touches) or pairs
 
-    def go(self, q: Array) -> None:
-        """Go to a configuration."""
+    def go(self, q: Array, J: Array) -> None:
+        """Go to a configuration; J (rows, nv) are the rows of all candidates there."""
         self._q = q
         if self._over_planes is not None:
             pin.computeJointJacobians(self._model, self._data, q)
-            self._over_planes.go(self._data)
+            self._over_planes.go(self._data, J[: 3 * self._candidates.contact_points])
 
     def by_q(self, velocities: Sequence[Array], lam: Array) -> tuple[Array, Array]:
         """Return how rows turn: J w by q of each w, and J^T lam by q.
@@ -104,126 +105,97 @@ class ContactTurning:
 
 
 class _OverPlanes:
-    """Contact points over planes, in closed form."""
+    """Contact points over planes, in closed form, all of it in the axes of their planes.
+
+    Attributes
+    ----------
+    _u, _w : (5, k, nv) array
+        m u and m w of each column along t1, t2, n, and t1, t2 once more (`_crossed`).
+    """
 
     def __init__(self, model: Any, touches: Sequence[Touch]) -> None:
-        k, n = len(touches), model.nv
-        self._placements = Placements(joint for t in touches for joint in (t.joint, t.ground))
-        self._body = np.reshape([columns(model, t.joint) for t in touches], (k, n))
-        self._ground = np.reshape([columns(model, t.ground) for t in touches], (k, n))
-        self._grounds_move = bool(self._ground.any())
-        self._moves, self._bodies = (self._body - self._ground)[:, None], self._body[:, None]
-        self._grounds = self._ground[:, None]
-        self._radius = np.array([t.radius for t in touches])[:, None]
-        self._is_round = bool(self._radius.any())
-        self._radial = np.zeros((k, 3, 3))
-        self._local = np.zeros((self._placements.size, 4 * k))  # middles (k), axes (3 k)
+        self._k, self._n = k, n = len(touches), model.nv
+        self._placements = Placements(t.ground for t in touches)
+        axes = np.zeros((self._placements.size, 5, k))
         for i, t in enumerate(touches):
-            self._local[self._placements.rows(t.joint), i] = (*t.centre, 1.0)
-            axes = t.plane.homogeneous[:, :3]
-            self._local[self._placements.rows(t.ground), k + 3 * i : k + 3 * i + 3] = axes
-        above = np.zeros((n, n))  # [i, j]: column j belongs to the joint of i, or to one below it
-        owner = np.zeros((n, n))
+            of_plane = t.plane.homogeneous[:, :3]
+            axes[self._placements.rows(t.ground), :, i] = of_plane[:, _CYCLE]
+        self._axes = axes.reshape(-1, 5 * k)
+        self._rows = np.add.outer(_CYCLE, 3 * np.arange(k))  # those of u among the rows of J
+        body = np.reshape([columns(model, t.joint) for t in touches], (k, n))
+        ground = np.reshape([columns(model, t.ground) for t in touches], (k, n))
+        self._moves, self._grounds_move = body - ground, bool(ground.any())
+        self._of_ground, self._of_body = self._moves < 0, self._moves > 0
+        self._radial = np.zeros((5, k, 1))  # (0, 0, radius)
+        self._radial[2, :, 0] = [t.radius for t in touches]
+        self._is_round = bool(self._radial.any())
+        self._below = np.zeros((n, n))  # [i, j]: column i belongs to the joint of j, or below it
         for joint in list(model.joints)[1:]:
-            its = slice(joint.idx_v, joint.idx_v + joint.nv)
-            above[its] = columns(model, joint.id)
-            owner[its, its] = 1.0
-        self._above, self._below = above, (above - owner).T.copy()
+            self._below[joint.idx_v : joint.idx_v + joint.nv] = columns(model, joint.id)
+        self._is_below, self._rest = self._below > 0, 1.0 - self._below
 
-    def go(self, data: Any) -> None:
-        """Go to where data.oMi and data.J are."""
-        k = len(self._radius)
-        world = self._placements.read(data).dot(self._local)
-        p, self._d = world[:, :k].T, world[:, k:].T.reshape(k, 3, 3)
-        self._P = p
+    def go(self, data: Any, J: Array) -> None:
+        """Go to where data.oMi and data.J are; J (3 k, nv) are the rows there."""
+        axes = self._placements.read(data).dot(self._axes).T  # (5 k, 3)
+        turning = axes.dot(data.J.reshape(6, -1)[3:]).reshape(5, self._k, self._n)
+        self._w, self._u = turning * self._moves, J.take(self._rows, axis=0)
         if self._is_round:
-            radial = self._radius * self._d[:, 2]
-            self._P, self._radial = p - radial, _skew(radial)
-        self._F = np.concatenate((self._d, self._d @ -_skew(self._P)), axis=2)  # (k, 3, 6)
-        self._S = S = np.array(data.J).reshape(6, -1)
-        # (k, 3, nv), the middles if all coordinates move them
-        self._reach = S[:3] - _skew(p) @ S[3:]
+            self._rolled = _crossed(self._w, self._radial).take(_CYCLE, axis=0)
 
     def slips(self, W: Array) -> Array:
-        """Return J w by q for all w in the rows of W (count, 3 k, nv).
+        """Return J x by q for all x in the rows of W (count, 3 k, nv).
 
-        With V_0 the velocity of what carries the joint of a coordinate, v_P and w_b those of the
-        body at P and its turning, w_g that of the ground, and F = (d, P x d), a coordinate that
-        moves one of the two has
-
-            F . (V_0 x S) + (v_P x d + radius n x (d x w_b)) . S_a - (d x w_g) . (S_l + S_a x p)
+        Column j is m_j w_j x (what is below moves) + (what is not below turns) x m_j u_j, and the
+        other way round where it moves the ground.
         """
-        S, d, (count, n), k = self._S, self._d, W.shape, len(self._d)
-        moved = S * W[:, None]  # (count, 6, nv)
-        V = self._body @ moved.swapaxes(1, 2)  # (count, k, 6)
-        turning = _skew(V[..., 3:])
-        v_P = V[..., :3] + (turning @ self._P[:, :, None])[..., 0]
-        about = d @ (_skew(v_P) + turning @ self._radial if self._is_round else _skew(v_P))
-        by_q = self._F.reshape(-1, 6) @ _crossed(moved @ self._below, S)
-        by_q -= about.reshape(count, -1, 3) @ S[3:]
-        by_q = by_q.reshape(count, k, 3, n)
+        u, w, below, rest = self._u[:, None], self._w[:, None], self._below, self._rest
+        moved, turned = u * W[:, None], w * W[:, None]  # (5, count, k, nv), to be summed
+        slip, spin = _sums(moved, below), _sums(turned, rest)
         if self._grounds_move:
-            turned = _skew(self._ground @ moved[:, 3:].swapaxes(1, 2))
-            by_q -= d @ turned @ self._reach
-        by_q *= self._moves
-        return np.asarray(by_q.reshape(count, -1, n))
+            slip = np.where(self._of_ground, _sums(moved, rest), slip)
+            spin = np.where(self._of_ground, _sums(turned, below), spin)
+        by_q = _crossed(w, slip)
+        by_q += _crossed(spin, u)
+        if self._is_round:
+            by_q += _crossed(turned.sum(axis=-1, keepdims=True), self._rolled[:, None])
+        return by_q.transpose(1, 2, 0, 3).reshape(len(W), -1, self._n)
 
     def pulls(self, lam: Array) -> Array:
         """Return J^T lam by q (nv, nv).
 
-        Column i feels the wrenches F = (f, P x f) of all that it moves, and
-
-            (S_i . F)' = S_i . Q S_j + S_ai . (P' x f + P x f'),    S_i . Q S_j = (S_j x S_i) . F
+        Entry i, j is m_i m_j (u_i x lam) . w_j where i is below j, and else that of j, i; the other
+        way round where j moves the ground.
         """
-        S, n, k = self._S, self._S.shape[1], len(self._d)
-        wrenches = (lam[: 3 * k].reshape(k, 1, 3) @ self._F).reshape(k, 6)
-        Q = wrenches.dot(_FELT)  # (k, 36)
-        skew_f = Q.reshape(k, 6, 6)[:, :3, 3:]
-        moved = self._moves * S  # (k, 6, nv)
-        by_q = moved.reshape(-1, n).T.dot(Q.reshape(-1, 6).dot(S))
-        by_q *= self._above
-        turned = skew_f @ (self._bodies * self._reach)  # (k, 3, nv), of the moment: f x P'
-        if self._grounds_move:
-            f_turned = self._grounds * (skew_f @ S[3:])  # f x S_aj
-            turned += self._grounds * (skew_f @ (self._radial @ S[3:])) + _skew(self._P) @ f_turned
-            by_q -= moved[:, :3].reshape(-1, n).T.dot(f_turned.reshape(-1, n))
-        by_q -= moved[:, 3:].reshape(-1, n).T.dot(turned.reshape(-1, n))
-        return np.asarray(by_q)
+        lam = lam.take(self._rows)[..., None]
+        arms, w, is_below = _crossed(self._u, lam), self._w[:3], self._is_below
+        if not self._grounds_move:
+            below = _paired(arms, w)
+            by_q = np.where(is_below, below, below.T)
+        else:
+            body, ground = self._of_body, self._of_ground
+            by_q = np.where(is_below, _paired(arms, w * body), _paired(w, arms * body))
+            by_q += np.where(is_below, _paired(w, arms * ground), _paired(arms, w * ground))
+        if self._is_round:
+            by_q += _paired(w, _crossed(self._rolled, lam))
+        return by_q
 
 
-def _skew(a: Array) -> Array:
-    """Return the matrices (..., 3, 3) with a x b = skew(a) b."""
-    return (a @ _EPSILON).reshape(*a.shape[:-1], 3, 3)
+def _sums(each: Array, which: Array) -> Array:
+    """Return the sums (..., n) over columns (..., n) that belong to each: `which` (n, n)."""
+    return np.asarray(each.reshape(-1, len(which)).dot(which)).reshape(each.shape)
 
 
-def _crossed(V: Array, S: Array) -> Array:
-    """Return V x S of columns of motions, V (count, 6, n) and S (6, n)."""
-    by_V = S.T.dot(_BY_V).reshape(-1, 6, 6)  # (n, 6, 6), a map of V for each column
-    return np.asarray((by_V @ V.transpose(2, 1, 0)).transpose(2, 1, 0))
+def _crossed(a: Array, b: Array) -> Array:
+    """Return a x b (3, ...), of vectors as (5, ...): x, y, z, and x, y once more."""
+    by = a[1:4] * b[2:5]
+    by -= a[2:5] * b[1:4]
+    return by
 
 
-# a @ _EPSILON has the nine entries of skew(a)
-_EPSILON: Final = np.array(
-    [[0, 0, 0, 0, 0, -1, 0, 1, 0], [0, 0, 1, 0, 0, 0, -1, 0, 0], [0, -1, 0, 1, 0, 0, 0, 0, 0]],
-    dtype=np.float64,
-)
+def _paired(a: Array, b: Array) -> Array:
+    """Return a_i . b_j, summed over all contacts (n, n), of a and b (3, k, n)."""
+    n = a.shape[-1]
+    return np.asarray(a.reshape(-1, n).T.dot(b.reshape(-1, n)))
 
 
-def _felt() -> Array:
-    """Return what makes Q of a wrench (f, m): [[0, skew f], [skew f, skew m]]."""
-    Q, skews = np.zeros((6, 6, 6)), _EPSILON.reshape(3, 3, 3)
-    Q[:3, :3, 3:] = Q[:3, 3:, :3] = Q[3:, 3:, 3:] = skews
-    return Q.reshape(6, 36)
-
-
-_FELT: Final = _felt()
-
-
-def _by_V() -> Array:
-    """Return what makes of S the map of V to V x S: -[[skew S_a, skew S_l], [0, skew S_a]]."""
-    of, skews = np.zeros((6, 6, 6)), -_EPSILON.reshape(3, 3, 3)
-    of[3:, :3, :3] = of[:3, :3, 3:] = of[3:, 3:, 3:] = skews
-    return of.reshape(6, 36)
-
-
-_BY_V: Final = _by_V()
+_CYCLE: Final = np.array([0, 1, 2, 0, 1])

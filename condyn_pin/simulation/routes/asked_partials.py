@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from condyn_pin.simulation.routes.linear_steps import LinearSteps
 
 
-def asked_partials(steps: LinearSteps, posed: Posed, law: Law, rows: RowPartials) -> Array:
-    """Return what a scheme adds to sigma by all columns (m, columns), at fixed impulses."""
+def add_asked(added: Array, steps: LinearSteps, posed: Posed, law: Law, rows: RowPartials) -> None:
+    """Add what a scheme adds to sigma by all columns (m, columns), at fixed impulses."""
     near, columns, J_c = posed.near, steps.columns, posed.J_c
-    by, added = steps.scheme.asked_by(near), columns.empty(len(J_c))
+    by = steps.scheme.asked_by(near)
     if by.bends is not None:
-        added[near.normals] = by.bends[:, None] * rows.bends
+        added[near.normals, : rows.bends.shape[1]] += by.bends[:, None] * rows.bends
     if by.gaps is not None:
         added[near.normals, columns.q] += by.gaps[:, None] * posed.J_n
     if by.before is not None:
@@ -41,7 +41,6 @@ def asked_partials(steps: LinearSteps, posed: Posed, law: Law, rows: RowPartials
         added[:, columns.solref] += by.solref
     if posed.problem.R is not None:
         added += law.lam[:, None] * _softer(steps, posed, by)
-    return added
 
 
 def _softer(steps: LinearSteps, posed: Posed, by: AskedBy) -> Array:

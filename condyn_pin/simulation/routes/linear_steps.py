@@ -38,7 +38,7 @@ from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.path_ends import next_path
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.integrators.tried import Taken
-from condyn_pin.simulation.routes.asked_partials import asked_partials
+from condyn_pin.simulation.routes.asked_partials import add_asked
 from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.end_partials import moved
 from condyn_pin.simulation.routes.floating_partials import FloatingPartials
@@ -184,10 +184,10 @@ class LinearSteps:
         of = self._linearised(posed, v1, l_b)
         rows = row_partials(self, posed, law.lam, v1, along)
         f = self._balance(of, posed, v1)
-        f += rows.pulls
+        f[:, : rows.pulls.shape[1]] += rows.pulls
         free, dsigma = condensed.changed(f, self._slip(of, posed, v1))
-        dsigma += rows.slips
-        dsigma += asked_partials(self, posed, law, rows)
+        dsigma[:, : rows.slips.shape[1]] += rows.slips
+        add_asked(dsigma, self, posed, law, rows)
         R = posed.problem.R
         G = posed.problem.G if R is None else posed.problem.G + np.diag(R)
         A = law.by_sigma.dot(G)

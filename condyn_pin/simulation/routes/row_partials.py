@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
 
 class RowPartials(NamedTuple):
-    """By all columns, at fixed v+ and impulses."""
+    """At fixed v+ and impulses, by q alone, and bends by q and v; or by all columns."""
 
     slips: Array  # (m, columns), J_c v+
     pulls: Array  # (nv, columns), J_c^T lam
@@ -40,21 +40,19 @@ def row_partials(
     if posed.path is not None:
         assert along is not None  # where a step goes along a path, one has led to it
         return _at_the_end(steps, posed, posed.path, lam, v1, along)
-    columns, rows = steps.columns, posed.chosen.rows
+    rows = posed.chosen.rows
     all_lam = np.zeros(len(posed.J))
     all_lam[rows] = lam
-    steps.turning.go(posed.at)
+    steps.turning.go(posed.at, posed.J)
     turned, pulled = steps.turning.by_q((v1, posed.v), all_lam)
-    slips, pulls = columns.empty(len(lam)), columns.empty()
-    slips[:, columns.q], pulls[:, columns.q] = turned[0, rows], pulled
     before = turned[1, rows]
-    return RowPartials(slips, pulls, _bends(steps, posed, before), before)
+    return RowPartials(turned[0, rows], pulled, _bends(steps, posed, before), before)
 
 
 def _bends(steps: LinearSteps, posed: Posed, before: Array) -> Array:
     """Return how the bends along the velocity before change."""
     dt, system, chosen, v = steps.dt, steps.system, posed.chosen, posed.v
-    columns, bends = steps.columns, steps.columns.empty(len(posed.near.bends))
+    bends = np.zeros((len(posed.near.bends), 2 * len(v)))
     k = chosen.contact_points
     if not steps.scheme.closes_gaps or not k:
         return bends
@@ -64,8 +62,8 @@ def _bends(steps: LinearSteps, posed: Posed, before: Array) -> Array:
     J_end = system.contacts.evaluate(data, there)[1][chosen.rows][normals]
     J_n = posed.J[chosen.rows][normals]
     by_at, by_move = steps.partials.integrate(posed.at, dt * v)
-    bends[:k, columns.q] = J_end.dot(by_at) - J_n - dt * before[normals]
-    bends[:k, columns.v] = dt * (J_end.dot(by_move) - J_n)
+    bends[:k, : len(v)] = J_end.dot(by_at) - J_n - dt * before[normals]
+    bends[:k, len(v) :] = dt * (J_end.dot(by_move) - J_n)
     return bends
 
 
