@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
-from itertools import compress
-from math import hypot, inf
+from math import copysign, hypot, inf
 from typing import ClassVar, NamedTuple
 
 import numpy as np
@@ -124,61 +123,71 @@ class Equations(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _places(k: int, m: int) -> Indices:
-    """Return where the numbers of `_sliding` of each cone belong (k, 24), in an array (m, :)."""
-    rows = np.arange(3 * k).reshape(k, 3)
-    columns = np.zeros((k, 1, 8), dtype=np.intp)
-    columns[:, 0, 1:4], columns[:, 0, 4:7] = 1 + rows, 1 + m + rows
-    columns[:, 0, 7] = 1 + 2 * m + np.arange(k)
-    return read_only(((1 + 2 * m + k) * rows[:, :, None] + columns).reshape(k, 24))
+    """Return where the numbers of `_of_a_cone` and then of `_of_a_row` belong, in (m, 1 + 2 m + k).
+
+    Columns are what is left, by sigma, by lam and by friction.
+    """
+    width, rows, singles = 1 + 2 * m + k, np.arange(3 * k).reshape(k, 3), np.arange(3 * k, m)
+    columns = np.zeros((k, 3, 8), dtype=np.intp)
+    columns[:, :, 1:4], columns[:, :, 4:7] = 1 + rows[:, None], 1 + m + rows[:, None]
+    columns[:, :, 7] = 1 + 2 * m + np.arange(k)[:, None]
+    of_cones = width * rows[:, :, None] + columns
+    of_rows = width * singles + np.stack((0 * singles, 1 + singles, 1 + m + singles))
+    return read_only(np.concatenate((of_cones.ravel(), of_rows.T.ravel())))
 
 
 class InModes:
     """The equations of the contacts of a problem, each in the mode that it has."""
 
     def __init__(self, problem: ContactProblem, modes: Modes) -> None:
-        k, m, sticks, sets = len(problem.friction), problem.rows, modes == STICK, problem.sets
-        self._problem, self._held = problem, sticks[sets.blocks]
-        self._slides = (modes[:k] == SLIDE) | (sticks[:k] & sets.ice)  # ice holds nothing
-        # what is left, by sigma, by lam, by friction: of all that sticks or is open
-        self._all, width = np.zeros((m, 1 + 2 * m + k)), 1 + 2 * m + k
-        flat = self._all.ravel()
-        flat[1 :: width + 1], flat[1 + m :: width + 1] = self._held, ~self._held
-        self._places = _places(k, m)[self._slides]
+        self._problem, self._modes = problem, modes.tolist()
 
     def at(self, lam: Array) -> Equations:
         """Return what impulses leave of the equations, and their partials."""
-        problem, held, found, m = self._problem, self._held, self._all.copy(), len(lam)
-        sigma, left = problem.velocities(lam), found[:, 0]
-        left[:] = np.where(held, sigma, lam)
-        if len(problem.limits):  # what slides has its limit
-            dry = problem.sets.parts[2]
-            left[dry] += ~held[dry] * np.copysign(problem.limits, sigma[dry])
-        if len(self._places):
-            found.put(self._places, self._numbers(lam.tolist(), sigma.tolist()))
+        problem, m = self._problem, len(lam)
+        k, sigma = len(problem.friction), problem.velocities(lam)
+        found = np.zeros((m, 1 + 2 * m + k))
+        found.put(_places(k, m), self._numbers(lam.tolist(), sigma.tolist()))
         parts = found[:, 1 : 1 + m], found[:, 1 + m : 1 + 2 * m], found[:, 1 + 2 * m :]
-        return Equations(sigma, left, *parts)
+        return Equations(sigma, found[:, 0], *parts)
 
     def _numbers(self, l: list[float], s: list[float]) -> list[float]:  # noqa: E741
-        """Return the equations of all contacts that slide; in a ccp they lift off."""
-        (t1, t2, n), mu = self._problem.sets.axes, self._problem.sets.coefficients
-        each = zip(mu, l[t1], l[t2], l[n], s[t1], s[t2], s[n], strict=True)
-        lifts = float(self._problem.law == "ccp")
+        """Return the equations of all contacts, at their `_places`; in a ccp what slides lifts."""
+        problem, modes, sets = self._problem, self._modes, self._problem.sets
+        (t1, t2, n), mu = sets.axes, sets.coefficients
+        k, lifts = len(mu), float(problem.law == "ccp")
         numbers: list[float] = []
-        for of_one in compress(each, self._slides.tolist()):
-            numbers += _sliding(lifts, *of_one)
+        for of_one in zip(modes, mu, l[t1], l[t2], l[n], s[t1], s[t2], s[n], strict=False):
+            numbers += _of_a_cone(lifts, *of_one)
+        if len(l) > 3 * k:
+            limits = problem.half_lines * [0.0] + problem.limits.tolist()
+            for of_one in zip(modes[k:], limits, l[3 * k :], s[3 * k :], strict=True):
+                numbers += _of_a_row(*of_one)
         return numbers
 
 
-def _sliding(
-    lifts: float, mu: float, l1: float, l2: float, ln: float, v1: float, v2: float, vn: float
-) -> tuple[float, ...]:
-    """Return the three equations of a contact that slides, eight numbers each.
+def _of_a_cone(
+    lifts: float, mode: int, mu: float,
+    l1: float, l2: float, ln: float, v1: float, v2: float, vn: float,
+) -> tuple[float, ...]:  # fmt: skip
+    """Return the three equations of a contact, eight numbers each.
 
-    What is left, and its partials.
-
-    Those by sigma, by lam and by mu, with s' = (1 - s s^T) sigma_t' / |sigma_t|. What stands
-    without friction has any s. It `lifts` off, 1, or does not, 0.
+    What is left, its partials by sigma, those by lam, and that by mu. What slides has
+    s' = (1 - s s^T) sigma_t' / |sigma_t|, and any s on ice, which holds nothing. It `lifts` off, 1,
+    or does not, 0.
     """
+    if mode == OPEN:
+        return (
+            l1, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0,
+            l2, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
+            ln, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
+        )  # fmt: skip
+    if mode == STICK and mu:
+        return (
+            v1, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+            v2, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+            vn, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
+        )  # fmt: skip
     slip, lift = hypot(v1, v2), lifts * mu
     x, y = (v1 / slip, v2 / slip) if slip else (0.0, 0.0)
     w = mu * ln / slip if slip else 0.0
@@ -187,6 +196,11 @@ def _sliding(
         l2 + mu * ln * y, -w * x * y, w * x * x, 0.0, 0.0, 1.0, mu * y, ln * y,
         vn - lift * slip, -lift * x, -lift * y, 1.0, 0.0, 0.0, 0.0, -lifts * slip,
     )  # fmt: skip
+
+
+def _of_a_row(mode: int, limit: float, l: float, s: float) -> tuple[float, float, float]:  # noqa: E741
+    """Return what is left of a stop or of dry friction, by sigma and by lam."""
+    return (s, 1.0, 0.0) if mode == STICK else (l + copysign(limit, s), 0.0, 1.0)
 
 
 def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Modes) -> float:
@@ -201,11 +215,12 @@ def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Modes) -> f
         slow if mode == OPEN else pushed
         for mode, pushed, slow in zip(codes[len(mu) : stops], x[lines], y[lines], strict=True)
     ]
-    limits = (problem.limits * stiff / speed).tolist()
-    off += [
-        most - abs(held) if mode == STICK else abs(slow)
-        for mode, most, held, slow in zip(codes[stops:], limits, x[dry], y[dry], strict=True)
-    ]
+    if len(problem.limits):
+        limits = (problem.limits * stiff / speed).tolist()
+        off += [
+            most - abs(held) if mode == STICK else abs(slow)
+            for mode, most, held, slow in zip(codes[stops:], limits, x[dry], y[dry], strict=True)
+        ]
     return min(off, default=inf)
 
 

@@ -12,7 +12,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin.contact.modes import MODES, OPEN, Modes, contact_modes
+from condyn_pin.contact.modes import MODES, OPEN, contact_modes
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.routes.columns import Columns
@@ -188,19 +188,19 @@ def found_parameters(route: Route, scheme: ContactScheme, wrt: Sequence[str]) ->
 
 def modes_of(steps: LinearSteps, ended: Ended) -> dict[str, str]:
     """Return the modes of all contacts in a step that has ended."""
-    chosen, problem = ended.posed.chosen, ended.posed.problem
-    modes = np.full(len(chosen.active), OPEN)
-    if problem.rows:
-        modes[chosen.active] = _found(problem, ended.law)
-    codes = modes.tolist()
-    return dict(zip(steps.system.contacts.names, (MODES[code] for code in codes), strict=True))
+    posed, names = ended.posed, steps.system.contacts.names
+    modes = dict.fromkeys(names, MODES[OPEN])
+    for name, code in zip(posed.problem.names, _found(posed.problem, ended.law), strict=True):
+        modes[name] = MODES[code]
+    return modes
 
 
-def _found(problem: ContactProblem, law: Law) -> Modes:
+def _found(problem: ContactProblem, law: Law) -> list[int]:
     """Return the modes of the contacts that take part."""
-    if law.modes is not None:
-        return law.modes
-    return contact_modes(problem, law.lam, 100 * tolerances.CONTACT_POLISHED)
+    found = law.modes
+    if found is None:
+        found = contact_modes(problem, law.lam, 100 * tolerances.CONTACT_POLISHED)
+    return found.tolist()  # type: ignore[no-any-return]
 
 
 def _margin(steps: LinearSteps, ended: Ended) -> float:
@@ -213,8 +213,8 @@ def _margin(steps: LinearSteps, ended: Ended) -> float:
     posed, lam = ended.posed, ended.law.lam
     speed = posed.problem.scale[1] if posed.problem.rows else 0.0
     off = ended.law.margin * speed if posed.problem.rows else inf
-    away = ~posed.chosen.near
-    if away.any():
+    if not posed.chosen.is_everything:
+        away = ~posed.chosen.near
         missed = (posed.gaps[away] - steps.scheme.touching) / steps.dt
         if steps.scheme.closes_gaps:
             missed += posed.J[steps.system.contacts.normals[away]] @ posed.condensed.velocity(lam)
