@@ -94,6 +94,8 @@ class Condensed(NamedTuple):
     def constraint_impulses(self, lam: Array) -> Array:
         """Return l_b (rows,) of impulses (m,) of the contacts, the smallest ones [N s]."""
         factors, rank = self.factors, self.factors.rank
+        if not rank:
+            return np.zeros(len(factors.U))
         missing = self.held - self.momentum - self.blocked.dot(lam)
         return np.asarray(factors.U[:, :rank].dot(missing / factors.S[:rank]))
 

@@ -281,6 +281,8 @@ class Equations:
 
     def wrenches_at(self, q: Array, lam: Array) -> Any:
         """Return the same at any q."""
+        if not self.m:
+            return self.on_joints
         self.motion(q, self._still, self._still)
         return self.wrenches(lam)
 

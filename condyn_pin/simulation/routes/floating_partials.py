@@ -33,10 +33,9 @@ class FloatingPartials:
         """Return the end of a move by its start, and by the move (nv, nv) each."""
         by_q, by_move = pin.dIntegrate(self._model, q, dq)
         for i in self._bodies:
-            turn = pin.exp3(dq[i + 3 : i + 6]).T
             lin, ang = slice(i, i + 3), slice(i + 3, i + 6)
-            by_q[lin, lin] = by_move[lin, lin] = turn
-            by_q[lin, ang], by_move[lin, ang] = -turn @ pin.skew(dq[lin]), 0.0
+            by_move[lin, lin] = turn = by_q[lin, lin]
+            by_q[lin, ang], by_move[lin, ang] = turn.dot(pin.skew(dq[lin]).T), 0.0
         for i in self._planar:
             x, angle = dq[i : i + 2], float(dq[i + 2])
             turn = _turn(angle).T
