@@ -37,14 +37,15 @@ def contact_modes(problem: ContactProblem, lam: Array, moves: float = MOVES) -> 
     stiff, speed = problem.scale
     l, s = lam.tolist(), problem.velocities(lam).tolist()  # noqa: E741  of the equations above
     still, sets = moves * speed, problem.sets
-    (t1, t2, n), (_, lines, dry), mu = sets.axes, sets.parts, sets.coefficients
+    (t1, t2, n), mu = sets.axes, sets.coefficients
     lift = mu if problem.law == "ncp" else len(mu) * [0.0]
     of_cone = partial(_mode_of_a_cone, stiff, still)
     codes = [*map(of_cone, mu, lift, l[t1], l[t2], l[n], s[t1], s[t2], s[n])]
-    codes += [
-        STICK if li - si / stiff > 0 else OPEN for li, si in zip(l[lines], s[lines], strict=True)
-    ]
-    codes += [SLIDE if abs(speed) > still else STICK for speed in s[dry]]
+    if len(l) > len(codes) * 3:
+        _, lines, dry = sets.parts
+        pushes = zip(l[lines], s[lines], strict=True)
+        codes += [STICK if li - si / stiff > 0 else OPEN for li, si in pushes]
+        codes += [SLIDE if abs(speed) > still else STICK for speed in s[dry]]
     return np.array(codes, dtype=np.int_)
 
 

@@ -109,6 +109,10 @@ class Candidates:
         """Return the signed distances of the first cones, those on planes [m]; reads data.oMi."""
         return self._touches.gaps(data)
 
+    def normals_over_planes(self, data: Any) -> Array:
+        """Return the rows n of the first cones, those on planes (k, nv); reads data.J too."""
+        return self._touches.rows(data)[2::3]
+
     def evaluate(self, data: Any, q: Array) -> tuple[Array, Array]:
         """Return gaps as `gaps` does, and the rows of all candidates (rows, nv).
 

@@ -70,6 +70,10 @@ class Touches:
         rows = relative_rows(centres - self._radius * normals, axes, J, self._moves)
         return self._gaps(centres, normals, origins), rows
 
+    def rows(self, data: Any) -> Array:
+        """Return the rows of `evaluate` alone (3 k, nv)."""
+        return self.evaluate(data)[1]
+
     def drift(self, data: Any) -> Array:
         """Return Jdot v in the rows of `evaluate` (3 k,) [m/s^2].
 

@@ -46,20 +46,20 @@ class WorldTouches(Touches):
 
     def gaps(self, data: Any) -> Array:
         """Return the signed distances (k,) [m]; reads data.oMi."""
-        return self._heights(self._placements.read(data))
+        now = self._placements.read(data)  # (3, size)
+        return now.ravel("K").dot(self._gap_of) - self._lowest  # type: ignore[no-any-return]
 
     def evaluate(self, data: Any) -> tuple[Array, Array]:
         """Return gaps (k,) and the rows t1, t2, n of each point (3 k, nv); reads data.J too."""
+        return self.gaps(data), self.rows(data)
+
+    def rows(self, data: Any) -> Array:
+        """Return the rows t1, t2, n of each point (3 k, nv); reads data.oMi and data.J."""
         if self._data is not data:  # a view into the memory of data: to fetch it costs more
             self._data, self._J = data, data.J.reshape(6, -1)
-        now = self._placements.read(data)
-        np.dot(now, self._middles, out=self._p)
+        np.dot(self._placements.read(data), self._middles, out=self._p)
         if self._same is None:
             self._moments[:] = (self._moment_of @ self._p_and_1).reshape(-1, 3, 3)
         else:
             self._moments[:] = self._points.dot(self._same).reshape(-1, 3, 3)
-        return self._heights(now), self._rows.dot(self._J) * self._moves
-
-    def _heights(self, now: Array) -> Array:
-        """Return the gaps of placements (3, size)."""
-        return now.ravel("K").dot(self._gap_of) - self._lowest  # type: ignore[no-any-return]
+        return np.asarray(self._rows.dot(self._J) * self._moves)

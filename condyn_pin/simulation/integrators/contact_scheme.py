@@ -229,9 +229,9 @@ def closing_by(near: Near) -> AskedBy:
     Where a contact rests, in the ground by up to a nanometre, as where it opens: rounding of a gap
     that is zero decides nothing.
     """
-    shares = np.where(near.gaps < -AT_REST, _PUSHED_OUT, 1.0)
-    bends = np.full(len(near.gaps), 1 / near.dt)
-    return AskedBy(gaps=shares / near.dt, bends=bends)
+    # numbers one by one: for the few of a robot they take half the time of numpy's calls
+    gaps = [(_PUSHED_OUT if gap < -AT_REST else 1.0) / near.dt for gap in near.gaps.tolist()]
+    return AskedBy(gaps=np.array(gaps), bends=np.array(len(gaps) * [1 / near.dt]))
 
 
 def sizes_of_gaps() -> tuple[float, float, float, float]:

@@ -196,14 +196,18 @@ class ContactSteps:
             turning = floating.turning(mean)
             now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip, rates)
         here = gaps[chosen.gaps]
-        bends = self.paths.bends(at, v, here, before, chosen) if scheme.closes_gaps else 0.0 * here
+        bends, end = 0.0 * here, None
+        if scheme.closes_gaps:
+            bends, end = self.paths.bends(at, v, here, before, chosen)
         near = Near(
             dt, here, bends, chosen.restitution, chosen.normals, now.G, before,
             now.contact_velocities, chosen.sets.blocks,
         )  # fmt: skip
         problem = chosen.problem(scheme, near)
         J_n = J_c[chosen.normals]
-        return Posed(at, v, mean, turning, tau, gaps, J, None, J_c, J_n, chosen, now, near, problem)
+        return Posed(
+            at, v, mean, turning, tau, gaps, J, end, None, J_c, J_n, chosen, now, near, problem
+        )
 
     def pose_along(self, posed: Posed, u: Array) -> Posed:
         """Return a step again, with its contacts as they are where a path along u ends."""

@@ -26,8 +26,12 @@ class CurvedPaths:
     def __init__(self, system: System, floating: Floating, dt: float) -> None:
         self._system, self._floating, self._dt = system, floating, dt
 
-    def bends(self, q: Array, v: Array, gaps: Array, speeds: Array, chosen: Chosen) -> Array:
-        """Return s of the cones and half-lines that take part (k,) [m].
+    def bends(
+        self, q: Array, v: Array, gaps: Array, speeds: Array, chosen: Chosen
+    ) -> tuple[Array, Array | None]:
+        """Return s of the cones and half-lines that take part (k,) [m], and q (+) dt v.
+
+        That is None where nothing that takes part is over a plane.
 
         Parameters
         ----------
@@ -46,8 +50,9 @@ class CurvedPaths:
         contacts, data, dt = self._system.contacts, self._system.equations.data, self._dt
         k, bends = chosen.contact_points, np.zeros(len(gaps))
         if not k:
-            return bends
-        pin.forwardKinematics(self._system.model, data, self._floating.integrate(q, dt * v))
+            return bends, None
+        end = self._floating.integrate(q, dt * v)
+        pin.forwardKinematics(self._system.model, data, end)
         ends = contacts.gaps_over_planes(data)[chosen.over_planes]
         np.subtract(ends - gaps[:k], dt * speeds[2 : 3 * k : 3], out=bends[:k])
-        return bends
+        return bends, end

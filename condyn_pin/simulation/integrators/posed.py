@@ -21,6 +21,7 @@ class Posed(NamedTuple):
     tau: Array  # (nv,), springs and damping as they act at the end of the step [N, N m]
     gaps: Array  # of all cones and half-lines, at `at` [m, rad]
     J: Array  # (rows, nv), of all candidates, at `at`
+    straight: Array | None  # (nq,), the end of a path from `at` along v, if gaps were asked there
     path: (
         Array | None
     )  # (nv,), the velocity along which contacts are taken to its end; None: at `at`

@@ -207,20 +207,16 @@ def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Modes) -> f
     """Return how far the nearest contact is from another mode."""
     (stiff, speed), sets, codes = problem.scale, problem.sets, modes.tolist()
     x, y = (lam * stiff / speed).tolist(), (sigma / speed).tolist()
-    (t1, t2, n), (_, lines, dry), mu = sets.axes, sets.parts, sets.coefficients
+    (t1, t2, n), mu = sets.axes, sets.coefficients
     lift = mu if problem.law == "ccp" else len(mu) * [0.0]
     off = [*map(_off_of_a_cone, codes, mu, lift, x[t1], x[t2], x[n], y[t1], y[t2], y[n])]
-    stops = len(mu) + problem.half_lines
-    off += [
-        slow if mode == OPEN else pushed
-        for mode, pushed, slow in zip(codes[len(mu) : stops], x[lines], y[lines], strict=True)
-    ]
-    if len(problem.limits):
+    if len(codes) > len(mu):
+        (_, lines, dry), stops = sets.parts, len(mu) + problem.half_lines
+        of_lines = zip(codes[len(mu) : stops], x[lines], y[lines], strict=True)
+        off += [slow if mode == OPEN else pushed for mode, pushed, slow in of_lines]
         limits = (problem.limits * stiff / speed).tolist()
-        off += [
-            most - abs(held) if mode == STICK else abs(slow)
-            for mode, most, held, slow in zip(codes[stops:], limits, x[dry], y[dry], strict=True)
-        ]
+        of_dry = zip(codes[stops:], limits, x[dry], y[dry], strict=True)
+        off += [most - abs(l) if mode == STICK else abs(s) for mode, most, l, s in of_dry]  # noqa: E741
     return min(off, default=inf)
 
 

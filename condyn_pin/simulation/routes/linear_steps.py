@@ -109,6 +109,7 @@ class LinearSteps:
         """Take other steps of the same scheme, dt long [s]."""
         scheme = self.scheme
         self.dt, self.steps, self.asked = dt, steps, (scheme, dt, self.wrt)
+        self._impulses = dt * self._unit  # of unit torques
         self.floating, self.paths = steps.floating, steps.paths
         self.falls = falls(self.system.model, dt)
         self.size = self.scene.robot.mass * self.falls**2
@@ -213,13 +214,13 @@ class LinearSteps:
         n, dt, columns = len(v1), self.dt, self.columns
         M = self.system.equations.mass(posed.at) if of.M is None else of.M
         f = columns.empty()
-        by_mean = of.rhs[:n, n:] + M.dot(self.partials.turning(posed.mean))
-        np.multiply(dt, of.rhs[:n, :n], out=f[:, columns.q])
-        np.multiply(dt, self._unit, out=f[:, columns.tau])
-        if mean is None:
-            np.multiply(dt, by_mean, out=f[:, columns.v])
-        else:
-            f += (dt * by_mean).dot(mean)
+        np.multiply(dt, of.rhs[:n], out=f[:, : 2 * n])
+        f[:, columns.tau] = self._impulses
+        f[:, columns.v] += dt * M.dot(self.partials.turning(posed.mean))
+        if mean is not None:
+            by_mean = f[:, columns.v].copy()
+            f[:, columns.v] = 0.0
+            f += by_mean.dot(mean)
         f[:, columns.v] += posed.condensed.factors.mass.M  # with springs, if those are implicit
         if self.inertias:
             a = (v1 - posed.v) / dt - posed.turning

@@ -52,15 +52,14 @@ def row_partials(
 def _bends(steps: LinearSteps, posed: Posed, before: Array) -> Array:
     """Return how the bends along the velocity before change."""
     dt, system, chosen, v = steps.dt, steps.system, posed.chosen, posed.v
-    bends = np.zeros((len(posed.near.bends), 2 * len(v)))
-    k = chosen.contact_points
-    if not steps.scheme.closes_gaps or not k:
+    bends, there = np.zeros((len(posed.near.bends), 2 * len(v))), posed.straight
+    if there is None:
         return bends
-    data, normals = system.equations.data, slice(2, 3 * k, 3)
-    there = steps.floating.integrate(posed.at, dt * v)
+    k, data = chosen.contact_points, system.equations.data
+    normals = slice(2, 3 * k, 3)
     pin.computeJointJacobians(system.model, data, there)
-    J_end = system.contacts.evaluate(data, there)[1][chosen.rows][normals]
-    J_n = posed.J[chosen.rows][normals]
+    J_end = system.contacts.normals_over_planes(data)[chosen.over_planes]
+    J_n = posed.J_n[:k]
     by_at, by_move = steps.partials.integrate(posed.at, dt * v)
     bends[:k, : len(v)] = J_end.dot(by_at) - J_n - dt * before[normals]
     bends[:k, len(v) :] = dt * (J_end.dot(by_move) - J_n)
