@@ -17,9 +17,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
-import numpy as np
-
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import finite
 from condyn_pin.constraints.along import check_along
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.path import Along
@@ -151,42 +149,6 @@ class Driven(Constraint):
     def in_units(self, length: float, of_joint: Callable[[str], float]) -> Self:
         """Refuse: a path is a function of time, in units of its own."""
         raise InvalidArgument(f"{self.name}: nothing says what unit its path has")
-
-
-@dataclass(frozen=True)
-class Apart:
-    """Where the origin of c2 is in the axes of c1, some of its three coordinates: -r = 0.
-
-    A relation of two frames whose W, (1, 0), is constant: c' = J v wherever c2 is.
-    """
-
-    chosen: tuple[int, ...]
-
-    @property
-    def row_words(self) -> tuple[str, ...]:
-        """The axes."""
-        return tuple("xyz"[i] for i in self.chosen)
-
-    @property
-    def angles(self) -> tuple[bool, ...]:
-        """None of them is an angle."""
-        return (False,) * len(self.chosen)
-
-    def violation(self, R: Array, r: Array) -> Array:
-        """Return c (rows,) [m]."""
-        return -r[list(self.chosen)]
-
-    def weights(self, R: Array, r: Array) -> Array:
-        """Return W (rows, 6)."""
-        return np.eye(6)[list(self.chosen)]
-
-    def weights_rate(self, R: Array, r: Array, s: Array) -> Array:
-        """Return W' (rows, 6): zero."""
-        return np.zeros((len(self.chosen), 6))
-
-    def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
-        """Return the partials of W' (6, rows, 6): zero."""
-        return np.zeros((6, len(self.chosen), 6))
 
 
 def not_to_drive(constraint: Constraint) -> InvalidConstraint:

@@ -108,7 +108,10 @@ class AnyBound(ABC):
         return False
 
     def compiled(self) -> CompiledRows | None:
-        """Return its rows as the compiled core has them; None if it has no such rows."""
+        """Return its rows as the compiled core has them; None if it has no such rows.
+
+        Those that follow a path are those that do not: the core is told where the path is.
+        """
         return None
 
     @abstractmethod

@@ -120,10 +120,8 @@ class Bound(OnFrames):
         axes = [_AXES[i] for i in self.selection] or ["length"]
         return tuple(f"{self.name}.{axis}" for axis in axes)
 
-    def compiled(self) -> CompiledRows | None:
-        """Return its rows as the compiled core has them; None where they follow a path."""
-        if self.drive:
-            return None
+    def compiled(self) -> CompiledRows:
+        """Return its rows as the compiled core has them."""
         if self.is_held:
             how = HELD
         elif self.is_rod:

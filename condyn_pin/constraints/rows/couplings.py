@@ -59,10 +59,8 @@ class Coupled(AnyBound):
         """True: it acts along joints."""
         return True
 
-    def compiled(self) -> CompiledRows | None:
-        """Return its row as the compiled core has it; None where it follows a path."""
-        if self.drive:
-            return None
+    def compiled(self) -> CompiledRows:
+        """Return its row as the compiled core has it."""
         places = [*self.configuration, *self.velocity]
         integers = [COUPLING, self.rows.start, 1, 0, 0, 0, True, 0, False, False, *places]
         return CompiledRows(integers, [*STILL, *STILL, 1.0, self.ratio, self.offset])

@@ -119,11 +119,20 @@ class Equations:
 
     def at(self, t: float | None) -> None:
         """Take driven rows where their paths are at t [s]; by default at the time of the scene."""
+        self._put_wanted(t, self.wanted)
+
+    def wanted_at(self, t: float | None) -> Array:
+        """Return `wanted` (3, m) at t [s], wherever rows are now; owned by the caller."""
+        wanted = np.zeros((3, self.m))
+        self._put_wanted(t, wanted)
+        return wanted
+
+    def _put_wanted(self, t: float | None, wanted: Array) -> None:
         for rows, drive, name in self._drives:
             time = t if t is not None else drive.time or 0.0
-            self.wanted[:, rows] = along_at(drive.along, time, rows.stop - rows.start, name)
+            wanted[:, rows] = along_at(drive.along, time, rows.stop - rows.start, name)
         if self._drives:
-            self.wanted[0, self._unplaced] = 0.0
+            wanted[0, self._unplaced] = 0.0
 
     @cached_property
     def _unplaced(self) -> list[int]:

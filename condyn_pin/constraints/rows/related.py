@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.any_bound import Drive, OnFrames
+from condyn_pin.constraints.rows.compiled_rows import CUT, CompiledRows, placement
 from condyn_pin.constraints.rows.cut_joints import slips
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import FrameJacobian
@@ -86,6 +87,54 @@ class Related(OnFrames):
     def turns(self, model: Any) -> NDArray[np.bool_]:
         """Return for each row whether it is an angle."""
         return np.array(self.relation.angles)
+
+    def compiled(self) -> CompiledRows | None:
+        """Return its rows as the compiled core has them: of cut joints, where W chooses of s."""
+        if not isinstance(self.relation, Apart):
+            return None
+        chosen = sum(1 << row for row in self.relation.chosen)
+        integers = [
+            CUT, self.rows.start, self.size, self.joint1, self.joint2, chosen, True,
+            0, False, False, 0, 0, 0, 0,
+        ]  # fmt: skip
+        placed = [*placement(self.placement1), *placement(self.placement2)]
+        return CompiledRows(integers, [*placed, self.sign, 0.0, 0.0])
+
+
+@dataclass(frozen=True)
+class Apart:
+    """Where the origin of c2 is in the axes of c1, some of its three coordinates: -r = 0.
+
+    A relation of two frames whose W, (1, 0), is constant: c' = J v wherever c2 is.
+    """
+
+    chosen: tuple[int, ...]
+
+    @property
+    def row_words(self) -> tuple[str, ...]:
+        """The axes."""
+        return tuple("xyz"[i] for i in self.chosen)
+
+    @property
+    def angles(self) -> tuple[bool, ...]:
+        """None of them is an angle."""
+        return (False,) * len(self.chosen)
+
+    def violation(self, R: Array, r: Array) -> Array:
+        """Return c (rows,) [m]."""
+        return -r[list(self.chosen)]
+
+    def weights(self, R: Array, r: Array) -> Array:
+        """Return W (rows, 6)."""
+        return np.eye(6)[list(self.chosen)]
+
+    def weights_rate(self, R: Array, r: Array, s: Array) -> Array:
+        """Return W' (rows, 6): zero."""
+        return np.zeros((len(self.chosen), 6))
+
+    def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
+        """Return the partials of W' (6, rows, 6): zero."""
+        return np.zeros((6, len(self.chosen), 6))
 
 
 class Relations:

@@ -86,10 +86,8 @@ class Rolled(OnFrames):
         """A name for each row: the constraint's and the direction."""
         return tuple(f"{self.name}.{DIRECTIONS[i]}" for i in self.selection)
 
-    def compiled(self) -> CompiledRows | None:
-        """Return its rows as the compiled core has them; None where they follow a path."""
-        if self.drive:
-            return None
+    def compiled(self) -> CompiledRows:
+        """Return its rows as the compiled core has them."""
         chosen = sum(1 << row for row in self.selection)
         axle = -1 if self.axle is None else self.axle
         integers = [

@@ -38,6 +38,9 @@ def untaken(program: Program) -> Iterator[str]:
     if len(program.levels) > 1:
         yield "tasks: its levels are one, and those of a Hierarchy are several"
     yield from untaken_rows(program.equations.model, program.equations.bounds)
+    for constraint in program.equations.bounds:
+        if constraint.drive:
+            yield f"constraint {constraint.name!r}: it follows a path of time"
     for cone in program.cones.turning:
         if type(cone.cone) not in (FrictionCone, WrenchCone):
             yield f"cones: it does not turn a {type(cone.cone).__name__}"

@@ -61,9 +61,7 @@ def untaken_rows(model: Any, bounds: Sequence[AnyBound]) -> Iterator[str]:
         if joint.id and joint.shortname() not in JOINTS:
             yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"
     for bound in bounds:
-        if bound.drive:
-            yield f"constraint {bound.name!r}: it follows a path of time"
-        elif bound.compiled() is None:
+        if bound.compiled() is None:
             yield f"constraint {bound.name!r}: it has no rows for a {type(bound).__name__}"
 
 
@@ -111,8 +109,8 @@ def of_rows(bounds: Sequence[AnyBound], drift: Baumgarte | None) -> dict[str, An
 
 
 def of_constraints(workspace: Workspace) -> dict[str, Any]:
-    """Return the rows of the scene, and the constraints that Pinocchio has in their place."""
-    found = workspace.pinocchio_constraints
+    """Return the rows of the scene, what Pinocchio has in their place, and where paths are."""
+    found, equations = workspace.pinocchio_constraints, workspace.equations
     taken = found.constraints if type(workspace.solver) is Proximal else ()
     plain = [
         ([c.size, c.joint1, c.joint2, c.anchored, c.approximates],
@@ -124,6 +122,7 @@ def of_constraints(workspace: Workspace) -> dict[str, Any]:
         "plain": np.array([ints for ints, _ in plain], np.int32).reshape(-1, 5),
         "of_plain": np.array([numbers for _, numbers in plain], float).reshape(-1, 24),
         "to_scene": np.ascontiguousarray(to_scene),
+        "wanted": equations.wanted_at(None) if equations.is_driven else np.zeros((3, 0)),
     }
 
 

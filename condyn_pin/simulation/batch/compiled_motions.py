@@ -22,6 +22,7 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import LARGEST, Workspace
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.simulation.batch.compiled_steps import states_of, untaken_steps
+from condyn_pin.simulation.batch.driven_path import driven_path_of
 from condyn_pin.simulation.breakdown import LOST
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization
@@ -95,7 +96,9 @@ class MovedRows:
         """Fill the outputs; return the rows that are left to Python."""
         model, count = workspace.model, len(inputs["q0"])
         kept, nv = len(range(0, self.steps, self.every)) + 1, workspace.model.nv
-        answers = kept if "samples_a" in outputs else 0
+        drives = driven_path_of(workspace, self.dt, self.steps)
+        # what a drive does is the work of its forces
+        answers = kept if "samples_a" in outputs or drives.rows.size else 0
         q0, v0, tau = states_of(workspace, inputs)
         found = {
             "t": np.zeros((count, kept)),
@@ -108,13 +111,18 @@ class MovedRows:
         done = np.zeros(count, np.int32)
         corrects = self.drift.every if isinstance(self.drift, PostStabilization) else 0
         rank = chains_of(workspace.scene).rank if corrects and workspace.scene.rows else 0
-        limits = tolerances.NEARLY_CLOSED / 10, LARGEST, LOST, Manifold(model).reach, rank
+        limits = (
+            *(tolerances.NEARLY_CLOSED / 10, LARGEST, LOST),
+            *(Manifold(model).reach, rank, tolerances.OUT_OF_REACH),
+        )
         workspace.compiled.core.simulate(
             q0, v0, tau, integrator=_INTEGRATORS[self.integrator], dt=self.dt,
             steps=self.steps, every=self.every, correct_every=corrects, with_answers=answers > 0,
-            limits=np.array(limits, float),
+            limits=np.array(limits, float), driven=drives.rows, path=drives.wanted,
             **found, done=done, times=outputs["run_times"], threads=threads,
         )  # fmt: skip
+        if drives.rows.size:
+            found["driven"] = drives.power(found["lam"], self.every)
         put_motions(outputs, np.flatnonzero(done), found, tau, workspace)
         return np.flatnonzero(done == 0)
 
@@ -124,7 +132,8 @@ def put_motions(
 ) -> None:
     """Put the motions that went to their end into their rows.
 
-    `found` has their samples: t, q, v, a, lam and measures, and of contacts their work and columns.
+    `found` has their samples: t, q, v, a, lam and measures, the power of what is driven, and of
+    contacts their work and columns.
     """
     if not ok.size:
         return
@@ -137,11 +146,13 @@ def put_motions(
     outputs["constraint_velocity"][ok] = slip.max(axis=1)
     passive = Passive.of(workspace.scene.robot)
     power = np.einsum("ni,nki->kn", tau[ok], v), -passive.dissipation(q, v).T
-    nothing = np.zeros((2, *kinetic.T.shape))
+    of_events_and_drives = np.zeros((2, *kinetic.T.shape))
+    if "driven" in found:
+        of_events_and_drives[1] = work(t[0], found["driven"].T)
     of_contacts = found["work"].T if "work" in found else np.zeros((3, *kinetic.T.shape))
     energy = Energy(
         kinetic.T, potential.T, passive.energy(q).T, *(work(t[0], each) for each in power),
-        *nothing, *of_contacts,
+        *of_events_and_drives, *of_contacts,
     )  # fmt: skip
     outputs["energy_error"][ok] = np.abs(energy.error).max(axis=0)
     if "samples_t" in outputs:

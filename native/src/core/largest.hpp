@@ -10,7 +10,7 @@ template<typename V>
 double largest(const Eigen::MatrixBase<V> & x)
 {
   double found = 0;
-  for (Eigen::Index i = 0; i < x.size(); ++i)
+  for (Eigen::Index i = 0; i < x.size() && !std::isnan(found); ++i)
     if (!(std::abs(x.coeff(i)) <= found))
       found = std::abs(x.coeff(i));
   return found;

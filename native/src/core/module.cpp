@@ -5,12 +5,26 @@
 
 using namespace condyn;
 
+namespace
+{
+/// Where driven rows of a scene are to be at each half step of a motion.
+Path path_of(const Scene & scene, const Integers & rows, const Array<const double, 3> & path, int steps)
+{
+  want((rows.size() > 0) == (scene.wanted.size() > 0), "number of driven rows");
+  want(path.shape(1) == 3 && path.shape(2) == rows.size(), "path");
+  want(rows.size() == 0 || (steps > 0 && path.shape(0) == 2 * std::size_t(steps) + 1), "steps of the path");
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    want(0 <= rows.data()[i] && rows.data()[i] < scene.rows, "driven rows");
+  return {{rows.data(), rows.data() + rows.size()}, path.data()};
+}
+} // namespace
+
 NB_MODULE(_core, m)
 {
   m.attr("pinocchio") = PINOCCHIO_VERSION;
   m.attr("simd") = Eigen::SimdInstructionSetsInUse();
   m.attr("arch") = CONDYN_ARCH;
-  m.attr("protocol") = 4; // of the arrays: what condyn_pin hands over has to be of the same
+  m.attr("protocol") = 5; // of the arrays: what condyn_pin hands over has to be of the same
   using namespace nanobind::literals;
   nb::class_<Core>(m, "Core")
     .def("__init__",
@@ -19,14 +33,15 @@ NB_MODULE(_core, m)
             const Table & of_constraints, const IntegerTable & plain, const Table & of_plain, const Table & to_scene,
             const List & drift, const List & weights, double open_squared, int method, const List & proximal,
             const List & rank, const List & damping, const Table & springs, const IntegerTable & of_springs,
-            const Integers & watched, const List & nominal_pivots) {
+            const Integers & watched, const List & nominal_pivots, const Table & wanted) {
            new (self) Core({{kinds, parents, joints, gravity, armature, constraints, of_constraints, drift}, plain,
                             of_plain, to_scene, weights, open_squared, method, proximal, rank, damping, springs,
-                            of_springs, watched, nominal_pivots});
+                            of_springs, watched, nominal_pivots, wanted});
          },
          nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,
          "of_constraints"_a, "plain"_a, "of_plain"_a, "to_scene"_a, "drift"_a, "weights"_a, "open_squared"_a,
-         "method"_a, "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a, "watched"_a, "nominal_pivots"_a)
+         "method"_a, "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a, "watched"_a, "nominal_pivots"_a,
+         "wanted"_a)
     .def(
       "solve",
       [](Core & core, const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a,
@@ -59,18 +74,20 @@ NB_MODULE(_core, m)
     .def(
       "simulate",
       [](Core & core, const Table & Q, const Table & V, const Table & TAU, int integrator, double dt, int steps,
-         int every, int correct_every, bool with_answers, const List & limits, const Array<double, 2> & t,
-         const Array<double, 3> & q, const Array<double, 3> & v, const Array<double, 3> & a,
-         const Array<double, 3> & lam, const Array<double, 3> & measures, const Array<int, 1> & done,
+         int every, int correct_every, bool with_answers, const List & limits, const Integers & driven,
+         const Array<const double, 3> & path, const Array<double, 2> & t, const Array<double, 3> & q,
+         const Array<double, 3> & v, const Array<double, 3> & a, const Array<double, 3> & lam,
+         const Array<double, 3> & measures, const Array<int, 1> & done,
          const Array<double, 1> & times, int threads) {
-        want(limits.size() == 5 && 0 <= integrator && integrator <= int(Integrator::runge_kutta_4), "plan");
+        want(limits.size() == 6 && 0 <= integrator && integrator <= int(Integrator::runge_kutta_4), "plan");
         const double * x = limits.data();
         const MotionPlan plan{
-          Integrator(integrator), dt, steps, every, correct_every, with_answers, x[0], x[1], x[2], x[3], int(x[4])};
+          Integrator(integrator), dt, steps, every, correct_every, with_answers, x[0], x[1], x[2], x[3], int(x[4]),
+          x[5], path_of(core.scene(), driven, path, steps)};
         core.simulate(Q, V, TAU, plan, {t, q, v, a, lam, measures, done, times}, threads);
       },
       "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "integrator"_a, "dt"_a, "steps"_a, "every"_a, "correct_every"_a,
-      "with_answers"_a, "limits"_a, "t"_a, "q"_a, "v"_a, "a"_a, "lam"_a, "measures"_a, "done"_a, "times"_a,
-      "threads"_a);
+      "with_answers"_a, "limits"_a, "driven"_a, "path"_a, "t"_a, "q"_a, "v"_a, "a"_a, "lam"_a, "measures"_a, "done"_a,
+      "times"_a, "threads"_a);
   add_contacts(m);
 }

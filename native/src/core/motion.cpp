@@ -31,11 +31,15 @@ bool Mover::run(
   double t = 0;
   for (int k = 0; k < plan.steps; ++k)
   {
-    if (stop || (k % plan.every == 0 && !sample(row++, t, q, v, false)))
+    now_ = 2 * k;
+    if (stop || !plan.path.leads_on(k) || (k % plan.every == 0 && !sample(row++, t, q, v, false)))
       return false;
     if (chart_.turns_too_far(v, plan.dt) || !step(q, v) || chart_.turns_too_far(v, plan.dt))
       return false;
     known_ = false;
+    at(now_ + 2);
+    if (!follows(q, v))
+      return false;
     if (plan.correct_every && (k + 1) % plan.correct_every == 0 && !correct(q, v))
       return false;
     t = (k + 1) * plan.dt;
@@ -64,9 +68,26 @@ bool Mover::begin(VectorXd & q, VectorXd & v)
     pinocchio::forwardKinematics(scene_.model, data_, q);
   anchor(scene_, data_);
   solver_->begin(plan_.rank);
+  at(0);
   pinocchio::forwardKinematics(scene_.model, data_, q, v, a_middle_);
   rows_.evaluate(scene_, data_, q, v, a_middle_);
   return std::max(largest(rows_.c), largest(rows_.velocity)) < plan_.closed;
+}
+
+/// Takes driven rows to where they are to be after so many half steps.
+void Mover::at(int halves)
+{
+  plan_.path.put(halves, scene_);
+}
+
+/// Whether the loops go where driven rows lead them.
+bool Mover::follows(const VectorXd & q, const VectorXd & v)
+{
+  if (plan_.path.rows.empty())
+    return true;
+  pinocchio::forwardKinematics(scene_.model, data_, q, v);
+  rows_.evaluate(scene_, data_, q, v, v);
+  return largest(rows_.c) <= plan_.out_of_reach;
 }
 
 /// The torques applied with those of springs and damping: -(d + drag k) v - k (q - rest).
@@ -109,101 +130,6 @@ void Mover::move(VectorXd & q, const VectorXd & along)
 {
   pinocchio::integrate(scene_.model, q, along, q1_);
   q.swap(q1_);
-}
-
-bool Mover::step(VectorXd & q, VectorXd & v)
-{
-  const double h = plan_.dt;
-  switch (plan_.integrator)
-  {
-  case Integrator::semi_implicit:
-  case Integrator::explicit_forces:
-    if (!known_ && !acceleration(q, v, a_, drag_, first_))
-      return false;
-    v += h * a_;
-    along_ = h * v;
-    move(q, along_);
-    return true;
-  case Integrator::linear_midpoint:
-    if (!begun_)
-    {
-      begun_ = true;
-      if (!improve(q, v))
-        return false;
-    }
-    if (!improve(q, v))
-      return false;
-    break;
-  case Integrator::implicit_midpoint:
-    if ((!known_ && !acceleration(q, v, a_, 0.0, Inertia::plain)) || !iterate(q, v))
-      return false;
-    break;
-  case Integrator::runge_kutta_4: return runge_kutta(q, v);
-  }
-  along_ = h * (v + h / 2 * a_middle_);
-  move(q, along_);
-  v += h * a_middle_;
-  return true;
-}
-
-/// One iteration for the acceleration in the middle of the step.
-bool Mover::improve(const VectorXd & q, const VectorXd & v)
-{
-  const double half = plan_.dt / 2;
-  middle_v_ = v + half * a_middle_;
-  along_ = half * middle_v_;
-  pinocchio::integrate(scene_.model, q, along_, middle_q_);
-  torque(middle_q_, middle_v_, 0.0);
-  tau_ += inertia_.cwiseProduct(a_middle_);
-  return solve(middle_q_, middle_v_, a_middle_, Inertia::heavy);
-}
-
-/// Iterates until what is left no longer halves in two iterations, as `fixed_point_iteration` does.
-bool Mover::iterate(const VectorXd & q, const VectorXd & v)
-{
-  const double size = std::max({1.0, plan_.reach, q.cwiseAbs().maxCoeff()});
-  const double small = 1e-11 * size, rounding = 1e-15 * size, h = plan_.dt;
-  double two_before = INFINITY, before = INFINITY;
-  a_middle_ = a_;
-  for (int count = 0; count < 60; ++count)
-  {
-    const VectorXd last = a_middle_;
-    if (!improve(q, v))
-      return false;
-    const double left = h * h * (a_middle_ - last).cwiseAbs().maxCoeff();
-    if (left <= rounding || (before < small && !(left < two_before / 2)))
-      return true;
-    two_before = before, before = left;
-    if (!std::isfinite(left))
-      return false;
-  }
-  return before < small;
-}
-
-bool Mover::runge_kutta(VectorXd & q, VectorXd & v)
-{
-  const double h = plan_.dt, half = h / 2, sixth = h / 6;
-  VectorXd a2, a3, a4, r2(v.size()), r3(v.size()), r4(v.size()), theta, stage;
-  if (!known_ && !acceleration(q, v, a_, 0.0, Inertia::plain))
-    return false;
-  const auto slope = [&](VectorXd & r, VectorXd & a) {
-    chart_.rate(theta, stage, r);
-    pinocchio::integrate(scene_.model, q, theta, middle_q_);
-    return acceleration(middle_q_, stage, a, 0.0, Inertia::plain);
-  };
-  theta = half * v, stage = v + half * a_;
-  if (!slope(r2, a2))
-    return false;
-  theta = half * r2, stage = v + half * a2;
-  if (!slope(r3, a3))
-    return false;
-  theta = h * r3, stage = v + h * a3;
-  if (!slope(r4, a4))
-    return false;
-  theta = sixth * (v + 2.0 * (r2 + r3) + r4);
-  move(q, theta);
-  v += sixth * (a_ + 2.0 * (a2 + a3) + a4);
-  return true;
 }
 
 /// One Newton step back to the constraints; the acceleration of the look counts for what it leads to.

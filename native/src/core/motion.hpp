@@ -11,9 +11,12 @@
 //
 //   q (+) dq,    v + dv,    [dq, dv] = -M^-1 J^T G^+ [c, J v]
 //
+// Driven rows are where their paths are at the time of each look at them (`Path`).
+//
 // A motion that cannot go on is given up: Python makes it again, and says why.
 #pragma once
 #include "chart.hpp"
+#include "path.hpp"
 #include "rows.hpp"
 #include "solver.hpp"
 #include <atomic>
@@ -35,6 +38,8 @@ struct MotionPlan
   double lost; // velocity of no machine [rad/s, m/s]
   double reach; // how far joints may be from the world's origin, all shifts at zero [m]
   int rank; // of the rows, at configurations that are not singular by accident
+  double out_of_reach; // gap behind a step at which loops do not follow a path [m, rad]
+  Path path; // of driven rows
 };
 
 /// Where a motion writes its samples, a row each.
@@ -60,6 +65,8 @@ private:
   enum class Inertia { plain, heavy };
 
   bool begin(VectorXd & q, VectorXd & v);
+  void at(int halves);
+  bool follows(const VectorXd & q, const VectorXd & v);
   bool step(VectorXd & q, VectorXd & v);
   bool improve(const VectorXd & q, const VectorXd & v);
   bool iterate(const VectorXd & q, const VectorXd & v);
@@ -84,6 +91,7 @@ private:
   VectorXd dq_, dv_, applied_, tau_, heavy_, inertia_, a_, a_middle_, middle_q_, middle_v_, along_, q1_;
   double drag_ = 0; // what springs ahead add to the damping [s]
   Inertia first_ = Inertia::plain; // of the solve that a step begins with
+  int now_ = 0; // half steps behind which a step begins
   bool known_ = false; // whether a_ is that of the state already
   bool begun_ = false; // whether a_middle_ is that of a step
 };

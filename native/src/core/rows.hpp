@@ -10,6 +10,7 @@
 //          w1 - R w2,                             alpha1 - R alpha2 + w1 x R w2
 //   rod    c = L - |r|,    J v = n . s,           J a + gamma = n . s' - (|s|^2 - (n . s)^2) / |r|
 //
+// Rows that are driven follow s(t): c - s, J v - s' and J a + gamma - s'' stand for the three.
 // `condyn_pin/constraints/rows` has the same in Python, where each is derived.
 #pragma once
 #include "rolling.hpp"
@@ -61,6 +62,8 @@ struct Rows
         for (auto * part : {&c, &velocity, &acceleration})
           part->segment(k.first, k.size) *= -1.0;
     }
+    if (scene.wanted.size())
+      c -= scene.wanted.col(0), velocity -= scene.wanted.col(1), acceleration -= scene.wanted.col(2);
   }
 
 private:

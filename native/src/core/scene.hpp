@@ -68,6 +68,7 @@ struct Scene
   MatrixXd to_scene; // lam of the scene from that of `plain`; empty where they are the same
   int rows = 0, plain_rows = 0;
   double kp = 0, kd = 0; // a_ref = -kd J v - kp c
+  MatrixXd wanted; // s, s' and s'' of rows that are driven, zero of others (rows, 3); empty where none is
   VectorXd weights; // of the residuals
   std::vector<int> watched; // pivots of M that may fall
   VectorXd nominal_pivots; // of the watched

@@ -119,6 +119,11 @@ Scene read_scene(const SceneArrays & x)
     want(0 <= i && i < scene.model.nv, "pivots");
   scene.passive = passive_of(x, scene.model.nq, scene.model.nv);
   add_constraints(scene, constraint_specs(x.constraints, x.of_constraints), plain_specs(x.plain, x.of_plain));
+  const std::size_t driven = x.wanted.shape(1);
+  want(x.wanted.shape(0) == 3 && (driven == 0 || driven == std::size_t(scene.rows)), "wanted");
+  want(driven == 0 || scene.method != Method::proximal, "method of driven rows");
+  if (driven)
+    scene.wanted = Eigen::Map<const RowMajor>(x.wanted.data(), 3, driven).transpose();
   return scene;
 }
 } // namespace condyn

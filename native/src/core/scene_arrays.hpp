@@ -29,6 +29,7 @@ struct SceneArrays : RowArrays
   IntegerTable of_springs;
   Integers watched;
   List nominal_pivots;
+  Table wanted; // (3, rows), or (3, 0) where no row is driven
 };
 
 /// Both throw std::invalid_argument where something does not fit.

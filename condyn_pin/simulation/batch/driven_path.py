@@ -1,0 +1,62 @@
+"""Where driven rows are to be all along a motion, as a table that the compiled core reads.
+
+    c(q) = s(t_i),    J v = s'(t_i),    J a + gamma = s''(t_i),    t_i = i dt / 2
+
+Paths are functions of Python: they are evaluated here, once for all motions, so that no step has to
+call them.
+"""
+
+from __future__ import annotations
+
+import threading
+
+import numpy as np
+
+from condyn_pin._core.arrays import Array
+from condyn_pin.dynamics.workspace import Workspace
+
+# The path of this thread's last chunk: a worker does chunk after chunk of one batch.
+_last = threading.local()
+
+
+class DrivenPath:
+    """The paths of the driven rows of a workspace on the way of a motion.
+
+    Attributes
+    ----------
+    rows : (k,) array of int32
+        The rows that are driven.
+    wanted : (2 steps + 1, 3, k) array
+        s, s' and s'' of each at each half step; NaN from where on a path has no values. A motion
+        that gets there is made by Python, which says why.
+    """
+
+    def __init__(self, workspace: Workspace, dt: float, steps: int) -> None:
+        self._of = workspace, dt, steps
+        equations = workspace.equations
+        self.rows = equations.driven.astype(np.int32)
+        count = 2 * steps + 1 if self.rows.size else 0
+        self.wanted = np.full((count, 3, len(self.rows)), np.nan)
+        for i in range(count):
+            try:
+                self.wanted[i] = equations.wanted_at(i * dt / 2)[:, self.rows]
+            except Exception:
+                break
+
+    def is_of(self, workspace: Workspace, dt: float, steps: int) -> bool:
+        """Return whether it is that of so many steps of a workspace."""
+        return self._of[0] is workspace and self._of[1:] == (dt, steps)
+
+    def power(self, lam: Array, every: int) -> Array:
+        """Return lam . s' [W] of motions (n, kept) at every so many steps, and at the last one."""
+        last = len(self.wanted) - 1
+        rates = self.wanted[[*range(0, last, 2 * every), last], 1]
+        return np.asarray(np.einsum("nkr,kr->nk", lam[:, :, self.rows], rates))
+
+
+def driven_path_of(workspace: Workspace, dt: float, steps: int) -> DrivenPath:
+    """Return the paths on the way of a motion of so many steps."""
+    path: DrivenPath | None = getattr(_last, "path", None)
+    if path is None or not path.is_of(workspace, dt, steps):
+        _last.path = path = DrivenPath(workspace, dt, steps)
+    return path
