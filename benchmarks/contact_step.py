@@ -36,8 +36,8 @@ from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import Call, State, Times, interleaved
 from condyn_pin.contact import ADMM, ContactProblem, SemismoothNewton
+from condyn_pin.contact.attempts import attempt_contact
 from condyn_pin.contact.condense import condense
-from condyn_pin.contact.judge import attempt_contact
 from condyn_pin.contact.padded import padded
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.scaling import normalised

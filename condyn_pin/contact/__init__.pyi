@@ -1,9 +1,9 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
+from .attempts import attempt_contact as attempt_contact
 from .cone import ConeRows as ConeRows
 from .cone import Margin as Margin
 from .friction_cone import FrictionCone as FrictionCone
-from .judge import attempt_contact as attempt_contact
 from .judge import solve_contact as solve_contact
 from .problem import ContactProblem as ContactProblem
 from .residuals import ContactResiduals as ContactResiduals

@@ -1,25 +1,14 @@
-"""Triangle meshes: read, made, and made smaller; and the shapes of descriptions."""
+"""Triangle meshes: solids of simple shapes, and any mesh made smaller."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
-from io import BytesIO
-from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.errors import InvalidModel, MissingExtra
-
-Colour = tuple[float, float, float]  # red, green, blue from 0 to 1
-BODY: Final[Colour] = (0.72, 0.74, 0.77)  # of a shape whose file says none
-
-_HEADER = 84  # bytes of a binary STL before its triangles: a text of 80, and their number
-_FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +46,7 @@ class Mesh:
         _, cluster = np.unique(_numbers(boxes), return_inverse=True)
         count = np.bincount(cluster)[:, None]
         sums = [np.bincount(cluster, weights=x) for x in self.vertices.T]
-        return _used(np.column_stack(sums) / count, cluster[self.faces])
+        return cleaned(np.column_stack(sums) / count, cluster[self.faces])
 
     def __add__(self, other: Mesh) -> Mesh:
         faces = np.vstack([self.faces, other.faces + len(self.vertices)])
@@ -74,75 +63,13 @@ def _numbers(rows: NDArray[Any]) -> NDArray[np.int64]:
     return numbers
 
 
-def _used(vertices: Array, corners: NDArray[Any]) -> Mesh:
+def cleaned(vertices: Array, corners: NDArray[Any]) -> Mesh:
     """Return a mesh without triangles that have no area or are there twice, and lone vertices."""
     a, b, c = corners.T
     corners = corners[(a != b) & (b != c) & (c != a)]
     _, first = np.unique(_numbers(np.sort(corners, axis=1)), return_index=True)
     kept, faces = np.unique(corners[np.sort(first)], return_inverse=True)
     return Mesh(vertices[kept], faces.reshape(-1, 3).astype(np.uint32))
-
-
-@lru_cache(maxsize=64)
-def read_mesh(path: Path) -> Mesh:
-    """Return the triangles of a file, in metres where it names its unit, else in its own units.
-
-    A binary STL is read here, at once; all else (DAE, OBJ, PLY, text STL) by trimesh, all of its
-    materials and each under the transform of its node. As in ROS and Gazebo, the axis that a
-    COLLADA file calls up does not turn it.
-
-    Raises
-    ------
-    InvalidModel
-        If the file cannot be read.
-    """
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise InvalidModel(f"{path}: {error.strerror}") from error
-    if path.suffix.lower() == ".stl" and len(content) >= _HEADER:
-        count = int.from_bytes(content[80:_HEADER], "little")
-        if len(content) == _HEADER + count * _FACET.itemsize:
-            return _from_corners(_binary_stl(content, count), path)
-    return _from_corners(_by_trimesh(content, path), path)
-
-
-def _binary_stl(content: bytes, count: int) -> Array:
-    corners: Array = np.frombuffer(content, _FACET, count, _HEADER)["corners"]
-    return corners.reshape(-1, 3)
-
-
-def _by_trimesh(content: bytes, path: Path) -> Array:
-    """Return the corners (3 n, 3) of the triangles of a file; textures are not looked for."""
-    try:
-        import trimesh
-    except ImportError as error:
-        raise MissingExtra(
-            f"{path.name}: meshes other than binary STL need trimesh: "
-            "python -m pip install 'condyn_pin[view]'"
-        ) from error
-
-    kind = path.suffix[1:].lower()
-    try:
-        scene = trimesh.load_scene(BytesIO(content), file_type=kind, process=False, resolver=None)
-        shape = scene.to_mesh()
-        unit = scene.units or "meters"  # STL and OBJ name none
-        metres = trimesh.units.unit_conversion(unit, "meters")
-        corners: Array = np.asarray(shape.vertices)[np.asarray(shape.faces)]
-        return metres * corners.reshape(-1, 3)
-    except Exception as error:  # a stranger's file: whatever its reader stumbles over
-        raise InvalidModel(f"{path}: trimesh cannot read it ({error})") from error
-
-
-def _from_corners(corners: Array, path: Path) -> Mesh:
-    """Return the mesh of corners (3 n, 3), three for each triangle, equal ones made one."""
-    if not len(corners) or not np.isfinite(corners).all():
-        what = "a corner is not finite" if len(corners) else "it has no triangle"
-        raise InvalidModel(f"{path}: {what}")
-    corners = np.ascontiguousarray(corners)  # unique by bytes is much faster than by rows
-    rows = corners.view(np.dtype((np.void, corners.dtype.itemsize * 3))).ravel()
-    _, first, cluster = np.unique(rows, return_index=True, return_inverse=True)
-    return _used(corners[first].astype(float), cluster.reshape(-1, 3))
 
 
 def turned(profile: ArrayLike, sides: int = 20) -> Mesh:
@@ -197,57 +124,3 @@ def box(x: float, y: float, z: float) -> Mesh:
         (2, 3, 7), (2, 7, 6), (0, 2, 6), (0, 6, 4), (1, 5, 7), (1, 7, 3),
     ]  # fmt: skip
     return Mesh(corners * (x, y, z), np.array(faces, dtype=np.uint32))
-
-
-@dataclass(frozen=True, eq=False)
-class Shape:
-    """A piece of a link.
-
-    Attributes
-    ----------
-    link : str
-        The link that carries it: the name of a frame.
-    placement : pin.SE3
-        Where it is on the link.
-    kind : {"mesh", "box", "cylinder", "sphere", "capsule", "ellipsoid"}
-    size : tuple of float
-        Edges of a box, half axes of an ellipsoid, radius and length of what is round [m]; factors
-        of a mesh along its axes.
-    file : Path, optional
-        Of a mesh.
-    colour : Colour
-    triangles : Mesh, optional
-        Of a mesh that was read already.
-    """
-
-    link: str
-    placement: Any
-    kind: str
-    size: tuple[float, ...]
-    file: Path | None = None
-    colour: Colour = BODY
-    triangles: Mesh | None = None
-
-    def mesh(self) -> Mesh:
-        """Return its triangles, in the axes of the link."""
-        if self.triangles is not None:
-            shape = self.triangles
-        elif self.kind == "mesh":
-            assert self.file is not None
-            shape = read_mesh(self.file).moved(np.diag([*self.size, 1.0]))
-        else:
-            shape = _SOLIDS[self.kind](*self.size)
-        return shape.moved(self.placement.homogeneous)
-
-
-def _ellipsoid(*radii: float) -> Mesh:
-    return sphere(1.0).moved(np.diag([*radii, 1.0]))
-
-
-_SOLIDS: dict[str, Callable[..., Mesh]] = {
-    "box": box,
-    "capsule": centred_capsule,
-    "cylinder": cylinder,
-    "ellipsoid": _ellipsoid,
-    "sphere": sphere,
-}

@@ -14,8 +14,9 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel, MissingExtra
-from condyn_pin.io.meshes import Mesh, Shape
+from condyn_pin.io.meshes import Mesh
 from condyn_pin.io.mjcf_file import compiled
+from condyn_pin.io.shape import Shape
 
 WORLD: Final = "universe"  # Pinocchio's name of it, as a frame
 _HIDDEN: Final = 3  # geoms of this group and above are not seen in MuJoCo's viewer, by custom

@@ -27,10 +27,11 @@ from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.contacts.shapes import Shape
 from condyn_pin.errors import InvalidModel
-from condyn_pin.io.meshes import Mesh, read_mesh
-from condyn_pin.io.meshes import Shape as Drawn
+from condyn_pin.io.mesh_files import read_mesh
+from condyn_pin.io.meshes import Mesh
 from condyn_pin.io.mjcf_geoms import WORLD
 from condyn_pin.io.mjcf_write_joint import numbers, write_pose
+from condyn_pin.io.shape import Shape as Drawn
 from condyn_pin.io.shapes import shapes_of
 from condyn_pin.model.robot import Robot
 

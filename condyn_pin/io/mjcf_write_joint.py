@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel
+from condyn_pin.io.mjcf import DRAWN
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.spring import Spring
 
@@ -166,3 +167,18 @@ def numbers(values: ArrayLike) -> str:
 
 def _wxyz(rotation: Array) -> Array:
     return np.roll(pin.Quaternion(rotation).coeffs(), 1)
+
+
+def drawn(robot: Robot) -> Array:
+    """Return the configuration (nq,) in which an MJCF of the robot draws it.
+
+    That of its posture ``qpos0``, which comes with every MJCF, else neutral. A ball has no `ref`:
+    in MuJoCo it is drawn at 1 0 0 0.
+    """
+    neutral = np.array(pin.neutral(robot.model))
+    q = np.array(robot.postures.get(DRAWN, neutral))
+    for joint in robot.model.joints[1:]:
+        if joint.nq == 4 and joint.nv == 3:
+            turned = slice(joint.idx_q, joint.idx_q + 4)
+            q[turned] = neutral[turned]
+    return q

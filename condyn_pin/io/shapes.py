@@ -15,8 +15,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.io.meshes import BODY, Colour, Shape
 from condyn_pin.io.mjcf_geoms import geoms_of
+from condyn_pin.io.shape import BODY, Colour, Shape
 from condyn_pin.io.xml import open_xml
 
 # How many sizes each shape has.

@@ -16,7 +16,6 @@ from .drift.no_drift import NoDrift as NoDrift
 from .drift.post_stabilization import PostStabilization as PostStabilization
 from .drift.projection import Projection as Projection
 from .events import Event as Event
-from .events import Snapshot as Snapshot
 from .integrators import INTEGRATORS as INTEGRATORS
 from .integrators import Integrator as Integrator
 from .integrators.anitescu import Anitescu as Anitescu
@@ -59,6 +58,7 @@ from .routes.step_derivatives import StepDerivatives as StepDerivatives
 from .routes.trajectory_derivatives import TrajectoryDerivatives as TrajectoryDerivatives
 from .routes.trajectory_derivatives import trajectory_derivatives as trajectory_derivatives
 from .run import simulate as simulate
+from .snapshot import Snapshot as Snapshot
 from .step import contact_problem as contact_problem
 from .step import step as step
 from .step_solution import StepSolution as StepSolution

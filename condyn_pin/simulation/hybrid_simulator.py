@@ -24,7 +24,7 @@ from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.anchoring import with_anchors
 from condyn_pin.simulation.contact_work import NO_WORK
-from condyn_pin.simulation.events import Ended, Event, Happened, Snapshot, ZenoDetected
+from condyn_pin.simulation.events import Ended, Event, Happened, ZenoDetected
 from condyn_pin.simulation.fit import (
     check_deeper,
     check_fit,
@@ -34,6 +34,7 @@ from condyn_pin.simulation.fit import (
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.plan import Plan
 from condyn_pin.simulation.recorder import BLOCK
+from condyn_pin.simulation.snapshot import Snapshot
 from condyn_pin.simulation.switching import Switch, switch
 from condyn_pin.simulation.watch import Watch
 

@@ -15,11 +15,9 @@ from condyn_pin._core.renamed import renamed
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.contact_columns import candidates_of, contact_rows, gaps_along, row_names
 from condyn_pin.simulation.contact_record import ContactRecord
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.measures import Energy, Kinematics, drive_power, gauge_of, work
+from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of
 from condyn_pin.simulation.notices import notices_of
 from condyn_pin.simulation.outcome import Run, RunStatus
-from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.recorder import Phase
 
 
@@ -155,35 +153,9 @@ class Trajectory:
 
         The work is integrated over the samples: `record` them all where it is to be accurate.
         """
-        effects = self.run.effects
-        passive = Passive.of(self.scene.robot, springs=effects.springs, damping=effects.damping)
-        with np.errstate(all="ignore"):  # a run that was lost ends with numbers that overflow
-            applied = np.sum(self.tau * self.v, axis=1)
-            damped = -passive.dissipation(self.q, self.v)
-            sprung = passive.energy(self.q)
-        samples = [phase.samples for phase in self.phases]
-        impacts, struck = np.zeros((2, len(self.t)))
-        for event in self.run.happened:
-            struck[event.sample :] += event.driven
-            if event.is_of_contacts:
-                continue  # the work of contacts has it
-            impacts[event.sample :] -= event.energy_lost
-        return Energy(
-            self._kinematics.kinetic,
-            self._kinematics.potential,
-            sprung,
-            _chained([work(self.t[s], applied[s]) for s in samples]),
-            _chained([work(self.t[s], damped[s]) for s in samples]),
-            impacts,
-            self._driven_work + struck,
-            *self._contact_work,
-        )
+        from condyn_pin.simulation.trajectory_energy import energy_of
 
-    @property
-    def _contact_work(self) -> tuple[Array, ...]:
-        if self.contact is None:
-            return tuple(np.zeros((3, len(self.t))))
-        return self.contact.work, self.contact.correction, self.contact.algorithmic
+        return energy_of(self, self._kinematics)
 
     @cached_property
     def notices(self) -> tuple[str, ...]:
@@ -197,18 +169,6 @@ class Trajectory:
             for p in self.phases
         ]
         return Kinematics(*(np.concatenate(x) for x in zip(*parts, strict=True)))
-
-    @property
-    def _driven_work(self) -> Array:
-        """What driven constraints did between events (k,); steps with contacts have booked it."""
-        booked = self.contact.driven if self.contact else None
-        if booked is not None and isinstance(self.run.integrator, ContactScheme):
-            return booked
-        return _chained([work(self.t[p.samples], self._drive_power(p)) for p in self.phases])
-
-    def _drive_power(self, phase: Phase) -> Array:
-        lam = self.lam[phase.samples][:, list(phase.columns)]
-        return drive_power(phase.scene, self.t[phase.samples], lam)
 
     def save(self, path: str | PathLike[str]) -> None:
         """Write it to a file (npz): the samples, the robot's model, and how it was made.
@@ -273,12 +233,3 @@ class Trajectory:
         from condyn_pin.simulation.trajectory_text import trajectory_text
 
         return trajectory_text(self)
-
-
-def _chained(parts: list[Array]) -> Array:
-    """Return integrals over phases, each beginning where the one before ended."""
-    start, chained = 0.0, []
-    for part in parts:
-        chained.append(start + part)
-        start = chained[-1][-1]
-    return np.concatenate(chained)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.simulation.events import Event, Snapshot, ZenoDetected
+from condyn_pin.simulation.events import Event, ZenoDetected
+from condyn_pin.simulation.snapshot import Snapshot
 
 # From less than this above zero to less than this below it is noise: so a foot rests on the ground
 # [m, rad, N, ...].

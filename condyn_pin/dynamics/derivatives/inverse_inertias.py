@@ -20,7 +20,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.dynamics.derivatives.parameters import inertia_regressor
 from condyn_pin.dynamics.raw import weightless
-from condyn_pin.io.mjcf_write import drawn
+from condyn_pin.io.mjcf_write_joint import drawn
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace

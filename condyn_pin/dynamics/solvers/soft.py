@@ -161,7 +161,7 @@ def inverse_inertias(workspace: Workspace) -> Array:
     or to a moment, the mean over three axes; for a coupling, of what each joint does.
     """
     # imported here: other solvers need no MJCF
-    from condyn_pin.io.mjcf_write import drawn
+    from condyn_pin.io.mjcf_write_joint import drawn
 
     model = workspace.model
     data, q = model.createData(), drawn(workspace.scene.robot)

@@ -5,19 +5,15 @@ from __future__ import annotations
 from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import partial
-from math import nan
 from time import perf_counter
-from typing import Final
 
-import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays, Kind
 from condyn_pin._core.parallel.native import Native
 from condyn_pin._core.parallel.rows import Rows
-from condyn_pin._core.parallel.transports import Messages
 from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
@@ -27,16 +23,13 @@ from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene
-from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.errors import SolveFailed, unknown_name
+from condyn_pin.errors import unknown_name
+from condyn_pin.simulation.batch.answers import answer_rows, by_core
 from condyn_pin.simulation.batch.compiled import workers
-from condyn_pin.simulation.batch.inputs import RowForces, check_states, split
+from condyn_pin.simulation.batch.inputs import check_states, split
 from condyn_pin.simulation.batch.recipe import Recipe
-from condyn_pin.simulation.batch.solution import STATUSES, BatchDerivatives, BatchSolution
-
-_CODES: Final = {status: code for code, status in enumerate(STATUSES)}
+from condyn_pin.simulation.batch.solution import BatchDerivatives, BatchSolution
 
 
 def solve_batch(
@@ -115,9 +108,9 @@ def solve_batch(
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
     applied, of_rows, more = split(scene.robot, forces, count)
     recipe = Recipe(scene, solver, drift)
-    python = partial(_answer_rows, None, accuracy, of_rows)
+    python = partial(answer_rows, None, accuracy, of_rows)
     kernel, executor, chunk = workers(
-        executor, partial(_by_core, False, accuracy, of_rows), python, reasons=(),
+        executor, partial(by_core, False, accuracy, of_rows), python, reasons=(),
         untaken=lambda: untaken(recipe.workspace()), chunk=chunk, most=2000,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 1000, progress)
@@ -175,9 +168,9 @@ def derivatives_batch(
     inputs, count = _inputs(scene, Q, V, TAU, accuracy)
     applied, of_rows, more = split(scene.robot, forces, count)
     recipe = Recipe(scene, solver, drift)
-    python = partial(_answer_rows, method, accuracy, of_rows)
+    python = partial(answer_rows, method, accuracy, of_rows)
     kernel, executor, chunk = workers(
-        executor, partial(_by_core, True, accuracy, of_rows), python,
+        executor, partial(by_core, True, accuracy, of_rows), python,
         reasons=untaken_method(method), untaken=lambda: untaken(recipe.workspace()),
         chunk=chunk, most=500,
     )  # fmt: skip
@@ -212,59 +205,6 @@ def _of_solution(scene: Scene) -> dict[str, Kind]:
 def _of_derivatives(scene: Scene) -> dict[str, Kind]:
     n, m = scene.robot.nv, scene.rows
     return {name: Kind((n if name.startswith("da") else m, n)) for name in BLOCKS}
-
-
-def _answer_rows(
-    method: str | None,
-    accuracy: float | None,
-    forces: RowForces,
-    workspace: Workspace,
-    inputs: Arrays,
-    outputs: Arrays,
-) -> Messages:
-    """Solve some rows, and differentiate them if there is a method for it."""
-    q, v, tau = inputs["q"], inputs["v"], inputs["tau"]
-    for i, state in enumerate(zip(q, v, np.broadcast_to(tau, v.shape), strict=True)):
-        applied = forces.at(inputs, i)
-        if method is None:
-            solution = workspace.solve(*state, forces=applied, accuracy=accuracy, throw=False)
-            _put(outputs, i, solution)
-            continue
-        try:
-            found = workspace.derivatives(*state, forces=applied, method=method, accuracy=accuracy)
-        except SolveFailed as failed:
-            _put(outputs, i, failed.solution)
-            for name in BLOCKS:
-                outputs[name][i] = nan
-        else:
-            _put(outputs, i, found.solution)
-            for name in BLOCKS:
-                outputs[name][i] = getattr(found, name)
-    return {}
-
-
-def _by_core(
-    differentiates: bool,
-    accuracy: float | None,
-    forces: RowForces,
-    workspace: Workspace,
-    inputs: Arrays,
-    outputs: Arrays,
-    threads: int,
-) -> NDArray[np.intp]:
-    """Answer some rows by the compiled core; return those that are left."""
-    core = workspace.compiled
-    work = core.differentiate if differentiates else core.solve
-    state = inputs["q"], inputs["v"], inputs["tau"]
-    applied = forces.of_all(inputs)
-    return work(state, outputs, accuracy=accuracy, threads=threads, forces=applied)
-
-
-def _put(outputs: Arrays, i: int, solution: Solution) -> None:
-    for name in ("a", "lam", "residuals", "iterations"):
-        outputs[name][i] = getattr(solution, name)
-    outputs["statuses"][i] = _CODES[solution.status]
-    outputs["solve_times"][i] = solution.solve_time
 
 
 def _batch(

@@ -30,7 +30,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.judge import attempt_contact
+from condyn_pin.contact.attempts import attempt_contact
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
 from condyn_pin.contact.problem import ContactProblem, Level
 from condyn_pin.contact.sets import ContactSets

@@ -11,7 +11,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices, read_only
-from condyn_pin.contact.judge import attempt_contact
+from condyn_pin.contact.attempts import attempt_contact
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes, contact_modes
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual

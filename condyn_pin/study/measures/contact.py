@@ -12,7 +12,8 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.timing import Call, State
-from condyn_pin.contact.judge import attempt_contact, judged, solve_contact
+from condyn_pin.contact.attempts import attempt_contact
+from condyn_pin.contact.judge import judged, solve_contact
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.solution import ContactSolution
