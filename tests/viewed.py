@@ -7,7 +7,12 @@ from functools import cache
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.viewing.verbs import drawing_of as drawing
+from condyn_pin.viewing.subjects import Look, drawing_of
+
+
+def drawing(subject, q=None, *, posture=None, t=None, speed=1.0, **look):
+    """What `view` shows of a subject, without a page."""
+    return drawing_of(subject, q, posture=posture, t=t, speed=speed, look=Look(**look))
 
 
 def parts(subject, *args, **options):

@@ -19,9 +19,9 @@ from .distribution.largest_margin import LargestMargin as LargestMargin
 from .distribution.least_norm import LeastNorm as LeastNorm
 from .distribution.least_torque import LeastTorque as LeastTorque
 from .hierarchy import Hierarchy as Hierarchy
-from .inverse import InverseDynamics as InverseDynamics
 from .inverse import gravity_compensation as gravity_compensation
 from .inverse import inverse_dynamics as inverse_dynamics
+from .inverse_answer import InverseDynamics as InverseDynamics
 from .minimum_jerk import minimum_jerk as minimum_jerk
 from .operational import OperationalSpace as OperationalSpace
 from .operational import operational_space as operational_space

@@ -23,8 +23,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.inverse import inverse
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.errors import StepFailed
-from condyn_pin.simulation.system import System
-from condyn_pin.simulation.torques import Torque, total_torque
+from condyn_pin.simulation.system import System, total_torque
+from condyn_pin.simulation.torques import Torque
 
 # Rates of torques, times dt, beyond which a step that takes them as they are is near its stability
 # limit: 1 for damping and 2 for the square of a frequency in `LinearlyImplicitMidpoint`.

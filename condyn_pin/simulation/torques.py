@@ -25,7 +25,6 @@ from condyn_pin.constraints.loads import Loads
 from condyn_pin.dynamics.derivatives.loads import load_partial
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.passive import Passive
 
 Torque = Callable[[float, Array, Array], Array]  # (t, q, v) -> (nv,) [N, N m]
 
@@ -182,26 +181,3 @@ class Applied:
         by_q = [(self._value(t, pin.integrate(model, q, _H * x), v) - still) / _H for x in moves]
         by_v = [(self._value(t, q, v + size * x) - still) / size for x in moves]
         return np.column_stack(by_q), np.column_stack(by_v)
-
-
-def total_torque(applied: Applied, passive: Passive, dt: float = 0.0) -> Torque:
-    """Return the torques applied with those of springs and damping.
-
-    With dt, springs act as they do at the end of a step, were it not for a: dt K v more.
-    """
-    between, sprung = passive.between, len(passive.k) > 0
-    d = passive.d + dt * passive.stiffness if dt else passive.d
-    K, at_q, rest, pulled = passive.K, passive.at_q, passive.rest, bool(d.any() or sprung)
-
-    def torque(t: float, q: Array, v: Array) -> Array:
-        tau = applied.constant
-        if tau is None:
-            tau = applied(t, q, v)
-        if pulled:
-            pull = d * v
-            if sprung:
-                pull += K.dot(q[at_q] - rest)
-            tau = tau - pull
-        return tau if between is None else tau + between.torque(q, v, dt)
-
-    return torque

@@ -10,13 +10,15 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.viewing import palette, three
+from condyn_pin.viewing import three
 from condyn_pin.viewing.arrows import Peak, arrow_parts
-from condyn_pin.viewing.balance_marks import POINTS, balance_notes, balance_parts
+from condyn_pin.viewing.balance_marks import balance_notes, balance_parts
 from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
+from condyn_pin.viewing.camera import FROM, eye_at, toward_of
 from condyn_pin.viewing.closures import closure_parts, contact_parts
 from condyn_pin.viewing.extent import extent, plane_normal, touched
 from condyn_pin.viewing.labels import Eye, spread
+from condyn_pin.viewing.legend import legend_of
 from condyn_pin.viewing.marks import floor_part, joint_parts, mass_parts, spacing, spring_parts
 from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.motion import tracks
@@ -24,31 +26,7 @@ from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
 from condyn_pin.viewing.touches import touch_parts
 
-_FAR = 1.15  # of the size of a scene, from its middle to the camera
 _SLASH = "\N{DIVISION SLASH}"  # looks like one, and parts nothing
-# What the legend says, if all these parts are there.
-_LEGEND = (
-    (("joints/actuated",), palette.ACTUATED, "joint with a motor"),
-    (("joints/passive",), palette.PASSIVE, "passive joint"),
-    (("springs",), palette.SPRING, "spring-damper"),
-    (("closures",), palette.CLOSED, "closed"),
-    (("closures",), palette.OPEN, "open by 1 cm or more (yellow: by less)"),
-    (("contacts",), palette.CONTACT, "contact"),
-    (("candidates",), palette.CONTACT, "may touch"),
-    (("touching",), palette.AWAY, "contact that is open"),
-    (("touching",), palette.STICKS, "contact that sticks"),
-    (("touching",), palette.SLIDES, "contact that slides"),
-    (("grounds",), palette.GROUND, "what may be touched"),
-    (("cones",), palette.CONE, "forces that friction can give"),
-    (("forces",), palette.FORCE, "force on the first-named body"),
-    (("forces", "closures"), palette.REACTION, "force on the other body"),
-    (("moments",), palette.MOMENT, "moment"),
-    (("balance/support",), palette.SUPPORT, "support polygon"),
-    *(((f"balance/{name}",), colour, words) for name, words, colour in POINTS),
-)
-_FROM = np.array([0.78, 0.55, 0.3])  # the direction from there to the camera
-_FLAT = 0.9  # of the normal's z: above this a plane is seen as a floor is
-_TILT = 0.2  # of a linkage in a plane: how far above its normal, and beside it, the camera is
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +63,7 @@ class Drawing:
     size: float
     notes: tuple[str, ...] = ()
     frames: Array = field(default_factory=lambda: np.zeros(1))
-    toward: Array = field(default_factory=lambda: _FROM)
+    toward: Array = field(default_factory=lambda: FROM)
     speed: float = 1.0
 
     def commands(self) -> Iterator[three.Command]:
@@ -99,7 +77,7 @@ class Drawing:
     @property
     def eye(self) -> Eye:
         """Where the camera is at first."""
-        return _eye(self.middle, self.size, self.toward)
+        return eye_at(self.middle, self.size, self.toward)
 
     @property
     def first(self) -> Drawing:
@@ -109,20 +87,10 @@ class Drawing:
     def html(self) -> str:
         """Return the page: one text that holds everything."""
         eye = self.eye
+        legend = legend_of(self.title, self.parts, spacing(self.size), self.notes)
         return page(
-            self.title, self._legend(), self.commands(), camera=eye.at, target=eye.target,
-            speed=self.speed,
-        )  # fmt: skip
-
-    def _legend(self) -> Iterator[tuple[str, str]]:
-        yield "", self.title
-        seen = {part.path.removeprefix("before/").split("/")[0] for part in self.parts}
-        seen |= {"/".join(part.path.split("/")[:2]) for part in self.parts}
-        for needed, colour, text in _LEGEND:
-            if seen.issuperset(needed):
-                yield f"#{three.number(colour):06x}", text
-        yield "", f"squares of {spacing(self.size):g} m"
-        yield from (("", note) for note in self.notes)
+            self.title, legend, self.commands(), camera=eye.at, target=eye.target, speed=self.speed
+        )
 
 
 def draw(
@@ -172,27 +140,35 @@ def draw(
     if light:
         bodies = lighter(bodies, size)
     bodies = tuple(with_coarse(bodies, size))
-    marks = [*joint_parts(robot, size), *spring_parts(robot, size)]
     worst = _worst((at.gaps for at in moments) if gaps is None else gaps)
-    closures = [part for scene in scenes for part in closure_parts(scene, worst, size)]
-    parts = [floor_part(middle, size), *bodies, *marks, *closures]
-    for scene in scenes:
-        parts += contact_parts(scene, size)
-        parts += touch_parts(scene, moments, size, cones=cones)
-        parts += arrow_parts(scene, moments, size, peaks or {})
-    parts += mass_parts(size)
-    parts += balance_parts(moments, size)
+    parts = [floor_part(middle, size), *bodies]
+    parts += [*joint_parts(robot, size), *spring_parts(robot, size)]
+    parts += _constraint_parts(scenes, moments, worst, peaks or {}, size, cones)
+    parts += [*mass_parts(size), *balance_parts(moments, size)]
     notes = (*notes, *balance_notes(moments))
     if before is not None:
         opened = list(closure_parts(scenes[0], before.gaps, size))
         parts += [part.ghost(before) for part in (*bodies, *opened)]
     unique = {part.path: part for part in parts}  # a contact of several phases is drawn once
-    toward = _toward(plane_normal(robot, moments[0]))
-    placed = spread(tuple(_apart(unique.values())), moments[0], _eye(middle, size, toward))
+    toward = toward_of(plane_normal(robot, moments[0]))
+    placed = spread(tuple(_apart(unique.values())), moments[0], eye_at(middle, size, toward))
     when = np.arange(len(moments), dtype=float) if frames is None else frames
     return Drawing(
         title, tuple(placed), tuple(moments), fps, middle, size, notes, when, toward, speed
     )
+
+
+def _constraint_parts(
+    scenes: Sequence[Scene], moments: Sequence[Moment],
+    worst: Mapping[str, ConstraintViolation], peaks: Mapping[str, Peak], size: float, cones: bool,
+) -> Iterator[Part]:  # fmt: skip
+    """Yield the loops of all scenes, then each one's contacts and the forces of both."""
+    for scene in scenes:
+        yield from closure_parts(scene, worst, size)
+    for scene in scenes:
+        yield from contact_parts(scene, size)
+        yield from touch_parts(scene, moments, size, cones=cones)
+        yield from arrow_parts(scene, moments, size, peaks)
 
 
 def _apart(parts: Iterable[Part]) -> Iterator[Part]:
@@ -219,24 +195,6 @@ def _apart(parts: Iterable[Part]) -> Iterator[Part]:
 
 def _words(path: str) -> tuple[str, ...]:
     return tuple(word for word in path.split("/") if word)
-
-
-def _eye(middle: Array, size: float, toward: Array) -> Eye:
-    return Eye(middle + _FAR * size * toward, middle)
-
-
-def _toward(normal: Array | None) -> Array:
-    """Return where the camera is from the middle: nearly along the normal of a linkage's plane."""
-    if normal is None:
-        return _FROM
-    if abs(normal[2]) > _FLAT:  # from above, y going up
-        toward = np.sign(normal[2]) * normal - [0.0, _TILT, 0.0]
-    else:
-        right = np.cross([0.0, 0.0, 1.0], normal)
-        sign = 1.0 if right.sum() >= 0.0 else -1.0  # x, or y, goes to the right
-        toward = sign * (normal + _TILT * right) + [0.0, 0.0, _TILT]
-    found: Array = toward / np.linalg.norm(toward)
-    return found
 
 
 def _worst(gaps: Iterable[Mapping[str, ConstraintViolation]]) -> dict[str, ConstraintViolation]:

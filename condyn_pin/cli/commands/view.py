@@ -12,7 +12,7 @@ from condyn_pin.cli.output import check_ending, check_written, say
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
-    from condyn_pin.viewing.verbs import Subject
+    from condyn_pin.viewing.subjects import Subject
     from condyn_pin.viewing.viewer import Viewer
 
 PANEL = "Look"

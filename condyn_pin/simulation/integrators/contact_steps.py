@@ -47,8 +47,7 @@ from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.integrators.step_work import drive_work, step_work
 from condyn_pin.simulation.integrators.tried import Taken, Tried, answered
 from condyn_pin.simulation.recorder import Row
-from condyn_pin.simulation.system import System
-from condyn_pin.simulation.torques import total_torque
+from condyn_pin.simulation.system import System, total_torque
 
 # How often a step is posed anew because its paths end elsewhere, at most: each time their error
 # falls by a factor of two at least, and most often by one of about dt |v|.
