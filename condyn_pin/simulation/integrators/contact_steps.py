@@ -26,43 +26,33 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, diagonal_of
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
-from condyn_pin.contact.condense import condense
+from condyn_pin._core.arrays import Array
 from condyn_pin.contact.judge import judged
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
 from condyn_pin.errors import StepFailed
-from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.contact_record import touch_of
 from condyn_pin.simulation.dead_ends import pressed_in
-from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.base import Stepper
-from condyn_pin.simulation.integrators.chosen_contacts import Chosen
 from condyn_pin.simulation.integrators.closings import Closings
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
-from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
-from condyn_pin.simulation.integrators.path_ends import MISSED, PathEnds, next_path
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.path_ends import MISSED, next_path
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.integrators.posed_steps import PosedSteps
 from condyn_pin.simulation.integrators.step_work import drive_work, step_work
 from condyn_pin.simulation.integrators.tried import Taken, Tried, answered
 from condyn_pin.simulation.recorder import Row
-from condyn_pin.simulation.system import System, total_torque
+from condyn_pin.simulation.system import System
 
 # How often a step is posed anew because its paths end elsewhere, at most: each time their error
 # falls by a factor of two at least, and most often by one of about dt |v|.
 _AGAIN = 6
 
 
-class ContactSteps:
+class ContactSteps(PosedSteps):
     """The steps of one system with one scheme and one dt.
 
     Attributes
     ----------
-    floating : Floating
-        The axes of floating bodies.
-    paths : CurvedPaths
-    ends : PathEnds
     closings : Closings
     last : Taken
         The step that was taken last.
@@ -71,23 +61,10 @@ class ContactSteps:
     last: Taken
 
     def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
-        self._scheme, self._system, self._dt = scheme, system, dt
-        self._equations, self._candidates = system.equations, system.contacts
-        self.floating = Floating(system.model)
-        self.paths = CurvedPaths(system, self.floating, dt)
-        self.ends = PathEnds(system, self.floating, dt)
+        super().__init__(scheme, system, dt)
         self.closings = Closings(system, self._factors)
-        passive = system.passive
-        self._torque = total_torque(system.applied, passive, dt)
-        self._inertia = passive.inertia(dt) if passive.inertia(dt).any() else None
-        self._between = passive.between
-        self._is_implicit = self._inertia is not None or self._between is not None
-        self._rank = chains_of(system.scene).rank if system.scene.rows else 0
-        self._chosen: tuple[bytes, Chosen] | None = None
         self._normals = self._candidates.normals
-        self._is_driven = system.scene.is_driven
         self._driven = system.equations.driven
-        self._share = 0.5 if scheme.at_midpoint else 1.0  # of dt, from `at` to the end
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return q and v at the end of a step, and the mean acceleration.
@@ -100,10 +77,6 @@ class ContactSteps:
         if not self.last.natural <= tolerances.CONTACT_SOLVED:
             self._check_answer(t)
         return taken
-
-    def looks_at(self, t: float) -> float:
-        """Return the time at which the equations of a step from t are evaluated [s]."""
-        return t + (1.0 - self._share) * self._dt
 
     def check_path(self, t: float, q1: Array) -> None:
         """Refuse paths that press bodies into each other in the last step: nothing gives way."""
@@ -161,70 +134,6 @@ class ContactSteps:
             natural = nan  # also where no contact takes part
         self.last = Taken(posed, v1, found, natural, work, tuple(tried))
         return q1, turned, a
-
-    def pose(self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None) -> Posed:
-        """Return the step from a state with its contact problem, not yet solved.
-
-        The gaps that take part are those that are near, or those that are `active`.
-        """
-        scheme, system, floating, dt = self._scheme, self._system, self.floating, self._dt
-        at, tau = q, self._torque(t, q, v)
-        if scheme.at_midpoint:
-            at, v = floating.integrate(q, 0.5 * dt * v), floating.turned(v, 0.5 * dt)
-        if self._is_driven:
-            system.at(self.looks_at(t))  # with what is driven where it is there
-        M, h, J_b, gamma = self._equations.parts(at, v)
-        rates = None
-        if self._is_driven:
-            rates = self._equations.wanted[1].copy()
-            system.at(t + dt)  # where loops are closed behind the step
-        data = self._equations.data  # it has the placements and Jacobians of `at` now
-        gaps, J = self._candidates.evaluate(data, at)
-        chosen = self._choose(scheme.near(gaps, v, dt) if active is None else active)
-        J_c, turning = J[chosen.rows], floating.turning(v)
-        before = J_c.dot(v)
-        slip = -0.5 * dt * (gamma - J_b.dot(turning)) if len(J_b) else gamma  # none
-        if rates is not None:
-            slip += rates
-        # without springs and damping: they act in v+ - v, as it is in these axes
-        inertia = M.copy() if self._is_implicit else M
-        factors, mean = self._factors(M, J_b, at), v
-        now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip, rates)
-        if not len(J_c):
-            mean = 0.5 * (v + now.free_velocity)
-            h = pin.nonLinearEffects(system.model, data, at, mean)
-            turning = floating.turning(mean)
-            now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip, rates)
-        here = gaps[chosen.gaps]
-        bends, end = 0.0 * here, None
-        if scheme.closes_gaps:
-            bends, end = self.paths.bends(at, v, here, before, chosen)
-        near = Near(
-            dt, here, bends, chosen.restitution, chosen.normals, now.G, before,
-            now.contact_velocities, chosen.sets.blocks,
-        )  # fmt: skip
-        problem = chosen.problem(scheme, near)
-        J_n = J_c[chosen.normals]
-        return Posed(
-            at, v, mean, turning, tau, gaps, J, end, None, J_c, J_n, chosen, now, near, problem
-        )
-
-    def pose_along(self, posed: Posed, u: Array) -> Posed:
-        """Return a step again, with its contacts as they are where a path along u ends."""
-        there, dt = self.ends.there(posed.at, u), self._dt
-        near_there = self._scheme.near(there.gaps, u, dt)
-        chosen = self._choose(self.ends.takes_part(posed, there, near_there))
-        J_c, (begun, rates) = there.J[chosen.rows], self.ends.begun(posed)
-        now, gaps = posed.condensed.with_contacts(J_c), begun[chosen.gaps]
-        bends = there.gaps[chosen.gaps] - gaps - dt * J_c.dot(u)[chosen.normals]
-        near = Near(
-            dt, gaps, bends, chosen.restitution, chosen.normals, now.G, J_c.dot(posed.v),
-            now.contact_velocities, chosen.sets.blocks,
-        )  # fmt: skip
-        return posed._replace(
-            path=u, J_c=J_c, J_n=rates[chosen.gaps], chosen=chosen, condensed=now, near=near,
-            problem=chosen.problem(self._scheme, near),
-        )  # fmt: skip
 
     def lam(self) -> Array:
         """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""
@@ -301,26 +210,6 @@ class ContactSteps:
             return None
         missed = (posed.gaps + self._dt * posed.J[self._normals].dot(v1) < 0) & ~near
         return missed if missed.any() else None
-
-    def _choose(self, near: NDArray[np.bool_]) -> Chosen:
-        """Return the candidates that take part; most often they are those of the step before."""
-        key = near.tobytes()
-        if self._chosen is None or self._chosen[0] != key:
-            dry = np.ones(self._candidates.intervals, dtype=bool)
-            active = np.concatenate((near, dry))
-            self._chosen = key, Chosen(self._candidates, active, self._dt)
-        return self._chosen[1]
-
-    def _factors(self, M: Array, J_b: Array, q: Array) -> MinimumNorm:
-        """Return the factors of J_b and of M with what springs and damping add to it in a step."""
-        if self._inertia is not None:
-            diagonal = diagonal_of(M)
-            diagonal += self._inertia
-        if self._between is not None:
-            rows, weights = self._between.inertia_rows(q, self._dt)
-            M += rows.T @ (weights[:, None] * rows)
-        why = singular_mass(self._system.model, q)
-        return factorise(M, J_b, tolerances.RANK, why=why).at_most(self._rank)
 
 
 def contact_stepper(scheme: ContactScheme, system: System, dt: float) -> Stepper:
