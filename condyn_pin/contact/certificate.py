@@ -24,8 +24,13 @@ from condyn_pin.contact.problem import ContactProblem
 _EDGES = 16  # of a cone: the certificates of a polygon inside of it are certificates
 
 
-def unmet_contacts(problem: ContactProblem) -> tuple[str, ...]:
+def unmet_contacts(
+    problem: ContactProblem, by: float = tolerances.CONTACT_SOLVED
+) -> tuple[str, ...]:
     """Return the names of contacts that no impulse can meet together; none if none is proved.
+
+    They contradict each other by more than `by`, relative: less is rounding, most often, or what
+    who asks for little accepts.
 
     Nonnegative least squares, min |(G + R) N x|^2 + (g . N x + 1)^2, find the x that is asked for.
     """
@@ -49,8 +54,7 @@ def unmet_contacts(problem: ContactProblem) -> tuple[str, ...]:
         return ()
     z = N @ x
     size = float(np.abs(z).max())
-    # larger ones tell of what contradicts g by less than counts as solved: rounding, most often
-    if size * tolerances.CONTACT_SOLVED > 1.0:
+    if size * by > 1.0:  # a larger one tells of a smaller contradiction
         return ()
     if not np.abs(A[:-1] @ x).max() <= tolerances.CERTIFICATE * size or not A[-1] @ x < -0.5:
         return ()

@@ -12,6 +12,7 @@ from condyn_pin._core import _pin_contacts, tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import check_iterations
 from condyn_pin.contact.cadoux import cadoux
+from condyn_pin.contact.certificate import unmet_contacts
 from condyn_pin.contact.directions import directions
 from condyn_pin.contact.fewer import with_fewer
 from condyn_pin.contact.natural_map import newton
@@ -36,9 +37,13 @@ _FANS = (0.4, 0.2, 0.05)
 # Newton's steps from there: if so few do not end, they stall.
 MANY, _NEAR, _STEPS, BRIEF = 60, 1e-8, 4000, 8
 
-# Iterations of ADMM where all else stalls, times rows squared: 200 000 for eight contacts. Soles
-# whose corners contradict each other by 1e-6 have taken 75 000 of them, and 0.5 s.
+# Iterations of ADMM where all else stalls, times rows squared: 200 000 for eight contacts, and how
+# many at most. Soles whose corners contradict each other by 1e-6 have taken 75 000, and 0.5 s.
 _LONG = 1.2e8
+_LONGEST = 1_000_000
+
+# Contacts that contradict each other by more than this, relative, are not tried any longer.
+_HOPELESS = 1e-3
 
 # Convex problems of the last method, and slips that no longer change [1].
 _CONVEX, _SAME = 100, 1e-6
@@ -151,6 +156,8 @@ def restarts(problem: ContactProblem, found: Attempt, max_iterations: int) -> It
             yield found
     found = refine(problem, found.lam, max_iterations).after(found)
     yield found
+    if unmet_contacts(problem, _HOPELESS):
+        return
     for first in _slow(problem):
         found = first.after(found)
         yield found
@@ -166,7 +173,7 @@ def _slow(problem: ContactProblem) -> Iterator[Attempt]:
     if _pin_contacts.solves_contacts(is_ncp, len(problem.limits)):
         if is_ncp:
             yield PGS().attempt(problem)
-        most = int(_LONG / problem.rows**2)
+        most = min(int(_LONG / problem.rows**2), _LONGEST)
         long = directions(problem, None, tolerance=_NEAR, max_iterations=most, anderson=0)
         if long is not None:
             yield Attempt(*long, ("ADMM for longer",))
