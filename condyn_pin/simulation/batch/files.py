@@ -25,15 +25,8 @@ from condyn_pin.simulation.archive import (
     write,
 )
 from condyn_pin.simulation.batch.inputs import loose
-from condyn_pin.simulation.batch.trajectory import (
-    ENDS,
-    RUN_STATUSES,
-    SAMPLED,
-    BatchTrajectory,
-    Samples,
-    kinds_of,
-    samples_in,
-)
+from condyn_pin.simulation.batch.samples import SAMPLED, Samples, samples_in
+from condyn_pin.simulation.batch.trajectory import ENDS, RUN_STATUSES, BatchTrajectory, kinds_of
 from condyn_pin.simulation.contact_columns import candidates_of
 from condyn_pin.simulation.contact_record import written_before
 from condyn_pin.simulation.outcome import RunStatus

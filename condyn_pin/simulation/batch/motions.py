@@ -23,7 +23,8 @@ from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import NotAssembled, SolveFailed, StepFailed
 from condyn_pin.simulation.batch.inputs import RowForces
-from condyn_pin.simulation.batch.trajectory import RUN_STATUSES, samples_in
+from condyn_pin.simulation.batch.samples import samples_in
+from condyn_pin.simulation.batch.trajectory import RUN_STATUSES
 from condyn_pin.simulation.fit import check_penetration
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.integrators import Integrator

@@ -27,7 +27,8 @@ from condyn_pin.simulation.batch.compiled_motions import MovedRows, untaken, unt
 from condyn_pin.simulation.batch.inputs import check_states, split
 from condyn_pin.simulation.batch.motions import Motions
 from condyn_pin.simulation.batch.recipe import Recipe
-from condyn_pin.simulation.batch.trajectory import ENDS, BatchTrajectory, kinds_of, samples_in
+from condyn_pin.simulation.batch.samples import samples_in
+from condyn_pin.simulation.batch.trajectory import ENDS, BatchTrajectory, kinds_of
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.plan import Plan, default_solver
 from condyn_pin.simulation.torques import Torque, TorqueJacobian

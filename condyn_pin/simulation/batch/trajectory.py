@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from enum import Enum
 from math import nan
 from os import PathLike
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.parallel.memory import Arrays, Kind
+from condyn_pin._core.parallel.memory import Kind
 from condyn_pin._core.parallel.outcome import MISSING, Batch, Outcome, Some
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.drift import Drift
@@ -21,6 +21,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import NotRecorded, WorkersLost
 from condyn_pin.mechanism.anchoring import with_anchors
+from condyn_pin.simulation.batch.samples import SAMPLED, Samples
 from condyn_pin.simulation.contact_columns import candidates_of, row_names
 from condyn_pin.simulation.contact_record import ContactRecord, width
 from condyn_pin.simulation.integrators.base import Integrator
@@ -36,45 +37,6 @@ ENDS: Final = (
     *("q", "v", "t", "violation", "constraint_velocity", "energy_error", "run_times"),
     "statuses",
 )
-
-
-@dataclass(frozen=True, eq=False, repr=False)
-class Samples:
-    """The samples of N motions; NaN after the end of one that broke down.
-
-    Attributes
-    ----------
-    t : (N, k) array
-        [s]
-    q, v, a : (N, k, nq), (N, k, nv), (N, k, nv) array
-    lam : (N, k, m) array
-        Constraint forces in the axes of each constraint [N, N m].
-    tau : (N, k, nv) array
-        Torques applied, those of forces from outside with them, without springs and damping
-        [N, N m].
-    contact : (N, k, 4 + candidates) array or None
-        `ContactRecord.columns` of each motion, where contacts may open.
-    """
-
-    t: Array
-    q: Array
-    v: Array
-    a: Array
-    lam: Array
-    tau: Array
-    contact: Array | None = None
-
-    @property
-    def arrays(self) -> dict[str, Array]:
-        """Those that there are, by name."""
-        return {name: array for name, array in vars(self).items() if array is not None}
-
-    def of(self, motions: Some) -> Samples:
-        """Return those of some motions."""
-        return Samples(**{name: read_only(x[motions]) for name, x in self.arrays.items()})
-
-
-SAMPLED: Final = tuple(field.name for field in fields(Samples))
 
 
 def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
@@ -93,13 +55,6 @@ def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
     sampled = [name for name in SAMPLED if name in widths]
     samples = {f"samples_{name}": Kind((kept, *widths[name])) for name in sampled}
     return ends | samples if kept else ends
-
-
-def samples_in(arrays: Arrays) -> Samples | None:
-    """Return the samples among the arrays of a batch."""
-    keys = {name: f"samples_{name}" for name in SAMPLED}
-    found = {name: arrays[key] for name, key in keys.items() if key in arrays}
-    return Samples(**found) if found else None
 
 
 @dataclass(frozen=True, eq=False, repr=False)
