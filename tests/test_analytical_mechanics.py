@@ -141,7 +141,7 @@ def test_a_vakonomic_sleigh_is_that_of_eulers_and_poincares_equations():
     arm, m, inertia = 0.2, 1.0, 0.1
     scene = on_contacts(cp.model.sleigh(arm=arm, mass=m, inertia=inertia))
     q, v, mu = np.array([0.0, 0.0, 1.0, 0.0]), np.array([1.0, 0.0, 2.0]), np.array([0.3])
-    _, moved, at_end = vakonomic(scene, q, v, mu, 0.5, 1e-3)
+    _, moved, at_end = vakonomic(scene, q, v, mu, 0.5, 1e-2)
     J = inertia + m * arm**2
 
     def slope(t, y):
@@ -151,11 +151,11 @@ def test_a_vakonomic_sleigh_is_that_of_eulers_and_poincares_equations():
 
     start = [v[0], v[2], m * arm * v[2] + mu[0]]
     exact = solve_ivp(slope, (0, 0.5), start, rtol=1e-12, atol=1e-12).y[:, -1]
-    assert moved[[0, 2]] == pytest.approx(exact[:2], abs=1e-5)  # the configuration is of order 2
-    assert m * arm * moved[2] + at_end[0] == pytest.approx(exact[2], abs=1e-5)
+    assert moved[[0, 2]] == pytest.approx(exact[:2], abs=1e-7)
+    assert m * arm * moved[2] + at_end[0] == pytest.approx(exact[2], abs=1e-7)
     # d'Alembert's is another motion, also from mu = 0
     machine = cp.simulate(scene, q, v, duration=0.5, dt=1e-3)
-    other = vakonomic(scene, q, v, np.zeros(1), 0.5, 1e-3)[1]
+    other = vakonomic(scene, q, v, np.zeros(1), 0.5, 1e-2)[1]
     assert abs(machine.v[-1] - other).max() > 0.05
 
 
