@@ -15,7 +15,7 @@ from condyn_pin.contact.solvers.newton import fewer, refine, restarts
 from condyn_pin.contact.sticking import sticking
 
 # Newton's steps from an answer that is nearly right, and where nothing is known of it.
-_POLISH, _RESCUE = 3, 50
+POLISH, RESCUE = 3, 50
 
 # Iterations of the second run, in those of the first.
 _LONGER = 4
@@ -34,7 +34,9 @@ class ADMM(ContactSolver):
         Of each run. The answer of a robot on its feet takes 10 to 50.
     anderson : int
         Memory of Anderson's acceleration, in steps. 4 takes a third of the iterations of 0 on
-        robots; 10 saves nothing more, and fails more often. Pinocchio 3 has none.
+        robots; 10 saves nothing more, and fails more often: Pinocchio 4.1 counts steps back modulo
+        2^64, so that it remembers what it should where this is a power of two. Pinocchio 3 has
+        none.
     polish : bool
         End with Newton's method, which takes the residual to 1e-16: for derivatives, where what
         sticks and what slides has to be known. Else it is what is tried first where ADMM fails.
@@ -83,22 +85,22 @@ class ADMM(ContactSolver):
         """Return what alternating directions end on, polished if that is asked for."""
         found = self._run(problem, guess, self.anderson)
         if found is None:
-            return refine(problem, guess, _RESCUE)
-        return refine(problem, found.lam, _POLISH).after(found) if self.polish else found
+            return refine(problem, guess, RESCUE)
+        return refine(problem, found.lam, POLISH).after(found) if self.polish else found
 
     def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
         """Yield what Newton and another run of ADMM find, and Newton from other starts."""
         if self.title in found.path:
             lam = found.lam
-            for found in fewer(problem, found, _RESCUE):  # noqa: B020
+            for found in fewer(problem, found, RESCUE):  # noqa: B020
                 yield found
-            found = refine(problem, lam, _RESCUE).after(found)
+            found = refine(problem, lam, RESCUE).after(found)
             yield found
             again = self._again(problem, lam)
             if again is not None:
                 found = again.after(found)
                 yield found
-        yield from restarts(problem, found, _RESCUE)
+        yield from restarts(problem, found, RESCUE)
 
     def _again(self, problem: ContactProblem, lam: Array) -> Attempt | None:
         """Return a run without acceleration, or where there was none a longer one from lam."""

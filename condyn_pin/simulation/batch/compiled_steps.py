@@ -1,7 +1,7 @@
 """Steps with contacts by the compiled core.
 
-It takes steps of `StewartTrinkle` from a first attempt of their contact solver, and proves each. A
-step that has no such answer, and a motion with one in it, are Python's.
+It takes steps of `StewartTrinkle` from the first attempts of their contact solver, and proves each.
+A step that has no such answer, and a motion with one in it, are Python's.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ from __future__ import annotations
 import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
-from typing import Any, Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +23,7 @@ from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.constraints.rows.compiled_rows import BALL, COUPLING, CUT, HELD, ROD, WELD
 from condyn_pin.contact import modes
 from condyn_pin.contact.solution import ContactStatus
-from condyn_pin.contact.solvers.admm import ADMM
+from condyn_pin.contact.solvers.admm import ADMM, POLISH, RESCUE
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.dynamics.compiled.arrays import contiguous
@@ -36,10 +36,6 @@ from condyn_pin.simulation.integrators import Integrator, closings, path_ends
 from condyn_pin.simulation.integrators.contact_scheme import sizes_of_gaps
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 
-# Contact solvers, and whether contacts are first taken to stick; all else ends by Newton's method,
-# at rounding.
-SOLVERS: Final[dict[ContactSolver, bool]] = {ADMM(): True, SemismoothNewton(): False}
-
 # Kinds of constraints that are condensed.
 _CONDENSED: Final = frozenset((HELD, BALL, WELD, CUT, ROD, COUPLING))
 
@@ -51,9 +47,8 @@ def untaken_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
     """Yield what the core does not take of steps with contacts, in words."""
     if type(integrator) is not StewartTrinkle:
         yield f"integrator = {integrator!r}: with contacts it has StewartTrinkle alone"
-    elif integrator.contact not in SOLVERS:
-        known = " and ".join(f"{each!r}" for each in SOLVERS)
-        yield f"contact = {integrator.contact!r}: it has {known}"
+    elif type(integrator.contact) not in (ADMM, SemismoothNewton):
+        yield f"contact = {integrator.contact!r}: it has ADMM and SemismoothNewton"
     if scene.robot.spring_dampers:
         yield "the robot has springs between frames"
     if scene.is_driven:
@@ -70,9 +65,49 @@ def untaken_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
 def step_plan(integrator: Integrator, dt: float) -> Array:
     """Return how steps are taken, as ``StepPlan`` of the core has it."""
     assert isinstance(integrator, StewartTrinkle)
+    return _plan(dt, _method(integrator.contact))
+
+
+def rounded_plan(integrator: Integrator, dt: float) -> Array:
+    """Return the same with impulses to rounding, from which modes can be read."""
+    assert isinstance(integrator, StewartTrinkle)
+    method = _method(integrator.contact)
+    return _plan(dt, method._replace(alternates=False, newton_first=False, polish=0))
+
+
+class _Method(NamedTuple):
+    """How contact problems are answered, as ``ContactMethod`` of the core has it."""
+
+    alternates: bool
+    newton_first: bool
+    sticks_first: bool
+    polish: int
+    tolerance: float
+    max_iterations: int
+    anderson: int
+    steps: int
+
+
+def _method(solver: ContactSolver) -> _Method:
+    """Return how a solver answers.
+
+    Where no parameter of `ADMM` is chosen, Newton's method comes first: compiled it takes less
+    time, and ends at rounding.
+    """
+    if isinstance(solver, ADMM):
+        return _Method(
+            True, solver == ADMM(), not solver.polish, POLISH if solver.polish else 0,
+            solver.tolerance, solver.max_iterations,
+            min(solver.anderson, solver.max_iterations), RESCUE,  # more is never remembered
+        )  # fmt: skip
+    assert isinstance(solver, SemismoothNewton)
+    return _Method(False, False, False, 0, 1.0, 0, 0, solver.max_iterations)
+
+
+def _plan(dt: float, method: _Method) -> Array:
     return np.array(
         [
-            *(dt, SOLVERS[integrator.contact]),
+            *(dt, *method),
             *sizes_of_gaps(),
             *(tolerances.CONTACT_SOLVED, modes.MOVES),
             *(path_ends.STRAIGHT, path_ends.MISSED),

@@ -18,7 +18,7 @@ from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.batch.batch_step import STATUSES
-from condyn_pin.simulation.batch.compiled_steps import contacts_of, states_of, step_plan
+from condyn_pin.simulation.batch.compiled_steps import contacts_of, rounded_plan, states_of
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.routes.active_set import ActiveSet
 from condyn_pin.simulation.routes.base import Route
@@ -48,7 +48,7 @@ class DifferentiatedRows:
         count, shape = len(inputs["q0"]), outputs["codes"].shape
         done, codes, read = np.zeros(count, np.int32), *np.zeros((2, *shape), np.int32)
         contacts_of(workspace, self.contacts).differentiate(
-            *states_of(workspace, inputs), plan=step_plan(self.integrator, self.dt),
+            *states_of(workspace, inputs), plan=rounded_plan(self.integrator, self.dt),
             polished=tolerances.CONTACT_POLISHED, falls=falls(workspace.model, self.dt),
             placed=rows_with_a_place(workspace.bounds),
             q=outputs["q"], v=outputs["v"], lam=outputs["lam"], errors=outputs["errors"],

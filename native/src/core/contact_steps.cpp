@@ -97,7 +97,7 @@ void ContactSteps::pose_along(const VectorXd & u)
 
 bool ContactSteps::solve()
 {
-  natural = solve_contact(touching_.problem, plan_.sticks_first, plan_.solved, touching_.lam);
+  natural = solve_contact(touching_.problem, plan_.method, plan_.solved, touching_.lam);
   if (!(natural <= plan_.solved))
     return false;
   touching_.forget_held();

@@ -1,6 +1,7 @@
 #include "contacts.hpp"
 #include "threads.hpp"
 #include <cmath>
+#include <limits>
 #include <nanobind/stl/vector.h>
 
 namespace condyn
@@ -41,10 +42,15 @@ std::vector<Dry> dry_specs(const Integers & ints, const List & limits)
 
 StepPlan step_plan(const List & numbers)
 {
-  want(numbers.size() == 14, "plan of a step");
+  want(numbers.size() == 21, "plan of a step");
   const double * x = numbers.data();
   want(x[0] > 0, "dt");
-  return {x[0], x[1] != 0, x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11], x[12], x[13]};
+  const auto counts = [](double y) { return 0 <= y && y <= std::numeric_limits<int>::max(); };
+  want(counts(x[4]) && x[5] > 0 && counts(x[6]) && counts(x[7]) && counts(x[8]), "method of contacts");
+  const Directions directions{x[5], int(x[6]), int(x[7])};
+  const ContactMethod method{x[1] != 0, x[2] != 0, x[3] != 0, int(x[4]), directions, int(x[8])};
+  x += 9;
+  return {numbers.data()[0], method, x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11]};
 }
 
 Contacts::Contacts(

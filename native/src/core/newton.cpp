@@ -6,7 +6,7 @@ namespace condyn
 namespace
 {
 constexpr double rounding = 4 * std::numeric_limits<double>::epsilon(); // a residual that is nothing, relative
-constexpr int steps_at_most = 50, halvings = 20, slips_at_most = 8;
+constexpr int halvings = 20, slips_at_most = 8;
 constexpr double ignored = 1e-12; // singular values of F' that steps ignore
 constexpr double regular = 1e-8; // and those of an F' that has none of them, without a doubt
 constexpr double along_nothing = 0.5, behind = 1e-3; // as in Python: `_ALONG`, `_BEHIND`
@@ -30,7 +30,7 @@ bool smallest_step(const MatrixXd & D, const VectorXd & F, VectorXd & step)
 }
 } // namespace
 
-VectorXd Newton::run(VectorXd lam) const
+VectorXd Newton::run(VectorXd lam, int steps_at_most) const
 {
   Point point = map_.at(lam);
   VectorXd best = lam;

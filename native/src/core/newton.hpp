@@ -10,7 +10,7 @@ public:
   explicit Newton(const ContactProblem & problem) : map_(problem) {}
 
   /// Where it ends, from impulses.
-  VectorXd run(VectorXd lam) const;
+  VectorXd run(VectorXd lam, int steps_at_most) const;
 
 private:
   using Point = NaturalMap::Point;

@@ -1,13 +1,14 @@
 // How steps with contacts are taken, as Python says it; its file `compiled/contacts.py` names where each
 // number comes from.
 #pragma once
+#include "contact_solve.hpp"
 
 namespace condyn
 {
 struct StepPlan
 {
   double dt; // [s]
-  bool sticks_first; // whether contacts are first taken to stick
+  ContactMethod method; // that finds the impulses
   double near, pushed_out, at_rest, touches; // of gaps [m, rad], and the share of a penetration
   double solved, moves; // natural residual, and what slides faster than that share of |g|
   double straight, missed; // where paths are looked at, and how far from where they should they may end [m, rad]
