@@ -72,11 +72,14 @@ def near(one, two, rng, gap: float) -> np.ndarray:
     upper.rotation = pin.exp3(2 * rng.normal(size=3))
     direction = rng.normal(size=3)
     direction /= np.linalg.norm(direction)
-    scene, far = scene_of(one, two), 1.5
-    inside, outside = 0.0, far
-    for _ in range(40):
+    candidates = Candidates(BODIES.model, scene_of(one, two).contact_bounds)
+    data = BODIES.model.createData()
+    inside, outside = 0.0, 1.5
+    for _ in range(24):  # to 1e-7 m
         upper.translation = (inside + outside) / 2 * direction
-        if At(scene, placed(upper, lower)).gaps.min() > gap:
+        q = placed(upper, lower)
+        pin.forwardKinematics(BODIES.model, data, q)
+        if candidates.gaps(data, q).min() > gap:
             outside = (inside + outside) / 2
         else:
             inside = (inside + outside) / 2
