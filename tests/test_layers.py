@@ -3,10 +3,13 @@
 from __future__ import annotations
 
 import functools
+import importlib.util
 import subprocess
 import sys
+import types
 import warnings
 from dataclasses import replace
+from pathlib import Path
 
 import jax
 import numpy as np
@@ -359,6 +362,47 @@ def test_without_crocoddyl_it_is_said_how_to_have_it(monkeypatch):
     monkeypatch.delitem(sys.modules, "condyn_pin.layers.crocoddyl_model", raising=False)
     with pytest.raises(cp.errors.MissingExtra, match="--no-deps crocoddyl"):
         cp.layers.crocoddyl_action(cp.layers.Action(scene, dt=1e-3), None)
+
+
+def test_a_step_without_an_answer_is_nan_to_crocoddyl(monkeypatch):
+    """Its solvers go on behind NaN by a shorter step, and an exception of Python ends them."""
+    model, (scene, (q, v, _)) = loaded_beside_a_stand_in(monkeypatch), stepping()
+    action = cp.layers.Action(scene, dt=1e-3)
+    of_state = types.SimpleNamespace(pinocchio=scene.robot.model, nq=len(q))
+    costs = types.SimpleNamespace(
+        state=of_state, nu=12, calc=lambda *_: None,
+        createData=lambda _: types.SimpleNamespace(cost=1.0),
+    )  # fmt: skip
+    step, u, x = model.ActionModel(action, costs), np.zeros(12), np.r_[q, v]
+    data = step.createData()
+    step.calc(data, x, u)
+    assert np.array_equal(data.xnext, action.step(x, u))
+    x[-1] = 1e200
+    with pytest.raises(cp.SolveFailed):
+        action.step(x, u)
+    step.calc(data, x, u)
+    assert np.isnan(data.xnext).all()
+    with pytest.raises(cp.InvalidArgument, match="x"):  # and nothing begins there
+        step.calc(data, data.xnext, u)
+
+
+def loaded_beside_a_stand_in(monkeypatch):
+    """The file that imports crocoddyl, with two classes and a function in its place."""
+    stand_in = types.ModuleType("crocoddyl")
+    stand_in.ActionModelAbstract = type(
+        "ActionModelAbstract", (),
+        {"__init__": lambda self, state, nu: vars(self).update(state=state, nu=nu)},
+    )  # fmt: skip
+    stand_in.ActionDataAbstract = type(
+        "ActionDataAbstract", (), {"__init__": lambda self, model: None}
+    )
+    stand_in.DataCollectorMultibody = lambda data: data
+    monkeypatch.setitem(sys.modules, "crocoddyl", stand_in)
+    path = Path(cp.layers.__file__).parent / "crocoddyl_model.py"
+    spec = importlib.util.spec_from_file_location("beside_a_stand_in", path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
 
 
 def test_an_action_is_a_step_in_the_tangent():

@@ -9,12 +9,17 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, InvalidModel, SolveFailed, StepFailed
 from condyn_pin.layers.action import Action
 
 
 class ActionModel(crocoddyl.ActionModelAbstract):  # type: ignore[misc]
-    """A step and its costs; crocoddyl keeps all but these."""
+    """A step and its costs; crocoddyl keeps all but these.
+
+    A step that has no answer ends in NaN, crocoddyl's own sign of it: its solvers then try a
+    shorter step of their search, and an exception of Python would end it. There is no step from
+    NaN: a rollout that goes on is an error that names x.
+    """
 
     def __init__(self, action: Action, costs: Any) -> None:
         super().__init__(costs.state, costs.nu)
@@ -32,7 +37,7 @@ class ActionModel(crocoddyl.ActionModelAbstract):  # type: ignore[misc]
             data.xnext, data.cost = x, data.costs.cost
         else:
             self.costs.calc(data.costs, x, u)
-            data.xnext, data.cost = self.action.step(x, u), self.action.dt * data.costs.cost
+            data.xnext, data.cost = self._end(x, u), self.action.dt * data.costs.cost
 
     def calcDiff(self, data: ActionData, x: Array, u: Array | None = None) -> None:
         """Write the derivatives, after calc."""
@@ -45,6 +50,13 @@ class ActionModel(crocoddyl.ActionModelAbstract):  # type: ignore[misc]
             data.Fx, data.Fu = self.action.derivatives(x, u)
             for name in ("Lx", "Lu", "Lxx", "Lxu", "Luu"):
                 setattr(data, name, self.action.dt * getattr(of, name))
+
+    def _end(self, x: Array, u: Array) -> Array:
+        """Return the next state, NaN where there is none."""
+        try:
+            return self.action.step(x, u)
+        except (InvalidModel, SolveFailed, StepFailed):
+            return np.full(len(x), np.nan)
 
     def _places(self, data: ActionData, x: Array) -> None:
         """Write what costs read: joints, frames, the centre of mass, and how all of them change."""
