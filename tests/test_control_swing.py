@@ -9,7 +9,9 @@ from numpy.typing import NDArray
 from shared import robot
 
 import condyn_pin as cp
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.linalg.minimum_norm import factorise, least_change
 from condyn_pin.contact import FrictionCone
 from condyn_pin.control import CenterOfMass, Controller, FrameTask, Orientation, Posture
 from condyn_pin.control.swing import locked
@@ -76,6 +78,26 @@ def test_what_is_locked_keeps_its_momentum() -> None:
     assert out.v == pytest.approx([v[0] + M_2 / M * v[1], 0.0], abs=1e-15)
     still = np.array([0.3, 0.0])
     assert (stiff.solve(np.zeros(2), still).v == still).all()
+
+
+def test_rows_that_depend_on_each_other_lock_as_singular_values_say() -> None:
+    """Rods of Cassie spin, so that two of her twelve rows of loops say nothing."""
+    loops, stiff, q, v = cassie()
+    program = stiff._program
+    J, M = Sites(loops, q).jacobian, program.equations.mass(q)
+    rows = np.vstack((J, program.rigid))
+    M = M + M.diagonal().mean() * (rows.T @ rows)
+    change = np.concatenate((np.zeros(len(J)), -(program.rigid @ v)))
+    factors = factorise(M, rows, tolerances.RANK)
+    assert factors.rank == len(rows) - 2
+    by_values = factors.solve(np.zeros_like(v), change)[0]
+    by_pivots = least_change(factors.mass, rows, change, tolerances.RANK)
+    assert by_pivots == pytest.approx(by_values, abs=1e-12)
+    assert np.abs(by_pivots).max() > 0.1
+    # rows a million times as small, as those of a rod's spin, are rows as well
+    small = np.where(np.arange(len(rows)) % 3, 1.0, 1e-6)
+    again = least_change(factors.mass, small[:, None] * rows, small * change, tolerances.RANK)
+    assert again == pytest.approx(by_values, abs=1e-8)
 
 
 def test_springs_may_carry_links_without_mass() -> None:

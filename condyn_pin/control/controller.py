@@ -97,7 +97,7 @@ class Controller(OneThread):
     -----
     A controller has memory and belongs to one thread at a time. Each call starts from the active
     set of the last one, which changes only the last digits of an answer. A tick costs 0.3 ms on
-    Talos and 0.6 ms on Cassie, whose loops are eliminated; 0.2 ms more while joints in `rigid`
+    Talos and 0.6 ms on Cassie, whose loops are eliminated; 0.15 ms more while joints in `rigid`
     swing; an infeasible one some tens of milliseconds.
 
     References

@@ -24,7 +24,8 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg.mass_factor import factorise_mass
+from condyn_pin._core.linalg.minimum_norm import least_change
 
 
 def locked(v: Array, M: Array, J: Array, rigid: Array) -> Array:
@@ -40,5 +41,5 @@ def locked(v: Array, M: Array, J: Array, rigid: Array) -> Array:
     rows = np.vstack((J, rigid))
     change = np.concatenate((np.zeros(len(J)), -(rigid @ v)))
     # what is added is the same for all that keep the rows: springs may carry links without mass
-    M = M + M.diagonal().mean() * (rows.T @ rows)
-    return np.asarray(v + factorise(M, rows, tolerances.RANK).solve(np.zeros_like(v), change)[0])
+    mass = factorise_mass(M + M.diagonal().mean() * (rows.T @ rows))
+    return np.asarray(v + least_change(mass, rows, change, tolerances.RANK))

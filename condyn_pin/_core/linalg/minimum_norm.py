@@ -174,3 +174,22 @@ def factorise_rows(
         raise InvalidModel("the constraint Jacobian is not finite at this q")
     rank = int(np.count_nonzero(max(rank_tolerance * S[0], least) < S))
     return MinimumNorm(mass, U, S, Vt[:rank].T, rank)
+
+
+def least_change(mass: MassFactor, J: Array, s: Array, rank_tolerance: float) -> Array:
+    """Return the least d (nv,), in the metric of M, with J d = s; for rows that agree.
+
+    L^T d = Q R^-T s    with    J L^-T = R^T Q^T, the rows pivoted, as many as are independent
+
+    A third of the time of `factorise` and its `solve`: pivots say the rank, no singular values.
+    """
+    routines = lapack()
+    Jw = routines.dtrtrs(mass.L.T, J.T, trans=1)[0]
+    packed, pivots, tau, _, _ = routines.dgeqp3(Jw)
+    sizes = np.abs(packed.diagonal())
+    if not isfinite(sizes[0]):
+        raise InvalidModel("the constraint Jacobian is not finite at this q")
+    rank = int(np.count_nonzero(sizes > rank_tolerance * sizes[0]))
+    along = routines.dtrtrs(packed[:rank, :rank], s[pivots[:rank] - 1], trans=1)[0]
+    Q = routines.dorgqr(packed[:, :rank], tau[:rank])[0]
+    return np.asarray(routines.dtrtrs(mass.L.T, Q.dot(along))[0])
