@@ -10,7 +10,7 @@ namespace
 {
 constexpr double contradiction = 1e-6, felt = 0.01; // as in Python: `_SMALL`, `_FELT` of consistent.py
 constexpr double still_moved = 1e-12; // eigenvalues of G that are none: `CONTACT_RANK`
-constexpr int rescue = 50; // steps of Newton's method from an answer that failed: `_RESCUE` of admm.py
+constexpr int rescue = 50; // steps of Newton's method from an answer that failed: `RESCUE` of admm.py
 constexpr int many = 150; // rows from which Python's directions are by products, and Newton's method is here
 constexpr double finest = 1e-14; // residual that no part of a problem has to beat: `FINEST`
 
