@@ -5,11 +5,21 @@ from __future__ import annotations
 import subprocess
 import sys
 from dataclasses import dataclass
+from hashlib import sha256
 from pathlib import Path
 
 PINOCCHIO_4 = ("pin==4.1.0", "libpinocchio==4.1.0")
 CONDYN_ALONE = ("numpy", "scipy", "lazy_loader", "threadpoolctl", "typer", "rich")
 CONDYN = (*CONDYN_ALONE, "example-robot-data>=6.0,<7")
+BUILT = Path(__file__).resolve().parents[2] / "build" / "native"  # by `make native`
+
+
+def core() -> tuple[str, ...]:
+    """Return what the compiled core is installed from, if it was built."""
+    return tuple(
+        f"condyn_pin_native @ {wheel.as_uri()}#sha256={sha256(wheel.read_bytes()).hexdigest()}"
+        for wheel in sorted(BUILT.glob("*.whl"))[-1:]
+    )
 
 
 class Missing(Exception):
@@ -59,7 +69,11 @@ class Environment:
 
 
 ENVIRONMENTS = (
-    Environment("pinocchio4", (*PINOCCHIO_4, *CONDYN), ("with_pinocchio", "with_condyn")),
+    Environment(
+        "pinocchio4",
+        (*PINOCCHIO_4, *CONDYN, *core()),
+        ("with_pinocchio", "with_condyn", "with_condyn_core"),
+    ),
     Environment("mujoco", (*PINOCCHIO_4, "numpy", "mujoco==4.0.0"), ("with_mujoco",)),
     # its own wheel asks for any Pinocchio, and takes 4.1, on which a contact of 6 rows crashes it
     Environment(

@@ -11,7 +11,8 @@ from typing import Any
 
 from peers.harness import REFERENCES
 
-PEERS = ("condyn_pin", "Pinocchio", "MuJoCo", "Crocoddyl", "Drake", "exudyn")
+ON_PINOCCHIO = ("condyn_pin", "condyn_pin, compiled", "Pinocchio")
+PEERS = (*ON_PINOCCHIO, "MuJoCo", "Crocoddyl", "Drake", "exudyn")
 REFERENCE_VERSION = "4.1"
 TARGETS = {
     "acceleration": (1e-2, 1e-8),
@@ -75,7 +76,7 @@ class PeerTable:
             for row in self.rows
             if (row.scene, row.quantity, row.peer) == (scene, quantity, peer)
             and row.error_worst <= error
-            and (row.pinocchio.startswith(REFERENCE_VERSION) or peer not in PEERS[:2])
+            and (row.pinocchio.startswith(REFERENCE_VERSION) or peer not in ON_PINOCCHIO)
         ]
         return min(found, key=lambda row: row.ratio, default=None)
 

@@ -1,0 +1,73 @@
+"""condyn_pin's compiled core, on the same states and the same clock."""
+
+from __future__ import annotations
+
+import numpy as np
+
+import condyn_pin as cp
+from peers import export
+from peers.exported import ACCELERATION, DERIVATIVES, MOTION, Exported
+from peers.harness import Candidate, main
+
+STEP = 1e-3  # [s]
+
+
+def candidates(scene: Exported) -> list[Candidate]:
+    """Return the solve with its proof, the derivatives, and time steps."""
+    ours = export.scenes()[scene.name]
+    euler, rk4 = cp.SemiImplicitEuler(), cp.RungeKutta4()
+    return [
+        proved(scene, ours),
+        derivatives(scene, ours),
+        motion(scene, ours, euler, "semi-implicit Euler"),
+        motion(scene, ours, rk4, "RK4"),
+    ]
+
+
+def proved(scene: Exported, ours: cp.Scene) -> Candidate:
+    """Return `Workspace.solve`: a, lam, and their errors recomputed."""
+    workspace = cp.Workspace(ours, cp.Proximal(), native=True)
+
+    def call(i: int) -> np.ndarray:
+        return workspace.solve(*scene.state(i)).a
+
+    note = "recomputes the errors of the answer; no peer does"
+    return Candidate(ACCELERATION, "Proximal, solve with proof", call, call, note)
+
+
+def derivatives(scene: Exported, ours: cp.Scene) -> Candidate:
+    """Return the solve, its proof, and the derivatives of a and of lam."""
+    workspace = cp.Workspace(ours, cp.Proximal(), native=True)
+
+    def call(i: int) -> tuple[np.ndarray, ...]:
+        d = workspace.derivatives(*scene.state(i))
+        return d.da_dq, d.da_dv, d.da_dtau
+
+    def answer(i: int) -> tuple[np.ndarray, ...]:
+        da_dq, da_dv, da_dtau = call(i)
+        return da_dq, da_dv, da_dtau[:, scene.motors]
+
+    note = "with the solve and its proof; also those of lam"
+    return Candidate(DERIVATIVES, "kkt, after Proximal", call, answer, note)
+
+
+def motion(
+    scene: Exported, ours: cp.Scene, integrator: cp.simulation.Integrator, name: str
+) -> Candidate:
+    """Return `simulate_batch` of one motion, one thread, with Baumgarte's alpha = beta = 50 1/s."""
+    drift, core = cp.Baumgarte(50.0, 50.0), cp.Native(threads=1)
+    q, v = (each[None] for each in scene.state(0)[:2])
+
+    def call(_: int) -> np.ndarray:
+        found = cp.simulate_batch(
+            ours, q, v, duration=scene.duration, dt=STEP, integrator=integrator, drift=drift,
+            executor=core,
+        )  # fmt: skip
+        return found.q[0]
+
+    method = f"{name}, 1 ms, Baumgarte 50 1/s"
+    return Candidate(MOTION, method, call, call, "the loop is in C++; energy and gaps recorded")
+
+
+if __name__ == "__main__":
+    main("condyn_pin, compiled", cp.__version__, candidates)
