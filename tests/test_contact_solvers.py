@@ -553,7 +553,7 @@ def test_velocities_whose_squares_vanish_are_rest():
         ({"limits": [-1]}, "limits"),
         ({"R": [1, 1]}, "R: 2 numbers"),
         ({"g": [0, 0, -1e60]}, "g: 1e.60 is in it"),
-        ({"friction": [1e60]}, "friction: 1e.60 is in it, and 1e.06 is the most"),
+        ({"friction": [1e60]}, "friction: 1e.60 is in it, and 1000 is the most"),
         ({"law": "lcp"}, "law"),
         ({"level": "position"}, "level"),
         ({"names": ["a", "b"]}, "names"),

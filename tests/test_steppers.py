@@ -12,6 +12,7 @@ from numpy.testing import assert_allclose
 from shared import short_lever
 
 import condyn_pin as cp
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import (
@@ -201,6 +202,21 @@ def test_solo12_stands_on_its_four_feet() -> None:
     assert_allclose(np.sum(up), 4 * 6.131, atol=2e-3)
     assert set(now.modes.values()) == {"stick"}
     assert now.penetration < 1e-9
+
+
+def test_feet_that_stick_move_alike_however_rough_the_floor_is() -> None:
+    """Talos on two edges, a foot turned by 1e-6 rad: G is singular but for that."""
+    talos = cp.load_robot("talos")
+    rng, ends = np.random.default_rng(0), []
+    v, tau = 0.005 * rng.normal(size=talos.nv), 0.1 * rng.normal(size=talos.nv)
+    v[2] -= 0.05
+    for friction in (0.7, tolerances.MOST_FRICTION):
+        scene = cp.Scene(talos, contacts=talos.frictional_contacts(friction=friction))
+        q = cp.mechanism.put_down(scene, scene.state()[0])
+        q[2] -= 1e-4
+        q = pin.integrate(talos.model, q, 1e-6 * np.eye(talos.nv)[15])
+        ends.append(cp.step(scene, q, v, tau, dt=1e-3).v)
+    assert_allclose(*ends, atol=1e-8)
 
 
 @pytest.mark.parametrize("scheme", HARD)

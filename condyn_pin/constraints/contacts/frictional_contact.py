@@ -85,7 +85,7 @@ class FrictionalContact(Contact):
         if self.friction > tolerances.MOST_FRICTION:
             raise InvalidArgument(
                 f"friction = {self.friction:g}: {tolerances.MOST_FRICTION:g} is the most; above "
-                "it rounding of slip hides how fast bodies fall in; what never slides is a "
+                "it a slip too slow to count hides how fast bodies fall in; what never slides is a "
                 "PointContact in Scene(robot, constraints)"
             )
         restitution = float(finite("restitution", self.restitution, ()))
