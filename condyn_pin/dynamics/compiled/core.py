@@ -8,6 +8,7 @@ the state is answered by Python: what is hard is looked at in one place only.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -95,12 +96,48 @@ class CompiledCore:
 
     def one(self, q: Array, v: Array, tau: Array, accuracy: float) -> Solution | None:
         """Return the solution of one state; None where it is left to Python."""
-        workspace, nominal = self._workspace, self._workspace.scene.nominal
-        a, lam = np.empty(workspace.model.nv), np.empty(workspace.scene.rows)
-        *largest, weighted, exact, left, iterations, seconds = self.core.solve_one(
-            q, v, tau, a, lam
-        )
-        estimator = nominal.estimator
+        a, lam = np.empty(self._workspace.model.nv), np.empty(self._workspace.scene.rows)
+        *sizes, iterations, seconds = self.core.solve_one(q, v, tau, a, lam)
+        residuals = self._proved(q, tau, sizes, accuracy)
+        if residuals is None:
+            return None
+        scene = self._workspace.scene
+        return Solution(a, lam, residuals, Status.OK, iterations, seconds, scene, q.copy(), ())
+
+    def derivatives(
+        self, q: Array, v: Array, tau: Array, accuracy: float
+    ) -> CompiledDerivatives | None:
+        """Return the derivatives at one state; None where it is left to Python."""
+        workspace = self._workspace
+        n, m = workspace.model.nv, workspace.scene.rows
+        a, lam, sizes = np.empty((1, n)), np.empty((1, m)), np.zeros((1, 9))
+        iterations, times = np.zeros(1, np.int32), np.zeros(1)
+        by_q, by_v, by_tau = np.zeros((3, n + m, n))
+        blocks = by_q[:n], by_v[:n], by_tau[:n], by_q[n:], by_v[n:], by_tau[n:]
+        self.core.differentiate(
+            q[None], v[None], tau[None], a=a, lam=lam, sizes=sizes, iterations=iterations,
+            times=times, **self._no_forces, loads=np.zeros((1, n)),
+            blocks=[block[None] for block in blocks], threads=0,
+        )  # fmt: skip
+        residuals = self._proved(q, tau, sizes[0].tolist(), accuracy)
+        if residuals is None:
+            return None
+        solution = Solution(
+            a[0], lam[0], residuals, Status.OK, int(iterations[0]), float(times[0]),
+            workspace.scene, q.copy(), (),
+        )  # fmt: skip
+        return CompiledDerivatives(workspace, solution, v, (by_q, by_v, by_tau))
+
+    @cached_property
+    def _no_forces(self) -> dict[str, Any]:
+        return arrays.of_forces(self._workspace.loads, (), 1)
+
+    def _proved(
+        self, q: Array, tau: Array, sizes: Sequence[float], accuracy: float
+    ) -> Residuals | None:
+        """Return the residuals of an answer that is ok; None where there is a doubt."""
+        *largest, weighted, exact, left = sizes
+        estimator = self._workspace.scene.nominal.estimator
         residuals, doubtful = estimator.judge(weighted, largest, tau)
         size = max(largest[_A], estimator.gravity)
         clear = (
@@ -109,38 +146,10 @@ class CompiledCore:
             and largest[_A] < _LARGEST
             and residuals.bound <= accuracy
             and residuals.dynamics <= estimator.unheard * size
-            and pin.isNormalized(workspace.model, q, LOOSE)
+            and pin.isNormalized(self._workspace.model, q, LOOSE)
             and residuals.bound <= tolerances.SOLVED * left
         )
-        if not clear:
-            return None
-        return Solution(
-            a, lam, residuals, Status.OK, iterations, seconds, workspace.scene, q.copy(), ()
-        )
-
-    def derivatives(
-        self, q: Array, v: Array, tau: Array, accuracy: float
-    ) -> CompiledDerivatives | None:
-        """Return the derivatives at one state; None where it is left to Python."""
-        workspace = self._workspace
-        n, m = workspace.model.nv, workspace.scene.rows
-        outputs: Outputs = {
-            "a": np.zeros((1, n)), "lam": np.zeros((1, m)), "residuals": np.zeros((1, 5)),
-            "statuses": np.zeros(1, np.int8), "iterations": np.zeros(1, np.int32),
-            "solve_times": np.zeros(1),
-        }  # fmt: skip
-        by_q, by_v, by_tau = np.zeros((3, n + m, n))
-        blocks = by_q[:n], by_v[:n], by_tau[:n], by_q[n:], by_v[n:], by_tau[n:]
-        outputs |= {name: block[None] for name, block in zip(BLOCKS, blocks, strict=True)}
-        state = q[None], v[None], tau[None]
-        if self.differentiate(state, outputs, accuracy=accuracy, threads=0).size:
-            return None
-        solution = Solution(
-            outputs["a"][0], outputs["lam"][0], Residuals(*outputs["residuals"][0].tolist()),
-            Status.OK, int(outputs["iterations"][0]), float(outputs["solve_times"][0]),
-            workspace.scene, q.copy(), (),
-        )  # fmt: skip
-        return CompiledDerivatives(workspace, solution, v, (by_q, by_v, by_tau))
+        return residuals if clear else None
 
     def _answer(
         self, work: Callable[..., None], state: State, outputs: Outputs, accuracy: float | None,
