@@ -84,8 +84,7 @@ def samples(scene: Exported, found: Sequence[Candidate], rounds: int) -> list[li
             for k in np.roll(np.arange(len(found)), r):
                 call, states = found[k].call, sweeps[k]
                 vector @ vector
-                if len(states) > 1:
-                    call(states[-1])  # the first call after another candidate finds cold caches
+                call(states[-1])  # the first call after another candidate finds cold caches
                 start = process_time()
                 for i in states:
                     call(i)
