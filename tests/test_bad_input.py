@@ -843,7 +843,7 @@ METHODS: dict[str, Callable[[float, int], cp.dynamics.Solver]] = {
 
 @pytest.mark.parametrize("method", METHODS)
 @pytest.mark.parametrize("name", SCENES_OF_PROMISE)
-@settings(max_examples=100)
+@settings(max_examples=200)
 @given(exponent=st.floats(-16.0, 3.0), iterations=st.integers(1, 20))
 def test_what_says_ok_is_right(name, method, exponent, iterations):
     solver = METHODS[method](10.0**exponent, iterations)
