@@ -210,12 +210,8 @@ def test_alternating_directions_of_stops_dry_friction_and_islands(contact: ADMM)
     """Three bodies apart, and joints at their stops: each island by itself."""
     by = cp.StewartTrinkle(contact=contact)
     scene, q, _, tau = on_feet("solo12", friction=0.3)
-    joints = list(scene.robot.model.names)[2:]
-    its = replace(scene.robot, model=limited(scene.robot.model, q))
-    more = [cp.constraints.JointLimit(joint) for joint in joints[:6]]
-    more += [cp.constraints.JointFriction(joint, 0.05) for joint in joints[3:]]
-    held = cp.Scene(its, contacts=(*scene.contacts, *more))
-    V = np.random.default_rng(2).normal(scale=0.5, size=(20, its.nv))
+    held = at_stops(scene, q)
+    V = np.random.default_rng(2).normal(scale=0.5, size=(20, held.robot.nv))
     state = np.tile(q, (20, 1)), V, tau
     wanted = step_batch(held, *state, dt=DT, integrator=by)
     found = step_batch(held, *state, dt=DT, integrator=by, **CORE)
@@ -299,11 +295,7 @@ def test_balls_capsules_and_boxes_over_planes() -> None:
 
 def test_stops_and_dry_friction_of_joints() -> None:
     scene, q, _, tau = on_feet("solo12", friction=0.7)
-    joints = list(scene.robot.model.names)[2:]
-    model = replace(scene.robot, model=limited(scene.robot.model, q))
-    more = [cp.constraints.JointLimit(joint) for joint in joints[:6]]
-    more += [cp.constraints.JointFriction(joint, 0.05) for joint in joints[3:]]
-    held = cp.Scene(model, contacts=(*scene.contacts, *more))
+    held = at_stops(scene, q)
     rng = np.random.default_rng(2)
     V = rng.normal(scale=0.5, size=(30, held.robot.nv))
     Q = np.tile(q, (30, 1))
@@ -315,12 +307,15 @@ def test_stops_and_dry_friction_of_joints() -> None:
     assert 0 < of_stops.mean() < 1
 
 
-def limited(model: pin.Model, q: np.ndarray) -> pin.Model:
-    """The model with ranges of joints that end near q."""
-    other = pin.Model(model)
-    other.lowerPositionLimit[7:] = q[7:] - 1e-4
-    other.upperPositionLimit[7:] = q[7:] + 1e-4
-    return other
+def at_stops(scene: cp.Scene, q: np.ndarray) -> cp.Scene:
+    """The scene with ranges of joints that end near q, and stops and dry friction of some."""
+    model = pin.Model(scene.robot.model)
+    model.lowerPositionLimit[7:] = q[7:] - 1e-4
+    model.upperPositionLimit[7:] = q[7:] + 1e-4
+    joints = list(model.names)[2:]
+    more = [cp.constraints.JointLimit(joint) for joint in joints[:6]]
+    more += [cp.constraints.JointFriction(joint, 0.05) for joint in joints[3:]]
+    return cp.Scene(replace(scene.robot, model=model), contacts=(*scene.contacts, *more))
 
 
 def test_a_step_that_is_hard_is_left_to_python(monkeypatch: pytest.MonkeyPatch) -> None:

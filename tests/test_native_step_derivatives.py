@@ -12,7 +12,7 @@ import pytest
 from needs_native import HEADERS, needs_native
 from numpy.testing import assert_allclose, assert_array_equal
 from shared import robot
-from test_native_contact import DT, EXACT, along, boxes, cassie, limited, on_feet
+from test_native_contact import DT, EXACT, along, at_stops, boxes, cassie, on_feet
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -104,18 +104,16 @@ def test_balls_capsules_and_boxes_over_planes() -> None:
 
 def test_stops_dry_friction_springs_and_damping() -> None:
     scene, q, _, tau = on_feet("solo12", friction=0.5)
-    joints = list(scene.robot.model.names)[2:]
-    model = limited(scene.robot.model, q)
+    held = at_stops(scene, q)
+    model = pin.Model(held.robot.model)
     model.damping[6:] = 0.01
-    springs = [cp.model.Spring(joint, stiffness=3.0, reference=0.1) for joint in joints[:4]]
-    held = replace(scene.robot, model=model, springs=springs)
-    more = [cp.constraints.JointLimit(joint) for joint in joints[:6]]
-    more += [cp.constraints.JointFriction(joint, 0.05) for joint in joints[3:]]
-    held_scene = cp.Scene(held, contacts=(*scene.contacts, *more))
-    V = np.random.default_rng(2).normal(scale=0.5, size=(15, held.nv))
+    joints = list(model.names)[2:6]
+    springs = [cp.model.Spring(joint, stiffness=3.0, reference=0.1) for joint in joints]
+    held = replace(held, robot=replace(held.robot, model=model, springs=springs))
+    V = np.random.default_rng(2).normal(scale=0.5, size=(15, held.robot.nv))
     Q = np.tile(q, (15, 1))
     Q[:, 2] -= 1e-4
-    found, wanted = both(held_scene, Q, V, tau)
+    found, wanted = both(held, Q, V, tau)
     assert wanted.ok
     assert_same(found, wanted)
 

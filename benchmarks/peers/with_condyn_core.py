@@ -8,10 +8,9 @@ import numpy as np
 
 import condyn_pin as cp
 from peers import export
-from peers.exported import ACCELERATION, DERIVATIVES, MOTION, Exported
+from peers.exported import MOTION, Exported
 from peers.harness import Candidate, main
-
-STEP = 1e-3  # [s]
+from peers.with_condyn import STEP, derivatives, proved
 
 
 def candidates(scene: Exported) -> list[Candidate]:
@@ -19,38 +18,11 @@ def candidates(scene: Exported) -> list[Candidate]:
     ours = export.scenes()[scene.name]
     euler, rk4 = cp.SemiImplicitEuler(), cp.RungeKutta4()
     return [
-        proved(scene, ours),
-        derivatives(scene, ours),
+        proved(scene, ours, native=True),
+        derivatives(scene, ours, native=True),
         motion(scene, ours, euler, "semi-implicit Euler"),
         motion(scene, ours, rk4, "RK4"),
     ]
-
-
-def proved(scene: Exported, ours: cp.Scene) -> Candidate:
-    """Return `Workspace.solve`: a, lam, and their errors recomputed."""
-    workspace = cp.Workspace(ours, cp.Proximal(), native=True)
-
-    def call(i: int) -> np.ndarray:
-        return workspace.solve(*scene.state(i)).a
-
-    note = "recomputes the errors of the answer; no peer does"
-    return Candidate(ACCELERATION, "Proximal, solve with proof", call, call, note)
-
-
-def derivatives(scene: Exported, ours: cp.Scene) -> Candidate:
-    """Return the solve, its proof, and the derivatives of a and of lam."""
-    workspace = cp.Workspace(ours, cp.Proximal(), native=True)
-
-    def call(i: int) -> tuple[np.ndarray, ...]:
-        d = workspace.derivatives(*scene.state(i))
-        return d.da_dq, d.da_dv, d.da_dtau
-
-    def answer(i: int) -> tuple[np.ndarray, ...]:
-        da_dq, da_dv, da_dtau = call(i)
-        return da_dq, da_dv, da_dtau[:, scene.motors]
-
-    note = "with the solve and its proof; also those of lam"
-    return Candidate(DERIVATIVES, "kkt, after Proximal", call, answer, note)
 
 
 def motion(

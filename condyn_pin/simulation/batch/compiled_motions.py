@@ -111,10 +111,8 @@ class MovedRows:
         done = np.zeros(count, np.int32)
         corrects = self.drift.every if isinstance(self.drift, PostStabilization) else 0
         rank = chains_of(workspace.scene).rank if corrects and workspace.scene.rows else 0
-        limits = (
-            *(tolerances.NEARLY_CLOSED / 10, LARGEST, LOST),
-            *(Manifold(model).reach, rank, tolerances.OUT_OF_REACH),
-        )
+        closed, reach = tolerances.NEARLY_CLOSED / 10, Manifold(model).reach
+        limits = closed, LARGEST, LOST, reach, rank, tolerances.OUT_OF_REACH
         workspace.compiled.core.simulate(
             q0, v0, tau, integrator=_INTEGRATORS[self.integrator], dt=self.dt,
             steps=self.steps, every=self.every, correct_every=corrects, with_answers=answers > 0,

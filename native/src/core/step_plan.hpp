@@ -1,5 +1,5 @@
-// How steps with contacts are taken, as Python says it; its file `compiled/contacts.py` names where each
-// number comes from.
+// How steps with contacts are taken, as Python says it; its file `simulation/batch/compiled_steps.py` names
+// where each number comes from.
 #pragma once
 #include "contact_solve.hpp"
 
