@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -15,7 +16,14 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Ball, Box, FrictionalContact, JointFriction, JointLimit, Plane
 from condyn_pin.contact import Lemke, SemismoothNewton, solve_contact
 from condyn_pin.model import free_ball, free_box, together
-from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle, contact_problem
+from condyn_pin.simulation import (
+    Anitescu,
+    EventDriven,
+    Moreau,
+    SoftStep,
+    StewartTrinkle,
+    contact_problem,
+)
 
 G = 9.81
 SCHEMES = (StewartTrinkle(), Moreau(), Anitescu(), SoftStep())
@@ -166,6 +174,19 @@ def test_what_is_not_finite_is_not_ok(scheme: cp.simulation.ContactScheme, heigh
         assert finite if now.status.ok else now.status.name == "NOT_FINITE"
     with pytest.raises(cp.errors.StepFailed, match="overflow"):
         cp.simulate(scene, q, np.full(6, 1e200), duration=0.01, integrator=scheme)
+
+
+@pytest.mark.parametrize("scheme", [*SCHEMES, EventDriven(), cp.RungeKutta4()])
+def test_a_function_that_returns_nan_is_named(scheme: cp.simulation.Integrator) -> None:
+    """It is to blame, and neither the masses nor the size of the step."""
+    scene = ball_scene() if scheme.takes_contacts else ball_scene().closed()
+    state = (0, 0, 0.05, *UPRIGHT), np.zeros(6)
+
+    def tau(t: float, q: Array, v: Array) -> Array:
+        return np.where(np.arange(6) == 2, np.nan if t > 0.0015 else 0.0, 0.0)
+
+    run = cp.simulate(scene, *state, tau, duration=0.01, integrator=scheme)
+    assert re.search(r"tau\(0\.00[\d.]*, q, v\)\[2\] = nan: finite numbers", run.reason)
 
 
 def test_a_puck_that_turns_faster_than_numbers_go_is_not_ok() -> None:

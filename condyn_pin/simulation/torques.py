@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
+from math import isfinite
 from typing import Final
 
 import numpy as np
@@ -117,6 +118,8 @@ class Applied:
             tau = self._function(t, q, v)
             if not (type(tau) is np.ndarray and tau.shape == self._shape and tau.dtype == FLOAT):
                 tau = finite(f"tau({t:g}, q, v)", tau, self._shape)
+            elif not isfinite(tau.dot(tau)) and isfinite(v.dot(v)):  # else v is to blame
+                finite(f"tau({t:g}, q, v)", tau, self._shape)
         assert tau is not None
         return tau + self._loads.at(q, self._forces_at(t, q, v)).torque if self._forces else tau
 
