@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import functools
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
+from motions import body
 from own_task import nearest, own_task, still
 from shared import robot
 
@@ -541,6 +543,20 @@ def test_one_joint_follows_numbers_and_paths():
         task = JointTask("FL_HAA", reference=way, kp=100.0, kd=10.0, weight=np.inf)
         out = Controller(scene, [task], cones=OCTAGON).solve(np.r_[q[:7], 0.09, q[8:]], v, 0.5)
         assert out.a[6] == pytest.approx(wanted, abs=1e-9), way
+
+
+def test_one_joint_alone_moves_its_mass_and_turns():
+    """A pendulum: its centre moves at l a, and L = I a; one column comes as a vector elsewhere."""
+    hinge = body(pin.JointModelRY(), centre=(0.0, 0.0, -0.5), inertia=0.01)
+    scene, motors = cp.Scene(hinge), Actuation(hinge, ["joint"])
+    for task, a in (
+        (CenterOfMass(a=(1.0, 0.0, 0.0)), -2.0),
+        (AngularMomentum((0.0, 0.1, 0.0), k=10.0), 1.0 / 0.02),
+    ):
+        equations = replace(task, weight=np.inf)
+        out = Controller(scene, [equations], cones={}, actuation=motors).solve([0.0], [0.0])
+        assert out.status.ok
+        assert out.a[0] == pytest.approx(a, abs=1e-12)
 
 
 def test_a_reference_that_is_wrong_is_named_by_its_task():

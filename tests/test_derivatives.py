@@ -6,6 +6,7 @@ import functools
 
 import numpy as np
 import pytest
+from motions import body
 from shared import all_scenes, central, each_scene, robot, states
 
 import condyn_pin as cp
@@ -420,6 +421,13 @@ def test_by_gravity_and_inertias(kind):
 
     da, dlam = d.by_inertias()
     assert close((da @ step, dlam @ step), central(heavier, 1e-3))
+
+
+def test_one_slider_by_its_mass():
+    """A = tau / m - g; of one joint Pinocchio returns a vector for the matrix of one row."""
+    scene = cp.Scene(body(pin.JointModelPZ(), mass=2.0))
+    da, _ = cp.derivatives(scene, [0.1], [0.3], [5.0]).by_inertias()
+    assert np.allclose(da, [[-5.0 / 2.0**2, *np.zeros(9)]], rtol=0, atol=1e-14)
 
 
 @pytest.mark.parametrize(

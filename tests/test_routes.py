@@ -9,6 +9,7 @@ from math import sqrt
 
 import numpy as np
 import pytest
+from motions import body
 from shared import robot
 
 import condyn_pin as cp
@@ -820,6 +821,21 @@ def by_weights(scene, q, v, tau, scheme, route, h) -> float:
     expected = slope(model, end, h)
     assert (of.by("inertias")[scene.robot.nv :] == of.dv_dinertias).all()
     return float(np.abs(of.by("inertias") @ x - expected).max() / np.abs(expected).max())
+
+
+@pytest.mark.parametrize("route", [ActiveSet(), EventLocated(), Kappa(1e-6), Softened()], ids=repr)
+def test_one_slider_by_its_mass(route):
+    """Far from its stop v+ = v + dt (tau / m - g); a regressor of one row is a vector elsewhere."""
+    model = pin.Model(body(pin.JointModelPZ(), mass=2.0).model)
+    model.lowerPositionLimit[:], model.upperPositionLimit[:] = -1.0, 1.0
+    slider = cp.Robot("slider", model)
+    for friction in (False, True):
+        contacts = [cp.constraints.JointLimit("joint")]
+        contacts += [cp.constraints.JointFriction("joint", 0.5)] if friction else []
+        scene = cp.Scene(slider, contacts=contacts)
+        step = cp.step(scene, [0.1], [0.3], [5.0], dt=DT)
+        by_mass = step.derivatives(route=route, wrt=["inertias"]).dv_dinertias[0, 0]
+        assert by_mass == pytest.approx(-DT * (5.0 - 0.5 * friction) / 2.0**2, rel=1e-3)
 
 
 @pytest.mark.parametrize("scheme", [*HARD, *CONVEX], ids=lambda s: type(s).__name__)

@@ -131,6 +131,7 @@ class Brake:
         for _ in range(_CORRECTIONS):
             c, J = self._equations.position_level(q)
             A = pin.ccrba(self._model, self._model.createData(), q, self._still) / self._mass
+            A = A.reshape(6, -1)  # a single column comes as a vector
             D = np.vstack((J, self._stiff, A[:3], self._level @ A[3:]))
             M, why = self._equations.mass(q), singular_mass(self._model, q)
             factors = factorise(M, D, tolerances.RANK, why=why)

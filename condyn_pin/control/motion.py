@@ -68,14 +68,16 @@ class Motion:
         """Return the centre of mass: 3 rows in the axes of the world."""
         data = self.data
         pin.centerOfMass(self.model, data, pin.KinematicLevel.ACCELERATION, False)
-        return Point(*self._com, pin.jacobianCenterOfMass(self.model, data, False), self._acom)
+        # a single column comes as a vector
+        J = pin.jacobianCenterOfMass(self.model, data, False).reshape(3, -1)
+        return Point(*self._com, J, self._acom)
 
     def angular_momentum(self) -> Point:
         """Return the angular momentum about the centre of mass; it is its own "velocity"."""
         model, data = self.model, self.data
         drift = np.array(pin.computeCentroidalMomentumTimeVariation(model, data).angular)
         momentum = np.array(data.hg.angular)
-        J = np.array(pin.ccrba(model, data, self.q, self.v)[3:])
+        J = np.array(pin.ccrba(model, data, self.q, self.v).reshape(6, -1)[3:])
         return Point(momentum, momentum, J, drift)
 
 

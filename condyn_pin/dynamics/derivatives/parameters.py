@@ -37,7 +37,8 @@ def gravity_regressor(model: Any, q: Array) -> Array:
 
 def inertia_regressor(model: Any, q: Array, v: Array, a: Array) -> Array:
     """Return Y (nv, 10 (njoints - 1)) with M a + h = Y pi + armature a."""
-    return np.array(pin.computeJointTorqueRegressor(model, model.createData(), q, v, a))
+    Y = pin.computeJointTorqueRegressor(model, model.createData(), q, v, a)
+    return np.array(Y).reshape(model.nv, -1)  # a single row comes as a vector
 
 
 def placement_partials(

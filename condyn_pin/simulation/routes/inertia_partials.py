@@ -25,12 +25,15 @@ class InertiaPartials:
 
     def forces(self, q: Array, v: Array, a: Array) -> Array:
         """Return M a + h by the inertias (nv, size)."""
-        return np.array(pin.computeJointTorqueRegressor(self._model, self._data, q, v, a))
+        return self._rows(pin.computeJointTorqueRegressor(self._model, self._data, q, v, a))
 
     def momenta(self, q: Array, x: Array) -> Array:
         """Return M x by the inertias (nv, size)."""
         v = np.zeros(len(x))
-        return np.array(pin.computeJointTorqueRegressor(self._still, self._data, q, v, x))
+        return self._rows(pin.computeJointTorqueRegressor(self._still, self._data, q, v, x))
+
+    def _rows(self, regressor: Array) -> Array:
+        return np.array(regressor).reshape(-1, self.size)  # a single row comes as a vector
 
     def mass(self) -> Array:
         """Return the mass of the robot by the inertias (size,)."""
