@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -12,6 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.kept import Kept
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.constraints import loads
 from condyn_pin.constraints.applied_force import AppliedForce
@@ -25,21 +25,17 @@ from condyn_pin.dynamics.scene_checks import check_bilateral, check_moment, chec
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.soundness import singular_mass
 
-# the equations of a thread's last scene: their memory takes longer to make than to use
-_last = threading.local()
+# Their memory takes longer to make than to use.
+_equations = Kept[Equations]()
 
 
 def equations_of(scene: Scene) -> Equations:
-    """Return this thread's equations of a scene: the last ones, or new ones.
+    """Return this thread's equations of a scene: earlier ones, or new ones.
 
     What they return is yours; what they refer to is overwritten by their next use.
     """
     scene.robot.check_unedited()
-    equations: Equations | None = getattr(_last, "equations", None)
-    if equations is None or _last.scene is not scene:
-        equations = Equations(scene.robot.model, scene.bounds)
-        _last.equations, _last.scene = equations, scene
-    return equations
+    return _equations.of(scene, None, lambda: Equations(scene.robot.model, scene.bounds))
 
 
 @dataclass(frozen=True, eq=False)

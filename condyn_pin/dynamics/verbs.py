@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.kept import Kept
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
@@ -18,8 +19,8 @@ from condyn_pin.dynamics.workspace import Workspace
 if TYPE_CHECKING:
     from condyn_pin.dynamics.derivatives.base import Derivatives
 
-# The workspace of this thread's last call: a loop over `solve` with one scene builds only one.
-_last = threading.local()
+# A loop over `solve` with one scene, or with some in turn, builds a workspace for each.
+_workspaces = Kept[Workspace]()
 
 
 def solve(
@@ -164,11 +165,7 @@ def derivatives(
 
 
 def workspace_for(scene: Scene, solver: Solver | None, drift: Baumgarte | None) -> Workspace:
-    """Return this thread's workspace for a scene: the last one, or a new one."""
-    workspace: Workspace | None = getattr(_last, "workspace", None)
-    if workspace is None or workspace.scene is not scene or _last.asked != (solver, drift):
-        workspace = Workspace(scene, solver, drift=drift)
-        _last.workspace, _last.asked = workspace, (solver, drift)
-    else:
-        scene.robot.check_unedited()
-    return workspace
+    """Return this thread's workspace for a scene: one of the last ones, or a new one."""
+    check_scene(scene)
+    scene.robot.check_unedited()
+    return _workspaces.of(scene, (solver, drift), lambda: Workspace(scene, solver, drift=drift))

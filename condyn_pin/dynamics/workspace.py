@@ -16,7 +16,6 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import FLOAT, HIGH, LOW, unpack_quaternion
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.compiled import Native, check_native
 from condyn_pin._core.one_thread import alone, in_use
 from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
@@ -33,6 +32,7 @@ from condyn_pin.dynamics.verifier import Verifier, failure
 from condyn_pin.errors import InvalidArgument, UnsupportedBackend
 
 if TYPE_CHECKING:
+    from condyn_pin._core.compiled import Native
     from condyn_pin.dynamics.compiled.core import CompiledCore
     from condyn_pin.dynamics.derivatives.base import Derivatives
 
@@ -89,7 +89,10 @@ class Workspace(Memory):
         native: Native = False,
     ) -> None:  # fmt: skip
         check_scene(scene)
-        check_native(native)
+        if native is not False:  # imported here: most do without
+            from condyn_pin._core.compiled import check_native
+
+            check_native(native)
         if not isinstance(solver, Solver | None):
             raise InvalidArgument(
                 f"solver = {solver!r}: a solver object is needed, such as Proximal() or LCABA()"

@@ -15,7 +15,6 @@ apart, so that implicit methods add nothing negative to M.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
@@ -23,6 +22,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.kept import Kept
 from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.model.spring import SpringDamper
 
@@ -145,14 +145,10 @@ class SpringDampers:
         return np.asarray(self.k[:, None, None] * along + across)
 
 
-# Those of this thread's last robot: their memory takes longer to make than to use.
-_last = threading.local()
+# Their memory takes longer to make than to use.
+_kept = Kept[SpringDampers]()
 
 
 def spring_dampers_of(robot: Any) -> SpringDampers:
-    """Return this thread's spring-dampers of a robot: the last ones, or new ones."""
-    kept: SpringDampers | None = getattr(_last, "kept", None)
-    if kept is None or _last.robot is not robot:
-        kept = SpringDampers(robot, robot.spring_dampers)
-        _last.kept, _last.robot = kept, robot
-    return kept
+    """Return this thread's spring-dampers of a robot: earlier ones, or new ones."""
+    return _kept.of(robot, None, lambda: SpringDampers(robot, robot.spring_dampers))

@@ -10,7 +10,6 @@ is the error of the integration.
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import NamedTuple
@@ -20,6 +19,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.kept import Kept
 from condyn_pin.constraints.along import along_at
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.many import MANY, ManyGaps
@@ -27,9 +27,6 @@ from condyn_pin.dynamics.scene import Scene
 
 # Samples for which a matrix of them all is small.
 _FEW = 64
-
-# The gauges of this thread's last two scenes: one as it was written, and with contacts anchored.
-_last = threading.local()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -161,13 +158,14 @@ class Gauge:
         return found
 
 
+# One of a scene as it was written, one of it with contacts anchored, and those of others.
+_gauges = Kept[Gauge]()
+
+
 def gauge_of(scene: Scene) -> Gauge:
-    """Return this thread's gauge of a scene: one of the last two, or a new one."""
+    """Return this thread's gauge of a scene: an earlier one, or a new one."""
     scene.robot.check_unedited()
-    kept: tuple[Gauge, ...] = getattr(_last, "gauges", ())
-    gauge = next((each for each in kept if each.scene is scene), None) or Gauge(scene)
-    _last.gauges = (gauge, *(each for each in kept if each is not gauge))[:2]
-    return gauge
+    return _gauges.of(scene, None, lambda: Gauge(scene))
 
 
 def drive_power(scene: Scene, t: Array, lam: Array) -> Array:

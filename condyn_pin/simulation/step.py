@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Sequence
 from time import perf_counter
 from typing import Final
@@ -15,6 +14,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.kept import Kept
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.loads import Load
 from condyn_pin.contact.judge import judged
@@ -35,9 +35,6 @@ from condyn_pin.simulation.step_start import StepStart
 from condyn_pin.simulation.system import System
 
 _DEFAULT: Final = StewartTrinkle()
-
-# The memory of this thread's last call: a loop over `step` with one scene makes only one.
-_last = threading.local()
 
 
 def step(
@@ -163,7 +160,6 @@ class _Memory:
     """One scene, one scheme and one dt."""
 
     def __init__(self, scene: Scene, dt: float, scheme: ContactScheme) -> None:
-        check_scene(scene)
         self._t = moment_of(scene)  # where the step begins [s]
         if not isinstance(scheme, ContactScheme):
             raise InvalidArgument(
@@ -173,8 +169,7 @@ class _Memory:
         check_scheme(scene, scheme)
         if not finite("dt", dt, ()) > 0:
             raise InvalidArgument(f"dt = {dt!r}: a number > 0 [s] is needed")
-        self.asked = scene, float(dt), scheme
-        self._scene, self._dt = scene, float(dt)
+        self._scene, self._dt, self._scheme = scene, float(dt), scheme
         self._system = System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
         self._steps = ContactSteps(scheme, self._system, self._dt)
 
@@ -223,7 +218,7 @@ class _Memory:
             penetration=float(np.maximum(-gaps, 0.0).max(initial=0.0)),
             energy_lost=0.0 - work.contact, correction_work=work.correction,
             algorithmic_work=work.algorithmic, driven_work=work.driven,
-            dt=self._dt, scene=self._scene, integrator=self.asked[2], start=start,
+            dt=self._dt, scene=self._scene, integrator=self._scheme, start=start,
             _taken=self._steps.last,
         )  # fmt: skip
 
@@ -275,13 +270,14 @@ class _Memory:
         return Load(torque, np.abs(torque), (), ())
 
 
+# A loop over `step` with one scene, or with some in turn, makes a memory for each.
+_memories = Kept[_Memory]()
+
+
 def _memory(scene: Scene, dt: float, integrator: ContactScheme) -> _Memory:
-    memory: _Memory | None = getattr(_last, "memory", None)
-    if memory is None or memory.asked[0] is not scene or memory.asked[1:] != (dt, integrator):
-        _last.memory = memory = _Memory(scene, dt, integrator)
-    else:
-        scene.robot.check_unedited()
-    return memory
+    check_scene(scene)
+    scene.robot.check_unedited()
+    return _memories.of(scene, (dt, integrator), lambda: _Memory(scene, dt, integrator))
 
 
 def _state(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:

@@ -6,7 +6,6 @@ A step that has no such answer, and a motion with one in it, are Python's.
 
 from __future__ import annotations
 
-import threading
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any, Final, NamedTuple
@@ -18,6 +17,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
+from condyn_pin._core.kept import Kept
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.constraints.rows.compiled_rows import BALL, COUPLING, CUT, HELD, ROD, WELD
@@ -123,19 +123,18 @@ def _plan(dt: float, method: _Method) -> Array:
 _DYNAMICS: Final = ERRORS.index("dynamics_error")
 _DOUBTFUL: Final = tolerances.FORCES / 100
 
-# The contacts of this thread's last chunk: a worker does chunk after chunk of one batch.
-_last = threading.local()
+_contacts = Kept[Any]()
 
 
 def contacts_of(workspace: Workspace, contacts: tuple[Contact, ...]) -> Any:
-    """Return the core's memory for a workspace with contacts."""
-    known: tuple[Workspace, tuple[Contact, ...], Any] | None = getattr(_last, "contacts", None)
-    if known is None or known[0] is not workspace or known[1] != contacts:
+    """Return the core's memory for a workspace with contacts, made once for all chunks."""
+
+    def make() -> Any:
         scene = replace(workspace.scene, contacts=contacts)
         rank = chains_of(workspace.scene).rank if workspace.scene.rows else 0
-        made = compiled().Contacts(workspace.compiled.core, **of_contacts(scene, rank))
-        _last.contacts = known = workspace, contacts, made
-    return known[2]
+        return compiled().Contacts(workspace.compiled.core, **of_contacts(scene, rank))
+
+    return _contacts.of(workspace, contacts, make)
 
 
 def states_of(workspace: Workspace, inputs: Arrays) -> tuple[Array, Array, Array]:

@@ -8,15 +8,11 @@ call them.
 
 from __future__ import annotations
 
-import threading
-
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.kept import Kept
 from condyn_pin.dynamics.workspace import Workspace
-
-# The path of this thread's last chunk: a worker does chunk after chunk of one batch.
-_last = threading.local()
 
 
 class DrivenPath:
@@ -32,7 +28,6 @@ class DrivenPath:
     """
 
     def __init__(self, workspace: Workspace, dt: float, steps: int) -> None:
-        self._of = workspace, dt, steps
         equations = workspace.equations
         self.rows = equations.driven.astype(np.int32)
         count = 2 * steps + 1 if self.rows.size else 0
@@ -43,10 +38,6 @@ class DrivenPath:
             except Exception:
                 break
 
-    def is_of(self, workspace: Workspace, dt: float, steps: int) -> bool:
-        """Return whether it is that of so many steps of a workspace."""
-        return self._of[0] is workspace and self._of[1:] == (dt, steps)
-
     def power(self, lam: Array, every: int) -> Array:
         """Return lam . s' [W] of motions (n, kept) at every so many steps, and at the last one."""
         last = len(self.wanted) - 1
@@ -54,9 +45,9 @@ class DrivenPath:
         return np.asarray(np.einsum("nkr,kr->nk", lam[:, :, self.rows], rates))
 
 
+_paths = Kept[DrivenPath]()
+
+
 def driven_path_of(workspace: Workspace, dt: float, steps: int) -> DrivenPath:
-    """Return the paths on the way of a motion of so many steps."""
-    path: DrivenPath | None = getattr(_last, "path", None)
-    if path is None or not path.is_of(workspace, dt, steps):
-        _last.path = path = DrivenPath(workspace, dt, steps)
-    return path
+    """Return the paths on the way of a motion of so many steps, evaluated once for all chunks."""
+    return _paths.of(workspace, (dt, steps), lambda: DrivenPath(workspace, dt, steps))

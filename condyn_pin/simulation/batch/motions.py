@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from dataclasses import dataclass, field, replace
 from math import nan
 from time import perf_counter
@@ -13,6 +12,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.kept import Kept
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin._core.parallel.transports import Messages
 from condyn_pin.constraints.applied_force import AppliedForce
@@ -38,9 +38,6 @@ _CODES: Final = {status: code for code, status in enumerate(RUN_STATUSES)}
 
 # What `simulate` raises of a state that no motion begins at.
 _CANNOT_BEGIN: Final = (NotAssembled, SolveFailed, StepFailed)
-
-# The runner of this thread's last chunk: a worker does chunk after chunk of one batch.
-_last = threading.local()
 
 
 @dataclass(frozen=True)
@@ -69,9 +66,9 @@ class Motions:
 
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
         """Simulate the rows; return why those ended early that did."""
-        runner: _Runner | None = getattr(_last, "runner", None)
-        if runner is None or not runner.fits(self, workspace):
-            _last.runner = runner = _Runner(self, workspace)
+        # functions are not compared: their == may be that of arrays
+        asked = self, id(self.function), id(self.jacobian)
+        runner = _runners.of(workspace, asked, lambda: _Runner(self, workspace))
         tau, words = inputs["tau0"], {}
         for i, (q, v) in enumerate(zip(inputs["q0"], inputs["v0"], strict=True)):
             begun = perf_counter()
@@ -99,13 +96,6 @@ class _Runner:
         self._plan = motions.plan(self._scene)
         self._phase: HybridPhase | None = None
 
-    def fits(self, motions: Motions, workspace: Workspace) -> bool:
-        """Return whether these motions can be run here too."""
-        mine = self.motions
-        same = mine == motions and mine.function is motions.function
-        same = same and mine.jacobian is motions.jacobian
-        return same and self.workspace is workspace
-
     def run(self, q: Array, v: Array, tau: Array, forces: tuple[AppliedForce, ...]) -> Trajectory:
         """Return the motion from a state; KeyboardInterrupt if it was interrupted, for all."""
         self._plan.tau.hold(None if self.motions.function else tau, forces)
@@ -116,6 +106,9 @@ class _Runner:
         uninterrupted(trajectory)
         self._phase = phase
         return trajectory
+
+
+_runners = Kept[_Runner]()
 
 
 def _start(workspace: Workspace, q: Array, v: Array, plan: Plan) -> tuple[Array, Array]:

@@ -11,6 +11,7 @@ from typing import Final
 
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.kept import Kept
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin._core.parallel.native import Native
@@ -122,7 +123,7 @@ def simulate_batch(
     applied, of_rows, more = split(scene.robot, forces, len(q), functions=True)
     motions = replace(motions, every=every, forces=of_rows, contacts=tuple(scene.contacts))
     most = max(1, int(_SOLVES / planned.steps / max(planned.integrator.solves_per_step, 1)))
-    held = scene.bilateral.at(0.0)
+    held = _begun(scene.bilateral)
     recipe = Recipe(held, solver)
     if isinstance(executor, Native):  # whose workspace is that of the motions
         recipe = Recipe(held, solver or default_solver(held), planned.drift.rows)
@@ -147,6 +148,14 @@ def untaken_by_core(workspace: Workspace, planned: Plan) -> Iterator[str]:
     yield from arrays.untaken(workspace)
     if not planned.scene.contacts:  # whose steps have the rows of the scene themselves
         yield from untaken_rows(workspace, planned.drift)
+
+
+_started = Kept[Scene]()
+
+
+def _begun(scene: Scene) -> Scene:
+    """Return a scene where motions begin: the same one each time, so that its workspace is."""
+    return _started.of(scene, None, lambda: scene.at(0.0)) if scene.is_driven else scene
 
 
 def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import threading
 from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -14,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import read_only
+from condyn_pin._core.kept import Kept
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays, Kind
 from condyn_pin._core.parallel.native import Native
@@ -139,8 +139,7 @@ def batch_of_steps(
     return BatchStep(scene=scene, dt=dt, integrator=integrator, seconds=seconds, **arrays)
 
 
-# The scene of this thread's last chunk: a worker does chunk after chunk of one batch.
-_last = threading.local()
+_scenes = Kept[Scene]()
 
 
 @dataclass(frozen=True)
@@ -175,11 +174,8 @@ class StepKernel:
         return now
 
     def _scene(self, workspace: Workspace) -> Scene:
-        known: tuple[Workspace, StepKernel, Scene] | None = getattr(_last, "scene", None)
-        if known is None or known[0] is not workspace or known[1] != self:
-            scene = replace(workspace.scene, contacts=self.contacts)
-            _last.scene = known = workspace, self, scene
-        return known[2]
+        bilateral, contacts = workspace.scene, self.contacts
+        return _scenes.of(workspace, contacts, lambda: replace(bilateral, contacts=contacts))
 
 
 def _put(outputs: Arrays, i: int, now: StepSolution) -> None:

@@ -19,7 +19,6 @@ make of kinks and jumps.
 
 from __future__ import annotations
 
-import threading
 from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -29,6 +28,7 @@ from typing import ClassVar, Final
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.kept import Kept
 from condyn_pin._core.parameters import Grid
 from condyn_pin._core.registry import enter
 from condyn_pin.contact.problem import ContactProblem
@@ -158,27 +158,14 @@ def check_parameters(
     return tuple(wrt)
 
 
-# The memory of this thread's last scene: a loop over derivatives, also by several routes, whose
-# schemes differ, makes what it needs only once.
-_last = threading.local()
-
-# How many are kept.
-_MOST: Final = 4
+# A loop over derivatives, also by several routes, whose schemes differ, makes what it needs once.
+_steps = Kept[LinearSteps]()
 
 
 def linear_steps(
     scene: Scene, scheme: ContactScheme, dt: float, wrt: Sequence[str] = ()
 ) -> LinearSteps:
     """Return this thread's linear steps of a scene and a scheme: earlier ones, or new ones."""
-    if getattr(_last, "scene", None) is scene:
-        scene.robot.check_unedited()
-    else:
-        _last.scene, _last.kept = scene, []
-    kept: list[LinearSteps] = _last.kept
+    scene.robot.check_unedited()
     asked = scheme, dt, tuple(wrt)
-    for steps in kept:
-        if steps.asked == asked:
-            return steps
-    kept.append(LinearSteps(scene, scheme, dt, wrt=wrt))
-    del kept[:-_MOST]
-    return kept[-1]
+    return _steps.of(scene, asked, lambda: LinearSteps(scene, scheme, dt, wrt=wrt))

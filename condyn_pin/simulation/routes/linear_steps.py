@@ -108,7 +108,7 @@ class LinearSteps:
     def _take(self, dt: float, steps: ContactSteps) -> None:
         """Take other steps of the same scheme, dt long [s]."""
         scheme = self.scheme
-        self.dt, self.steps, self.asked = dt, steps, (scheme, dt, self.wrt)
+        self.dt, self.steps = dt, steps
         self._impulses = dt * self._unit  # of unit torques
         self.floating, self.paths = steps.floating, steps.paths
         self.falls = falls(self.system.model, dt)
