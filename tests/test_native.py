@@ -318,22 +318,23 @@ def test_bad_arguments_are_refused_as_in_python():
         cp.solve_batch(scene, q, v, tau, executor=cp.Native())
     core = cp.Workspace(scene).compiled.core
     answers = {
-        "a": np.zeros_like(v), "lam": np.zeros((N, scene.rows)), "sizes": np.zeros((N, 9)),
-        "iterations": np.zeros(N, np.int32), "times": np.zeros(N), "loads": np.zeros_like(v),
+        "a": np.zeros_like(v), "lam": np.zeros((N, scene.rows)), "residuals": np.zeros((N, 5)),
+        "iterations": np.zeros(N, np.int32), "clear": np.zeros(N, np.int32), "times": np.zeros(N),
     }  # fmt: skip
     forces = {
         "pushes": np.array([[1, 0]], np.int32), "placements": np.zeros((1, 12)),
         "wrenches": np.zeros((N, 6)),
     }  # fmt: skip
-    core.solve(q, v, tau, **answers, **forces, threads=1)
+    more = {"accuracy": 1e-8, "threads": 1}
+    core.solve(q, v, tau, **answers, **forces, **more)
     for bad in (
-        {"a": v[:, :-1].copy()}, {"sizes": v}, {"wrenches": np.zeros((N, 3))},
-        {"pushes": np.array([[99, 0]], np.int32)}, {"loads": v[:2]},
+        {"a": v[:, :-1].copy()}, {"residuals": v}, {"wrenches": np.zeros((N, 3))},
+        {"pushes": np.array([[99, 0]], np.int32)}, {"clear": np.zeros(2, np.int32)},
     ):  # fmt: skip
         with pytest.raises(ValueError, match="does not fit the scene"):
-            core.solve(q, v, tau, **(answers | forces | bad), threads=1)
+            core.solve(q, v, tau, **(answers | forces | bad), **more)
     with pytest.raises(ValueError, match="does not fit the scene"):
-        core.solve(q[:, :-1].copy(), v, tau, **answers, **forces, threads=1)
+        core.solve(q[:, :-1].copy(), v, tau, **answers, **forces, **more)
 
 
 def test_rows_of_constraints_that_do_not_fit_are_refused_at_the_border():
@@ -748,3 +749,72 @@ def test_a_workspace_refuses_or_leaves_what_the_core_does_not_take():
     willing = cp.Workspace(scene, native="where possible")
     pushed = willing.solve(*state, forces=push)
     np.testing.assert_array_equal(pushed.a, cp.solve(scene, *state, forces=push).a)
+
+
+@pytest.mark.parametrize("label", ["talos contacts", "cassie loops", "four_bar hinge"])
+def test_the_verdict_of_the_core_is_that_of_python(label):
+    """From quiet states to those whose forces are a million times the weight, and accuracies."""
+    scene, (Q, V, TAU) = all_scenes()[label], batch_of(label, 8)
+    workspace = cp.Workspace(scene, native=True)
+    core, equations, estimator = workspace.compiled, workspace.equations, scene.nominal.estimator
+    left = 0
+    for q, v, tau in zip(Q, V, TAU, strict=True):
+        for scale in (0.0, 1.0, 1e2, 1e4, 1e6):
+            state = q, scale * v, scale**2 * tau
+            found = core.one(*state, 1e-8)
+            if found is None:
+                left += 1
+                assert not _is_clear(workspace, *state)
+                continue
+            dynamics, largest = equations.errors(*state, found.a, found.lam)
+            wanted, doubtful = estimator.prove(dynamics, largest, state[2])
+            assert not doubtful
+            size = max(largest[1], estimator.gravity)
+            # residuals of large forces are their rounding, and that is another one
+            assert found.error_bound == pytest.approx(wanted.bound, rel=0.5, abs=ROUNDED)
+            assert found.dynamics_error <= estimator.unheard * size
+            assert core.one(*state, 0.99 * found.error_bound) is None
+            assert core.one(*state, 1.01 * found.error_bound) is not None
+    assert 0 < left < 40
+
+
+def _is_clear(workspace: cp.Workspace, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> bool:
+    """Whether Python calls its answer ok without a second look, and its forces small."""
+    nominal = workspace.scene.nominal
+    found = workspace._by_python(q, v, tau, (), 1e-8, False)
+    dynamics, largest = workspace.equations.errors(q, v, tau, found.a, found.lam)
+    residuals, doubtful = nominal.estimator.prove(dynamics, largest, tau)
+    size = max(largest[1], nominal.estimator.gravity)
+    falls = nominal.pivots.may_fall and not nominal.pivots.holds(
+        residuals.bound, workspace.equations.mass(q)
+    )
+    small = residuals.dynamics <= nominal.estimator.unheard * size
+    return not doubtful and not falls and small and residuals.bound <= 1e-8
+
+
+def test_arguments_that_only_need_converting_are_converted_for_the_core():
+    scene, states = all_scenes()["solo12 contacts"], batch_of("solo12 contacts", 1)
+    workspace, (q, v, tau) = cp.Workspace(scene, native=True), [x[0] for x in states]
+    wanted = workspace.solve(q, v, tau)
+    many = np.repeat(v, 2)[::2]
+    for state in (
+        (q.tolist(), v.tolist(), tau.tolist()), (q, many, tau), (q, v.astype(">f8"), tau),
+        pickle.loads(pickle.dumps((q, v, tau))),
+    ):  # fmt: skip
+        found = workspace.solve(*state)
+        np.testing.assert_array_equal(found.a, wanted.a)
+        np.testing.assert_array_equal(found.q, q)
+        assert not np.shares_memory(found.q, state[0])
+        by = workspace.derivatives(*state)
+        np.testing.assert_array_equal(by.da_dv, workspace.derivatives(q, v, tau).da_dv)
+    rough = workspace.solve(q, v.astype(np.float32), tau)
+    np.testing.assert_array_equal(rough.a, workspace.solve(q, np.float64(np.float32(v)), tau).a)
+    for bad, text in (
+        ((q, v[:-1], tau), "v"), ((q, v[None], tau), "v"), ((q, 1j * v, tau), "v"),
+        ((q[:, None], v, tau), "q"), ((q, v, "torques"), "tau"), ((1.1 * q, v, tau), "norm"),
+    ):  # fmt: skip
+        for verb in (workspace.solve, workspace.derivatives):
+            with pytest.raises(cp.InvalidArgument, match=text):
+                verb(*bad)
+    with pytest.raises(cp.InvalidArgument, match="accuracy"):
+        workspace.solve(q, v, tau, accuracy=0.0)

@@ -41,14 +41,12 @@ against the largest torque in the equation of a joint as well (`Verifier`).
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, sqrt
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
@@ -152,16 +150,10 @@ class ErrorEstimator:
         """Return the sizes of the residuals, and whether w and sigma have to be computed anew.
 
         `dynamics` and `largest` are those of `Equations.errors`; `e` bounds |e|_inf, where it was
-        computed.
+        computed. ``native/src/core/verdict.hpp`` is the same.
         """
-        return self.judge(self.weights.dot(dynamics), largest, tau, e)
-
-    def judge(
-        self, weighted: float, largest: Sequence[float], tau: Array, e: float | None = None
-    ) -> tuple[Residuals, bool]:
-        """Return the same from the product of the weights with `dynamics`."""
         max_dynamics, max_a, violation, velocity, constraint, max_lam = largest
-        e_M = weighted + self.per_row * constraint
+        e_M = self.weights.dot(dynamics) + self.per_row * constraint
         error = float(self.largest_weight * e_M)
         scale = max_a if max_a > self.gravity else self.gravity
         if e is not None:  # relative to the exact a, which may be smaller by as much
@@ -177,26 +169,6 @@ class ErrorEstimator:
             or max_lam > self.no_force * scale
         )
         return Residuals(max_dynamics, constraint, violation, velocity, bound), doubtful
-
-    def prove_many(
-        self, max_a: Array, constraint: Array, max_lam: Array, weighted: Array, tau: Array
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the bounds of many answers (k,), and which are in doubt, as `prove` does.
-
-        `weighted` (k,) are the products of the weights with the residuals of the dynamics, `tau`
-        (k, nv) the torques; what is not a number is in doubt.
-        """
-        scale = np.maximum(max_a, self.gravity)
-        with np.errstate(all="ignore"):  # what is not a number is in doubt
-            error = self.largest_weight * (weighted + self.per_row * constraint)
-            rough = ~(error <= _NEAR_ROUNDING * scale)
-            felt = self.largest_weight * _EPS * (np.abs(tau[rough]) @ self.weights)
-            error[rough] -= felt
-            bound = np.maximum(error, 0.0) / scale
-            bound = np.where(scale > 0.0, bound, np.where(error <= 0.0, 0.0, inf)) + self.rounding
-            sure = (constraint <= self.unquestioned * scale) & (bound <= tolerances.SOLVED)
-            sure &= (max_a <= self.no_machine) & (max_lam <= self.no_force * scale)
-        return bound, ~sure
 
     def rounding_of(self, torques: Array) -> float:
         """Return what rounding of some torques (nv,), all positive, does to a: eps max(w) w.tau.

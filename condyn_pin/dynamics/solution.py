@@ -127,11 +127,11 @@ class Solution:
         q: Array,
         applied: tuple[AppliedForce, ...] = (),
     ) -> None:
-        # at once: the eight guarded assignments of a frozen dataclass take twice as long
-        self.__dict__.update(
-            a=a, lam=lam, residuals=residuals, status=status, iterations=iterations,
-            solve_time=solve_time, scene=scene, q=q, applied=applied,
-        )  # fmt: skip
+        # the guarded assignments of a frozen dataclass take twice as long
+        its = self.__dict__
+        its["a"], its["lam"], its["residuals"], its["status"] = a, lam, residuals, status
+        its["iterations"], its["solve_time"] = iterations, solve_time
+        its["scene"], its["q"], its["applied"] = scene, q, applied
 
     @property
     def dynamics_error(self) -> float:

@@ -15,7 +15,6 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import FLOAT, HIGH, LOW, unpack_quaternion
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.one_thread import alone, in_use
 from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
@@ -242,7 +241,6 @@ class Workspace(Memory):
             raise failure(self, solution)
         return solution.a
 
-    @alone
     def solve(
         self,
         q: ArrayLike,
@@ -262,26 +260,35 @@ class Workspace(Memory):
         SharedWorkspace
             If another thread is at work in it.
         """
-        q_, v_, tau_ = self._arguments.accept(q, v, tau)
-        return self._answered(q_, v_, tau_, forces, accuracy, throw)
-
-    def _answered(
-        self, q_: Array, v_: Array, tau_: Array, forces: Sequence[AppliedForce],
-        accuracy: float | None, throw: bool,
-    ) -> Solution:  # fmt: skip
-        """Return `solve` of arguments that were accepted, for who is at work in it alone."""
         if accuracy is None:
             accuracy = self.solver.accuracy
         else:
             check_accuracy_of_a(accuracy)
-        load: Load | None = None
         if self.core:
             if forces is _NO_FORCES:
-                found = self.core.one(q_, v_, tau_, accuracy)
-                if found is not None:
+                if self._user:  # no other thread begins meanwhile: the core holds the GIL
+                    self.check_alone()
+                found = self.core.one(q, v, tau, accuracy)
+                if found:
                     return found
             elif self.native is True:
                 self.core.check(forces)
+        return self._by_python(q, v, tau, forces, accuracy, throw)
+
+    @alone
+    def _by_python(
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, forces: Sequence[AppliedForce],
+        accuracy: float, throw: bool,
+    ) -> Solution:  # fmt: skip
+        """Return `solve`."""
+        return self._answered(*self._arguments.accept(q, v, tau), forces, accuracy, throw)
+
+    def _answered(
+        self, q_: Array, v_: Array, tau_: Array, forces: Sequence[AppliedForce],
+        accuracy: float, throw: bool,
+    ) -> Solution:  # fmt: skip
+        """Return `solve` of arguments that were accepted, for who is at work in it alone."""
+        load: Load | None = None
         self._solved_by = get_ident()
         start = perf_counter()
         if forces is not _NO_FORCES:
@@ -305,8 +312,6 @@ class Workspace(Memory):
                 raise failure(self, solution)
         return solution
 
-    @alone
-    @one_blas_thread
     def derivatives(
         self,
         q: ArrayLike,

@@ -20,14 +20,19 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.verifier import LOOSE
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.applied_force import AppliedForce
     from condyn_pin.constraints.baumgarte import Baumgarte
     from condyn_pin.constraints.loads import Loads
     from condyn_pin.constraints.rows.any_bound import AnyBound
+    from condyn_pin.dynamics.residuals import ErrorEstimator
     from condyn_pin.dynamics.workspace import Workspace
     from condyn_pin.model.robot import Robot
+
+# No acceleration of a machine, as in `Workspace`.
+_LARGEST: Final = 1e100
 
 # Kinds of joints that are compiled.
 JOINTS: Final = (
@@ -137,12 +142,20 @@ def of_solver(workspace: Workspace) -> dict[str, Any]:
     return {
         "method": 1 + _DIRECT.index(solver) if solver in _DIRECT else 0,
         "weights": np.ascontiguousarray(nominal.estimator.weights),
+        "verdict": of_verdict(nominal.estimator),
         "open_squared": (0.1 * tolerances.CLOSED) ** 2,
         "watched": nominal.pivots.watched.astype(np.int32),
         "nominal_pivots": np.ascontiguousarray(nominal.pivots.nominal),
         "rank": np.array([nominal.dependent, workspace.equations.least], float),
         "proximal": np.array(plan, float),
     }
+
+
+def of_verdict(by: ErrorEstimator) -> Array:
+    """Return what answers are judged by, as `ErrorEstimator.prove` and `Verifier` do."""
+    of_residuals = by.gravity, by.largest_weight, by.per_row, by.rounding
+    of_doubts = by.unquestioned, by.no_machine, by.no_force, by.unheard
+    return np.array([*of_residuals, *of_doubts, tolerances.SOLVED, LOOSE, _LARGEST])
 
 
 def of_forces(loads: Loads, forces: Sequence[AppliedForce], count: int) -> dict[str, Any]:

@@ -8,14 +8,12 @@ the state is answered by Python: what is hard is looked at in one place only.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from functools import partial
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
@@ -24,20 +22,15 @@ from condyn_pin.dynamics.compiled.derivatives import CompiledDerivatives
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.dynamics.solution import Solution, Status
-from condyn_pin.dynamics.verifier import LOOSE
 from condyn_pin.errors import UnsupportedBackend
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
 
+_OK: Final = Status.OK
+
 State = tuple[Array, Array, Array]
 Outputs = dict[str, NDArray[Any]]
-
-# Columns of the sizes of an answer, as the core has them.
-_DYNAMICS, _A, _VIOLATION, _VELOCITY, _CONSTRAINT, _LAM, _WEIGHTED, _EXACT, _PIVOTS = range(9)
-
-# No acceleration of a machine, as in `Workspace`.
-_LARGEST = 1e100
 
 
 def refuse(reasons: Iterable[str]) -> None:
@@ -60,13 +53,18 @@ class CompiledCore:
 
     def __init__(self, workspace: Workspace) -> None:
         refuse(arrays.untaken(workspace))
-        self._workspace = workspace
+        self._workspace, self._arguments = workspace, workspace.scene.robot.arguments
+        self._scene = workspace.scene
+        n, m = workspace.model.nv, self._scene.rows
+        self._ends, self._size = (n, n + m), n + m + workspace.model.nq
+        self._blocks = 3, n + m, n
         self.core = compiled().Core(
             **arrays.of_model(workspace.model),
             **arrays.of_springs(workspace.scene.robot),
             **arrays.of_constraints(workspace),
             **arrays.of_solver(workspace),
         )
+        self._solve, self._differentiate = self.core.solve_one, self.core.differentiate_one
 
     def check(self, forces: Sequence[AppliedForce] = (), method: str = "kkt") -> None:
         """Refuse what it does not take beside a single state."""
@@ -94,100 +92,56 @@ class CompiledCore:
         more = {"threads": threads, "blocks": [outputs[name] for name in BLOCKS]}
         return self._answer(self.core.differentiate, state, outputs, accuracy, forces, more)
 
-    def one(self, q: Array, v: Array, tau: Array, accuracy: float) -> Solution | None:
-        """Return the solution of one state; None where it is left to Python."""
-        a, lam = np.empty(self._workspace.model.nv), np.empty(self._workspace.scene.rows)
-        *sizes, iterations, seconds = self.core.solve_one(q, v, tau, a, lam)
-        residuals = self._proved(q, tau, sizes, accuracy)
-        if residuals is None:
-            return None
-        scene = self._workspace.scene
-        return Solution(a, lam, residuals, Status.OK, iterations, seconds, scene, q.copy(), ())
+    def one(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, accuracy: float) -> Solution | None:
+        """Return the solution of one state; None where it is left to Python.
+
+        Arrays that are right already are looked at in the core alone.
+        """
+        out = np.empty(self._size)
+        try:
+            said = self._solve(q, v, tau, accuracy, out)
+        except (TypeError, ValueError):
+            said = self._solve(*self._converted(q, v, tau), accuracy, out)
+        return said and self._solution(out, said)
 
     def derivatives(
-        self, q: Array, v: Array, tau: Array, accuracy: float
+        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, accuracy: float
     ) -> CompiledDerivatives | None:
         """Return the derivatives at one state; None where it is left to Python."""
-        workspace = self._workspace
-        n, m = workspace.model.nv, workspace.scene.rows
-        a, lam, sizes = np.empty((1, n)), np.empty((1, m)), np.zeros((1, 9))
-        iterations, times = np.zeros(1, np.int32), np.zeros(1)
-        by_q, by_v, by_tau = np.zeros((3, n + m, n))
-        blocks = by_q[:n], by_v[:n], by_tau[:n], by_q[n:], by_v[n:], by_tau[n:]
-        self.core.differentiate(
-            q[None], v[None], tau[None], a=a, lam=lam, sizes=sizes, iterations=iterations,
-            times=times, **self._no_forces, loads=np.zeros((1, n)),
-            blocks=[block[None] for block in blocks], threads=0,
-        )  # fmt: skip
-        residuals = self._proved(q, tau, sizes[0].tolist(), accuracy)
-        if residuals is None:
+        out, blocks = np.empty(self._size), np.empty(self._blocks)
+        try:
+            said = self._differentiate(q, v, tau, accuracy, out, blocks)
+        except (TypeError, ValueError):
+            q, v, tau = self._converted(q, v, tau)
+            said = self._differentiate(q, v, tau, accuracy, out, blocks)
+        if said is None:
             return None
-        solution = Solution(
-            a[0], lam[0], residuals, Status.OK, int(iterations[0]), float(times[0]),
-            workspace.scene, q.copy(), (),
+        answer = partial(self._solution, out, said)
+        return CompiledDerivatives(self._workspace, np.asarray(v), blocks, answer)
+
+    def _converted(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> list[Array]:
+        """Return the state as the core takes it, or raise `InvalidArgument`."""
+        return [np.ascontiguousarray(x, float) for x in self._arguments.check(q, v, tau)]
+
+    def _solution(self, out: Array, said: tuple[tuple[float, ...], int, float]) -> Solution:
+        (residuals, iterations, seconds), (n, end) = said, self._ends
+        return Solution(
+            out[:n], out[n:end], Residuals(*residuals), _OK, iterations, seconds, self._scene,
+            out[end:],
         )  # fmt: skip
-        return CompiledDerivatives(workspace, solution, v, (by_q, by_v, by_tau))
-
-    @cached_property
-    def _no_forces(self) -> dict[str, Any]:
-        return arrays.of_forces(self._workspace.loads, (), 1)
-
-    def _proved(
-        self, q: Array, tau: Array, sizes: Sequence[float], accuracy: float
-    ) -> Residuals | None:
-        """Return the residuals of an answer that is ok; None where there is a doubt."""
-        *largest, weighted, exact, left = sizes
-        estimator = self._workspace.scene.nominal.estimator
-        residuals, doubtful = estimator.judge(weighted, largest, tau)
-        size = max(largest[_A], estimator.gravity)
-        clear = (
-            not doubtful
-            and exact == 1.0
-            and largest[_A] < _LARGEST
-            and residuals.bound <= accuracy
-            and residuals.dynamics <= estimator.unheard * size
-            and pin.isNormalized(self._workspace.model, q, LOOSE)
-            and residuals.bound <= tolerances.SOLVED * left
-        )
-        return residuals if clear else None
 
     def _answer(
         self, work: Callable[..., None], state: State, outputs: Outputs, accuracy: float | None,
         forces: Sequence[AppliedForce], more: dict[str, Any],
     ) -> NDArray[np.intp]:  # fmt: skip
-        accuracy = self._workspace.solver.accuracy if accuracy is None else accuracy
         q, v, tau = state
-        tau, sizes = arrays.contiguous(tau, len(q)), np.zeros((len(q), 9))
-        loads = np.zeros_like(tau)
+        clear = np.zeros(len(q), np.int32)
         work(
-            q, v, tau, a=outputs["a"], lam=outputs["lam"], sizes=sizes,
-            iterations=outputs["iterations"], times=outputs["solve_times"],
-            **arrays.of_forces(self._workspace.loads, forces, len(q)), loads=loads, **more,
+            q, v, arrays.contiguous(tau, len(q)), a=outputs["a"], lam=outputs["lam"],
+            residuals=outputs["residuals"], iterations=outputs["iterations"], clear=clear,
+            times=outputs["solve_times"], **more,
+            **arrays.of_forces(self._workspace.loads, forces, len(q)),
+            accuracy=self._workspace.solver.accuracy if accuracy is None else accuracy,
         )  # fmt: skip
-        torques = np.abs(tau) + loads if forces else tau
-        outputs["residuals"][:], clear = self._judged(q, torques, sizes, accuracy)
         outputs["statuses"][:] = 0
-        return np.flatnonzero(~clear)
-
-    def _judged(
-        self, q: Array, tau: Array, sizes: Array, accuracy: float
-    ) -> tuple[Array, NDArray[np.bool_]]:
-        """Return the residuals (k, 5), and whether each answer is ok without a doubt (k,)."""
-        nominal = self._workspace.scene.nominal
-        estimator = nominal.estimator
-        largest, slip, forces = (sizes[:, i] for i in (_A, _CONSTRAINT, _LAM))
-        bound, doubtful = estimator.prove_many(largest, slip, forces, sizes[:, _WEIGHTED], tau)
-        clear = (sizes[:, _EXACT] == 1.0) & (sizes[:, _A] < _LARGEST) & ~doubtful
-        clear &= (bound <= accuracy) & self._normalised(q)
-        size = np.maximum(sizes[:, _A], estimator.gravity)
-        clear &= sizes[:, _DYNAMICS] <= estimator.unheard * size
-        clear &= bound <= tolerances.SOLVED * sizes[:, _PIVOTS]
-        columns = [_DYNAMICS, _CONSTRAINT, _VIOLATION, _VELOCITY]
-        return np.column_stack([sizes[:, columns], bound]), clear
-
-    def _normalised(self, q: Array) -> NDArray[np.bool_]:
-        """Return for each configuration (k, nq) whether no proof need look at its quaternions."""
-        fine = np.ones(len(q), bool)
-        for part in self._workspace.scene.robot.arguments.units:
-            fine &= np.abs(np.linalg.norm(q[:, part], axis=1) - 1.0) <= LOOSE
-        return fine
+        return np.flatnonzero(clear == 0)

@@ -9,6 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.one_thread import alone
+from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
@@ -47,23 +50,51 @@ def differentiate(
     """Return how a and lam change with q, v and tau; the arguments are those of `derivatives`."""
     if not isinstance(method, str) or method not in METHODS:
         raise unknown_name("method", str(method), METHODS)
-    q_, v_, tau_ = workspace.scene.robot.arguments.accept(q, v, tau)
+    if accuracy is None:
+        accuracy = workspace.solver.accuracy
+    else:
+        check_accuracy_of_a(accuracy)
     found: Derivatives | None = None
-    if workspace.core and workspace.native is True:
+    if workspace.core and workspace.native is True and not (method == "kkt" and forces == ()):
         workspace.core.check(forces, method)
     if workspace.core and method == "kkt" and not forces:
-        found = workspace.core.derivatives(q_, v_, tau_, accuracy or workspace.solver.accuracy)
+        workspace.check_alone()  # no other thread begins meanwhile: the core holds the GIL
+        found = workspace.core.derivatives(q, v, tau, accuracy)
     if found is None:
-        equations, linearisation = workspace.equations, workspace.linearisation
-        if method == "kkt" and linearisation.takes_the_model:
-            equations.recursion = linearisation  # once for the proof and for the derivatives
-        try:
-            solution = workspace._answered(q_, v_, tau_, forces, accuracy, workspace.solver.exact)
-        finally:
-            equations.recursion = None
-        if solution.status is not Status.OK and not np.isfinite(solution.a).all():
-            raise failure(workspace, solution)
-        found = METHODS[method](workspace, solution, v_, tau_)
+        found = _by_python(workspace, q, v, tau, forces, method, accuracy)
     if check:
-        check_derivatives(found, DifferenceDerivatives(workspace, found.solution, v_, tau_))
+        _check(workspace, q, v, tau, found)
     return found
+
+
+@alone
+@one_blas_thread
+def _by_python(
+    workspace: Workspace,
+    q: ArrayLike,
+    v: ArrayLike,
+    tau: ArrayLike,
+    forces: Sequence[AppliedForce],
+    method: str,
+    accuracy: float,
+) -> Derivatives:
+    q_, v_, tau_ = workspace.scene.robot.arguments.accept(q, v, tau)
+    equations, linearisation = workspace.equations, workspace.linearisation
+    if method == "kkt" and linearisation.takes_the_model:
+        equations.recursion = linearisation  # once for the proof and for the derivatives
+    try:
+        solution = workspace._answered(q_, v_, tau_, forces, accuracy, workspace.solver.exact)
+    finally:
+        equations.recursion = None
+    if solution.status is not Status.OK and not np.isfinite(solution.a).all():
+        raise failure(workspace, solution)
+    return METHODS[method](workspace, solution, v_, tau_)
+
+
+@alone
+@one_blas_thread
+def _check(
+    workspace: Workspace, q: ArrayLike, v: ArrayLike, tau: ArrayLike, found: Derivatives
+) -> None:
+    _, v_, tau_ = workspace.scene.robot.arguments.accept(q, v, tau)
+    check_derivatives(found, DifferenceDerivatives(workspace, found.solution, v_, tau_))

@@ -49,12 +49,12 @@ class KktDerivatives(Derivatives):
     """
 
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
-        self._hold(workspace, solution, v)
+        Derivatives.__init__(self, solution)
+        self._hold(workspace, v)
         self._factored = self._factorise()  # at once, while the workspace is whose asked
 
-    def _hold(self, workspace: Workspace, solution: Solution, v: Array) -> None:
+    def _hold(self, workspace: Workspace, v: Array) -> None:
         """Keep what the derivatives are formed from: of this scene, whatever comes after it."""
-        Derivatives.__init__(self, solution)
         self._workspace, self._v = workspace, v
         self._equations, self._linearisation = workspace.equations, workspace.linearisation
 

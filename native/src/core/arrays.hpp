@@ -4,6 +4,7 @@
 #include "want.hpp"
 #include <nanobind/nanobind.h>
 #include <nanobind/ndarray.h>
+#include <cstring>
 
 namespace condyn
 {
@@ -16,6 +17,31 @@ using Integers = Array<const int, 1>;
 using IntegerTable = Array<const int, 2>;
 
 inline VectorXd vector(const List & x) { return In(x.data(), x.size()); }
+
+/// Numbers of one state, all axes one behind the other. An array is asked for them by itself: an `nb::ndarray` takes
+/// five times as long, and small robots are solved in as much.
+class Numbers
+{
+public:
+  Numbers(nb::handle array, int axes, bool to_write = false)
+  {
+    if (PyObject_GetBuffer(array.ptr(), &view_, PyBUF_C_CONTIGUOUS | PyBUF_FORMAT | (to_write ? PyBUF_WRITABLE : 0)))
+      throw nb::python_error();
+    if (view_.ndim != axes || std::strcmp(view_.format, "d") != 0)
+    {
+      PyBuffer_Release(&view_);
+      throw std::invalid_argument("an array of other numbers, or of other axes");
+    }
+  }
+  Numbers(const Numbers &) = delete;
+  ~Numbers() { PyBuffer_Release(&view_); }
+
+  std::size_t size() const { return view_.len / sizeof(double); }
+  double * data() const { return static_cast<double *>(view_.buf); }
+
+private:
+  Py_buffer view_;
+};
 
 template<typename T>
 auto row(const Array<T, 2> & x, std::size_t i)

@@ -1,7 +1,5 @@
 #include "core.hpp"
 #include "threads.hpp"
-#include <cmath>
-#include <limits>
 
 namespace condyn
 {
@@ -15,12 +13,12 @@ void Core::check(const States & states, const Answers & answers) const
   want(states.v.shape(0) == n && states.tau.shape(0) == n, "number of v or tau");
   want(answers.a.shape(0) == n && answers.a.shape(1) == nv, "a");
   want(answers.lam.shape(0) == n && answers.lam.shape(1) == std::size_t(scene_.rows), "lam");
-  want(answers.sizes.shape(0) == n && answers.sizes.shape(1) == 9, "sizes");
-  want(answers.iterations.size() == n && answers.times.size() == n, "iterations or times");
+  want(answers.residuals.shape(0) == n && answers.residuals.shape(1) == 5, "residuals");
+  want(answers.clear.size() == n && answers.iterations.size() == n && answers.times.size() == n,
+       "clear, iterations or times");
   const std::size_t forces = states.pushes.shape(0);
   want(states.pushes.shape(1) == 2 && states.placements.shape(0) == forces && states.placements.shape(1) == 12
          && states.wrenches.shape(0) == n && states.wrenches.shape(1) == 6 * forces, "forces");
-  want(answers.loads.shape(0) == n && answers.loads.shape(1) == nv, "loads");
 }
 
 std::vector<Push> Core::pushes(const States & states) const
@@ -43,84 +41,90 @@ void Core::prepare(int threads)
     workers_.push_back(std::make_unique<Worker>(scene_));
 }
 
-void Core::load(const States & states, int threads)
+void Core::load(const std::vector<Push> & found, int threads)
 {
   prepare(threads);
-  const auto found = pushes(states);
   for (auto & worker : workers_)
     if (!worker->loads || !worker->loads->pushes.empty() || !found.empty())
       worker->loads = std::make_unique<Loads>(scene_.model, found);
 }
 
-const VectorXd & Core::answer(Worker & own, std::size_t i, const States & states, const Answers & answers) const
+Answer Core::answer(Worker & own, const double * forces, double accuracy) const
+{
+  const auto begun = std::chrono::steady_clock::now();
+  own.loads->at(own.q, forces);
+  const VectorXd & a = own.solver->acceleration(own.q, own.v, own.tau + own.loads->torque);
+  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
+  own.lam = own.solver->scene_forces();
+  const Sizes s = own.proof(own.q, own.v, own.tau, a, own.lam, own.loads.get());
+  const Verdict & verdict = scene_.verdict;
+  const double bound = verdict.bound(s, scene_.weights, own.tau.cwiseAbs() + own.loads->size);
+  const bool clear = verdict.is_normalised(scene_.model, own.q) && own.solver->is_exact()
+                     && verdict.is_clear(s, bound, own.solver->pivots_left(), accuracy);
+  return {a, own.lam, {s.dynamics, s.constraint, s.violation, s.velocity, bound}, clear, own.solver->iterations,
+          seconds};
+}
+
+Answer Core::answer_row(
+  Worker & own, std::size_t i, const States & states, const Answers & answers, double accuracy) const
 {
   own.q = row(states.q, i), own.v = row(states.v, i), own.tau = row(states.tau, i);
-  const auto begun = std::chrono::steady_clock::now();
-  own.loads->at(own.q, states.wrenches.data() + i * states.wrenches.shape(1));
-  const VectorXd & a = own.solver->acceleration(own.q, own.v, own.tau + own.loads->torque);
-  answers.times.data()[i] = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
-  const VectorXd lam = own.solver->scene_forces();
-  const Sizes s = own.proof(own.q, own.v, own.tau, a, lam, own.loads.get());
-  row(answers.loads, i) = own.loads->size;
-  row(answers.a, i) = a;
-  row(answers.lam, i) = lam;
-  answers.iterations.data()[i] = own.solver->iterations;
-  row(answers.sizes, i) << s.dynamics, s.a, s.violation, s.velocity, s.constraint, s.lam, s.weighted,
-    own.solver->is_exact() ? 1.0 : 0.0, own.solver->pivots_left();
-  return a;
+  const Answer found = answer(own, states.wrenches.data() + i * states.wrenches.shape(1), accuracy);
+  const Residuals & r = found.residuals;
+  row(answers.a, i) = found.a, row(answers.lam, i) = found.lam;
+  row(answers.residuals, i) << r.dynamics, r.constraint, r.violation, r.velocity, r.bound;
+  answers.clear.data()[i] = found.clear;
+  answers.iterations.data()[i] = found.iterations, answers.times.data()[i] = found.seconds;
+  return found;
 }
 
-namespace
+bool Core::differentiate(Worker & own, const Answer & found, double * const out[6]) const
 {
-/// What a row says of which nothing is known: who asked looks at it by itself.
-void give_up(const Answers & answers, std::size_t i)
-{
-  row(answers.sizes, i).setConstant(std::numeric_limits<double>::quiet_NaN());
+  if (!own.derivatives)
+    own.derivatives = std::make_unique<Derivatives>(scene_);
+  return found.a.allFinite() && (*own.derivatives)(own.q, own.v, found.a, found.lam, *own.loads, own.proof.data(), out);
 }
-} // namespace
 
-void Core::solve(const States & states, const Answers & answers, int threads)
+void Core::solve(const States & states, const Answers & answers, double accuracy, int threads)
 {
   check(states, answers);
-  load(states, threads);
+  load(pushes(states), threads);
   std::atomic<bool> stop{false};
   nb::gil_scoped_release released;
   share(states.q.shape(0), threads, stop, [&](int worker, std::size_t i) {
+    answers.clear.data()[i] = 0;
     try
     {
-      answer(*workers_[worker], i, states, answers);
+      answer_row(*workers_[worker], i, states, answers, accuracy);
     }
-    catch (...)
+    catch (...) // left to Python
     {
-      give_up(answers, i);
     }
   });
 }
 
-Eigen::Matrix<double, 11, 1> Core::solve_one(
-  const List & q, const List & v, const List & tau, const Array<double, 1> & a, const Array<double, 1> & lam)
+Worker & Core::hold(const Numbers & q, const Numbers & v, const Numbers & tau, const Numbers & out)
 {
-  const std::size_t nv = scene_.model.nv;
-  want(q.size() == std::size_t(scene_.model.nq) && v.size() == nv && tau.size() == nv, "q, v or tau");
-  want(a.size() == nv && lam.size() == std::size_t(scene_.rows), "a or lam");
-  prepare(1);
+  const std::size_t nq = scene_.model.nq, nv = scene_.model.nv;
+  want(q.size() == nq && v.size() == nv && tau.size() == nv, "q, v or tau");
+  want(out.size() == nv + scene_.rows + nq, "out");
+  load({}, 1);
   Worker & own = *workers_[0];
-  own.q = vector(q), own.v = vector(v), own.tau = vector(tau);
-  const auto begun = std::chrono::steady_clock::now();
-  const VectorXd & found = own.solver->acceleration(own.q, own.v, own.tau);
-  const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
-  const VectorXd forces = own.solver->scene_forces();
-  const Sizes s = own.proof(own.q, own.v, own.tau, found, forces);
-  Out(a.data(), nv) = found;
-  Out(lam.data(), scene_.rows) = forces;
-  Eigen::Matrix<double, 11, 1> sizes;
-  sizes << s.dynamics, s.a, s.violation, s.velocity, s.constraint, s.lam, s.weighted,
-    own.solver->is_exact() ? 1.0 : 0.0, own.solver->pivots_left(), double(own.solver->iterations), seconds;
-  return sizes;
+  own.q = In(q.data(), nq), own.v = In(v.data(), nv), own.tau = In(tau.data(), nv);
+  return own;
 }
 
-void Core::differentiate(
-  const States & states, const Answers & answers, const std::vector<Array<double, 3>> & blocks, int threads)
+Answer Core::solve_one(
+  const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy, const Numbers & out)
+{
+  Worker & own = hold(q, v, tau, out);
+  const Answer found = answer(own, nullptr, accuracy);
+  Out(out.data(), out.size()) << found.a, found.lam, own.q;
+  return found;
+}
+
+void Core::differentiate(const States & states, const Answers & answers,
+  const std::vector<Array<double, 3>> & blocks, double accuracy, int threads)
 {
   check(states, answers);
   const std::size_t n = states.q.shape(0), nv = scene_.model.nv;
@@ -128,28 +132,41 @@ void Core::differentiate(
   for (int k = 0; k < 6; ++k)
     want(blocks[k].shape(0) == n && blocks[k].shape(1) == (k < 3 ? nv : std::size_t(scene_.rows))
            && blocks[k].shape(2) == nv, "a block");
-  load(states, threads);
+  load(pushes(states), threads);
   std::atomic<bool> stop{false};
   nb::gil_scoped_release released;
   share(n, threads, stop, [&](int worker, std::size_t i) {
-    Worker & own = *workers_[worker];
+    int & clear = answers.clear.data()[i];
+    clear = 0;
     try
     {
-      const VectorXd & a = answer(own, i, states, answers);
-      if (!own.derivatives)
-        own.derivatives = std::make_unique<Derivatives>(scene_);
+      Worker & own = *workers_[worker];
+      const Answer found = answer_row(own, i, states, answers, accuracy);
       double * out[6];
       for (int k = 0; k < 6; ++k)
         out[k] = blocks[k].data() + i * nv * blocks[k].shape(1);
-      const VectorXd lam = row(answers.lam, i);
-      if (!a.allFinite() || !(*own.derivatives)(own.q, own.v, a, lam, *own.loads, own.proof.data(), out))
-        give_up(answers, i);
+      clear = found.clear && differentiate(own, found, out);
     }
-    catch (...)
+    catch (...) // left to Python
     {
-      give_up(answers, i);
+      clear = 0;
     }
   });
+}
+
+Answer Core::differentiate_one(const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy,
+  const Numbers & out, const Numbers & blocks)
+{
+  const std::size_t of_a = std::size_t(scene_.model.nv) * scene_.model.nv, whole = of_a + scene_.rows * scene_.model.nv;
+  want(blocks.size() == 3 * whole, "blocks");
+  Worker & own = hold(q, v, tau, out);
+  Answer found = answer(own, nullptr, accuracy);
+  Out(out.data(), out.size()) << found.a, found.lam, own.q;
+  double * at[6];
+  for (int k = 0; k < 3; ++k)
+    at[k] = blocks.data() + k * whole, at[3 + k] = at[k] + of_a;
+  found.clear = found.clear && differentiate(own, found, at);
+  return found;
 }
 
 void Core::simulate(

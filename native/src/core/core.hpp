@@ -16,7 +16,7 @@ struct Worker
   std::unique_ptr<Derivatives> derivatives; // made when they are first asked for
   std::unique_ptr<Mover> mover;
   std::unique_ptr<Loads> loads; // of the batch
-  VectorXd q, v, tau;
+  VectorXd q, v, tau, lam;
 
   explicit Worker(const Scene & scene) : solver(solver_of(scene)), proof(scene) {}
 };
@@ -33,10 +33,26 @@ struct States
 /// Answers, a row a state.
 struct Answers
 {
-  Array<double, 2> a, lam, sizes; // sizes: `Sizes`, whether the rows were exact, and what is left of pivots
-  Array<int, 1> iterations;
+  Array<double, 2> a, lam, residuals; // residuals: `Residuals`
+  Array<int, 1> iterations, clear; // clear: 1, or 0 for a state that is left to Python
   Array<double, 1> times; // [s]
-  Array<double, 2> loads; // sizes of what the forces from outside do to the joints
+};
+
+/// As in Python: the largest of each, and the bound on the error of a.
+struct Residuals
+{
+  double dynamics, constraint, violation, velocity, bound;
+};
+
+/// One answer, with its a and lam in the memory of a worker.
+struct Answer
+{
+  const VectorXd & a;
+  const VectorXd & lam;
+  Residuals residuals;
+  bool clear; // ok without a doubt
+  int iterations;
+  double seconds;
 };
 
 /// Motions, a row each: their samples, with a and lam or without rows for them.
@@ -56,15 +72,18 @@ public:
 
   const Scene & scene() const { return scene_; }
 
-  void solve(const States & states, const Answers & answers, int threads);
+  void solve(const States & states, const Answers & answers, double accuracy, int threads);
 
-  /// One state, in the calling thread: returns its sizes, with iterations and seconds behind them.
-  Eigen::Matrix<double, 11, 1> solve_one(
-    const List & q, const List & v, const List & tau, const Array<double, 1> & a, const Array<double, 1> & lam);
+  /// One state, in the calling thread: a, lam and q, one behind the other, into `out`.
+  Answer solve_one(const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy, const Numbers & out);
 
   /// da/dq, da/dv, da/dtau, dlam/dq, dlam/dv, dlam/dtau as well, each with a matrix a state.
-  void differentiate(
-    const States & states, const Answers & answers, const std::vector<Array<double, 3>> & blocks, int threads);
+  void differentiate(const States & states, const Answers & answers,
+    const std::vector<Array<double, 3>> & blocks, double accuracy, int threads);
+
+  /// The same of one state. The blocks are those of a and lam by q, by v and by tau (3, nv + rows, nv).
+  Answer differentiate_one(const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy,
+    const Numbers & out, const Numbers & blocks);
 
   void simulate(const Table & Q, const Table & V, const Table & TAU, const MotionPlan & plan,
     const Motions & motions, int threads);
@@ -75,9 +94,15 @@ private:
   /// The memory of so many threads; made when it is first asked for.
   void prepare(int threads);
   /// Readies the memory of so many threads for some forces.
-  void load(const States & states, int threads);
-  /// Answers one state; returns its a, in the memory of the worker.
-  const VectorXd & answer(Worker & own, std::size_t i, const States & states, const Answers & answers) const;
+  void load(const std::vector<Push> & found, int threads);
+  /// The first worker, which holds the state that it is to answer.
+  Worker & hold(const Numbers & q, const Numbers & v, const Numbers & tau, const Numbers & out);
+  /// Answers the state that a worker holds, under its forces, six numbers each.
+  Answer answer(Worker & own, const double * forces, double accuracy) const;
+  Answer answer_row(
+    Worker & own, std::size_t i, const States & states, const Answers & answers, double accuracy) const;
+  /// Differentiates what a worker has answered; false where there is a doubt.
+  bool differentiate(Worker & own, const Answer & found, double * const out[6]) const;
 
   Scene scene_;
   std::vector<std::unique_ptr<Worker>> workers_;

@@ -17,6 +17,16 @@ Path path_of(const Scene & scene, const Integers & rows, const Array<const doubl
     want(0 <= rows.data()[i] && rows.data()[i] < scene.rows, "driven rows");
   return {{rows.data(), rows.data() + rows.size()}, path.data()};
 }
+
+/// ((residuals), iterations, seconds), or None where the state is left to Python.
+nb::object said_of(const Answer & found)
+{
+  if (!found.clear)
+    return nb::none();
+  const Residuals & r = found.residuals;
+  return nb::make_tuple(
+    nb::make_tuple(r.dynamics, r.constraint, r.violation, r.velocity, r.bound), found.iterations, found.seconds);
+}
 } // namespace
 
 NB_MODULE(_core, m)
@@ -24,53 +34,60 @@ NB_MODULE(_core, m)
   m.attr("pinocchio") = PINOCCHIO_VERSION;
   m.attr("simd") = Eigen::SimdInstructionSetsInUse();
   m.attr("arch") = CONDYN_ARCH;
-  m.attr("protocol") = 6; // of the arrays: what condyn_pin hands over has to be of the same
+  m.attr("protocol") = 7; // of the arrays: what condyn_pin hands over has to be of the same
   using namespace nanobind::literals;
   nb::class_<Core>(m, "Core")
     .def("__init__",
          [](Core * self, const std::vector<std::string> & kinds, const Integers & parents, const Table & joints,
             const List & gravity, const List & armature, const IntegerTable & constraints,
             const Table & of_constraints, const IntegerTable & plain, const Table & of_plain, const Table & to_scene,
-            const List & drift, const List & weights, double open_squared, int method, const List & proximal,
+            const List & drift, const List & weights, const List & verdict, double open_squared, int method, const List & proximal,
             const List & rank, const List & damping, const Table & springs, const IntegerTable & of_springs,
             const Integers & watched, const List & nominal_pivots, const Table & wanted) {
            new (self) Core({{kinds, parents, joints, gravity, armature, constraints, of_constraints, drift}, plain,
-                            of_plain, to_scene, weights, open_squared, method, proximal, rank, damping, springs,
+                            of_plain, to_scene, weights, verdict, open_squared, method, proximal, rank, damping, springs,
                             of_springs, watched, nominal_pivots, wanted});
          },
          nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,
-         "of_constraints"_a, "plain"_a, "of_plain"_a, "to_scene"_a, "drift"_a, "weights"_a, "open_squared"_a,
+         "of_constraints"_a, "plain"_a, "of_plain"_a, "to_scene"_a, "drift"_a, "weights"_a, "verdict"_a, "open_squared"_a,
          "method"_a, "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a, "watched"_a, "nominal_pivots"_a,
          "wanted"_a)
     .def(
       "solve",
       [](Core & core, const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a,
-         const Array<double, 2> & lam, const Array<double, 2> & sizes, const Array<int, 1> & iterations,
-         const Array<double, 1> & times, const IntegerTable & pushes, const Table & placements, const Table & wrenches,
-         const Array<double, 2> & loads, int threads) {
-        core.solve({Q, V, TAU, pushes, placements, wrenches}, {a, lam, sizes, iterations, times, loads}, threads);
+         const Array<double, 2> & lam, const Array<double, 2> & residuals, const Array<int, 1> & iterations,
+         const Array<int, 1> & clear, const Array<double, 1> & times, const IntegerTable & pushes,
+         const Table & placements, const Table & wrenches, double accuracy, int threads) {
+        core.solve({Q, V, TAU, pushes, placements, wrenches}, {a, lam, residuals, iterations, clear, times}, accuracy,
+                   threads);
       },
-      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "a"_a, "lam"_a, "sizes"_a, "iterations"_a, "times"_a, "pushes"_a,
-      "placements"_a, "wrenches"_a, "loads"_a, "threads"_a)
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "a"_a, "lam"_a, "residuals"_a, "iterations"_a, "clear"_a, "times"_a,
+      "pushes"_a, "placements"_a, "wrenches"_a, "accuracy"_a, "threads"_a)
     .def(
       "solve_one",
-      [](Core & core, const List & q, const List & v, const List & tau, const Array<double, 1> & a,
-         const Array<double, 1> & lam) {
-        const auto x = core.solve_one(q, v, tau, a, lam);
-        return nb::make_tuple(x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], int(x[9]), x[10]);
+      [](Core & core, nb::handle q, nb::handle v, nb::handle tau, double accuracy, nb::handle out) {
+        return said_of(core.solve_one({q, 1}, {v, 1}, {tau, 1}, accuracy, {out, 1, true}));
       },
-      "q"_a, "v"_a, "tau"_a, "a"_a, "lam"_a)
+      "q"_a, "v"_a, "tau"_a, "accuracy"_a, "out"_a)
     .def(
       "differentiate",
       [](Core & core, const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a,
-         const Array<double, 2> & lam, const Array<double, 2> & sizes, const Array<int, 1> & iterations,
-         const Array<double, 1> & times, const IntegerTable & pushes, const Table & placements, const Table & wrenches,
-         const Array<double, 2> & loads, const std::vector<Array<double, 3>> & blocks, int threads) {
-        core.differentiate(
-          {Q, V, TAU, pushes, placements, wrenches}, {a, lam, sizes, iterations, times, loads}, blocks, threads);
+         const Array<double, 2> & lam, const Array<double, 2> & residuals, const Array<int, 1> & iterations,
+         const Array<int, 1> & clear, const Array<double, 1> & times, const IntegerTable & pushes,
+         const Table & placements, const Table & wrenches, const std::vector<Array<double, 3>> & blocks,
+         double accuracy, int threads) {
+        core.differentiate({Q, V, TAU, pushes, placements, wrenches}, {a, lam, residuals, iterations, clear, times},
+                           blocks, accuracy, threads);
       },
-      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "a"_a, "lam"_a, "sizes"_a, "iterations"_a, "times"_a, "pushes"_a,
-      "placements"_a, "wrenches"_a, "loads"_a, "blocks"_a, "threads"_a)
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "a"_a, "lam"_a, "residuals"_a, "iterations"_a, "clear"_a, "times"_a,
+      "pushes"_a, "placements"_a, "wrenches"_a, "blocks"_a, "accuracy"_a, "threads"_a)
+    .def(
+      "differentiate_one",
+      [](Core & core, nb::handle q, nb::handle v, nb::handle tau, double accuracy, nb::handle out, nb::handle blocks) {
+        return said_of(
+          core.differentiate_one({q, 1}, {v, 1}, {tau, 1}, accuracy, {out, 1, true}, {blocks, 3, true}));
+      },
+      "q"_a, "v"_a, "tau"_a, "accuracy"_a, "out"_a, "blocks"_a)
     .def(
       "simulate",
       [](Core & core, const Table & Q, const Table & V, const Table & TAU, int integrator, double dt, int steps,

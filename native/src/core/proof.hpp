@@ -8,12 +8,6 @@
 
 namespace condyn
 {
-/// The largest of each, and what r is worth: `Equations.errors` in Python.
-struct Sizes
-{
-  double dynamics, a, violation, velocity, constraint, lam, weighted;
-};
-
 class Proof
 {
 public:

@@ -1,6 +1,7 @@
 // A scene, made of plain arrays: no object of Python's Pinocchio crosses the border.
 #pragma once
 #include "constraint.hpp"
+#include "verdict.hpp"
 #include <string>
 
 namespace condyn
@@ -70,6 +71,7 @@ struct Scene
   double kp = 0, kd = 0; // a_ref = -kd J v - kp c
   MatrixXd wanted; // s, s' and s'' of rows that are driven, zero of others (rows, 3); empty where none is
   VectorXd weights; // of the residuals
+  Verdict verdict;
   std::vector<int> watched; // pivots of M that may fall
   VectorXd nominal_pivots; // of the watched
   double open_squared; // |gap|^2 above which what is approximated is not exact

@@ -82,6 +82,13 @@ Passive passive_of(const SceneArrays & x, int nq, int nv)
   return passive;
 }
 
+Verdict verdict_of(const List & numbers)
+{
+  want(numbers.size() == 11, "verdict");
+  const double * x = numbers.data();
+  return {x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10]};
+}
+
 Scene read_model(const RowArrays & x)
 {
   Scene scene;
@@ -106,6 +113,7 @@ Scene read_scene(const SceneArrays & x)
   scene.to_scene = Eigen::Map<const RowMajor>(x.to_scene.data(), x.to_scene.shape(0), x.to_scene.shape(1));
   scene.weights = vector(x.weights);
   want(scene.weights.size() == scene.model.nv, "weights");
+  scene.verdict = verdict_of(x.verdict);
   scene.open_squared = x.open_squared;
   scene.proximal = proximal_plan(x.proximal);
   want(x.rank.size() == 2, "rank");

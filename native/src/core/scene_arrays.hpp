@@ -21,7 +21,7 @@ struct SceneArrays : RowArrays
 {
   IntegerTable plain;
   Table of_plain, to_scene;
-  List weights;
+  List weights, verdict;
   double open_squared;
   int method;
   List proximal, rank, damping;

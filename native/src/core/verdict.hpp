@@ -1,0 +1,59 @@
+// Verdict: whether an answer is ok without a doubt, by the sizes of its residuals.
+//
+//   |e_i| <= w_max e_M,    e_M = sum_j w_j |r_j| + sqrt(m) |s|_inf / sigma
+//
+// `ErrorEstimator.prove` in `condyn_pin/dynamics/residuals.py` is the same, and says why; the numbers come from there.
+#pragma once
+#include "pinocchio.hpp"
+#include <cmath>
+#include <limits>
+
+namespace condyn
+{
+/// The largest of each, and what r is worth: `Equations.errors` in Python.
+struct Sizes
+{
+  double dynamics, a, violation, velocity, constraint, lam, weighted;
+};
+
+struct Verdict
+{
+  double gravity, largest_weight, per_row, rounding; // what makes an error of residuals
+  double unquestioned, no_machine, no_force, unheard; // what is in doubt
+  double solved, loose, fastest; // of any scene: SOLVED, how far quaternions are off, a that is no machine's
+
+  /// A bound on the error of a, relative to the larger of |a|_inf and gravity. `torques` (nv), all positive, are
+  /// those of which rounding is a share.
+  template<typename V>
+  double bound(const Sizes & s, const VectorXd & weights, const Eigen::MatrixBase<V> & torques) const
+  {
+    const double scale = scale_of(s), infinite = std::numeric_limits<double>::infinity();
+    double error = largest_weight * (s.weighted + per_row * s.constraint);
+    if (!(error <= solved * scale))
+      error -= largest_weight * weights.dot(torques) * std::numeric_limits<double>::epsilon();
+    return (scale > 0 ? std::max(error, 0.0) / scale : error <= 0 ? 0.0 : infinite) + rounding;
+  }
+
+  /// What is not a number is in doubt. `pivots` is what is left of those of M.
+  bool is_clear(const Sizes & s, double bound, double pivots, double accuracy) const
+  {
+    const double scale = scale_of(s);
+    return !(s.constraint > unquestioned * scale) // which may be infinite
+           && s.a <= no_machine && s.a < fastest && s.lam <= no_force * scale && s.dynamics <= unheard * scale
+           && bound <= std::min(solved, accuracy) && bound <= solved * pivots;
+  }
+
+  /// Whether no proof need look at the quaternions of q.
+  bool is_normalised(const Model & model, const VectorXd & q) const
+  {
+    for (int i = 1; i < model.njoints; ++i)
+      if (model.nqs[i] > model.nvs[i]) // it ends with one
+        if (!(std::abs(q.segment<4>(model.idx_qs[i] + model.nqs[i] - 4).norm() - 1.0) <= loose))
+          return false;
+    return true;
+  }
+
+private:
+  double scale_of(const Sizes & s) const { return std::max(s.a, gravity); } // NaN where a is
+};
+} // namespace condyn
