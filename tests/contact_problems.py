@@ -135,6 +135,22 @@ def bodies(seed: int, **fields) -> ContactProblem:
     return ContactProblem(X.T @ X, g, 10.0 ** rng.uniform(-3, 2, k), **fields)
 
 
+def on_a_rough_floor(
+    name: str, friction: float
+) -> tuple[cp.Scene, np.ndarray, np.ndarray, np.ndarray]:
+    """Return a robot that comes down, with q, v and tau, and a joint off by 1e-6 rad.
+
+    Talos does on two edges: G of what closes is singular but for that.
+    """
+    robot, rng = cp.load_robot(name), np.random.default_rng(0)
+    scene = cp.Scene(robot, contacts=robot.frictional_contacts(friction=friction))
+    v, tau = 0.005 * rng.normal(size=robot.nv), 0.1 * rng.normal(size=robot.nv)
+    v[2] -= 0.05
+    q = cp.mechanism.put_down(scene, scene.state()[0])
+    q[2] -= 1e-4
+    return scene, pin.integrate(robot.model, q, 1e-6 * np.eye(robot.nv)[15]), v, tau
+
+
 def natural(problem: ContactProblem, lam: np.ndarray) -> float:
     """Return the natural residual, contact by contact as one would write it on a whiteboard."""
     R = np.zeros(problem.rows) if problem.R is None else problem.R
@@ -147,12 +163,26 @@ def natural(problem: ContactProblem, lam: np.ndarray) -> float:
         d = sigma[rows].copy()
         if problem.law == "ncp":
             d[2] += mu * np.linalg.norm(d[:2])
-        worst = max(worst, np.abs(lam[rows] - onto_cone(lam[rows] - rho * d, mu)).max())
+        worst = max(worst, missed_by_a_cone(lam[rows], rho * sigma[rows], rho * d, mu))
     for j in range(3 * k, 3 * k + lines):
         worst = max(worst, abs(lam[j] - max(lam[j] - rho * sigma[j], 0.0)))
     for j, limit in enumerate(problem.limits, 3 * k + lines):
         worst = max(worst, abs(lam[j] - np.clip(lam[j] - rho * sigma[j], -limit, limit)))
     return worst / rho / np.abs(problem.g).max()
+
+
+def missed_by_a_cone(lam: np.ndarray, sigma: np.ndarray, d: np.ndarray, mu: float) -> float:
+    """Return what a contact misses; what K contains solves the problem whose g is less by sigma."""
+    missed = np.abs(lam - onto_cone(lam - d, mu)).max()
+    if not in_cone(lam, mu):
+        return missed
+    stuck = np.abs(sigma).max()
+    return stuck if in_cone(lam - d, mu) else min(missed, stuck)
+
+
+def in_cone(x: np.ndarray, mu: float) -> bool:
+    """Return whether |x_t| <= mu x_n."""
+    return x[2] >= 0 and np.hypot(*x[:2]) <= mu * x[2]
 
 
 def onto_cone(x: np.ndarray, mu: float) -> np.ndarray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from contact_problems import onto_cone
+from contact_problems import missed_by_a_cone, onto_cone
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -63,6 +63,22 @@ def test_each_residual_is_what_its_condition_misses(sigma, lam, missed):
     for name, size in missed.items():
         assert getattr(residuals, name) == pytest.approx(size), name
     assert broken(residuals) == {*missed, "natural"}
+
+
+@pytest.mark.parametrize("mu", [MU, 10.0, 1e3])
+@pytest.mark.parametrize("pushed", [1.0, 1e-7])
+def test_what_sticks_misses_its_slip_and_its_fall(mu, pushed):
+    """Not mu times its slip; and no slip hides a fall, where s_n + mu |s_t| is zero."""
+    lam = pushed * np.array([0.2, 0.1, 1.0])
+    assert one((1e-9, 0, 0), lam, mu=mu).natural == pytest.approx(1e-9)
+    lam, fall = np.array([0.2, 0.1, 1.0]), mu * 1e-9
+    assert one((1e-9, 0, -fall), lam, mu=mu).natural == pytest.approx(max(fall, 1e-9))
+
+
+def test_what_friction_cannot_hold_is_not_judged_as_stuck():
+    for mu in (MU, 1e3):
+        assert one((0, 0, 0), (1.1 * mu, 0, 1), mu=mu).natural > 0.05 * min(mu, 1 / mu)
+        assert one((0, 0, 0), (0, 0, -1), mu=mu).natural == 1.0
 
 
 def test_the_convex_law_lifts_what_slides():
@@ -193,6 +209,10 @@ def test_the_judge_projects_as_solvers_do(lam, g, friction, law):
     problem = ContactProblem(np.eye(8), g, friction, half_lines=1, limits=[0.7], law=law)
     stiff, speed = problem.scale
     d = problem.dual(problem.velocities(lam))
-    missed = np.abs(lam - problem.sets.project(lam - d / stiff)).max() * stiff / speed
+    sigma = problem.velocities(lam)
+    missed = list(np.abs(lam - problem.sets.project(lam - d / stiff))[6:])
+    for rows, mu in zip((slice(3), slice(3, 6)), friction, strict=True):
+        missed.append(missed_by_a_cone(lam[rows], sigma[rows] / stiff, d[rows] / stiff, mu))
+    missed = max(missed) * stiff / speed
     rounding = 1e-14 * (np.abs(lam).max() + np.abs(d).max()) * stiff / speed
     assert natural_residual(problem, lam) == pytest.approx(missed, rel=1e-9, abs=rounding)

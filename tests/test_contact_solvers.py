@@ -9,10 +9,21 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
-from contact_problems import bodies, box, natural, random, rod, rolling_sole, solo12, touching
+from contact_problems import (
+    bodies,
+    box,
+    natural,
+    on_a_rough_floor,
+    random,
+    rod,
+    rolling_sole,
+    solo12,
+    touching,
+)
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import condyn_pin as cp
 from condyn_pin._core import _pin_contacts
 from condyn_pin._core.tolerances import CONTACT_SOLVED
 from condyn_pin.contact import (
@@ -527,6 +538,19 @@ def test_nothing_that_is_not_finite_is_ok():
         for name in ("admm", "pgs", "semismoothnewton", "lemke"):
             found = solve_contact(bad, CONTACT_SOLVERS[name](), throw=False)
             assert found.status in (ContactStatus.NOT_FINITE, ContactStatus.INACCURATE), change
+
+
+@pytest.mark.parametrize("friction", [100.0, 300.0, 1000.0])
+@pytest.mark.parametrize("name", ["solo12", "talos"])
+def test_feet_on_a_rough_floor_stick_at_once(name, friction):
+    """Those that close, as if they were held."""
+    problem = cp.simulation.contact_problem(*on_a_rough_floor(name, friction), dt=1e-3)
+    found, held = solve_contact(problem), np.zeros(problem.rows)
+    closing = np.flatnonzero(np.repeat(problem.g[2::3] < 0, 3))
+    G = problem.G[closing[:, None], closing]
+    held[closing] = np.linalg.pinv(G, rcond=1e-9) @ -problem.g[closing]
+    assert found.iterations == 1
+    assert found.sigma == pytest.approx(problem.velocities(held), abs=1e-9 * problem.scale[1])
 
 
 def test_velocities_whose_squares_vanish_are_rest():

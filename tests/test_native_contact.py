@@ -9,13 +9,14 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from contact_problems import on_a_rough_floor
 from needs_native import HEADERS, needs_native
 from numpy.testing import assert_allclose, assert_array_equal
 from shared import robot, short_lever
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.tolerances import CONTACT_SOLVED
+from condyn_pin._core.tolerances import CONTACT_SOLVED, MOST_FRICTION
 from condyn_pin.constraints import Ball, Box, Capsule, FrictionalContact, Plane
 from condyn_pin.contact import ADMM, PGS, Lemke, SemismoothNewton
 from condyn_pin.errors import UnsupportedBackend
@@ -163,6 +164,17 @@ def test_by_default_it_is_as_near_to_the_answer_as_python(how: str, duration: fl
     assert_array_equal(found.statuses, wanted.statuses)
     assert_same_steps(found, exact)
     assert found.natural.max() <= max(wanted.natural.max(), 1e-13)
+
+
+def test_what_sticks_is_judged_by_its_velocity_too(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Friction makes a thousand times too much of its slip."""
+    scene, *state = on_a_rough_floor("talos", MOST_FRICTION)
+    wanted = step_batch(scene, *(x[None] for x in state), dt=DT)
+    only_the_core(monkeypatch)
+    found = step_batch(scene, *(x[None] for x in state), dt=DT, **CORE)
+    assert_array_equal(found.codes, wanted.codes)
+    assert_allclose(found.v, wanted.v, rtol=0, atol=1e-10)
+    assert 1e-10 < found.natural.max() < 1e-9  # what is left of the slip, and not a thousand times
 
 
 ALTERNATING = [

@@ -10,12 +10,15 @@ their tangential and normal parts, and d what is dual to l,
     signorini        |l_n s_n|, and -s_n where that is positive
     uplift           s_n where l_n > 0
     dissipation      | |s_t| l_t + mu l_n s_t |
-    natural          | l - P_K(l - d) |
+    natural          | l - P_K(l - d) |, or |s| of what sticks
 
 and each is the largest over the contacts. `natural` is zero if and only if the problem is solved,
-and has no threshold: the status is judged by it. In a ccp, contacts that slide lift off: it asks
-for neither signorini nor uplift, and what they are is the price of its convexity. Half-lines have
-no tangential part. Intervals have no dual cone, and dissipate: | |s| l + limit s |.
+and has no threshold: the status is judged by it. What sticks is judged by s and not by d, whose mu
+|s_t| makes mu times too much of a slip, or hides a fall behind one: where K contains l, impulses
+solve the problem whose g is less by s. So |s| counts there if K contains l - d too, and else where
+it is less. In a ccp, contacts that slide lift off: it asks for neither signorini nor uplift, and
+what they are is the price of its convexity. Half-lines have no tangential part. Intervals have no
+dual cone, and dissipate: | |s| l + limit s |.
 
 The distances are closed forms, and no solver runs them.
 """
@@ -47,7 +50,7 @@ class ContactResiduals(NamedTuple):
 
 
 def natural_residual(problem: ContactProblem, lam: Array) -> float:
-    """Return |lam - P_K(lam - d)|_inf, without a unit; NaN if lam has one.
+    """Return the natural residual of impulses, without a unit; NaN if lam has one.
 
     Parameters
     ----------
@@ -89,21 +92,24 @@ def _missed_by_cones(
     l: list[float],  # noqa: E741
     s: list[float],
 ) -> list[float]:
-    """Return |l - P_K(l - d)|_inf of each cone, d = s + (0, 0, lift |s_t|)."""
+    """Return |l - P_K(l - d)|_inf or |s|_inf of each cone, d = s + (0, 0, lift |s_t|)."""
     missed, impulses, velocities = [], iter(l), iter(s)
     by_threes = 3 * (impulses,) + 3 * (velocities,)
     for mu, lift, l1, l2, ln, d1, d2, sn in zip(friction, lifts, *by_threes, strict=False):
         dn = sn + lift * hypot(d1, d2)
         x1, x2, xn = l1 - d1, l2 - d2, ln - dn
         slip = hypot(x1, x2)
+        held = ln >= 0.0 and hypot(l1, l2) <= mu * ln
+        stuck = max(abs(d1), abs(d2), abs(sn)) if held else inf
         if mu * slip <= -xn < inf:  # the apex is nearest
-            missed.append(max(abs(l1), abs(l2), abs(ln)))
+            natural = max(abs(l1), abs(l2), abs(ln))
         elif slip <= mu * xn:  # inside
-            missed.append(max(abs(d1), abs(d2), abs(dn)))
+            natural = stuck if held else max(abs(d1), abs(d2), abs(dn))
         else:
             n = (mu * slip + xn) / (1.0 + mu * mu)
             share = mu * n / slip
-            missed.append(max(abs(l1 - share * x1), abs(l2 - share * x2), abs(ln - n)))
+            natural = max(abs(l1 - share * x1), abs(l2 - share * x2), abs(ln - n))
+        missed.append(min(natural, stuck))  # NaN, if natural is
     return missed
 
 

@@ -58,7 +58,8 @@ class ContactSolution:
     sigma : (m,) array
         Velocities of the contacts after the step [m/s].
     natural : float
-        |lam - P_K(lam - d)|, in units of the problem [1]: zero if and only if it is solved.
+        |lam - P_K(lam - d)|, or |sigma| of what sticks, in units of the problem [1]: zero if and
+        only if it is solved.
     status : ContactStatus
         OK if `natural` is within the accuracy that was asked for.
     iterations : int

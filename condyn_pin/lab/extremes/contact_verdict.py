@@ -4,7 +4,9 @@ With S = mean diag G and s = |g|_inf, an answer is right if
 
     |lam - P_K(lam - d / S)|_inf S / s <= 1e-8,    d = sigma + (0, 0, mu |sigma_t|)
 
-where sigma = G lam + g (+ R lam) and P_K are formed anew, contact by contact, in decimal numbers.
+or, of a contact that sticks, |sigma|_inf / s <= 1e-8: where K contains its lam, this is asked in
+the place of the other if K contains lam - d / S as well, and else is enough. In both of them
+sigma = G lam + g (+ R lam) and P_K are formed anew, contact by contact, in decimal numbers.
 """
 
 from __future__ import annotations
@@ -88,15 +90,18 @@ def _velocities(problem: ContactProblem, lam: Sequence[Decimal]) -> Iterator[Dec
 def _missed(
     problem: ContactProblem, lam: Sequence[Decimal], sigma: Sequence[Decimal], stiff: Decimal
 ) -> Iterator[Decimal]:
-    """Yield the entries of lam - P_K(lam - d / S)."""
+    """Yield what each contact misses, with either sign."""
     moved = [x - s / stiff for x, s in zip(lam, sigma, strict=True)]
     row = 0
     for friction in problem.friction.tolist():
         mu, (t1, t2, n) = Decimal(friction), moved[row : row + 3]
         if problem.law == "ncp":
             n -= mu * _hypot(*sigma[row : row + 2]) / stiff
-        for x, nearest in zip(lam[row : row + 3], _on_cone(t1, t2, n, mu), strict=True):
-            yield x - nearest
+        of_cone = _missed_by_a_cone(lam[row : row + 3], (t1, t2, n), mu)
+        if _in_cone(lam[row : row + 3], mu):
+            stuck = max(map(abs, sigma[row : row + 3])) / stiff
+            of_cone = stuck if _in_cone((t1, t2, n), mu) else min(of_cone, stuck)
+        yield of_cone
         row += 3
     for _ in range(problem.half_lines):
         yield lam[row] - max(moved[row], _ZERO)
@@ -106,8 +111,21 @@ def _missed(
         row += 1
 
 
-def _on_cone(t1: Decimal, t2: Decimal, n: Decimal, mu: Decimal) -> tuple[Decimal, ...]:
-    """Return the point of |x_t| <= mu x_n that is nearest to (t1, t2, n)."""
+def _missed_by_a_cone(lam: Sequence[Decimal], moved: Sequence[Decimal], mu: Decimal) -> Decimal:
+    """Return how far impulses are from the nearest point of the cone to others."""
+    nearest = _on_cone(moved, mu)
+    return max(abs(x - there) for x, there in zip(lam, nearest, strict=True))
+
+
+def _in_cone(x: Sequence[Decimal], mu: Decimal) -> bool:
+    """Return whether |x_t| <= mu x_n."""
+    t1, t2, n = x
+    return n >= 0 and _hypot(t1, t2) <= mu * n
+
+
+def _on_cone(x: Sequence[Decimal], mu: Decimal) -> tuple[Decimal, ...]:
+    """Return the point of |x_t| <= mu x_n that is nearest to x."""
+    t1, t2, n = x
     slip = _hypot(t1, t2)
     if mu * slip <= -n:
         return _ZERO, _ZERO, _ZERO

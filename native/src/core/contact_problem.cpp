@@ -55,12 +55,14 @@ double missed_by_a_cone(double mu, const double * l, const double * s)
   const auto largest = [](double a, double b, double c) {
     return std::max(std::abs(a), std::max(std::abs(b), std::abs(c)));
   };
+  const bool held = l[2] >= 0 && std::hypot(l[0], l[1]) <= mu * l[2];
+  const double stuck = held ? largest(s[0], s[1], s[2]) : std::numeric_limits<double>::infinity();
   if (mu * slip <= -xn) // the apex is nearest
-    return largest(l[0], l[1], l[2]);
+    return std::min(largest(l[0], l[1], l[2]), stuck);
   if (slip <= mu * xn) // inside
-    return largest(s[0], s[1], dn);
+    return held ? stuck : largest(s[0], s[1], dn);
   const double n = (mu * slip + xn) / (1 + mu * mu), share = mu * n / slip;
-  return largest(l[0] - share * x1, l[1] - share * x2, l[2] - n);
+  return std::min(largest(l[0] - share * x1, l[1] - share * x2, l[2] - n), stuck);
 }
 } // namespace
 

@@ -41,7 +41,8 @@ struct Scale
   explicit Scale(const ContactProblem & problem);
 };
 
-/// |lam - P_K(lam - d)|, without a unit: zero if and only if lam solves the problem. NaN if a number is none.
+/// |lam - P_K(lam - d)|, or |sigma| of what sticks, without a unit: zero if and only if lam solves the problem. NaN if
+/// a number is none.
 double natural_residual(const ContactProblem & problem, const VectorXd & lam);
 
 /// Open, stick or slide: 0, 1 or 2 for each contact of a problem that lam solves.
