@@ -70,6 +70,11 @@ class HeldAndFree(NamedTuple):
         lam: Array = self.K.dot(asked)
         return lam
 
+    def held(self, y: Array) -> Array:
+        """Return the motion (nv,) with J a = y (m,) that has no part along what is free."""
+        a: Array = self.K.T.dot(y).dot(self.B[: self.K.shape[1]])
+        return a
+
     @property
     def mobility(self) -> Array:
         """B_f^T B_f (nv, nv): how torques accelerate what is free."""

@@ -85,7 +85,7 @@ class KktDerivatives(Derivatives):
         motions, of = self._motions, self.solution
         if not motions.N.shape[1]:
             return None
-        w, _ = motions.solve(np.zeros(self._n), of.lam)
+        w = motions.held(of.lam)
         return turning_null_space(self._linearisation, of.q, w, motions.N)
 
     @property

@@ -130,7 +130,7 @@ def _make_smallest(workspace: Workspace, solution: Solution, found: Blocks) -> N
     for block in found:
         block[n:] -= N @ (N.T @ block[n:])
     by_q, _, _ = found
-    w, _ = motions.solve(np.zeros(n), solution.lam)
+    w = motions.held(solution.lam)
     by_q[n:] += turning_null_space(workspace.linearisation, q, w, N)
 
 
