@@ -203,6 +203,32 @@ def test_batches_and_maps_are_the_states_one_by_one():
         assert np.abs(np.asarray(other) - part.numpy()).max() < 1e-10 * size
 
 
+def test_a_batch_of_no_states_has_a_gradient_of_zero():
+    bar = robot("four_bar")
+    scene = cp.Scene(bar, bar.loops)
+    none, v = np.zeros((0, 3)), scene.state()[1]
+    layer = cp.layers.jax_solve(scene)
+    assert not np.any(jax.grad(lambda tau: layer(none, v, tau)[0].sum())(np.ones(3)))
+    tau = torch.ones(3, dtype=torch.double, requires_grad=True)
+    cp.layers.torch_solve(scene)(torch.tensor(none), torch.tensor(v), tau)[0].sum().backward()
+    assert not tau.grad.any()
+
+
+@pytest.mark.filterwarnings("ignore:The .grad attribute:UserWarning")  # its own
+def test_a_layer_within_what_torch_compiles_is_called_as_it_is():
+    """Its compiler cannot look into Pinocchio: it ended in an error of its own."""
+    bar = robot("four_bar")
+    solve = cp.layers.torch_solve(cp.Scene(bar, bar.loops))
+    q, v = map(torch.tensor, cp.Scene(bar, bar.loops).state())
+    found = []
+    for how in (lambda f: f, lambda f: torch.compile(f, backend="eager")):
+        tau = torch.ones(3, dtype=torch.double, requires_grad=True)
+        value = how(lambda u: (solve(q, v, 2 * u)[0] ** 2).sum())(tau)
+        value.backward()
+        found.append((value.item(), *tau.grad.tolist()))
+    assert found[0] == found[1]
+
+
 def test_a_quaternion_of_any_length_is_the_rotation_it_stands_for():
     scene = scenes()["free body"]
     q, v, tau = state(scene)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import partial
+from math import prod
 from typing import Any
 
 import jax
@@ -48,11 +49,11 @@ def _both_ways(of: StateMap) -> Callable[..., Arrays]:
 
     def moved(state: Arrays, steps: Arrays) -> tuple[Arrays, Arrays]:
         shapes = of.shapes(state)
-        numbers = sum(int(np.prod(shape)) for shape in shapes)
+        numbers = sum(map(prod, shapes))
         size = of.x_size + of.y_size
         x, y, A = _ask(of, of.linear, state, ((of.x_size,), (of.y_size,), (size, numbers)))
         flat = [
-            step.reshape(*step.shape[: step.ndim - len(shape)], -1)
+            step.reshape(*step.shape[: step.ndim - len(shape)], prod(shape))
             for step, shape in zip(steps, shapes, strict=True)
         ]
         change = jnp.einsum("...ij,...j->...i", A, jnp.concatenate(flat, axis=-1))

@@ -19,6 +19,8 @@ def layer(of: LayerMap) -> Layer:
     """Return a map as a function of tensors."""
 
     def call(q: Tensor, v: Tensor, tau: Tensor, *parameters: Tensor) -> tuple[Tensor, Tensor]:
+        if torch.compiler.is_dynamo_compiling():  # which cannot look into Pinocchio
+            return torch.compiler.disable(call)(q, v, tau, *parameters)  # type: ignore[no-any-return]
         tensors = [q, v, tau, *parameters]
         for name, tensor in zip(of.inputs, tensors, strict=False):
             _check(name, tensor)

@@ -64,7 +64,8 @@ class BatchStep(Outcome, Batch[StepSolution]):
 
     Notes
     -----
-    ``batch[i]`` takes the step of state i again, to the bit, and has its proof; ``batch[2:4]`` and
+    ``batch[i]`` takes the step of state i again, in Python, and has its proof: to the bit, but for
+    steps of the compiled core, which are equal as far as its page says. ``batch[2:4]`` and
     ``batch[batch.failed]`` are batches of some.
     """
 
