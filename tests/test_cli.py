@@ -122,6 +122,16 @@ def test_solve_prints_json_that_equals_the_library(solver):
     assert answer["forces"]["left_sole_link"] == solution.forces["left_sole_link"].tolist()
 
 
+def test_solve_takes_what_rolls_by_the_solver_of_the_library():
+    """And geared joints, rods and planes: the default was Proximal, which takes none of these."""
+    done = run("solve unicycle --contacts wheel --json")
+    assert done.exit_code == 0
+    unicycle = cp.load_robot("unicycle")
+    scene = cp.Scene(unicycle, unicycle.contacts)
+    q, v = scene.state()
+    assert json.loads(done.stdout)["a"] == cp.solve(scene, q, v, 0 * v).a.tolist()
+
+
 def test_solve_takes_joints_torques_and_forces_by_name():
     words = "solve four_bar --q crank=1.1 --tau crank=2 --force coupler_tip=0,0,-10 --json"
     result = run(words)

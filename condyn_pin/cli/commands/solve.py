@@ -33,7 +33,7 @@ def solve(
             "frame, along the axes of the world; repeat it for others."
         ),
     ] = None,
-    solver: arg.SolverName = "proximal",
+    solver: arg.SolverOrNone = None,
     mu: Annotated[float | None, typer.Option(help="Regularisation [1/kg].")] = None,
     max_iterations: Annotated[
         int | None, typer.Option(help="Largest number of iterations.")
@@ -46,12 +46,14 @@ def solve(
     """Solve for accelerations and forces at rest; exits with 1 if the status is not ok."""
     from condyn_pin.cli.by_name import forces_of, state_of, torque_of
     from condyn_pin.cli.words import scene_of, solver_of
+    from condyn_pin.dynamics.choice import default_solver
     from condyn_pin.dynamics.verbs import solve as solve_scene
 
     scene = scene_of(robot, contacts, loops, variant, floating)
     torques, forces = torque_of(scene, tau), forces_of(scene, force)
     at, v = state_of(scene, posture, q)
-    chosen = solver_of(solver, {"mu": mu, "max_iterations": max_iterations})
+    name = solver or type(default_solver(scene)).__name__
+    chosen = solver_of(name, {"mu": mu, "max_iterations": max_iterations})
     solution = solve_scene(
         scene, at, v, torques, forces=forces, solver=chosen, accuracy=accuracy, throw=False
     )
