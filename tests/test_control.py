@@ -22,6 +22,7 @@ from condyn_pin.control import (
     TASKS,
     Actuation,
     AngularMomentum,
+    CapturePoint,
     CenterOfMass,
     CentredPressure,
     ContactForce,
@@ -427,6 +428,7 @@ def test_tasks_do_what_they_say():
     turned = pin.SE3(place.rotation @ pin.exp3(np.array([0, 0, 0.1])), place.translation + 0.01)
     com = pin.centerOfMass(model, data, q)
     cases = [
+        CapturePoint(reference=com + 0.01, k=0.5),
         CenterOfMass(reference=com + 0.01, kp=4.0),
         FrameTask(hand, reference=turned.translation, kp=4.0),
         FrameTask(hand, reference=turned, of="pose", kp=4.0),
@@ -483,6 +485,14 @@ def measured(task, scene, q, v, out, error) -> None:
         pin.centerOfMass(model, data, moved, speed)
         return data
 
+    if isinstance(task, CapturePoint):
+        after, before, now = at(h), at(-h), at(0.0)
+        rate = (after.vcom[0] - before.vcom[0]) / (2 * h)
+        floor = now.oMf[model.getFrameId("left_sole_link")].translation[2]
+        square = 9.81 / (task.reference[2] - floor)
+        wanted = 0.5 * square * (np.array(task.reference) - now.com[0])
+        wanted -= 1.5 * np.sqrt(square) * now.vcom[0]
+        assert np.abs(rate - wanted - error).max() < 1e-6
     if isinstance(task, CenterOfMass):
         after, before, now = at(h), at(-h), at(0.0)
         rate = (after.vcom[0] - before.vcom[0]) / (2 * h)

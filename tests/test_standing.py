@@ -19,6 +19,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.contact.cone import Cone
 from condyn_pin.control import (
+    CapturePoint,
     CenterOfMass,
     ControlAnswer,
     Controller,
@@ -219,6 +220,67 @@ def test_cassie_stands_at_a_corner_where_her_springs_throw_a_foot_off(
     assert (run.modes["right-foot/heel"] == "open").any()
     assert all(modes[-1] == "stick" for modes in run.modes.values())
     assert cassie.off(run) < 0.02
+
+
+def test_a_capture_point_far_off_comes_back_along_its_line() -> None:
+    """The nearest pressure to one far beyond an edge is at a corner, and not on that line."""
+    standing = Standing("talos", "base_link", WrenchCone(0.5))
+    middle, omega = standing.middle, np.sqrt(9.81 / standing.middle[2])
+    polygon = standing._balance(standing.q, standing.v).polygon
+    assert polygon is not None
+    way = np.array([np.cos(0.35), np.sin(0.35), 0.0])
+    v = standing.v.copy()
+    v[:3] = 0.9 * omega * polygon.reach(middle, way) * way  # the base is level
+    rest = [Orientation("base_link", weight=0.3), Posture(weight=0.1)]
+    firm = {"kp": 4 * omega**2, "kd": 5 * omega, "weight": 1000}
+
+    def pressed(task: CapturePoint | CenterOfMass) -> Array:
+        """Return where the pressure is, from the middle [m]."""
+        controller = standing.controller.use(standing.held, [task, *rest])
+        out = controller.solve(standing.q, v)
+        assert out.status.ok
+        lam = np.concatenate([out.forces[name] for name in standing.held.names])
+        found = balance(standing.held, standing.q, v, out.a, lam)
+        return np.asarray((found.cop - middle)[:2])
+
+    line = pressed(CapturePoint(reference=middle, k=4.0, weight=1000))
+    corner = pressed(CenterOfMass(reference=middle, **firm))
+    across = np.array([-way[1], way[0]])
+    edge = polygon.reach(middle, way)
+    assert abs(across @ line) < 0.15 * edge < 0.3 * edge < abs(across @ corner)
+    assert 0.9 * edge < way[:2] @ line
+
+
+def test_a_foot_that_the_line_needs_is_not_thrown() -> None:
+    """Pushed across the edge behind: by a pressure on that line both heels carry Cassie.
+
+    At the corner nearest to it one foot carries her, and springs throw the other forward, where it
+    stays: from there the line between her heels is nearer, and she fell.
+    """
+    cassie = at_rest()
+    angle = np.arctan2(0.1305, -0.08) + np.radians(27.0)
+    way = np.array([np.cos(angle), np.sin(angle), 0.0])
+
+    def thrown(task: CapturePoint | CenterOfMass) -> float:
+        """Return how far the other foot is from where it stood, 0.15 s after the push [m]."""
+        made = cassie.controller
+        cassie.controller = made.use(
+            made.scene, [task, Orientation("pelvis", weight=0.3), Posture(weight=0.1)]
+        )
+        run = cassie.run(0.25, 9.6 * way, dt=5e-4)
+        foot = cassie.held.robot.frame("right-foot")[0]
+
+        model = cassie.held.robot.unedited
+        data = [model.createData() for _ in range(2)]
+        for q, each in zip((run.q[0], run.q[-1]), data, strict=True):
+            pin.forwardKinematics(model, each, q)
+        before, after = (each.oMi[foot].translation for each in data)
+        return float(np.linalg.norm(after - before))
+
+    middle, omega = cassie.middle, np.sqrt(9.81 / cassie.middle[2])
+    corner = CenterOfMass(reference=middle, kp=4 * omega**2, kd=5 * omega, weight=100)
+    assert thrown(CapturePoint(reference=middle, weight=1000)) < 0.004
+    assert thrown(corner) > 0.006
 
 
 def test_behind_a_corner_the_bound_of_cassie_counts_on_both_feet() -> None:

@@ -40,6 +40,7 @@ from .support import SupportPolygon as SupportPolygon
 from .tasks import TASKS as TASKS
 from .tasks import Task as Task
 from .tasks.angular_momentum import AngularMomentum as AngularMomentum
+from .tasks.capture_point import CapturePoint as CapturePoint
 from .tasks.center_of_mass import CenterOfMass as CenterOfMass
 from .tasks.contact_force import ContactForce as ContactForce
 from .tasks.frame_task import FrameTask as FrameTask

@@ -28,21 +28,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.braking import Brake
-from condyn_pin.control.support import (
-    SupportPlane,
-    along_plane,
-    check_touching,
-    plane_of,
-    touching_points,
-)
-from condyn_pin.dynamics.force import Sites, upward
+from condyn_pin.control.support import along_plane, level_floor
+from condyn_pin.dynamics.force import Sites
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_bilateral, check_not_driven, check_scene
 from condyn_pin.errors import InvalidArgument
@@ -183,23 +176,11 @@ def push_bound(
     if not isinstance(torque, bool):
         raise InvalidArgument(f"torque = {torque!r}: True or False is needed")
     q_ = normalised(scene.robot.unedited, "q", q)
-    floor = _level_floor(Sites(scene, q_))
+    floor = level_floor(Sites(scene, q_))
     along = floor.axes[:2].T @ along_plane(floor.axes[:2], way)
     brake = Brake(anchored(scene, q_), q_, floor, along, cones, actuation, torque, rigid)
     travel, pressure, motors = brake.stop(q_)
     return PushBound(along, travel, pressure, motors, brake.height, scene.robot.mass, brake.gravity)
-
-
-def _level_floor(at: Sites) -> SupportPlane:
-    """Return the floor under a robot; it has to be level."""
-    points, up = touching_points(at), upward(at.scene)
-    check_touching(points)
-    if not up.any():
-        raise InvalidArgument("scene: without gravity nothing stands")
-    floor = plane_of(points, up)
-    if floor is None or floor.axes[2] @ up < 1.0 - tolerances.COPLANAR:
-        raise InvalidArgument("the contacts are not on one level plane: the bound is for one")
-    return floor
 
 
 def _area(x: Array, y: Array) -> float:

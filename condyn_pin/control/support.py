@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.force import Sites, upward
 from condyn_pin.errors import InvalidArgument
 
 
@@ -181,6 +181,18 @@ def plane_of(points: Array, up: Array) -> SupportPlane | None:
             return None
         normal /= np.linalg.norm(normal)
     return SupportPlane(origin, axes_of(normal))
+
+
+def level_floor(at: Sites) -> SupportPlane:
+    """Return the floor under what presses on it; it has to be level."""
+    points, up = touching_points(at), upward(at.scene)
+    check_touching(points)
+    if not up.any():
+        raise InvalidArgument("scene: without gravity nothing stands")
+    floor = plane_of(points, up)
+    if floor is None or floor.axes[2] @ up < 1.0 - tolerances.COPLANAR:
+        raise InvalidArgument("the contacts are not on one level plane, and balance here needs one")
+    return floor
 
 
 def axes_of(normal: Array) -> Array:
