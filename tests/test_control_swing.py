@@ -6,12 +6,13 @@ import numpy as np
 import pytest
 from needs_native import needs_ticks
 from numpy.typing import NDArray
-from shared import robot
+from shared import all_scenes, robot
 
 import condyn_pin as cp
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.linalg.minimum_norm import factorise, least_change
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact import FrictionCone
 from condyn_pin.control import CenterOfMass, Controller, FrameTask, Orientation, Posture
 from condyn_pin.control.swing import locked
@@ -98,6 +99,27 @@ def test_rows_that_depend_on_each_other_lock_as_singular_values_say() -> None:
     small = np.where(np.arange(len(rows)) % 3, 1.0, 1e-6)
     again = least_change(factors.mass, small[:, None] * rows, small * change, tolerances.RANK)
     assert again == pytest.approx(by_values, abs=1e-8)
+
+
+def test_rows_that_have_no_cone_are_formed_alone() -> None:
+    _, stiff, q, _ = cassie()
+    program, still = stiff._program, np.zeros(32)
+    wanted = program.equations.position_level(q)[1][program.cones.held]
+    assert program._held is not None
+    assert len(wanted) == program._held.m == 12 < program.equations.m
+    program._held.motion(pin.neutral(program._held.model), still, still)  # it leaves nothing behind
+    np.testing.assert_array_equal(program._held.jacobian(q), wanted)
+
+
+@pytest.mark.parametrize("label", all_scenes())
+def test_the_jacobian_of_points_and_frames_needs_no_motion(label: str) -> None:
+    scene = all_scenes()[label]
+    equations = Equations(scene.robot.model, scene.bounds)
+    (q, v), (other, _) = (scene.sample(np.random.default_rng(seed)) for seed in (0, 1))
+    wanted = equations.position_level(q)[1]
+    equations.errors(other, v, 0 * v, v, np.ones(scene.rows))
+    np.testing.assert_array_equal(equations.jacobian(q), wanted)
+    assert equations.answer == b""  # wrenches of another state are not taken for its own
 
 
 def test_springs_may_carry_links_without_mass() -> None:

@@ -18,6 +18,7 @@ eliminated (`elimination`): with m the mass of the robot, so that all unknowns a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from math import isfinite, isinf
 
 import numpy as np
@@ -83,7 +84,7 @@ class Program:
         rigid: Sequence[str],
         regularisation: float,
     ) -> None:
-        robot = scene.robot
+        self._scene, robot = scene, scene.robot
         self.cones, self.equations = cones, equations
         self.motion = Motion(scene, equations)
         self.mass = robot.mass
@@ -104,7 +105,7 @@ class Program:
         self.inequalities = self._inequality_rows([actuation.motors[i] for i in limited])
         self.rigid = rigid_rows(robot, rigid, self.columns)
         self._rigid_rest = np.zeros(len(self.rigid))
-        self._none = np.zeros((0, 0))
+        self._none, self._no_loops = np.zeros((0, 0)), np.zeros((0, robot.nv))
         self._constant: Elimination | None = None
         if not len(cones.held):
             self._constant = Elimination.of(self.rigid, self.columns)
@@ -114,8 +115,17 @@ class Program:
         """Return the velocity that is left if joints that are taken for rigid are locked."""
         if not (self.rigid @ v).any() or not isfinite(np.vdot(q, q) + np.vdot(v, v)):
             return v  # what is not finite is refused later
-        loops = self.equations.jacobian(q)[self.cones.held]
+        loops = self._held.jacobian(q) if self._held else self._no_loops
         return locked(v, self.equations.mass(q), loops, self.rigid)
+
+    @cached_property
+    def _held(self) -> Equations | None:
+        """The equations of what has no cone: its rows alone are asked for beside springs."""
+        scene, rows = self._scene, self.cones.held
+        each = zip(scene.constraints, scene.bounds, strict=True)
+        held = [constraint for constraint, bound in each if bound.rows.start in rows]
+        bounds = Scene(scene.robot, held).bounds
+        return Equations(self.equations.model, bounds) if held else None
 
     def assemble(
         self, q: Array, v: Array, t: float, passive: Array

@@ -117,7 +117,12 @@ class ConstraintRows:
 
     def jacobian(self, q: Array) -> Array:
         """Return J (m, nv)."""
-        return self.position_level(q)[1]
+        if not (self.m and self._groups.plain.are_all):
+            return self.position_level(q)[1]
+        least = self.least  # before data holds the state
+        self.answer = b""
+        _joint_jacobians(self.model, self.data, q)  # with placements, all that these rows read
+        return more_than(least, self._oriented(self._groups.jacobian()))
 
     def cancellation(self, q: Array) -> Array:
         """Return P (m, nv): the sizes of what J is a difference of."""
@@ -213,7 +218,9 @@ class ConstraintRows:
 
     def _raw_jacobian(self) -> Array:
         _joint_jacobians(self.model, self.data)
-        J = self._groups.jacobian()
+        return self._oriented(self._groups.jacobian())
+
+    def _oriented(self, J: Array) -> Array:
         return self.sign[:, None] * J if self._flipped else J
 
     def drop_roundoff_rows(self, J: Array) -> Array:
