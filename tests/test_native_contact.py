@@ -206,6 +206,15 @@ def test_alternating_directions_are_those_of_python(
         assert not (2 in modes and iterates) or found.natural.max() > 1e-12  # none is polished
 
 
+def test_a_tolerance_of_zero_is_as_good_as_any() -> None:
+    """It ended in an error of the core; nothing reaches it, and Newton's method ends each step."""
+    how, duration = SOLO[-1]
+    scene, q, v, tau = along(how, duration)
+    by = cp.StewartTrinkle(contact=ADMM(tolerance=0.0))
+    found = step_batch(scene, q, v, tau, dt=DT, integrator=by, **CORE)
+    assert_as_near_as_residuals(found, step_batch(scene, q, v, tau, dt=DT, integrator=by))
+
+
 def assert_as_near_as_residuals(
     found: cp.simulation.BatchStep, wanted: cp.simulation.BatchStep
 ) -> None:
