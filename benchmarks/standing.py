@@ -8,8 +8,10 @@ measure some rows anew, and leave the others as they are.
 A whole-body controller at 1 kHz knows the feet as contacts that hold; on the floor they open and
 slide. Every three seconds, in which it comes to rest again, the base is pushed for 50 ms with a
 share of the impulse from which a robot can stand without a step, and beyond which it cannot. Twelve
-pushes, 30 degrees apart from one towards a corner of the support on, make four runs of 10 s. With
-p(s) the farthest pressure that motors and floor allow where the mass has moved by s (`push_bound`),
+pushes, 30 degrees apart from one towards a corner of the support on, make four runs of 10 s. A
+second before a push, at rest, feet are taken to belong where they have come down, and the mass
+above their middle. The bound is that of the state in which a push begins. With p(s) the farthest
+pressure that motors and floor allow where the mass has moved by s from there (`push_bound`),
 h the height of the centre of mass and h_F that of the base, on which F acts,
 
     s'' = omega^2 (s - p(s)) + F h_F / (m h),    omega = sqrt(g / h),
@@ -41,7 +43,7 @@ from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.contact.cone import Cone
 from condyn_pin.control import (
     Balance,
-    CenterOfMass,
+    CapturePoint,
     ControlAnswer,
     Controller,
     Orientation,
@@ -54,14 +56,13 @@ from condyn_pin.control import (
 from condyn_pin.mechanism import anchored, put_down
 
 RESULTS = Path(__file__).resolve().parent / "results" / "standing.json"
-# base, cone of the controller within that of the floor, step [s], and how many times omega the
-# capture point decays with: slow beside springs between motors and feet, 200 / s on Cassie
-ROBOTS: dict[str, tuple[str, Cone, float, float]] = {
-    "solo12": ("base_link", FrictionCone(0.69, sides=16), 1e-3, 4.0),
-    "cassie": ("pelvis", FrictionCone(0.65, sides=8), 5e-4, 2.0),
-    "talos": ("base_link", WrenchCone(0.5), 1e-3, 2.0),
+# base, cone of the controller within that of the floor, and step [s]
+ROBOTS: dict[str, tuple[str, Cone, float]] = {
+    "solo12": ("base_link", FrictionCone(0.69, sides=16), 1e-3),
+    "cassie": ("pelvis", FrictionCone(0.65, sides=8), 5e-4),
+    "talos": ("base_link", WrenchCone(0.5), 1e-3),
 }
-SHARES = {"solo12": (0.98, 1.25), "cassie": (0.95, 1.25), "talos": (0.98, 1.25)}
+SHARES = {"solo12": (0.98, 1.25), "cassie": (0.98, 1.25), "talos": (0.98, 1.25)}
 PERIOD, EVERY, FIRST, LASTS, FRICTION = 1e-3, 3.0, 1.0, 0.05, 0.7  # [s], ..., [1]
 RUNS, PUSHES, DURATION = 4, 3, 10.0  # a row: runs, pushes of each, how long each takes [s]
 GRAVITY = 9.81  # [m/s^2]
@@ -89,6 +90,7 @@ class Row:
     share: float
     runs: int = 0
     stood: int = 0  # to the end, on its feet
+    on: str = ""  # processor and date
     ticks: int = 0
     not_ok: int = 0
     plain: list[float] = field(default_factory=list)  # shares of m omega d, of all pushes
@@ -104,7 +106,7 @@ class Stand:
     """A robot on the floor, its controller, and where it belongs."""
 
     def __init__(self, name: str) -> None:
-        base, cone, self.dt, k = ROBOTS[name]
+        base, cone, self.dt = ROBOTS[name]
         made = robot_of(name)
         closed = cp.Scene(made, [*made.loops, *made.contacts])
         self.floor = cp.Scene(made, made.loops, contacts=made.frictional_contacts(FRICTION))
@@ -117,23 +119,24 @@ class Stand:
         self.middle = np.array([*self.corners.mean(axis=0), now.com[2]])
         self.mass, self.height = made.mass, float(now.com[2])
         self.lever = float(self.q[2]) / self.height  # the base is the floating body
-        self.bounds: dict[tuple[float, ...], PushBound] = {}
-        omega = float(np.sqrt(GRAVITY / self.height))
-        firm = {"kp": k * omega**2, "kd": (k + 1) * omega}  # xi decays with k omega
+        self.rigid = [spring.joint for spring in made.springs]
+        self.held, self.cone = closed, cone
+
+    def controller(self, q: np.ndarray) -> Controller:
+        """Return what holds the feet where they are at q, and the mass above their middle."""
+        scene = anchored(self.held, q)
+        now = balance(scene, q, 0 * self.v, 0 * self.v, np.zeros(scene.rows))
+        assert now.polygon is not None
+        middle = now.polygon.in_world.mean(axis=0)
         tasks = [
-            CenterOfMass(reference=self.middle, **firm, weight=100),
-            Orientation(base, kp=100, weight=5),  # where the mass needs it, it lets go
+            CapturePoint(reference=(middle[0], middle[1], self.middle[2]), weight=1000),
+            Orientation(self.base, kp=100, weight=0.3),  # where the mass needs it, it lets go
             Posture(weight=0.1),
         ]
-        self.rigid = [spring.joint for spring in made.springs]
-        feet = cp.Baumgarte.critical(FEET * omega)
-        self.controller = Controller(
-            self.closed, tasks, cones=cone, rigid=self.rigid, drift=feet, native="where possible"
+        feet = cp.Baumgarte.critical(FEET * float(np.sqrt(GRAVITY / self.height)))
+        return Controller(
+            scene, tasks, cones=self.cone, rigid=self.rigid, drift=feet, native="where possible"
         )
-        torque = at_rate(self.controller, PERIOD)
-        self.rest = cp.simulate(self.floor, self.q, self.v, torque, duration=FIRST, dt=self.dt).q[
-            -1
-        ]
 
     def balance(self, q: np.ndarray, v: np.ndarray) -> Balance:
         """Return where the mass is, and the capture point."""
@@ -146,44 +149,62 @@ class Stand:
         along, far = out @ way, np.einsum("ij,ij->i", out, self.corners - self.middle[:2])
         return float((far[along > 0] / along[along > 0]).min())
 
-    def bound(self, way: np.ndarray) -> PushBound:
-        """Return what motors and floor can stand, from where it is at rest."""
-        key = tuple(way)
-        if key not in self.bounds:
-            self.bounds[key] = push_bound(
-                self.closed, self.rest, way, cones=floor_of(self.floor.robot.name), rigid=self.rigid
-            )
-        return self.bounds[key]
-
-    def pushes(self, share: float, run: int) -> np.ndarray:
-        """Return forces, one for each push of a run (PUSHES, 3) [N]."""
+    def ways(self, run: int) -> np.ndarray:
+        """Return where the pushes of a run go, unit vectors along the floor (PUSHES, 3)."""
         away = self.corners[0] - self.middle[:2]
         turns = 2 * np.pi * (run + RUNS * np.arange(PUSHES)) / (RUNS * PUSHES)
         angles = np.arctan2(away[1], away[0]) + turns
-        ways = np.column_stack((np.cos(angles), np.sin(angles), 0 * angles))
-        return ways * np.array([share * self.strongest(way) for way in ways])[:, None]
+        return np.column_stack((np.cos(angles), np.sin(angles), 0 * angles))
 
-    def strongest(self, way: np.ndarray) -> float:
-        """Return the largest force from which a robot stops [N]."""
-        bound = self.bound(way)
+    def strongest(self, q: np.ndarray, v: np.ndarray, way: np.ndarray) -> float:
+        """Return the largest force along a way from which it stops, from the state it is in [N]."""
+        cone = floor_of(self.floor.robot.name)
+        bound = push_bound(anchored(self.closed, q), q, way, cones=cone, rigid=self.rigid)
+        speed = float(self.balance(q, v).com_velocity @ way)
         least, most = 0.0, 10 * bound.impulse / LASTS
         for _ in range(40):
             middle = (least + most) / 2
-            least, most = (middle, most) if self._stops(middle, bound) else (least, middle)
+            stops = self._stops(middle, speed, bound)
+            least, most = (middle, most) if stops else (least, middle)
         return least
 
     def momentum(self, d: float) -> float:
         """Return m omega d [kg m/s]."""
         return self.mass * float(np.sqrt(GRAVITY / self.height)) * d
 
-    def _stops(self, force: float, bound: PushBound) -> bool:
-        c, v, dt = 0.0, 0.0, LASTS / 500
+    def _stops(self, force: float, v: float, bound: PushBound) -> bool:
+        c, dt = 0.0, LASTS / 500
         for _ in range(500):
             pressure = np.interp(c, bound.travel, bound.pressure)
-            a = GRAVITY / self.height * (c - pressure) + force * self.lever / self.mass
-            v = max(v + dt * a, 0.0)
-            c += dt * v
+            v += dt * (GRAVITY / self.height * (c - pressure) + force * self.lever / self.mass)
+            c = max(c + dt * v, 0.0)
         return v <= bound.speed_at(c)
+
+
+class Pushes:
+    """Forces at the base: each a share of the largest that is stood from the state it begins in."""
+
+    def __init__(self, robot: Stand, share: float, run: int) -> None:
+        self._robot, self._share, self._ways = robot, share, robot.ways(run)
+        self.forces: list[np.ndarray] = []  # of the pushes that have begun [N]
+
+    def __call__(self, t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """Return the force at a time [N]."""
+        number, since = int(t / EVERY), t % EVERY - FIRST
+        if not (0 <= since < LASTS and number < PUSHES):
+            return np.zeros(3)
+        if number == len(self.forces):
+            way, falls = self._ways[number], self._robot.balance(q, v).capture_margin < 0
+            force = 0.0 if falls else self._share * self._robot.strongest(q, v, way)
+            self.forces.append(force * way)
+        return self.forces[number]
+
+    def plain(self) -> list[float]:
+        """Return the pushes as shares of m omega d."""
+        sizes = np.linalg.norm(self.forces, axis=1)
+        ways = self._ways[: len(sizes), :2]
+        most = [self._robot.momentum(self._robot.reach(way)) for way in ways]
+        return [float(LASTS * size / each) for size, each in zip(sizes, most, strict=True)]
 
 
 def floor_of(name: str) -> Cone:
@@ -208,24 +229,23 @@ def robot_of(name: str) -> cp.Robot:
 
 def stand(row: Row, robot: Stand, number: int) -> None:
     """Add a run to a row."""
-    forces = robot.pushes(row.share, number)
-    sizes = np.linalg.norm(forces, axis=1)
-    reaches = [robot.reach(f[:2] / size) for f, size in zip(forces, sizes, strict=True)]
-    row.plain += [float(LASTS * f / robot.momentum(d)) for f, d in zip(sizes, reaches, strict=True)]
-
-    def pushed(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
-        since = t % EVERY - FIRST
-        now = 0 <= since < LASTS and t < PUSHES * EVERY
-        return forces[int(t / EVERY)] if now else np.zeros(3)
-
+    pushes = Pushes(robot, row.share, number)
     answers: list[ControlAnswer] = []
-    torque = limp(at_rate(robot.controller, PERIOD, watch=answers.append))
+    ticks: list[Callable] = []  # of the controllers up to now
+
+    def ask(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        if len(ticks) <= t / EVERY:  # at rest again: feet belong where they have come down
+            ticks.append(at_rate(robot.controller(q), PERIOD, watch=answers.append))
+        return ticks[-1](t, q, v)
+
+    torque = limp(ask)
     low = FALLEN * robot.q[2]
     fallen = cp.Event(name="fallen", when=lambda now: float(now.q[2]) - low)
     run = cp.simulate(
         robot.floor, robot.q, robot.v, torque, duration=DURATION, dt=robot.dt, events=[fallen],
-        forces=[cp.AppliedForce(robot.base, pushed)],
+        forces=[cp.AppliedForce(robot.base, pushes)],
     )  # fmt: skip
+    row.plain += pushes.plain()
     end = robot.balance(run.q[-1], run.v[-1])
     stood = run.t[-1] > DURATION - PERIOD and np.linalg.norm(end.com - robot.middle) < 0.05
     row.runs, row.stood = row.runs + 1, row.stood + int(stood)
@@ -264,19 +284,19 @@ def table(rows: list[Row], about: dict[str, str]) -> str:
     """Return the rows as text."""
     lines = [
         "| robot | share of the bound | of m omega d | stood | ticks | not ok | worst kkt "
-        "| least margin [N] | capture point inside by [m] | mass away by [m] |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "| least margin [N] | capture point inside by [m] | mass away by [m] | measured on |",
+        "|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     for r in rows:
         inside, away = (f"{min(r.inside):.3f}", f"{max(r.away):.3f}") if r.stood else ("", "")
         lines.append(
             f"| {r.robot} | {r.share:g} | {min(r.plain):.2f} to {max(r.plain):.2f} "
             f"| {r.stood} of {r.runs} | {r.ticks} | {r.not_ok} "
-            f"| {r.kkt:.0e} | {r.margin:.0e} | {inside} | {away} |"
+            f"| {r.kkt:.0e} | {r.margin:.0e} | {inside} | {away} | {r.on} |"
         )
     where = (
-        "`python benchmarks/standing.py` on {processor} ({cores} cores, one thread), {system}, "
-        "Python {python}, Pinocchio {pinocchio}, {date}."
+        "`python benchmarks/standing.py`, {cores} cores, one thread, {system}, Python {python}, "
+        "Pinocchio {pinocchio}."
     )
     meaning = (
         f"A row: {RUNS} runs of {DURATION:g} s with {PUSHES} pushes each, {EVERY:g} s apart, from "
@@ -311,7 +331,9 @@ def main() -> None:
         for name in names:
             robot = Stand(name)
             for share in [x for x in SHARES[name] if asked.share in (None, x)]:
-                row = rows[name, share] = Row(name, share)
+                row = rows[name, share] = Row(
+                    name, share, on="{processor}, {date}".format(**machine())
+                )
                 for number in range(RUNS):
                     stand(row, robot, number)
                 print(row, flush=True)
