@@ -195,6 +195,11 @@ TASKS: dict[str, Mistake] = {
         InvalidArgument,
         "reference",
     ),
+    "path with a of one number": (
+        lambda: at(lambda t: ((0, 0, 0), (0, 0, 0), 0)),
+        InvalidArgument,
+        r"reference\(0\): a has shape \(1,\)",
+    ),
     "path that is nan": (
         lambda: at(lambda t: (np.zeros(3), np.full(3, NAN), np.zeros(3))),
         InvalidArgument,

@@ -196,7 +196,8 @@ class Tracking(Task):
                     f"{self.name}: reference({t:g}) = {shown(found)}: (x, v, a) is needed"
                 )
             what = f"{self.name}: reference({t:g})"
-            v_r, a_r = (finite(what, np.atleast_1d(y), size) for y in found[1:])
+            v_r = finite(f"{what}: v", np.atleast_1d(found[1]), size)
+            a_r = finite(f"{what}: a", np.atleast_1d(found[2]), size)
             try:
                 x_r = made(self._value(found[0]))
             except InvalidArgument as fault:  # it speaks of a reference that is no function
