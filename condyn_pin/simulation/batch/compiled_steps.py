@@ -39,9 +39,6 @@ from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 # Kinds of constraints that are condensed.
 _CONDENSED: Final = frozenset((HELD, BALL, WELD, CUT, ROD, COUPLING))
 
-# A tolerance in place of zero, which the core does not take: neither is reached.
-_LEAST: Final = float(np.finfo(np.float64).tiny)
-
 # A penetration at the start of a motion that none is looked at again for [m, rad].
 _DEEP: Final = 0.9 * tolerances.NEARLY_CLOSED
 
@@ -100,7 +97,7 @@ def _method(solver: ContactSolver) -> _Method:
     if isinstance(solver, ADMM):
         return _Method(
             True, solver == ADMM(), not solver.polish, POLISH if solver.polish else 0,
-            max(solver.tolerance, _LEAST), solver.max_iterations,
+            solver.tolerance, solver.max_iterations,
             min(solver.anderson, solver.max_iterations), RESCUE,  # more is never remembered
         )  # fmt: skip
     assert isinstance(solver, SemismoothNewton)

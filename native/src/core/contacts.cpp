@@ -46,7 +46,7 @@ StepPlan step_plan(const List & numbers)
   const double * x = numbers.data();
   want(x[0] > 0, "dt");
   const auto counts = [](double y) { return 0 <= y && y <= std::numeric_limits<int>::max(); };
-  want(counts(x[4]) && x[5] > 0 && counts(x[6]) && counts(x[7]) && counts(x[8]), "method of contacts");
+  want(counts(x[4]) && x[5] >= 0 && counts(x[6]) && counts(x[7]) && counts(x[8]), "method of contacts");
   const Directions directions{x[5], int(x[6]), int(x[7])};
   const ContactMethod method{x[1] != 0, x[2] != 0, x[3] != 0, int(x[4]), directions, int(x[8])};
   x += 9;

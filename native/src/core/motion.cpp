@@ -110,9 +110,14 @@ void Mover::torque(const VectorXd & q, const VectorXd & v, double drag)
   tau_ = applied_ - pull;
 }
 
-bool Mover::solve(const VectorXd & q, const VectorXd & v, VectorXd & a, Inertia inertia)
+void Mover::weigh(Inertia inertia)
 {
   solver_->model.armature = inertia == Inertia::heavy ? heavy_ : scene_.model.armature;
+}
+
+bool Mover::solve(const VectorXd & q, const VectorXd & v, VectorXd & a, Inertia inertia)
+{
+  weigh(inertia);
   a = solver_->acceleration(q, v, tau_);
   for (int i : roots_) // what is not finite anywhere is not finite there
     if (!(std::abs(a[i]) < plan_.largest))
@@ -138,6 +143,7 @@ bool Mover::correct(VectorXd & q, VectorXd & v)
   known_ = solver_->closes_by_its_factor();
   if (known_ && !acceleration(q, v, a_, drag_, first_))
     return false;
+  weigh(first_); // the last solve may have been that of a step's middle
   if (!solver_->close(q, v, dq_, dv_))
     return false;
   move(q, dq_);

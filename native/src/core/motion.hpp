@@ -75,6 +75,7 @@ private:
   bool sample(int row, double t, const VectorXd & q, const VectorXd & v, bool last);
 
   bool acceleration(const VectorXd & q, const VectorXd & v, VectorXd & a, double drag, Inertia inertia);
+  void weigh(Inertia inertia);
   bool solve(const VectorXd & q, const VectorXd & v, VectorXd & a, Inertia inertia);
   void torque(const VectorXd & q, const VectorXd & v, double drag);
   void move(VectorXd & q, const VectorXd & along);
