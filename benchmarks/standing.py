@@ -116,7 +116,7 @@ class Stand:
         now = self.balance(self.q, self.v)
         assert now.polygon is not None
         self.corners = now.polygon.in_world[:, :2]
-        self.middle = np.array([*self.corners.mean(axis=0), now.com[2]])
+        self.middle = np.array([*now.polygon.plane.origin[:2], now.com[2]])
         self.mass, self.height = made.mass, float(now.com[2])
         self.lever = float(self.q[2]) / self.height  # the base is the floating body
         self.rigid = [spring.joint for spring in made.springs]
@@ -127,7 +127,7 @@ class Stand:
         scene = anchored(self.held, q)
         now = balance(scene, q, 0 * self.v, 0 * self.v, np.zeros(scene.rows))
         assert now.polygon is not None
-        middle = now.polygon.in_world.mean(axis=0)
+        middle = now.polygon.plane.origin
         tasks = [
             CapturePoint(reference=(middle[0], middle[1], self.middle[2]), weight=1000),
             Orientation(self.base, kp=100, weight=0.3),  # where the mass needs it, it lets go

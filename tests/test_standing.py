@@ -61,7 +61,7 @@ class Standing:
         self.q = put_down(self.floor, q)
         polygon = self._balance(self.q, self.v).polygon
         assert polygon is not None
-        feet = polygon.in_world.mean(axis=0)
+        feet = polygon.plane.origin
         com = self._balance(self.q, self.v).com
         self.middle = np.array([feet[0], feet[1] + shift, com[2]])
         tasks = [
