@@ -107,7 +107,7 @@ def test_where_no_substep_is_small_enough_the_text_says_what_it_met():
     assert found.status is cp.simulation.RunStatus.FAILED
     assert found.t[-1] == pytest.approx(0.5, abs=2e-3)
     assert "no step from t = 0.49" in found.reason or "no step from t = 0.5" in found.reason
-    assert "at t = 0.5 s: tau[0] = inf" in found.reason
+    assert "at t = 0.5 s: tau(0.5, q, v)[0] = inf" in found.reason
 
 
 def test_advice_fits_a_scene_without_rows():
