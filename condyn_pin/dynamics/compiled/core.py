@@ -117,7 +117,7 @@ class CompiledCore:
         if said is None:
             return None
         answer = partial(self._solution, out, said)
-        return CompiledDerivatives(self._workspace, np.asarray(v), blocks, answer)
+        return CompiledDerivatives(self._workspace, np.array(v), blocks, answer)
 
     def _converted(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> list[Array]:
         """Return the state as the core takes it, or raise `InvalidArgument`."""

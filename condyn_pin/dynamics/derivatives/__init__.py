@@ -88,7 +88,8 @@ def _by_python(
         equations.recursion = None
     if solution.status is not Status.OK and not np.isfinite(solution.a).all():
         raise failure(workspace, solution)
-    return METHODS[method](workspace, solution, v_, tau_)
+    # much is formed when it is asked for first, and the caller may have gone on in these arrays
+    return METHODS[method](workspace, solution, v_.copy(), tau_.copy())
 
 
 @alone
