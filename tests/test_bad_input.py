@@ -984,6 +984,30 @@ def test_what_is_no_number_is_not_taken_for_one(call, text):
     assert_refused(call, text)
 
 
+VERBS: dict[str, Callable[[Any], Any]] = {
+    "solve": lambda tau: cp.solve(BAR, Q, V, tau).a,
+    "derivatives": lambda tau: cp.derivatives(BAR, Q, V, tau, check=True).da_dq,
+    "Workspace.solve": lambda tau: cp.Workspace(BAR).solve(Q, V, tau).lam,
+    "Workspace.acceleration": lambda tau: cp.Workspace(BAR).acceleration(Q, V, tau),
+    "Workspace.derivatives": lambda tau: cp.Workspace(BAR).derivatives(Q, V, tau).dlam_dq,
+    "solve_batch": lambda tau: cp.solve_batch(BAR, [Q], [V], tau).a,
+    "derivatives_batch": lambda tau: cp.simulation.derivatives_batch(BAR, [Q], [V], tau).da_dq,
+    "step": lambda tau: cp.step(BAR, Q, V, tau, dt=1e-3).q,
+    "simulate": lambda tau: cp.simulate(BAR, Q, V, tau, duration=0.01).q,
+    "simulate_batch": lambda tau: cp.simulate_batch(BAR, [Q], [V], tau, duration=0.01).q,
+}
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_zero_stands_for_no_torques_and_no_other_number_does(verb):
+    without = VERBS[verb](np.zeros(N))
+    for none in (0, 0.0, np.float64(-0.0)):
+        assert (VERBS[verb](none) == without).all()
+    for number in (1.0, False):
+        with pytest.raises(cp.InvalidArgument, match=r"^(tau|TAU)\b.*array of shape .* is needed"):
+            VERBS[verb](number)
+
+
 def test_an_array_without_anything_masked_is_an_array():
     assert cp.solve(BAR, np.ma.array(Q), V, np.zeros(N)).status.ok
 

@@ -839,6 +839,8 @@ def test_arguments_that_only_need_converting_are_converted_for_the_core():
         assert not np.shares_memory(found.q, state[0])
         by = workspace.derivatives(*state)
         np.testing.assert_array_equal(by.da_dv, workspace.derivatives(q, v, tau).da_dv)
+    still = workspace.solve(q, v, 0 * tau)
+    np.testing.assert_array_equal(workspace.solve(q, v, 0).a, still.a)
     rough = workspace.solve(q, v.astype(np.float32), tau)
     np.testing.assert_array_equal(rough.a, workspace.solve(q, np.float64(np.float32(v)), tau).a)
     for bad, text in (

@@ -115,7 +115,17 @@ class Arguments:
                     "a unit quaternion (x y z w) or (cos, sin) is needed; "
                     "pin.normalize(robot.model, q) makes one"
                 )
-        return q_, finite("v", v, nv), finite("tau", tau, nv)
+        return q_, finite("v", v, nv), joint_torques("tau", tau, nv)
+
+
+def joint_torques(name: str, tau: ArrayLike, nv: int) -> Array:
+    """Return torques (nv,) that a user handed in, where 0 stands for none."""
+    return finite(name, np.zeros(nv) if is_none(tau) else tau, nv)
+
+
+def is_none(tau: object) -> bool:
+    """Return whether what a user handed in is the plain 0 that stands for no torques."""
+    return isinstance(tau, int | float) and not isinstance(tau, bool) and tau == 0
 
 
 def normalised(model: Any, name: str, q: ArrayLike) -> Array:

@@ -46,7 +46,7 @@ def solve(
         Configuration; quaternions x y z w, normalised.
     v : (nv,) array_like
         Velocity; the free-flyer's in its body frame, linear first.
-    tau : (nv,) array_like
+    tau : 0 or (nv,) array_like
         Joint torques [N, N m]; zero in the rows of a free-flyer.
     forces : sequence of AppliedForce, optional
         Forces from outside, at frames of the robot; none by default.
@@ -117,7 +117,7 @@ def derivatives(
     ----------
     scene : Scene
     q, v, tau : (nq,), (nv,), (nv,) array_like
-        Configuration, velocity [rad/s, m/s] and joint torques [N m, N], as in `solve`.
+        Configuration, velocity [rad/s, m/s] and joint torques [N m, N] or 0, as in `solve`.
     forces : sequence of AppliedForce, optional
         As in `solve`. Their numbers stay, and J_f^T f changes with q: r_q has that too.
     solver : Solver, optional

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import joint_torques, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.kept import Kept
@@ -223,9 +223,7 @@ class _Memory:
         )  # fmt: skip
 
     def _hold(self, tau: float | ArrayLike, forces: Sequence[AppliedForce]) -> Array:
-        none = isinstance(tau, int | float) and not isinstance(tau, bool) and tau == 0
-        nv = self._scene.robot.nv
-        torques = finite("tau", np.zeros(nv) if none else tau, nv)
+        torques = joint_torques("tau", tau, self._scene.robot.nv)
         self._system.applied.hold(torques, applied_forces(forces))
         return np.array(torques)
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import FLOAT
+from condyn_pin._core.arguments import FLOAT, joint_torques
 from condyn_pin._core.arrays import Array, finite, locked
 from condyn_pin._core.parameters import check_called
 from condyn_pin.constraints.applied_force import AppliedForce
@@ -81,8 +81,7 @@ class Applied:
             check_called("tau", tau, "t, q, v")
             self.hold(None, forces)
         else:
-            none = isinstance(tau, int | float) and tau == 0
-            self.hold(finite("tau", np.zeros(robot.nv) if none else tau, robot.nv), forces)
+            self.hold(joint_torques("tau", tau, robot.nv), forces)
 
     @cached_property
     def _loads(self) -> Loads:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import HIGH, LOW
+from condyn_pin._core.arguments import HIGH, LOW, is_none
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
@@ -27,7 +27,7 @@ def check_states(
     count = _rows(name, Q, model.nq)
     q = finite(name, Q, (count, model.nq))
     v = finite(f"V{suffix}", V, (count, model.nv))
-    if isinstance(TAU, int | float) and TAU == 0:
+    if is_none(TAU):
         TAU = np.zeros(model.nv)
     for_all = np.ndim(TAU) == 1
     tau = finite("TAU", TAU, (model.nv,) if for_all else (count, model.nv))
