@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import copy
 import functools
 import importlib.util
+import pickle
 import subprocess
 import sys
 import types
@@ -681,6 +683,87 @@ def test_what_no_motion_takes_is_named():
     in_jax, of = moving("lands", 2, cp.layers.jax_simulate)
     with refused(cp.InvalidArgument, match="first derivatives only"):
         jax.hessian(lambda v: in_jax(of[0], v, *of[2:])[1].sum())(of[1])
+
+
+def of_every_map() -> dict:
+    """Layers' arguments and inputs: of solves, steps and motions, with what may vary."""
+    bar, tau = scenes()["four-bar"], np.zeros(6)
+    scene, how, (q, v), p = motions()["sinks"]
+    rough = {"route": cp.simulation.Randomised(12, 1e-6, seed=5), "wrt": ["inertias"]}
+    return {
+        "solve": ((bar,), {"solver": cp.dynamics.NullSpace(), "drift": cp.Baumgarte(20.0, 1.0),
+                           "wrt": ["inertias"]}, (*state(bar), weights(bar.robot))),
+        "step": ((scene,), {"dt": 2e-3, **how}, (q, v, tau, *p)),
+        "simulate": ((scene,), {"dt": 2e-3, "every": 2, **rough}, (q, v, np.zeros((4, 6)), p[1])),
+    }  # fmt: skip
+
+
+@pytest.mark.parametrize("again", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
+@pytest.mark.parametrize("make", list(of_every_map()))
+def test_copies_of_layers_have_their_answers_and_gradients(make, again):
+    """To the bit, also behind a call with other parameters."""
+    of, how, inputs = of_every_map()[make]
+    layer = getattr(cp.layers, f"torch_{make}")(*of, **how)
+    layer(*tensors((*inputs[:-1], 1.5 * inputs[-1]), False))
+    found = []
+    for each in (layer, again({"layer": layer})["layer"]):
+        leaves = tensors(inputs)
+        answer = each(*leaves)
+        sum((x**2).sum() for x in answer).backward()
+        found.append([*answer, *(leaf.grad for leaf in leaves)])
+    assert all(torch.equal(x, y) for x, y in zip(*found, strict=True))
+    assert all(x.any() for x in found[0])
+    in_jax = getattr(cp.layers, f"jax_{make}")(*of, **how)
+    k = range(len(inputs))
+    by, other = (
+        jax.value_and_grad(lambda *at, f=f: sum((x**2).sum() for x in f(*at)), k)(*inputs)
+        for f in (in_jax, again(in_jax))
+    )
+    assert jax.tree.all(jax.tree.map(np.array_equal, by, other))
+
+
+def test_a_module_with_a_layer_in_it_is_copied_and_saved(tmp_path):
+    class Motor(torch.nn.Module):
+        def __init__(self):
+            super().__init__()
+            self.solve, self.gain = (
+                cp.layers.torch_solve(scenes()["four-bar"]),
+                torch.nn.Linear(3, 3),
+            )
+
+        def forward(self, q, v):
+            return self.solve(q, v, self.gain(v))[0]
+
+    motor, (q, v, _) = Motor().double(), tensors(state(scenes()["four-bar"]), False)
+    assert torch.equal(copy.deepcopy(motor)(q, v), motor(q, v))
+    torch.save(motor.solve, tmp_path / "layer.pt")
+    again = torch.load(tmp_path / "layer.pt", weights_only=False)
+    assert torch.equal(again(q, v, v)[1], motor.solve(q, v, v)[1])
+
+
+def test_what_jax_calls_within_raises_what_there_is_to_say():
+    """As it is where Python calls; the last line of jax's own error where its program does."""
+    scene = scenes()["four-bar"]
+    layer, (q, v, tau) = cp.layers.jax_solve(scene), state(scene)
+    nothing = np.full(3, np.nan)
+
+    def cost(v):
+        return layer(q, v, tau)[0].sum()
+
+    for call in (cost, jax.grad(cost), jax.jacfwd(cost), jax.value_and_grad(cost)):
+        with pytest.raises(cp.InvalidArgument, match=r"^v\[0\] = nan: finite numbers are needed"):
+            call(nothing)
+    with pytest.raises(cp.SolveFailed):
+        layer(q, 1e200 * v, tau)
+    many, jit = nothing[None], jax.jit
+    for call, v_ in ((jit(cost), nothing), (jit(jax.grad(cost)), nothing), (jax.vmap(cost), many)):
+        with pytest.raises(Exception, match="InvalidArgument") as caught:
+            jax.block_until_ready(call(v_))
+        assert str(caught.value).splitlines()[-1].endswith("= nan: finite numbers are needed")
+    # shapes and dtypes are known when it traces
+    for bad in (np.zeros(2), np.zeros(3, np.float32)):
+        with pytest.raises(cp.InvalidArgument, match=r"^v (has shape|is float32)"):
+            jax.jit(cost)(bad)
 
 
 @pytest.mark.parametrize("make", ["step", "simulate"])

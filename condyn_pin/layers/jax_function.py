@@ -20,12 +20,16 @@ from condyn_pin.layers.state_map import StateMap
 Arrays = tuple[Any, ...]  # of jax, whose types are not read
 
 
-def layer(of: LayerMap) -> Layer:
-    """Return a map as a function of jax arrays."""
-    differentiable = _both_ways(of) if isinstance(of, StateMap) else _backward(of)
+class JaxLayer(Layer):
+    """A map as a function of jax arrays; deep copies, also pickled ones, have maps of their own."""
 
-    def call(q: Any, v: Any, tau: Any, *parameters: Any) -> tuple[Any, Any]:
-        arrays = [jnp.asarray(each) for each in (q, v, tau, *parameters)]
+    def __init__(self, of: LayerMap) -> None:
+        self._of = of
+        self._function = _both_ways(of) if isinstance(of, StateMap) else _backward(of)
+
+    def __call__(self, q: Any, v: Any, tau: Any, *parameters: Any) -> tuple[Any, Any]:
+        """Return x and y."""
+        of, arrays = self._of, [jnp.asarray(each) for each in (q, v, tau, *parameters)]
         for name, array in zip(of.inputs, arrays, strict=False):
             _check(name, array)
         axes = of.leading([each.shape for each in arrays])
@@ -33,15 +37,15 @@ def layer(of: LayerMap) -> Layer:
             leading = jnp.broadcast_shapes(*axes)
         except ValueError:
             raise InvalidArgument(of.not_broadcast([each.shape for each in arrays])) from None
-        x, y = differentiable(
-            *(
-                jnp.broadcast_to(each, (*leading, *each.shape[len(own) :]))
-                for own, each in zip(axes, arrays, strict=True)
-            )
+        spread = (
+            jnp.broadcast_to(each, (*leading, *each.shape[len(own) :]))
+            for own, each in zip(axes, arrays, strict=True)
         )
+        x, y = self._function(*spread)
         return x, y
 
-    return call
+    def __reduce__(self) -> tuple[Any, ...]:
+        return JaxLayer, (self._of,)
 
 
 def _both_ways(of: StateMap) -> Callable[..., Arrays]:
@@ -83,7 +87,7 @@ def _value(of: LayerMap, *inputs: Any) -> Arrays:
 
 
 def _ask(of: LayerMap, function: Any, arrays: Arrays, shapes: Sequence[Shape]) -> Arrays:
-    """Return what a function of a map gives for arrays, by a call to the CPU."""
+    """Return what a function of a map gives for arrays; of those that jax traces, by a callback."""
     first = next(iter(of.inputs.values()))
     leading = arrays[0].shape[: arrays[0].ndim - len(first)]
     kinds = tuple(jax.ShapeDtypeStruct((*leading, *shape), np.float64) for shape in shapes)
@@ -93,6 +97,8 @@ def _ask(of: LayerMap, function: Any, arrays: Arrays, shapes: Sequence[Shape]) -
         return found
 
     def asked(*arrays: Any) -> Arrays:
+        if not any(isinstance(each, jax.core.Tracer) for each in arrays):
+            return tuple(map(jnp.asarray, call(*arrays)))  # what it raises is raised as it is
         found: Arrays = jax.pure_callback(call, kinds, *arrays, vmap_method="broadcast_all")
         return found
 

@@ -137,9 +137,9 @@ def jax_simulate(
 def _layer(of: LayerMap) -> Layer:
     """Return a map as a function of jax arrays."""
     try:
-        from condyn_pin.layers.jax_function import layer
+        from condyn_pin.layers.jax_function import JaxLayer
     except ModuleNotFoundError as error:
         if (error.name or "").partition(".")[0] != "jax":
             raise
         raise MissingExtra('jax is missing: python -m pip install "condyn_pin[jax]"') from error
-    return layer(of)
+    return JaxLayer(of)

@@ -27,8 +27,13 @@ class Layer(Protocol):
     inertia about the joint's origin xx xy yy xz yz zz. The scene has its own where none are given.
 
     **First derivatives** only. torch: both modes, `torch.func.vmap`, `grad`, `jvp`, `jacrev`. jax:
-    `jit`, `vmap`, `grad`, and but for whole motions `jvp` and `jacfwd`; a call is a callback to the
-    CPU, and what is raised within it comes inside of jax's own error.
+    `jit`, `vmap`, `grad`, and but for whole motions `jvp` and `jacfwd`; shapes and dtypes
+    are looked at when jax traces. Within `jit` and `vmap` a call is a callback to the CPU, and what
+    is raised there about numbers is the last line of jax's own error; elsewhere it is raised as it
+    is.
+
+    **Copies**, by ``pickle`` or ``copy.deepcopy``, are made anew from the scene, solver, integrator
+    and route.
     """
 
     def __call__(self, q: Any, v: Any, tau: Any, *parameters: Any) -> tuple[Any, Any]:

@@ -33,13 +33,15 @@ class Parameters:
 
     Attributes
     ----------
+    made : Made
+        The scene as it was given, with its own parameters.
     shapes : dict of str to shape
         Of friction and restitution one number for each `FrictionalContact`, of solref two, and of
         inertias ten for each joint.
     """
 
     def __init__(self, made: Made, names: Sequence[str]) -> None:
-        self._first = self._last = made
+        self.made = self._last = made
         self._values: tuple[bytes, ...] = ()
         self._contacts = [
             i for i, c in enumerate(made.scene.contacts) if isinstance(c, FrictionalContact)
@@ -71,7 +73,7 @@ class Parameters:
         return found
 
     def _with(self, values: Sequence[Array]) -> Made:
-        scene, scheme, route = self._first
+        scene, scheme, route = self.made
         contacts = list(scene.contacts)
         for name, value in zip(self.shapes, values, strict=True):
             if name in ("friction", "restitution"):

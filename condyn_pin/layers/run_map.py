@@ -9,6 +9,7 @@ start, with some sqrt(steps) states in memory and the matrices of one step.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -100,6 +101,11 @@ class RunMap(LayerMap):
         unit, lengths = self._space.unit(q)
         chain = Chain(route, steps, len(tau), tau)
         return (unit, v), chain, self._space.steps(unit, lengths)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        scene, scheme, route = self._parameters.made
+        wrt = tuple(self._parameters.shapes)
+        return RunMap, (scene, self._dt, scheme, route, wrt, self._every)
 
     def _shaped(self, states: Sequence[Pair]) -> Pair:
         """Return the states that are asked for, of all from the start on."""

@@ -73,6 +73,10 @@ class SolveMap(StateMap):
             of_lam.append(change.by_inertias[self.x_size :])
         return np.hstack(of_a), np.hstack(of_lam)
 
+    def __reduce__(self) -> tuple[Any, ...]:
+        wrt = tuple(self.inputs)[3:]
+        return SolveMap, (self._scene, self._workspace.solver, self._drift, wrt)
+
     def _weighing(self, *inertias: Array) -> Workspace:
         """Return the workspace of the robot with these inertias; its own without any."""
         if inertias and inertias[0].tobytes() != self._last:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import numpy as np
 
@@ -77,6 +77,10 @@ class StepMap(StateMap):
     def matrices(self, change: StepChange) -> Pair:
         """Return the derivatives of q+ and of v+, (nv, 3 nv + parameters) each."""
         return change.matrix[: self.nv], change.matrix[self.nv :]
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        scene, scheme, route = self.parameters.made
+        return StepMap, (scene, self._dt, scheme, route, tuple(self.parameters.shapes))
 
 
 def check_steps(scene: Scene, dt: float, integrator: ContactScheme, route: Route) -> None:

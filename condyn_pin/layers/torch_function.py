@@ -15,30 +15,38 @@ from condyn_pin.layers.layer_map import LayerMap
 Tensor = Any  # a torch.Tensor: whose types are not read, that takes longer than all of ours
 
 
-def layer(of: LayerMap) -> Layer:
-    """Return a map as a function of tensors."""
+class TorchLayer(Layer):
+    """A map as a function of tensors; deep copies, also pickled ones, have maps of their own."""
 
-    def call(q: Tensor, v: Tensor, tau: Tensor, *parameters: Tensor) -> tuple[Tensor, Tensor]:
+    def __init__(self, of: LayerMap) -> None:
+        self._of = of
+
+    def __call__(
+        self, q: Tensor, v: Tensor, tau: Tensor, *parameters: Tensor
+    ) -> tuple[Tensor, Tensor]:
+        """Return x and y."""
+        call = _called
         if torch.compiler.is_dynamo_compiling():  # which cannot look into Pinocchio
-            return torch.compiler.disable(call)(q, v, tau, *parameters)  # type: ignore[no-any-return]
-        tensors = [q, v, tau, *parameters]
-        for name, tensor in zip(of.inputs, tensors, strict=False):
-            _check(name, tensor)
-        axes = of.leading([tuple(each.shape) for each in tensors])
-        try:
-            leading = torch.broadcast_shapes(*axes)
-        except RuntimeError:
-            raise InvalidArgument(of.not_broadcast([each.shape for each in tensors])) from None
-        spread = (
-            each.expand(*leading, *each.shape[len(own) :])
-            for own, each in zip(axes, tensors, strict=True)
-        )
-        return _Layer.apply(of, *spread)  # type: ignore[no-any-return]
-
-    return call
+            call = torch.compiler.disable(_called)
+        return call(self._of, q, v, tau, *parameters)
 
 
-class _Layer(torch.autograd.Function):  # type: ignore[misc]
+def _called(of: LayerMap, *tensors: Tensor) -> tuple[Tensor, Tensor]:
+    for name, tensor in zip(of.inputs, tensors, strict=False):
+        _check(name, tensor)
+    axes = of.leading([tuple(each.shape) for each in tensors])
+    try:
+        leading = torch.broadcast_shapes(*axes)
+    except RuntimeError:
+        raise InvalidArgument(of.not_broadcast([each.shape for each in tensors])) from None
+    spread = (
+        each.expand(*leading, *each.shape[len(own) :])
+        for own, each in zip(axes, tensors, strict=True)
+    )
+    return _Function.apply(of, *spread)  # type: ignore[no-any-return]
+
+
+class _Function(torch.autograd.Function):  # type: ignore[misc]
     """x, y = f(q, v, tau, ...), all with the same leading axes."""
 
     @staticmethod
@@ -67,7 +75,7 @@ class _Layer(torch.autograd.Function):  # type: ignore[misc]
 
     @staticmethod
     def vmap(info: Any, in_dims: tuple[Any, ...], of: LayerMap, *tensors: Tensor) -> Any:
-        return _Layer.apply(of, *_in_front(info, in_dims[1:], tensors)), (0, 0)
+        return _Function.apply(of, *_in_front(info, in_dims[1:], tensors)), (0, 0)
 
 
 class _Slopes(torch.autograd.Function):  # type: ignore[misc]

@@ -178,9 +178,9 @@ def torch_simulate(
 def _layer(of: LayerMap) -> Layer:
     """Return a map as a function of tensors."""
     try:
-        from condyn_pin.layers.torch_function import layer
+        from condyn_pin.layers.torch_function import TorchLayer
     except ModuleNotFoundError as error:
         if error.name != "torch":
             raise
         raise MissingExtra('torch is missing: python -m pip install "condyn_pin[torch]"') from error
-    return layer(of)
+    return TorchLayer(of)
