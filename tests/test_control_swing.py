@@ -165,7 +165,7 @@ def test_ticks_of_the_core_leave_the_swing_out_too() -> None:
     python = cassie()[1].solve(q, v)
     out = core.solve(q, v)
     assert out.path == ("compiled core",)
-    assert (out.v == python.v).all()
+    assert out.v == pytest.approx(python.v, abs=1e-9)  # rows of a rod's spin are small
     assert out.u == pytest.approx(python.u, abs=1e-5)
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from needs_native import needs_native
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -103,15 +102,6 @@ def test_a_scene_at_one_time_is_refused():
     scene = cp.Scene(carried(), [Driven(HeldJoint("cart"), PATH)])
     with pytest.raises(cp.errors.InvalidArgument, match=r"cart stays at one time.*at the t of"):
         Controller(scene.at(0.2), [Posture()], cones={})
-
-
-@needs_native
-def test_the_core_refuses_a_driven_row_by_name():
-    scene = cp.Scene(carried(), [Driven(HeldJoint("cart"), PATH)])
-    with pytest.raises(cp.errors.UnsupportedBackend, match=r"'cart': it follows a path of time"):
-        Controller(scene, [JointTask("arm")], cones={}, native=True)
-    law = Controller(scene, [JointTask("arm")], cones={}, native="where possible")
-    assert law.solve([0.0, 0.1], [0.0, 0.0], 0.2).status.ok
 
 
 def test_what_is_about_a_robot_at_rest_refuses_a_drive():

@@ -169,9 +169,10 @@ def test_every_kind_of_task_is_there():
         [AngularMomentum(lambda t: (still + t, still + 1.0))],
         [ContactForce("left_sole_link", (0.0, 10.0, 500.0), weight=1e-3), CenterOfMass()],
         [ContactForce("left_sole_link", lambda t: (0.0, t, 400.0)), Posture()],
+        [CapturePoint(weight=10), CapturePoint(reference=com, k=1.0, name="slow")],
     ]  # fmt: skip
     in_core = {type(task).__name__ for tasks in cases for task in tasks}
-    assert in_core == set(TASKS) - {"CapturePoint"}  # which is refused by name
+    assert in_core == set(TASKS)
     for tasks in cases:
         python, core = pair(scene, [*tasks, Posture(weight=1e-2, name="rest")], CONES["talos"])
         for t in (0.0, 0.3):
@@ -307,11 +308,6 @@ def test_what_it_does_not_take_is_refused_by_name_or_done_by_python():
         for tasks, cones, reason in (
             ([Own(), Posture()], OCTAGON, "task 'Own': it has no rows for this Own"),
             (Hierarchy(*([each] for each in tasks_of("solo12"))), OCTAGON, "of a Hierarchy"),
-            (
-                [CapturePoint(), Posture()],
-                OCTAGON,
-                "task 'CapturePoint': it has no rows for this CapturePoint",
-            ),
             ([ContactForce("FL_FOOT")], held, "contact that has no cone"),
         ):
             with pytest.raises(UnsupportedBackend, match=reason):

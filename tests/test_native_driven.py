@@ -337,9 +337,6 @@ def test_what_stays_in_python_is_refused_by_name():
             scene, q, v, duration=0.01, integrator=cp.simulation.StormerVerlet(),
             executor=cp.Native(),
         )  # fmt: skip
-    task = cp.control.JointTask("crank", kp=10.0)
-    with pytest.raises(UnsupportedBackend, match="'crank': it follows a path of time"):
-        cp.control.Controller(scene, [task], cones={}, native=True)
     solo = robot("solo12")
     feet = [cp.FrictionalContact(c.frame, friction=0.6, name=c.name) for c in solo.contacts]
     driven = cp.Scene(solo, [Driven(HeldJoint("FL_KFE"), Sine(0.1))], contacts=feet)

@@ -47,16 +47,19 @@ class CompiledTick:
         self._cones, self._actuation = cones, actuation
         tasks = tick_arrays.tasks_of(program)
         self._references = tick_arrays.References(
-            [bound.compiled for _, bound in tasks if bound.compiled]
+            [bound.compiled for _, bound in tasks if bound.compiled], program.equations
         )
         self._sides = np.zeros(len(program.inequalities), np.int8)
         n, m, r = scene.robot.nv, scene.rows, len(program.rigid)
-        self._parts = tuple(np.cumsum([0, n, n, m, r]).tolist())
+        self._parts = tuple(np.cumsum([0, n, n, n, m, r]).tolist())
         self._errors = dict(_rows([(task.name, len(bound.names)) for task, bound in tasks]))
         self._size = self._parts[-1] + sum(len(bound.names) for _, bound in tasks)
 
     def solve(self, q: Array, v: Array, t: float, passive: Array) -> ControlAnswer | None:
-        """Return the answer of one tick; None where it is left to Python."""
+        """Return the answer of one tick; None where it is left to Python.
+
+        The swing of joints that are taken for rigid is in `v`, and left out there.
+        """
         out, sides = np.empty(self._size), self._sides
         kkt, dynamics, constraints, *sizes, count, changes, seconds = self._core.solve(
             q, v, passive, self._references.at(t), sides, out
@@ -70,7 +73,7 @@ class CompiledTick:
         )
         if not clear:
             return None
-        at_a, at_tau, at_lam, at_rigid, at_errors = self._parts
+        at_v, at_a, at_tau, at_lam, at_rigid, at_errors = self._parts
         errors = out[at_errors:]
         active = active_rows(self._program, sides.nonzero()[0], sides > 0) if count else ()
         return ControlAnswer(
@@ -91,7 +94,7 @@ class CompiledTick:
             scene=self._scene,
             q=q.copy(),
             t=t,
-            v=v.copy(),
+            v=out[at_v:at_a],
         )
 
     def begin_from(self, answer: Polished | None) -> None:

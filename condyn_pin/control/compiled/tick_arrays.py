@@ -19,6 +19,7 @@ from condyn_pin.control.compiled_task import CompiledTask
 from condyn_pin.dynamics.compiled.arrays import of_model, of_rows, untaken_rows
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.equations import Equations
     from condyn_pin.control.program import Program
     from condyn_pin.control.tasks.base import BoundTask, Task
 
@@ -38,9 +39,6 @@ def untaken(program: Program) -> Iterator[str]:
     if len(program.levels) > 1:
         yield "tasks: its levels are one, and those of a Hierarchy are several"
     yield from untaken_rows(program.equations.model, program.equations.bounds)
-    for constraint in program.equations.bounds:
-        if constraint.drive:
-            yield f"constraint {constraint.name!r}: it follows a path of time"
     for cone in program.cones.turning:
         if type(cone.cone) not in (FrictionCone, WrenchCone):
             yield f"cones: it does not turn a {type(cone.cone).__name__}"
@@ -72,6 +70,7 @@ def of_program(program: Program, regularisation: float) -> dict[str, Any]:
         **_of_bounds(program),
         "held": cones.held.tolist(),
         "touching": cones.touching.tolist(),
+        "driven": equations.driven.tolist(),
         "motors": program.columns.tolist(),
         "rigid": program.rigid.argmax(axis=1).tolist() if len(program.rigid) else [],
         "limited": program.limited.tolist(),
@@ -129,13 +128,15 @@ def _of_bounds(program: Program) -> dict[str, Any]:
 
 
 class References:
-    """The references of all tasks as numbers: those that are functions of t are asked each tick."""
+    """The references of tasks and driven rows as numbers: functions of t are asked each tick."""
 
-    def __init__(self, tasks: Sequence[CompiledTask]) -> None:
+    def __init__(self, tasks: Sequence[CompiledTask], equations: Equations) -> None:
         follow = [task.follow() for task in tasks]
         sizes = [x + 2 * v for x, v in (task.sizes for task in tasks)]
         ends = np.cumsum([0, *sizes]).tolist()
-        self._numbers = np.zeros(ends[-1])
+        self._equations, self._driven = equations, equations.driven
+        self._numbers = np.zeros(ends[-1] + 3 * len(self._driven))
+        self._paths = self._numbers[ends[-1] :].reshape(3, -1)
         self._moving = []
         for at, task, start, end in zip(follow, tasks, ends[:-1], ends[1:], strict=True):
             if task.changes:
@@ -144,7 +145,13 @@ class References:
                 self._numbers[start:end] = at(0.0)
 
     def at(self, t: float) -> Array:
-        """Return x_r, v_r and a_r of all tasks, one after the other; overwritten by the next."""
+        """Return x_r, v_r and a_r of all tasks one after the other, then s, s' and s'' of rows.
+
+        The next call overwrites them.
+        """
         for at, where in self._moving:
             self._numbers[where] = at(t)
+        if self._paths.size:
+            self._equations.at(t)
+            self._paths[:] = self._equations.wanted[:, self._driven]
         return self._numbers

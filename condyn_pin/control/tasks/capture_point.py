@@ -27,6 +27,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parameters import check_accuracy
+from condyn_pin.control.compiled_task import CAPTURE_POINT, CompiledTask
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.support import hull, level_floor, margin_of, touching_points
 from condyn_pin.control.tasks.base import BoundTask, Home, Task
@@ -103,7 +104,12 @@ class CapturePoint(Task):
             upwards = k * square * (height - c[2]) - (k + 1) * omega * v[2]
             return now.J, floor.axes.T @ np.append(level, upwards) - now.drift
 
-        return BoundTask("accelerations", self._row_names("xyz"), "m/s^2", rows)
+        numbers = np.concatenate((place, edges.ravel(), np.zeros(6)))
+        compiled = CompiledTask(
+            CAPTURE_POINT, (3 + edges.size, 3), (k, float(omega)), lambda: lambda t: numbers, False,
+            placement=pin.SE3(floor.axes.T, floor.origin),
+        )  # fmt: skip
+        return BoundTask("accelerations", self._row_names("xyz"), "m/s^2", rows, compiled)
 
 
 def _edges(corners: Array, middle: Array) -> Array:

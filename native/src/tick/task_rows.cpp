@@ -1,4 +1,5 @@
 #include "task_rows.hpp"
+#include <algorithm>
 
 namespace condyn
 {
@@ -74,7 +75,14 @@ void TaskRows::at(TickTerms & terms, const double * numbers)
       }
       break;
     }
-    case TaskKind::contact_force: of_force(task, terms.data, x_r);
+    case TaskKind::contact_force: of_force(task, terms.data, x_r); break;
+    case TaskKind::capture_point:
+    {
+      const Vector3d c = terms.center_of_mass(three_, velocity, drift);
+      J.middleRows<3>(task.first) = three_;
+      of_capture_point(task, c, velocity, x_r);
+      b.segment<3>(task.first) -= drift;
+    }
     }
   }
 }
@@ -118,6 +126,24 @@ void TaskRows::of_force(const Task & task, const Data & data, const double * x_r
     if (k.selection[i] < 3)
       F.col(place_[k.first + i]).segment<3>(task.first) = R.col(k.selection[i]);
   b.segment<3>(task.first) = Eigen::Map<const Vector3d>(x_r);
+}
+
+/// c'' = omega^2 (c - p),  p = m + s (1 + k) (xi - m),  xi = c + c' / omega,  s <= 1, along the floor; the height as a
+/// centre of mass with kp = k omega^2 and kd = (k + 1) omega.
+void TaskRows::of_capture_point(
+  const Task & task, const Vector3d & com, const Vector3d & com_velocity, const double * x_r)
+{
+  const Matrix3d & R = task.placement.rotation();
+  const double k = task.kp, omega = task.kd, square = omega * omega;
+  const Eigen::Map<const Vector3d> m(x_r);
+  const Eigen::Map<const Eigen::Matrix2Xd> edges(x_r + 3, 2, (task.of_x - 3) / 2);
+  const Vector3d c = task.placement.actInv(com), v = R.transpose() * com_velocity;
+  Eigen::Vector2d ahead = (1 + k) * (c + v / omega - m).head<2>();
+  ahead /= std::max(1.0, (edges.transpose() * ahead).maxCoeff());
+  Vector3d wanted;
+  wanted.head<2>() = square * ((c - m).head<2>() - ahead);
+  wanted[2] = k * square * (m[2] - c[2]) - (k + 1) * omega * v[2];
+  b.segment<3>(task.first) = R * wanted;
 }
 
 void TaskRows::follow(

@@ -23,6 +23,7 @@ public:
 private:
   void of_frame(const Task & task, const TickTerms & terms, const double * x_r);
   void of_force(const Task & task, const Data & data, const double * x_r);
+  void of_capture_point(const Task & task, const Vector3d & com, const Vector3d & com_velocity, const double * x_r);
   /// b of rows at x and v, J a + drift: `left` is x_r - x.
   void follow(const Task & task, const VectorXd & left, const VectorXd & v, const VectorXd & drift, const double * x_r);
 

@@ -6,7 +6,17 @@ namespace condyn
 {
 Tick::Tick(Scene scene, TickSpec spec)
 : scene_(std::move(scene)), spec_(std::move(spec)), program_(scene_, spec_), proof_(scene_)
-{}
+{
+  if (!spec_.driven.empty())
+    scene_.wanted.setZero(scene_.rows, 3);
+}
+
+void Tick::drive(const double * along)
+{
+  for (int order = 0; order < 3; ++order)
+    for (int row : spec_.driven)
+      scene_.wanted(row, order) = *along++;
+}
 
 TickSizes Tick::operator()(
   const VectorXd & q, const VectorXd & v, const VectorXd & passive, const double * numbers, std::vector<Side> & sides)
@@ -14,6 +24,7 @@ TickSizes Tick::operator()(
   using Clock = std::chrono::steady_clock;
   TickSizes sizes{};
   sizes.kkt = std::numeric_limits<double>::infinity();
+  drive(numbers + spec_.numbers);
   if (!program_.at(q, v, passive, numbers))
     return sizes;
   const auto begun = Clock::now();
@@ -27,7 +38,7 @@ TickSizes Tick::operator()(
   VectorXd applied = tau + passive;
   for (std::size_t i = 0; i < spec_.rigid.size(); ++i)
     applied[spec_.rigid[i]] += rigid[i];
-  const Sizes found = proof_(q, v, applied, a, lam);
+  const Sizes found = proof_(q, this->v(), applied, a, lam);
   sizes.dynamics = found.dynamics, sizes.constraints = found.constraint, sizes.a = found.a;
   sizes.torque = std::max(largest(program_.terms().h), largest(applied)), sizes.unreached = program_.unreached;
   return sizes;

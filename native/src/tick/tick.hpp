@@ -20,7 +20,8 @@ public:
   Tick(Scene scene, TickSpec spec);
   Tick(const Tick &) = delete; // its parts hold references to its scene
 
-  /// Infinite sizes where Python has to look. `sides` are those to begin from, and then those of the answer.
+  /// Infinite sizes where Python has to look. `numbers` are the references of all tasks, and then those of rows that
+  /// are driven. `sides` are those to begin from, and then those of the answer.
   TickSizes operator()(
     const VectorXd & q, const VectorXd & v, const VectorXd & passive, const double * numbers,
     std::vector<Side> & sides);
@@ -28,10 +29,15 @@ public:
   const Scene & scene() const { return scene_; }
   const TickSpec & spec() const { return spec_; }
 
+  const VectorXd & v() const { return program_.terms().v; } // without the swing of joints that are taken for rigid
+
   VectorXd a, tau, lam, rigid, errors; // of the last answer
 
 private:
-  const Scene scene_;
+  /// Takes rows that are driven to where they are to be at the time of a tick: s, s' and s'' of each.
+  void drive(const double * along);
+
+  Scene scene_;
   const TickSpec spec_;
   TickProgram program_;
   ActiveSet active_set_;

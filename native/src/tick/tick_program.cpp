@@ -25,14 +25,18 @@ TickProgram::TickProgram(const Scene & scene, const TickSpec & spec)
     rows_(spec.held.size() + i, spec.rigid[i]) = 1.0;
 }
 
-bool TickProgram::at(const VectorXd & q, const VectorXd & v, const VectorXd & passive, const double * numbers)
+bool TickProgram::at(const VectorXd & q, VectorXd v, const VectorXd & passive, const double * numbers)
 {
   passive_ = passive;
-  terms_.at(q, v);
+  terms_.place(q);
   if (scene_.rows && !(terms_.J.squaredNorm() > 10 * spec_.least))
     return false;
+  if (holds_ && !(hold() && lock(v)))
+    return false;
+  terms_.move(v);
   tasks_.at(terms_, numbers);
-  if (!eliminate() || !turn_cones())
+  eliminate();
+  if (!turn_cones())
     return false;
   qp.split = force_.rows();
   write_objective();
@@ -41,7 +45,16 @@ bool TickProgram::at(const VectorXd & q, const VectorXd & v, const VectorXd & pa
   return true;
 }
 
-bool TickProgram::eliminate()
+bool TickProgram::hold()
+{
+  take(terms_.J, spec_.held, rows_.topRows(spec_.held.size()));
+  if (!elimination_.at(rows_, spec_.motors, spec_.rank))
+    return false;
+  inertia_ = elimination_.N.transpose() * terms_.M * elimination_.N;
+  return true;
+}
+
+void TickProgram::eliminate()
 {
   const Eigen::Index m = spec_.touching.size();
   const double per_mass = 1.0 / spec_.mass;
@@ -52,9 +65,6 @@ bool TickProgram::eliminate()
   VectorXd h = terms_.h - passive_;
   if (holds_)
   {
-    take(terms_.J, spec_.held, rows_.topRows(spec_.held.size()));
-    if (!elimination_.at(rows_, spec_.motors, spec_.rank))
-      return false;
     VectorXd r = VectorXd::Zero(rows_.rows());
     for (std::size_t i = 0; i < spec_.held.size(); ++i)
       r[i] = terms_.wanted[spec_.held[i]];
@@ -69,10 +79,7 @@ bool TickProgram::eliminate()
   h *= per_mass;
   const Eigen::Index k = touch_.cols();
   force_.resize(k, k + m);
-  if (holds_)
-    force_.leftCols(k) = per_mass * (elimination_.N.transpose() * terms_.M * elimination_.N);
-  else
-    force_.leftCols(k) = per_mass * terms_.M;
+  force_.leftCols(k) = per_mass * (holds_ ? inertia_ : terms_.M);
   force_.rightCols(m) = -touch_.transpose();
   const Eigen::Index motors = spec_.motors.size(), inner = holds_ ? elimination_.inner.cols() : 0;
   torque_.resize(motors, k + m + inner);
@@ -81,12 +88,11 @@ bool TickProgram::eliminate()
     torque_.leftCols(k + m) = elimination_.drive * force_, torque_.rightCols(inner) = elimination_.inner;
     law_ = elimination_.unreached * force_;
     torque_0_ = elimination_.drive * h, law_0_ = elimination_.unreached * h;
-    return true;
+    return;
   }
   law_.resize(others_.size(), k + m), torque_0_.resize(motors), law_0_.resize(others_.size());
   take(force_, spec_.motors, torque_), take(force_, others_, law_);
   take(h, spec_.motors, torque_0_), take(h, others_, law_0_);
-  return true;
 }
 
 void TickProgram::write_objective()

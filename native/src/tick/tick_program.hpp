@@ -16,7 +16,7 @@ public:
   TickProgram(const Scene & scene, const TickSpec & spec);
 
   /// False where Python has to look. `numbers` are the references of all tasks.
-  bool at(const VectorXd & q, const VectorXd & v, const VectorXd & passive, const double * numbers);
+  bool at(const VectorXd & q, VectorXd v, const VectorXd & passive, const double * numbers);
   /// a, the torques of the motors, lam of all rows, and the torques of joints that are taken for rigid.
   void recover(const VectorXd & x, VectorXd & a, VectorXd & tau, VectorXd & lam, VectorXd & rigid) const;
   /// J a + drift - a_wanted of all tasks, or F lam - f_wanted.
@@ -27,7 +27,12 @@ public:
   const TickTerms & terms() const { return terms_; }
 
 private:
-  bool eliminate();
+  /// What is held, eliminated from accelerations; false where a rank is in doubt.
+  bool hold();
+  /// Takes the swing of joints that are taken for rigid out of v; false where rows contradict each other.
+  bool lock(VectorXd & v) const;
+  /// The equations of motion over x.
+  void eliminate();
   void write_equations();
   void write_objective();
   void write_inequalities();
@@ -42,7 +47,7 @@ private:
   std::vector<int> others_; // entries of v without a motor
   bool holds_; // whether anything is eliminated
   enum { unknown, independent, redundant } contacts_ = unknown;
-  MatrixXd rows_, J_c_, touch_, force_, torque_, law_, along_, cones_;
+  MatrixXd rows_, inertia_, J_c_, touch_, force_, torque_, law_, along_, cones_; // inertia: N^T M N
   VectorXd a_0_, demanded_, torque_0_, law_0_, passive_;
 };
 } // namespace condyn

@@ -6,16 +6,21 @@
 namespace condyn
 {
 /// What the rows of a task are of; the numbers are those of `condyn_pin/control/compiled_task.py`.
-enum class TaskKind { position, orientation, pose, center_of_mass, joint, posture, angular_momentum, contact_force };
+enum class TaskKind {
+  position, orientation, pose, center_of_mass, joint, posture, angular_momentum, contact_force, capture_point
+};
 
 /// w |J a + drift - a_r - kp (x_r - x) - kd (v_r - v)|^2, or w |F lam - x_r|^2 of a contact force.
+///
+/// Of a capture point kp and kd are k and omega, and x_r is where the mass belongs in the axes of the floor and E by
+/// rows, with which E d is 1 where the pressure is at an edge (`condyn_pin/control/tasks/capture_point.py`).
 struct Task
 {
   TaskKind kind;
   int first, size; // rows among those of all tasks
   int at; // the joint of its frame; where q holds a joint; or the constraint
   bool hard; // rows that are equations
-  SE3 placement; // of its frame on the joint
+  SE3 placement; // of its frame on the joint, or of the floor
   double kp, kd, weight;
   std::vector<int> columns; // of v, a row each, where rows are entries of a
   int reference, of_x, of_v; // where x_r begins among the numbers of a tick, and sizes: x_r, v_r, a_r
@@ -49,7 +54,7 @@ struct TickSpec
 {
   std::vector<Task> tasks;
   int task_rows = 0, numbers = 0; // of all tasks: rows, and numbers of references
-  std::vector<int> held, touching; // rows of the scene
+  std::vector<int> held, touching, driven; // rows of the scene
   std::vector<int> motors, rigid; // entries of v
   std::vector<int> limited; // motors that have a limit
   VectorXd torque; // that limit over the mass

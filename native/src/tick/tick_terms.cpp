@@ -15,17 +15,22 @@ TickTerms::TickTerms(const Scene & scene)
     moved_.emplace_back(scene.model, k);
 }
 
-void TickTerms::at(const VectorXd & q_now, const VectorXd & v_now)
+void TickTerms::place(const VectorXd & q_now)
 {
-  q = q_now, v = v_now;
-  const Model & model = scene.model;
-  pinocchio::crba(model, data, q, pinocchio::Convention::WORLD); // leaves the Jacobians of the joints behind
+  q = q_now;
+  pinocchio::crba(scene.model, data, q, pinocchio::Convention::WORLD); // leaves the Jacobians of the joints behind
   M = data.M.selfadjointView<Eigen::Upper>();
+  write_jacobian(scene, data, moved_, J);
+}
+
+void TickTerms::move(const VectorXd & v_now)
+{
+  v = v_now;
+  const Model & model = scene.model;
   h = pinocchio::nonLinearEffects(model, data, q, v);
   pinocchio::forwardKinematics(model, data, q, v, still_);
   rows_.evaluate(scene, data, q, v, still_);
   wanted = -rows_.acceleration - scene.kd * rows_.velocity - scene.kp * rows_.c;
-  write_jacobian(scene, data, moved_, J);
 }
 
 Vector3d TickTerms::center_of_mass(MatrixXd & J_c, Vector3d & velocity, Vector3d & drift)

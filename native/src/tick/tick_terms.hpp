@@ -10,7 +10,10 @@ class TickTerms
 public:
   explicit TickTerms(const Scene & scene);
 
-  void at(const VectorXd & q, const VectorXd & v);
+  /// M and J.
+  void place(const VectorXd & q);
+  /// h, and what rows have to be; after `place`.
+  void move(const VectorXd & v);
 
   /// J, Jdot v and the velocity of the centre of mass; its place is returned.
   Vector3d center_of_mass(MatrixXd & J, Vector3d & velocity, Vector3d & drift);

@@ -31,7 +31,7 @@ void read_tasks(
   {
     const int * k = integers.data() + 7 * i;
     const double * x = row(numbers, i).data();
-    want(0 <= k[0] && k[0] <= int(TaskKind::contact_force) && k[1] > 0 && k[4] > 0 && k[5] > 0 && k[6] >= 0, "task");
+    want(0 <= k[0] && k[0] <= int(TaskKind::capture_point) && k[1] > 0 && k[4] > 0 && k[5] > 0 && k[6] >= 0, "task");
     Task task{TaskKind(k[0]), spec.task_rows, k[1], k[2], bool(k[3]), placement(x), x[12], x[13], x[14], {},
               spec.numbers, k[4], k[5]};
     want(next + k[6] <= columns.size() && (!k[6] || k[6] == task.size), "columns of a task");
@@ -45,9 +45,12 @@ void read_tasks(
     want(task.kind != TaskKind::posture || (task.of_x == scene.model.nq && task.of_v == scene.model.nv), "posture");
     want(task.kind == TaskKind::posture || task.of_v == task.size, "numbers of a task");
     const int turned = task.kind == TaskKind::orientation ? 9 : task.kind == TaskKind::pose ? 12 : task.size;
-    want(task.kind == TaskKind::posture || task.of_x == turned, "numbers of a task");
+    const bool on_floor = task.kind == TaskKind::capture_point; // a place and the edges, two numbers each
+    want(task.kind == TaskKind::posture || on_floor || task.of_x == turned, "numbers of a task");
+    want(!on_floor || (task.of_x > 3 && task.of_x % 2 == 1 && task.kd > 0), "support of a task");
     const int rows = task.kind == TaskKind::pose ? 6 : task.kind == TaskKind::joint ? 1 : 3;
     want(task.kind == TaskKind::posture || task.size == rows, "rows of a task");
+    want(!task.is_force() || !scene.constraints[task.at].is_scalar(), "contact of a task");
     for (int i = 0; task.is_force() && i < scene.constraints[task.at].size; ++i)
       want(std::count(spec.touching.begin(), spec.touching.end(), scene.constraints[task.at].first + i) == 1,
            "contact of a task");
@@ -85,7 +88,9 @@ void check(const TickSpec & spec, const Scene & scene)
 {
   want_below(spec.held, scene.rows, "rows that are held");
   want_below(spec.touching, scene.rows, "rows of contacts");
+  want_below(spec.driven, scene.rows, "rows that are driven");
   want_below(spec.motors, scene.model.nv, "motors");
+  want(!spec.motors.empty(), "number of motors");
   want_below(spec.rigid, scene.model.nv, "rigid joints");
   want_below(spec.limited, int(spec.motors.size()), "motors with a limit");
   want(spec.torque.size() == Eigen::Index(spec.limited.size()), "limits of motors");
@@ -99,7 +104,7 @@ void check(const TickSpec & spec, const Scene & scene)
        "limits of joints");
 }
 
-/// One tick into arrays of Python: a, tau, lam, torques of rigid joints and errors one after the other. `sides` are
+/// One tick into arrays of Python: v, a, tau, lam, torques of rigid joints and errors one after the other. `sides` are
 /// those to begin from, and then those of the answer.
 nb::tuple solve(
   Tick & tick, const List & q, const List & v, const List & passive, const List & numbers,
@@ -109,8 +114,8 @@ nb::tuple solve(
   const std::size_t nv = tick.scene().model.nv;
   const std::size_t rows = spec.limited.size() + spec.accelerations.columns.size() + spec.cones.rows();
   want(q.size() == std::size_t(tick.scene().model.nq) && v.size() == nv && passive.size() == nv, "q, v or passive");
-  want(numbers.size() == std::size_t(spec.numbers) && sides.size() == rows, "references or sides");
-  want(out.size() == 2 * nv + tick.scene().rows + spec.rigid.size() + spec.task_rows, "answer");
+  want(numbers.size() == spec.numbers + 3 * spec.driven.size() && sides.size() == rows, "references or sides");
+  want(out.size() == 3 * nv + tick.scene().rows + spec.rigid.size() + spec.task_rows, "answer");
   std::vector<Side> at(rows);
   for (std::size_t i = 0; i < rows; ++i)
     at[i] = Side(std::clamp<int>(sides.data()[i], at_lower, at_upper));
@@ -118,7 +123,7 @@ nb::tuple solve(
   if (s.kkt <= spec.kkt)
   {
     std::copy(at.begin(), at.end(), sides.data());
-    Out(out.data(), out.size()) << tick.a, tick.tau, tick.lam, tick.rigid, tick.errors;
+    Out(out.data(), out.size()) << tick.v(), tick.a, tick.tau, tick.lam, tick.rigid, tick.errors;
   }
   const auto active = at.size() - std::count(at.begin(), at.end(), between);
   return nb::make_tuple(
@@ -132,21 +137,22 @@ NB_MODULE(_tick, m)
 {
   using namespace condyn;
   using namespace nanobind::literals;
-  m.attr("protocol") = 1; // of the arrays: what condyn_pin hands over has to be of the same
+  m.attr("protocol") = 2; // of the arrays: what condyn_pin hands over has to be of the same
   nb::class_<Tick>(m, "Tick")
     .def("__init__",
          [](Tick * self, const std::vector<std::string> & kinds, const Integers & parents, const Table & joints,
             const List & gravity, const List & armature, const IntegerTable & constraints,
-            const Table & of_constraints, const List & drift, const IntegerTable & tasks, const Table & of_tasks,
-            const Indices & task_columns, const Indices & held, const Indices & touching, const Table & cones,
-            const IntegerTable & turning, const Table & floors, const std::vector<Table> & A,
+            const Table & of_constraints, const List & drift, const Indices & driven, const IntegerTable & tasks,
+            const Table & of_tasks, const Indices & task_columns, const Indices & held, const Indices & touching,
+            const Table & cones, const IntegerTable & turning, const Table & floors, const std::vector<Table> & A,
             const std::vector<Table> & to_wrench, const Indices & motors, const Indices & rigid,
             const Indices & limited, const List & torque, const Indices & bounded, const List & most,
             const List & speed, double dt, const Indices & at_q, const Indices & at_v, const List & lowest,
             const List & highest, const List & numbers) {
            Scene scene = read_rows({kinds, parents, joints, gravity, armature, constraints, of_constraints, drift});
            TickSpec spec;
-           spec.held = held, spec.touching = touching, spec.motors = motors, spec.rigid = rigid;
+           spec.held = held, spec.touching = touching, spec.driven = driven;
+           spec.motors = motors, spec.rigid = rigid;
            spec.limited = limited, spec.torque = vector(torque);
            spec.accelerations = {bounded, vector(most), vector(speed), dt, at_q, at_v, vector(lowest), vector(highest)};
            want(numbers.size() == 6, "numbers");
@@ -159,8 +165,8 @@ NB_MODULE(_tick, m)
            new (self) Tick(std::move(scene), std::move(spec));
          },
          nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,
-         "of_constraints"_a, "drift"_a, "tasks"_a, "of_tasks"_a, "task_columns"_a, "held"_a, "touching"_a, "cones"_a,
-         "turning"_a, "floors"_a, "A"_a, "to_wrench"_a, "motors"_a, "rigid"_a, "limited"_a, "torque"_a, "bounded"_a,
-         "most"_a, "speed"_a, "dt"_a, "at_q"_a, "at_v"_a, "lowest"_a, "highest"_a, "numbers"_a)
+         "of_constraints"_a, "drift"_a, "driven"_a, "tasks"_a, "of_tasks"_a, "task_columns"_a, "held"_a, "touching"_a,
+         "cones"_a, "turning"_a, "floors"_a, "A"_a, "to_wrench"_a, "motors"_a, "rigid"_a, "limited"_a, "torque"_a,
+         "bounded"_a, "most"_a, "speed"_a, "dt"_a, "at_q"_a, "at_v"_a, "lowest"_a, "highest"_a, "numbers"_a)
     .def("solve", &solve, "q"_a, "v"_a, "passive"_a, "numbers"_a, "sides"_a, "out"_a);
 }
