@@ -1,6 +1,6 @@
 """Time of a control tick: assembly, program, proof; beside each solver on the same program.
 
-    python benchmarks/control.py [--ticks 500]
+    python benchmarks/control.py [--ticks 500] [--springs]
 
 States move from tick to tick, as under a controller. Writes benchmarks/results/control.csv; "tick"
 is all of `Controller.solve`, "program" what answers the program, and the columns of solvers are
@@ -12,7 +12,8 @@ the same solvers are timed in turn on the program that keeps them,
     x = (a, lam / m),    equations of joints without a motor,    J a = r  of loops and contacts,
 
 and "loops out" is the median of the ratios, of programs that both solve; nan where it solves none
-with loops. "a differs" says by how much accelerations do.
+with loops. "a differs" says by how much accelerations do. The last row is that of Cassie on springs
+that swing, and "locking" what it takes in Python to lock them.
 """
 
 from __future__ import annotations
@@ -23,6 +24,7 @@ import sys
 from collections.abc import Callable
 from pathlib import Path
 from time import perf_counter
+from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -34,6 +36,7 @@ from condyn_pin._core.machine import machine
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.control import (
     DAQP,
+    CapturePoint,
     CenterOfMass,
     Controller,
     Hierarchy,
@@ -73,16 +76,7 @@ def measured(name: str, ticks: int) -> list[dict[str, object]]:
     for label, tasks in wished.items():
         controller = Controller(scene, tasks, cones=cone)
         states = _states(scene, ticks)
-        times, answers = _timed(lambda q, v, of=controller: of.solve(q, v), states)
-        row: dict[str, object] = {
-            "case": f"{name}, {label}",
-            "tick": _us(times),
-            "program": _us([answer.solve_time for answer in answers]),
-            "active rows": max(len(answer.active) for answer in answers),
-            "by the last active set": sum(answer.iterations == 0 for answer in answers),
-            "worst kkt": max(answer.residuals.kkt for answer in answers),
-            "not ok": sum(not answer.status.ok for answer in answers),
-        }
+        row = _ticks(f"{name}, {label}", controller, states)
         if label != "levels":
             row |= _solvers(controller, states) | _in_core(controller, states)
         rows.append(row)
@@ -90,6 +84,42 @@ def measured(name: str, ticks: int) -> list[dict[str, object]]:
             rows[-1] |= _loops_kept(controller, states)
         print(rows[-1], flush=True)
     return rows
+
+
+def on_springs(ticks: int) -> dict[str, object]:
+    """Return the row of Cassie on springs that swing, by the controller of `standing.py`."""
+    made = cp.load_robot("cassie")
+    scene = cp.Scene(made, [*made.loops, *made.contacts])
+    tasks = [
+        CapturePoint(weight=1000),
+        Orientation("pelvis", kp=100, weight=0.3),
+        Posture(weight=0.1),
+    ]
+    rigid = [spring.joint for spring in made.springs]
+    given = {"rigid": rigid, "drift": cp.Baumgarte.critical(10.0)}
+    controller = Controller(scene, tasks, cones=FrictionCone(0.65, sides=8), **given)
+    states = _states(scene, ticks)
+    row = _ticks("cassie, on springs", controller, states)
+    locking, _ = _timed(controller._program.without_swing, states)
+    row |= {"locking": _us(locking)} | _in_core(controller, states, **given)
+    print(row, flush=True)
+    return row
+
+
+def _ticks(
+    case: str, controller: Controller, states: list[tuple[np.ndarray, np.ndarray]]
+) -> dict[str, object]:
+    """Return what ticks in Python take, and how good they are."""
+    times, answers = _timed(controller.solve, states)
+    return {
+        "case": case,
+        "tick": _us(times),
+        "program": _us([answer.solve_time for answer in answers]),
+        "active rows": max(len(answer.active) for answer in answers),
+        "by the last active set": sum(answer.iterations == 0 for answer in answers),
+        "worst kkt": max(answer.residuals.kkt for answer in answers),
+        "not ok": sum(not answer.status.ok for answer in answers),
+    }
 
 
 def _solvers(controller: Controller, states: list[tuple[np.ndarray, np.ndarray]]) -> dict:
@@ -101,11 +131,12 @@ def _solvers(controller: Controller, states: list[tuple[np.ndarray, np.ndarray]]
     return found
 
 
-def _in_core(python: Controller, states: list[tuple[np.ndarray, np.ndarray]]) -> dict:
+def _in_core(
+    python: Controller, states: list[tuple[np.ndarray, np.ndarray]], **options: Any
+) -> dict:
     """Return what ticks take in the compiled core, called in turn with those in Python."""
-    given = {"cones": python._cones, "native": True}
     try:
-        core = Controller(python.scene, python.tasks, **given)
+        core = Controller(python.scene, python.tasks, cones=python._cones, native=True, **options)
     except cp.errors.MissingExtra:
         return {}
     pairs, differs = [], 0.0
@@ -207,10 +238,13 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--ticks", type=int, default=500)
     parser.add_argument("--csv", type=Path, default=RESULTS)
+    parser.add_argument("--springs", action="store_true", help="that row alone, not written")
     arguments = parser.parse_args()
-    rows = [row for name in CASES for row in measured(name, arguments.ticks)]
+    rows = [] if arguments.springs else [r for n in CASES for r in measured(n, arguments.ticks)]
+    rows.append(on_springs(arguments.ticks))
     columns = list(dict.fromkeys(name for row in rows for name in row))
-    write_csv(arguments.csv, machine(), columns, rows)
+    if not arguments.springs:
+        write_csv(arguments.csv, machine(), columns, rows)
     return int(any(row["not ok"] for row in rows))
 
 
