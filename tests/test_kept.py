@@ -17,7 +17,7 @@ import condyn_pin as cp
 from condyn_pin._core.kept import Kept
 from condyn_pin.constraints import Driven, HeldJoint, Sine
 from condyn_pin.dynamics.compiled.core import CompiledCore
-from condyn_pin.simulation.step import _Memory
+from condyn_pin.simulation.proved_steps import ProvedSteps
 
 FOUR_BAR, SOLO = "four_bar loops", "solo12 contacts"
 
@@ -101,7 +101,7 @@ def built(monkeypatch) -> Counter[str]:
 
         monkeypatch.setattr(kind, "__init__", wrapper)
 
-    for kind in (cp.Workspace, CompiledCore, _Memory):
+    for kind in (cp.Workspace, CompiledCore, ProvedSteps):
         count(kind)
     return counted
 
@@ -137,12 +137,12 @@ def test_steps_that_take_turns_have_a_memory_each(built):
         for scene in bodies:
             q, v = scene.state()
             cp.step(scene, q, v, dt=1e-3)
-    assert built["_Memory"] == 2
+    assert built["ProvedSteps"] == 2
     for _ in range(3):
         for scene in bodies:
             q, v = scene.state()
             cp.simulation.step_batch(scene, q[None], v[None], dt=1e-3)
-    assert built["_Memory"] == 4
+    assert built["ProvedSteps"] == 4
 
 
 @needs_native

@@ -9,20 +9,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.applied_force import AppliedForce
-from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
+from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.dynamics.residuals import Residuals
-from condyn_pin.errors import InvalidArgument, InvalidModel
-from condyn_pin.model.soundness import massless_motion
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
-
-# Forces, as a multiple of the weight, that deserve a look at the singular values.
-_HEAVY = 1e3
 
 
 class Status(Enum):
@@ -174,7 +168,7 @@ class Solution:
         """
         return {name: force.in_world() for name, force in self.forces.items() if force.frame}
 
-    @property
+    @cached_property
     def notices(self) -> tuple[str, ...]:
         """What deserves attention, a sentence each.
 
@@ -185,38 +179,9 @@ class Solution:
 
         The look at the singular values takes a few solves, when it is asked for first.
         """
-        return pulling(self.forces, self._sites) + self._wrong_forces + self._doubts
+        from condyn_pin.dynamics.notices import notices_of  # most answers are not asked for them
 
-    @property
-    def _wrong_forces(self) -> tuple[str, ...]:
-        """That it is the forces which keep an answer from being ok."""
-        if self.status is not Status.INACCURATE or not self.error_bound <= tolerances.SOLVED:
-            return ()
-        return (
-            f"a is right to {self.error_bound:.1e}, the forces are not: the equation of a joint is "
-            f"off by {self.dynamics_error:.1e} N or N m, more than {tolerances.FORCES:g} of the "
-            "largest torque",
-        )
-
-    @cached_property
-    def _doubts(self) -> tuple[str, ...]:
-        """What `Scene.rank` says where it is singular, or the answer is not as it should be."""
-        if not self.status.ok:
-            share = tolerances.NEARLY_MASSLESS
-            if said := massless_motion(self.scene.robot.model, self.q, share=share):
-                return (said,)
-        if not self.scene.rows:
-            return ()
-        nominal = self.scene.nominal
-        heavy = np.abs(self.lam).max(initial=0.0) > _HEAVY * nominal.weight
-        scale = max(float(np.abs(self.a).max()), nominal.estimator.gravity)
-        # of contradicting rows the best a is still unique, and may be ok
-        unmet = self.constraint_error > tolerances.SOLVED * scale
-        try:
-            at = self.scene.rank(self.q)
-            return at.notes if heavy or unmet or not self.status.ok or at.singular else ()
-        except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of
-            return ()
+        return notices_of(self, self._sites)
 
     @cached_property
     def _sites(self) -> Sites:
