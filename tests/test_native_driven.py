@@ -337,9 +337,3 @@ def test_what_stays_in_python_is_refused_by_name():
             scene, q, v, duration=0.01, integrator=cp.simulation.StormerVerlet(),
             executor=cp.Native(),
         )  # fmt: skip
-    solo = robot("solo12")
-    feet = [cp.FrictionalContact(c.frame, friction=0.6, name=c.name) for c in solo.contacts]
-    driven = cp.Scene(solo, [Driven(HeldJoint("FL_KFE"), Sine(0.1))], contacts=feet)
-    q, v = (x[None] for x in driven.state())
-    with pytest.raises(UnsupportedBackend, match="follow a path of time"):
-        cp.simulate_batch(driven, q, v, duration=0.01, executor=cp.Native())

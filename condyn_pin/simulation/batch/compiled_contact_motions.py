@@ -16,6 +16,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.simulation.batch.compiled_motions import put_motions
 from condyn_pin.simulation.batch.compiled_steps import contacts_of, states_of, step_plan
+from condyn_pin.simulation.batch.driven_path import driven_path_of
 from condyn_pin.simulation.breakdown import LOST, is_lost
 from condyn_pin.simulation.contact_record import touch_of
 from condyn_pin.simulation.contact_work import ContactWork
@@ -47,13 +48,15 @@ class SteppedMotions:
         ways = _Ways(self, workspace, outputs, q, v.copy())
         core = contacts_of(workspace, self.contacts)
         outputs["run_times"][:] = 0.0
+        ahead = self.steps % self.every > 0  # the last sample is that of a step not taken
+        paths = driven_path_of(workspace, self.dt, self.steps + ahead)
         python = None
         while True:
             core.simulate(
                 step=ways.step, Q=ways.q, V=ways.v, works=ways.works, TAU=tau,
                 plan=step_plan(self.integrator, self.dt), steps=self.steps, every=self.every,
                 closed=tolerances.NEARLY_CLOSED / 10, lost=LOST, **ways.found, done=ways.done,
-                times=outputs["run_times"], threads=threads,
+                times=outputs["run_times"], driven=paths.rows, path=paths.wanted, threads=threads,
             )  # fmt: skip
             stopped = np.flatnonzero((ways.done == 0) & (ways.step >= 0))
             if not stopped.size:
@@ -72,9 +75,9 @@ class _Ways:
         self, of: SteppedMotions, workspace: Workspace, outputs: Arrays, q: Array, v: Array
     ) -> None:
         count, model, kept = len(q), workspace.model, len(range(0, of.steps, of.every)) + 1
-        self.q, self.v, self.works = q, v, np.zeros((count, 3))
+        self.q, self.v, self.works = q, v, np.zeros((count, 4))
         self.step, self.done = np.zeros((2, count), np.int32)
-        widths = {"q": model.nq, "v": model.nv, "measures": 4, "work": 3}
+        widths = {"q": model.nq, "v": model.nv, "measures": 4, "work": 4}
         self.found = {name: np.zeros((count, kept, size)) for name, size in widths.items()}
         self.found["t"] = np.zeros((count, kept))
         for name in ("a", "lam", "contact"):  # where samples are asked for
@@ -92,6 +95,7 @@ class _Steps:
         self._system = System(workspace, contacts=scene.contact_bounds)
         self._steps = ContactSteps(of.integrator, self._system, of.dt)
         self._slow = self._system.manifold.slow(of.dt)
+        self._is_driven = scene.is_driven
         self._is_anchored = all(bound.anchored for bound in scene.bounds)
 
     @one_blas_thread
@@ -107,6 +111,8 @@ class _Steps:
         try:
             with np.errstate(all="ignore"):
                 q1, v1, a = self._steps.step(k * of.dt, q, v)
+                if self._is_driven and k < of.steps:
+                    self._system.check_reach((k + 1) * of.dt, q1, v1)
         except CondynError:
             return
         if is_lost(v1) or (self._slow and v1.dot(v1) > self._slow):
@@ -118,7 +124,7 @@ class _Steps:
             ways.done[i] = 1
             return
         work, end = self._system.contact_work, k + 1
-        ways.q[i], ways.v[i], ways.works[i], ways.step[i] = q1, v1, work[:3], end
+        ways.q[i], ways.v[i], ways.works[i], ways.step[i] = q1, v1, work, end
         if end % of.every == 0:
             self._keep(ways, i, end // of.every, (end * of.dt, q1, v1, a), work)
             ways.done[i] = end == of.steps
@@ -130,9 +136,11 @@ class _Steps:
         t, q, v, a = state
         found = ways.found
         found["t"][i, row], found["q"][i, row], found["v"][i, row] = t, q, v
-        found["work"][i, row] = work[:3]
+        found["work"][i, row] = work
         measured = self._gauge.measure(np.array([t]), q[None], v[None])
         found["measures"][i, row] = [float(each[0]) for each in measured]
         if found["a"].shape[1]:
             found["a"][i, row], found["lam"][i, row] = a, self._steps.lam()
-            found["contact"][i, row] = touch_of(self._steps.last.natural, work, self._steps.modes())
+            found["contact"][i, row] = touch_of(
+                self._steps.last.natural, work, self._steps.modes(), is_driven=self._is_driven
+            )

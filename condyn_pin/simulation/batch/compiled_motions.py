@@ -131,7 +131,7 @@ def put_motions(
     """Put the motions that went to their end into their rows.
 
     `found` has their samples: t, q, v, a, lam and measures, the power of what is driven, and of
-    contacts their work and columns.
+    contacts and drives their work and columns.
     """
     if not ok.size:
         return
@@ -145,9 +145,11 @@ def put_motions(
     passive = Passive.of(workspace.scene.robot)
     power = np.einsum("ni,nki->kn", tau[ok], v), -passive.dissipation(q, v).T
     of_events_and_drives = np.zeros((2, *kinetic.T.shape))
-    if "driven" in found:
+    of_contacts = np.zeros((3, *kinetic.T.shape))
+    if "work" in found:
+        of_contacts, of_events_and_drives[1] = found["work"].T[:3], found["work"].T[3]
+    elif "driven" in found:
         of_events_and_drives[1] = work(t[0], found["driven"].T)
-    of_contacts = found["work"].T if "work" in found else np.zeros((3, *kinetic.T.shape))
     energy = Energy(
         kinetic.T, potential.T, passive.energy(q).T, *(work(t[0], each) for each in power),
         *of_events_and_drives, *of_contacts,

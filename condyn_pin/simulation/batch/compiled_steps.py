@@ -20,7 +20,6 @@ from condyn_pin._core.compiled import compiled
 from condyn_pin._core.kept import Kept
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin.constraints.contacts.base import Contact
-from condyn_pin.constraints.rows.compiled_rows import BALL, COUPLING, CUT, HELD, ROD, WELD
 from condyn_pin.contact import modes
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM, POLISH, RESCUE
@@ -29,15 +28,14 @@ from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.dynamics.compiled.arrays import contiguous
 from condyn_pin.dynamics.compiled.contacts import of_contacts, untaken_contacts
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene_checks import moment_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.simulation.batch.batch_step import ERRORS, STATUSES
+from condyn_pin.simulation.batch.driven_path import DrivenPath
 from condyn_pin.simulation.integrators import Integrator, closings, path_ends
 from condyn_pin.simulation.integrators.contact_scheme import sizes_of_gaps
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
-
-# Kinds of constraints that are condensed.
-_CONDENSED: Final = frozenset((HELD, BALL, WELD, CUT, ROD, COUPLING))
 
 # A penetration at the start of a motion that none is looked at again for [m, rad].
 _DEEP: Final = 0.9 * tolerances.NEARLY_CLOSED
@@ -51,14 +49,6 @@ def untaken_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
         yield f"contact = {integrator.contact!r}: it has ADMM and SemismoothNewton"
     if scene.robot.spring_dampers:
         yield "the robot has springs between frames"
-    if scene.is_driven:
-        yield "rows of the scene follow a path of time"
-    for bound in scene.bounds:
-        rows = bound.compiled()
-        if rows is not None and rows.integers[0] not in _CONDENSED:
-            yield f"constraint {bound.name!r}: it does not condense a {type(bound).__name__}"
-        elif not bound.anchored and not bound.is_plain:
-            yield f"constraint {bound.name!r} has no anchor: it anchors points and welds alone"
     yield from untaken_contacts(scene)
 
 
@@ -113,6 +103,7 @@ def _plan(dt: float, method: _Method) -> Array:
             *(path_ends.STRAIGHT, path_ends.MISSED),
             *(closings.CLOSED, closings.SMALL),
             *(tolerances.RANK, _DEEP),
+            *(tolerances.NOT_DRIVEN, tolerances.OUT_OF_REACH),
         ],
         dtype=float,
     )
@@ -135,6 +126,12 @@ def contacts_of(workspace: Workspace, contacts: tuple[Contact, ...]) -> Any:
         return compiled().Contacts(workspace.compiled.core, **of_contacts(scene, rank))
 
     return _contacts.of(workspace, contacts, make)
+
+
+def paths_of(workspace: Workspace, dt: float) -> dict[str, Array]:
+    """Return where driven rows are to be in a step from the time of a workspace, for the core."""
+    paths = DrivenPath(workspace, dt, 1, moment_of(workspace.scene))
+    return {"driven": paths.rows, "path": paths.wanted}
 
 
 def states_of(workspace: Workspace, inputs: Arrays) -> tuple[Array, Array, Array]:
@@ -161,7 +158,7 @@ class SteppedRows:
         contacts_of(workspace, self.contacts).step(
             *states_of(workspace, inputs), plan=step_plan(self.integrator, self.dt),
             q=outputs["q"], v=outputs["v"], lam=outputs["lam"], errors=outputs["errors"],
-            modes=codes, done=done, threads=threads,
+            modes=codes, done=done, threads=threads, **paths_of(workspace, self.dt),
         )  # fmt: skip
         outputs["codes"][:], outputs["statuses"][:] = codes, STATUSES.index(ContactStatus.OK)
         doubtful = (

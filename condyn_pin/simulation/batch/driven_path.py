@@ -1,8 +1,8 @@
-"""Where driven rows are to be all along a motion, as a table that the compiled core reads.
+"""Where driven rows are to be all along some steps, as a table that the compiled core reads.
 
-    c(q) = s(t_i),    J v = s'(t_i),    J a + gamma = s''(t_i),    t_i = i dt / 2
+    c(q) = s(t_i),    J v = s'(t_i),    J a + gamma = s''(t_i),    t_i = t_0 + i dt / 2
 
-Paths are functions of Python: they are evaluated here, once for all motions, so that no step has to
+Paths are functions of Python: they are evaluated here, once for all states, so that no step has to
 call them.
 """
 
@@ -16,7 +16,7 @@ from condyn_pin.dynamics.workspace import Workspace
 
 
 class DrivenPath:
-    """The paths of the driven rows of a workspace on the way of a motion.
+    """The paths of the driven rows of a workspace on the way of some steps, from a time [s] on.
 
     Attributes
     ----------
@@ -27,14 +27,14 @@ class DrivenPath:
         that gets there is made by Python, which says why.
     """
 
-    def __init__(self, workspace: Workspace, dt: float, steps: int) -> None:
+    def __init__(self, workspace: Workspace, dt: float, steps: int, begin: float = 0.0) -> None:
         equations = workspace.equations
         self.rows = equations.driven.astype(np.int32)
         count = 2 * steps + 1 if self.rows.size else 0
         self.wanted = np.full((count, 3, len(self.rows)), np.nan)
         for i in range(count):
             try:
-                self.wanted[i] = equations.wanted_at(i * dt / 2)[:, self.rows]
+                self.wanted[i] = equations.wanted_at(begin + i * dt / 2)[:, self.rows]
             except Exception:
                 break
 

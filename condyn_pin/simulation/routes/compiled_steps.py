@@ -18,7 +18,12 @@ from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.batch.batch_step import STATUSES
-from condyn_pin.simulation.batch.compiled_steps import contacts_of, rounded_plan, states_of
+from condyn_pin.simulation.batch.compiled_steps import (
+    contacts_of,
+    paths_of,
+    rounded_plan,
+    states_of,
+)
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.routes.active_set import ActiveSet
 from condyn_pin.simulation.routes.base import Route
@@ -53,7 +58,7 @@ class DifferentiatedRows:
             placed=rows_with_a_place(workspace.bounds),
             q=outputs["q"], v=outputs["v"], lam=outputs["lam"], errors=outputs["errors"],
             modes=codes, done=done, dq=outputs["dq"], dv=outputs["dv"], margins=outputs["margins"],
-            read_modes=read, threads=threads,
+            read_modes=read, threads=threads, **paths_of(workspace, self.dt),
         )  # fmt: skip
         outputs["codes"][:], outputs["read"][:] = codes, read
         outputs["q_end"][:], outputs["v_end"][:] = outputs["q"], outputs["v"]

@@ -80,7 +80,7 @@ double ContactSteps::momentum_left(const VectorXd & lam)
   return plan_.dt * largest(left);
 }
 
-/// What is left of J_b v+ = -dt gamma / 2 [m/s].
+/// What is left of J_b v+ = s' - dt (gamma - s'') / 2 [m/s].
 double ContactSteps::slip_left()
 {
   if (!scene_.rows)
@@ -97,7 +97,9 @@ double ContactSteps::slip_left()
 
 void ContactSteps::errors(double * eight)
 {
+  at(step_);
   eight[0] = natural, eight[1] = momentum_left(impulses() / plan_.dt), eight[2] = slip_left();
+  at(step_ + 1);
   mechanics_.move(q, still_, still_);
   rows_.evaluate(scene_, mechanics_.data, q, still_, still_);
   candidates.gaps(mechanics_.data, q, gap_there_);

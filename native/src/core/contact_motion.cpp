@@ -20,10 +20,12 @@ public:
     if (to_.a.shape(1))
     {
       put(to_.a, row, steps_.a), put(to_.lam, row, steps_.impulses() / dt_);
-      VectorXd contact(4 + steps_.candidates.count());
-      contact << steps_.natural, way.work, steps_.modes().cast<double>();
+      VectorXd contact(to_.contact.shape(2)); // the last one is the work of drives, where there are any
+      contact[contact.size() - 1] = way.work[3];
+      contact.head(4 + steps_.candidates.count()) << steps_.natural, way.work.head<3>(), steps_.modes().cast<double>();
       put(to_.contact, row, contact);
     }
+    steps_.at(way.step);
     steps_.measure(way.q, way.v, to_.measures.data() + 4 * at);
   }
 
@@ -52,10 +54,11 @@ bool run_motion(
   bool known = false; // whether the step from here has been taken
   if (way.step == 0)
   {
+    own.at(0);
     own.anchor(way.q);
     if (!own.fits(way.q, way.v, ends.closed) || own.turns_too_far(way.v))
       return cannot_go_on();
-    if (!own.attempt(way.q, way.v))
+    if (!own.attempt(way.q, way.v, 0))
       return false;
     samples.add(0, way);
     known = true;
@@ -64,7 +67,7 @@ bool run_motion(
   {
     if (own.turns_too_far(way.v))
       return cannot_go_on();
-    if (stop || (!known && !own.attempt(way.q, way.v)))
+    if (stop || (!known && !own.attempt(way.q, way.v, way.step)))
       return false;
     known = false;
     if (own.turns_too_far(own.v))
@@ -75,7 +78,7 @@ bool run_motion(
   }
   if (ends.steps % ends.every) // the last sample is that of a step that is not taken
   {
-    if (!own.attempt(way.q, way.v))
+    if (!own.attempt(way.q, way.v, ends.steps))
       return false;
     samples.add(ends.steps / ends.every + 1, way);
   }

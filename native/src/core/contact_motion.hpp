@@ -10,7 +10,7 @@ namespace condyn
 struct ContactMotions
 {
   Array<double, 2> t;
-  Array<double, 3> q, v, a, lam, contact, measures, work; // contact: natural residual, work and modes
+  Array<double, 3> q, v, a, lam, contact, measures, work; // contact: natural residual, work, modes, and work of drives where there are any
   Array<int, 1> done; // 1, or 0 for a motion that has stopped before a step that is left to Python
   Array<double, 1> times; // [s]
 };
@@ -28,7 +28,7 @@ struct Way
 {
   int step;
   VectorXd q, v;
-  Vector3d work;
+  Eigen::Vector4d work;
 };
 
 /// Takes a motion, the i-th of those that are written, to its end; false where it stops before. A `step` of -1

@@ -1,4 +1,5 @@
 #include "contact_steps.hpp"
+#include "anchors.hpp"
 #include "contact_solve.hpp"
 #include <algorithm>
 #include <cmath>
@@ -12,7 +13,7 @@ constexpr int closings_at_most = 10; // as `_CLOSINGS`
 } // namespace
 
 ContactSteps::ContactSteps(const Scene & scene, const Candidates & candidates, int rank)
-: candidates(candidates), scene_(scene), mechanics_(scene_.model), rows_(scene_.rows), floating_(scene_.model)
+: candidates(candidates), given_(scene), scene_(scene), mechanics_(scene_.model), rows_(scene_.rows), floating_(scene_.model)
 , chart_(scene_.model), still_(VectorXd::Zero(scene.model.nv)), free_(scene_, floating_, mechanics_, rows_, rank)
 , on_joint_(scene.model.njoints, Force::Zero())
 {
@@ -23,7 +24,7 @@ void ContactSteps::begin(const StepPlan & plan, const VectorXd & applied)
 {
   plan_ = plan;
   for (int i : scene_.unanchored) // of a motion before
-    scene_.constraints[i].anchored = false;
+    scene_.constraints[i] = given_.constraints[i];
   free_.begin(plan, applied);
 }
 
@@ -32,12 +33,7 @@ void ContactSteps::anchor(const VectorXd & q)
   if (scene_.unanchored.empty())
     return;
   mechanics_.place(q);
-  for (int i : scene_.unanchored)
-  {
-    Constraint & c = scene_.constraints[i];
-    c.placement2 = mechanics_.data.oMi[c.joint1] * c.placement1;
-    c.anchored = true;
-  }
+  condyn::anchor(scene_, mechanics_.data);
 }
 
 bool ContactSteps::fits(const VectorXd & q, const VectorXd & v, double closed)
@@ -185,8 +181,12 @@ bool ContactSteps::nearest()
   return true;
 }
 
-bool ContactSteps::attempt(const VectorXd & q0, const VectorXd & v0)
+bool ContactSteps::attempt(const VectorXd & q0, const VectorXd & v0, int step)
 {
+  step_ = step;
+  if (!plan_.path.leads_on(step))
+    return false;
+  at(step);
   if (!free_.pose(q0, v0))
     return false;
   candidates.gaps(mechanics_.data, q0, gaps_);
@@ -196,11 +196,43 @@ bool ContactSteps::attempt(const VectorXd & q0, const VectorXd & v0)
   const VectorXd & v1 = touching_.v1;
   a = (v1 - v0) / plan_.dt - free_.turning;
   v = floating_.turned(v1, plan_.dt);
-  work = touching_.work(plan_);
+  work << touching_.work(plan_), drive_work();
   floating_.integrate(mechanics_, free_.q, plan_.dt * v1, q);
+  at(step + 1);
   if (!close_loops())
     return false;
-  return v.allFinite() && std::isfinite(q.squaredNorm() + v1.squaredNorm() + work.sum());
+  return v.allFinite() && std::isfinite(q.squaredNorm() + v1.squaredNorm() + work.sum()) && follows();
+}
+
+/// What driven rows did, l_b . (J_b v + J_b v+) / 2.
+double ContactSteps::drive_work()
+{
+  if (!is_driven())
+    return 0.0;
+  const VectorXd l_b = impulses(), rates = 0.5 * (free_.J() * (free_.v + touching_.v1));
+  double all = 0;
+  for (int row : plan_.path.rows)
+    all += l_b[row] * rates[row];
+  return all;
+}
+
+/// Whether the loops go where driven rows lead them, and press nothing in that they hold.
+bool ContactSteps::follows()
+{
+  if (!is_driven())
+    return true;
+  mechanics_.move(q, v, still_);
+  rows_.evaluate(scene_, mechanics_.data, q, v, still_);
+  if (!(largest(rows_.c) <= plan_.out_of_reach))
+    return false;
+  candidates.gaps(mechanics_.data, q, gap_there_);
+  for (int i = 0; i < touching_.with_gaps; ++i)
+  {
+    const int n = touching_.problem.normal(i), place = touching_.chosen[i];
+    if (touching_.problem.G(n, n) == 0.0 && gap_there_[place] < std::min(-plan_.missed, gaps_[place]))
+      return false;
+  }
+  return true;
 }
 
 /// Takes q to where loops are closed, by the factors of the step, and counts the work of that.

@@ -40,9 +40,10 @@ std::vector<Dry> dry_specs(const Integers & ints, const List & limits)
 }
 } // namespace
 
-StepPlan step_plan(const List & numbers)
+StepPlan Contacts::plan(
+  const List & numbers, const Integers & driven, const Array<const double, 3> & path, int steps) const
 {
-  want(numbers.size() == 21, "plan of a step");
+  want(numbers.size() == 23, "plan of a step");
   const double * x = numbers.data();
   want(x[0] > 0, "dt");
   const auto counts = [](double y) { return 0 <= y && y <= std::numeric_limits<int>::max(); };
@@ -50,7 +51,8 @@ StepPlan step_plan(const List & numbers)
   const Directions directions{x[5], int(x[6]), int(x[7])};
   const ContactMethod method{x[1] != 0, x[2] != 0, x[3] != 0, int(x[4]), directions, int(x[8])};
   x += 9;
-  return {numbers.data()[0], method, x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11]};
+  return {numbers.data()[0], method, x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11], x[12],
+          x[13], read_path(scene_, driven, path, steps)};
 }
 
 Contacts::Contacts(
@@ -165,12 +167,13 @@ void Contacts::simulate(
   const auto fits = [&](const Array<double, 3> & x, std::size_t rows, std::size_t width) {
     return x.shape(0) == n && x.shape(1) == rows && x.shape(2) == width;
   };
-  want(ways.step.size() == n && ways.work.shape(0) == n && ways.work.shape(1) == 3, "steps or work");
-  want(motions.t.shape(0) == n && motions.t.shape(1) == kept && fits(motions.work, kept, 3), "t or work");
+  want(ways.step.size() == n && ways.work.shape(0) == n && ways.work.shape(1) == 4, "steps or work");
+  want(motions.t.shape(0) == n && motions.t.shape(1) == kept && fits(motions.work, kept, 4), "t or work");
   want(fits(motions.q, kept, nq) && fits(motions.v, kept, nv) && fits(motions.measures, kept, 4), "samples");
   want(answers == 0 || answers == kept, "a");
   want(!answers || (fits(motions.a, kept, nv) && fits(motions.lam, kept, scene_.rows + candidates_.rows())
-                    && fits(motions.contact, kept, 4 + candidates_.count())), "samples of answers");
+                    && fits(motions.contact, kept, 4 + candidates_.count() + !plan.path.rows.empty())),
+       "samples of answers");
   want(motions.done.size() == n && motions.times.size() == n, "done or times");
   for (std::size_t i = 0; i < n; ++i)
     want(ways.step.data()[i] <= ends.steps, "steps");
@@ -209,36 +212,38 @@ void add_contacts(nb::module_ & m)
     .def(
       "step",
       [](Contacts & contacts, const Table & Q, const Table & V, const Table & TAU, const List & plan,
-         const Array<double, 2> & q, const Array<double, 2> & v, const Array<double, 2> & lam,
+         const Integers & driven, const Array<const double, 3> & path, const Array<double, 2> & q, const Array<double, 2> & v, const Array<double, 2> & lam,
          const Array<double, 2> & errors, const Array<int, 2> & modes, const Array<int, 1> & done, int threads) {
-        contacts.step({Q, V, TAU}, step_plan(plan), {q, v, lam, errors, modes, done}, threads);
+        contacts.step({Q, V, TAU}, contacts.plan(plan, driven, path, 1), {q, v, lam, errors, modes, done}, threads);
       },
-      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "plan"_a, "q"_a, "v"_a, "lam"_a, "errors"_a, "modes"_a, "done"_a,
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "plan"_a, "driven"_a, "path"_a, "q"_a, "v"_a, "lam"_a, "errors"_a, "modes"_a, "done"_a,
       "threads"_a)
     .def(
       "differentiate",
-      [](Contacts & contacts, const Table & Q, const Table & V, const Table & TAU, const List & plan, double polished,
-         double falls, const std::vector<int> & placed, const Array<double, 2> & q, const Array<double, 2> & v,
+      [](Contacts & contacts, const Table & Q, const Table & V, const Table & TAU, const List & plan,
+         const Integers & driven, const Array<const double, 3> & path, double polished, double falls, const std::vector<int> & placed, const Array<double, 2> & q, const Array<double, 2> & v,
          const Array<double, 2> & lam, const Array<double, 2> & errors, const Array<int, 2> & modes,
          const Array<int, 1> & done, const Array<double, 3> & dq, const Array<double, 3> & dv,
          const Array<double, 1> & margins, const Array<int, 2> & read_modes, int threads) {
-        contacts.differentiate({Q, V, TAU}, step_plan(plan), {polished, falls, placed}, {q, v, lam, errors, modes, done},
+        contacts.differentiate({Q, V, TAU}, contacts.plan(plan, driven, path, 1), {polished, falls, placed}, {q, v, lam, errors, modes, done},
                                {dq, dv, margins, read_modes}, threads);
       },
-      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "plan"_a, "polished"_a, "falls"_a, "placed"_a, "q"_a, "v"_a, "lam"_a,
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "plan"_a, "driven"_a, "path"_a, "polished"_a, "falls"_a, "placed"_a, "q"_a, "v"_a, "lam"_a,
       "errors"_a, "modes"_a, "done"_a, "dq"_a, "dv"_a, "margins"_a, "read_modes"_a, "threads"_a)
     .def(
       "simulate",
       [](Contacts & contacts, const Array<int, 1> & step, const Array<double, 2> & Q, const Array<double, 2> & V,
-         const Array<double, 2> & works, const Table & TAU, const List & plan, int steps, int every, double closed,
+         const Array<double, 2> & works, const Table & TAU, const List & plan, const Integers & driven,
+         const Array<const double, 3> & path, int steps, int every, double closed,
          double lost, const Array<double, 2> & t, const Array<double, 3> & q, const Array<double, 3> & v,
          const Array<double, 3> & a, const Array<double, 3> & lam, const Array<double, 3> & contact,
          const Array<double, 3> & measures, const Array<double, 3> & work, const Array<int, 1> & done,
          const Array<double, 1> & times, int threads) {
-        contacts.simulate({step, Q, V, works}, TAU, step_plan(plan), {steps, every, closed, lost},
+        const int ahead = steps % std::max(every, 1) != 0; // the last sample is that of a step that is not taken
+        contacts.simulate({step, Q, V, works}, TAU, contacts.plan(plan, driven, path, steps + ahead), {steps, every, closed, lost},
                           {t, q, v, a, lam, contact, measures, work, done, times}, threads);
       },
-      nb::kw_only(), "step"_a, "Q"_a, "V"_a, "works"_a, "TAU"_a, "plan"_a, "steps"_a, "every"_a, "closed"_a,
+      nb::kw_only(), "step"_a, "Q"_a, "V"_a, "works"_a, "TAU"_a, "plan"_a, "driven"_a, "path"_a, "steps"_a, "every"_a, "closed"_a,
       "lost"_a, "t"_a, "q"_a, "v"_a, "a"_a, "lam"_a, "contact"_a, "measures"_a, "work"_a, "done"_a, "times"_a,
       "threads"_a);
 }

@@ -23,7 +23,7 @@ struct Slopes
 };
 
 /// Motions on their way, a row each: steps taken, or -1 for what is not to go on; the state, and the
-/// work of the contacts so far.
+/// work of contacts and drives so far.
 struct Ways
 {
   Array<int, 1> step;
@@ -49,6 +49,10 @@ public:
     const Ways & ways, const Table & tau, const StepPlan & plan, const MotionEnds & ends,
     const ContactMotions & motions, int threads);
 
+  /// The plan of a list of numbers, in the order of its fields, and of paths through so many steps.
+  StepPlan plan(
+    const List & numbers, const Integers & driven, const Array<const double, 3> & path, int steps) const;
+
 private:
   void prepare(int threads);
   void check(const States & states, const Steps & steps) const;
@@ -62,9 +66,6 @@ private:
   std::vector<std::unique_ptr<ContactSteps>> workers_;
   std::vector<std::unique_ptr<StepDerivatives>> derivatives_; // of the workers
 };
-
-/// The plan of a list of numbers, in the order of its fields.
-StepPlan step_plan(const List & numbers);
 
 /// What Python sees.
 void add_contacts(nb::module_ & m);

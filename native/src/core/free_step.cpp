@@ -1,4 +1,5 @@
 #include "free_step.hpp"
+#include <cmath>
 
 namespace condyn
 {
@@ -58,6 +59,10 @@ void FreeStep::block(const VectorXd & gamma)
   whitened_ = rows.transpose();
   blocked.compute(whitened_, plan_.rank_tolerance);
   held = blocked.held(-0.5 * plan_.dt * (gamma - J_ * floating_.turning(v)));
+  if (!scene_.wanted.size())
+    return;
+  path = blocked.held(scene_.wanted.col(1));
+  held += path;
 }
 
 void FreeStep::condense(const VectorXd & of_h)
@@ -93,7 +98,12 @@ void FreeStep::eliminate(const MatrixXd & J, MatrixXd & X, MatrixXd & along_bloc
   X.noalias() -= blocked.V * along_blocked;
   // a row that constraints hold is theirs alone: what is left of it is rounding
   for (int i = 0; i < X.cols(); ++i)
-    if (X.col(i).squaredNorm() <= held_share * along_blocked.col(i).squaredNorm())
-      X.col(i).setZero(), along_blocked.col(i).setZero();
+  {
+    if (!(X.col(i).squaredNorm() <= held_share * along_blocked.col(i).squaredNorm()))
+      continue;
+    X.col(i).setZero();
+    if (!path.size() || std::abs(path.dot(along_blocked.col(i))) <= plan_.not_driven)
+      along_blocked.col(i).setZero();
+  }
 }
 } // namespace condyn

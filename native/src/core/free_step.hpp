@@ -1,7 +1,7 @@
 // The step that a robot would take without contacts, and what its constraints block.
 //
 //   M + dt D + dt^2 K = S^T S,    V h the least S v with the J_b v that is asked for (`Blocked`)
-//   S v_free = (1 - V V^T) (S v + S^-T p) + V h,    p = dt (tau - h(q, v)),    J_b v+ = -dt gamma / 2
+//   S v_free = (1 - V V^T) (S v + S^-T p) + V h,    p = dt (tau - h(q, v)),    J_b v+ = s' - dt (gamma - s'') / 2
 #pragma once
 #include "blocked.hpp"
 #include "floating.hpp"
@@ -27,11 +27,14 @@ public:
   void condense(const VectorXd & mean);
   /// With h at the mean velocity of the step, for what nothing touches.
   void condense_at_mean();
-  /// X = (1 - V V^T) S^-T J^T and the part V^T S^-T J^T that is blocked; zero for a row that constraints hold.
+  /// X = (1 - V V^T) S^-T J^T and the part V^T S^-T J^T that is blocked; zero for a row that constraints hold, but
+  /// for what is blocked of one that a path moves.
   void eliminate(const MatrixXd & J, MatrixXd & X, MatrixXd & along_blocked) const;
   /// v from S v, in place.
   void unwhiten(VectorXd & v) const { factor_.unwhiten(v); }
 
+  /// J_b where the step begins.
+  const MatrixXd & J() const { return J_; }
   /// S of M + dt D + dt^2 K.
   const TreeFactor & factor() const { return factor_; }
 
@@ -42,7 +45,7 @@ public:
   VectorXd stiffness, inertia; // K, and dt D + dt^2 K, which S^T S has on its diagonal
   VectorXd free; // S v_free
   Blocked blocked;
-  VectorXd momentum, held; // V^T (S v + S^-T p), and h of V h
+  VectorXd momentum, held, path; // V^T (S v + S^-T p), h of V h, and the part of h that is of s'
 
 private:
   void block(const VectorXd & gamma);

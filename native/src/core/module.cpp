@@ -7,17 +7,6 @@ using namespace condyn;
 
 namespace
 {
-/// Where driven rows of a scene are to be at each half step of a motion.
-Path path_of(const Scene & scene, const Integers & rows, const Array<const double, 3> & path, int steps)
-{
-  want((rows.size() > 0) == (scene.wanted.size() > 0), "number of driven rows");
-  want(path.shape(1) == 3 && path.shape(2) == rows.size(), "path");
-  want(rows.size() == 0 || (steps > 0 && path.shape(0) == 2 * std::size_t(steps) + 1), "steps of the path");
-  for (std::size_t i = 0; i < rows.size(); ++i)
-    want(0 <= rows.data()[i] && rows.data()[i] < scene.rows, "driven rows");
-  return {{rows.data(), rows.data() + rows.size()}, path.data()};
-}
-
 /// ((residuals), iterations, seconds), or None where the state is left to Python.
 nb::object said_of(const Answer & found)
 {
@@ -34,7 +23,7 @@ NB_MODULE(_core, m)
   m.attr("pinocchio") = PINOCCHIO_VERSION;
   m.attr("simd") = Eigen::SimdInstructionSetsInUse();
   m.attr("arch") = CONDYN_ARCH;
-  m.attr("protocol") = 7; // of the arrays: what condyn_pin hands over has to be of the same
+  m.attr("protocol") = 8; // of the arrays: what condyn_pin hands over has to be of the same
   using namespace nanobind::literals;
   nb::class_<Core>(m, "Core")
     .def("__init__",
@@ -100,7 +89,7 @@ NB_MODULE(_core, m)
         const double * x = limits.data();
         const MotionPlan plan{
           Integrator(integrator), dt, steps, every, correct_every, with_answers, x[0], x[1], x[2], x[3], int(x[4]),
-          x[5], path_of(core.scene(), driven, path, steps)};
+          x[5], read_path(core.scene(), driven, path, steps)};
         core.simulate(Q, V, TAU, plan, {t, q, v, a, lam, measures, done, times}, threads);
       },
       "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "integrator"_a, "dt"_a, "steps"_a, "every"_a, "correct_every"_a,

@@ -1,4 +1,4 @@
-// Where driven rows are to be on the way of a motion, as the paths of Python say at each half step:
+// Where driven rows are to be on the way of a motion, or in one step, as the paths of Python say at each half step:
 //
 //   c(q) = s(t),    J v = s'(t),    J a + gamma = s''(t)
 #pragma once

@@ -134,4 +134,14 @@ Scene read_scene(const SceneArrays & x)
     scene.wanted = Eigen::Map<const RowMajor>(x.wanted.data(), 3, driven).transpose();
   return scene;
 }
+
+Path read_path(const Scene & scene, const Integers & rows, const Array<const double, 3> & path, int steps)
+{
+  want((rows.size() > 0) == (scene.wanted.size() > 0), "number of driven rows");
+  want(path.shape(1) == 3 && path.shape(2) == rows.size(), "path");
+  want(rows.size() == 0 || (steps > 0 && path.shape(0) == 2 * std::size_t(steps) + 1), "steps of the path");
+  for (std::size_t i = 0; i < rows.size(); ++i)
+    want(0 <= rows.data()[i] && rows.data()[i] < scene.rows, "driven rows");
+  return {{rows.data(), rows.data() + rows.size()}, path.data()};
+}
 } // namespace condyn

@@ -1,6 +1,7 @@
 // A scene as it crosses the border: `condyn_pin/dynamics/compiled/arrays.py` says what each array is.
 #pragma once
 #include "arrays.hpp"
+#include "path.hpp"
 
 namespace condyn
 {
@@ -32,7 +33,9 @@ struct SceneArrays : RowArrays
   Table wanted; // (3, rows), or (3, 0) where no row is driven
 };
 
-/// Both throw std::invalid_argument where something does not fit.
+/// All throw std::invalid_argument where something does not fit.
 Scene read_rows(const RowArrays & arrays);
 Scene read_scene(const SceneArrays & arrays);
+/// Where driven rows of a scene are to be at each half step of some steps.
+Path read_path(const Scene & scene, const Integers & rows, const Array<const double, 3> & path, int steps);
 } // namespace condyn

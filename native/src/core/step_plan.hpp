@@ -2,6 +2,7 @@
 // where each number comes from.
 #pragma once
 #include "contact_solve.hpp"
+#include "path.hpp"
 
 namespace condyn
 {
@@ -15,6 +16,9 @@ struct StepPlan
   double closed, small; // gaps of loops: left, and closed by the factors of the step [m, rad]
   double rank_tolerance; // of J_b L^-T
   double deep; // a penetration at the start that is none without a doubt [m, rad]
+  double not_driven; // rates of contact rows that constraints hold, and that no path moves [m/s, rad/s]
+  double out_of_reach; // gap behind a step at which loops do not follow a path [m, rad]
+  Path path; // of driven rows
 
   /// How far a contact with this gap may close in a step; negative for what is pushed out [m, rad].
   double allowed(double gap) const { return gap > touches ? gap : gap < -at_rest ? pushed_out * gap : 0.0; }
