@@ -29,6 +29,7 @@ from condyn_pin.control import (
     ContactForce,
     Controller,
     ControlLimits,
+    ControlStatus,
     FrameTask,
     JointTask,
     Orientation,
@@ -300,6 +301,56 @@ def test_what_leaves_nothing_to_eliminate_is_done_by_python():
         assert (mine.path, mine.status) == (yours.path, yours.status)
         assert yours.path != IN_CORE
         assert np.array_equal(mine.tau, yours.tau, equal_nan=True)
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_motors_that_loops_hold_still_give_nothing(seed):
+    """What is left of them by rounding is no way to move: it would take 1e17 N m."""
+    made, rng = chain_of(6, np.inf), np.random.default_rng(seed)
+    first, second, *_ = made.joints
+    pin_of = cp.Loop("joint4_tip", "world")
+    scene = cp.Scene(made, [pin_of, HeldJoint(first, 0.3), HeldJoint(second, 0.3)])
+    q, v = rng.normal(size=(2, 6))
+    for motors in ([first], [first, second], [first, made.joints[5]]):
+        every = Actuation(made, motors)
+        python, core = pair(scene, [Posture(joints=made.joints)], {}, actuation=every)
+        mine, yours = python.solve(q, v), core.solve(q, v)
+        assert mine.status is yours.status is ControlStatus.OK
+        assert max(np.abs(mine.tau[:2]).max(), np.abs(yours.tau[:2]).max()) < 1e-9
+        assert np.abs(mine.a - yours.a).max() < 1e-9 * max(9.81, np.abs(mine.a).max())
+
+
+@pytest.mark.parametrize("seed", range(6))
+def test_what_cannot_move_is_not_moved_by_what_rounding_leaves_of_it(seed):
+    """A task, a limit and a foot that loops have decided: named as by Python, or nothing to do."""
+    made, rng = chain_of(6, np.inf), np.random.default_rng(seed)
+    first = made.joints[0]
+    q, v = rng.normal(size=(2, 6))
+    tip = cp.Loop("joint4_tip", "world")
+    fast = Driven(HeldJoint(first), Polynomial((0.0, 0.0, 15.0)))
+    whole = [Posture(joints=made.joints)]
+    wished = [JointTask(first, a=1.0, weight=np.inf), *whole]
+    limits = ControlLimits(acceleration=20.0)
+    for held, tasks, limit in ((HeldJoint(first), wished, None), (fast, whole, limits)):
+        options = {"actuation": Actuation(made, made.joints), "limits": limit}
+        python, core = pair(cp.Scene(made, [tip, held]), tasks, {}, **options)
+        mine, yours = python.solve(q, 0 * v), core.solve(q, 0 * v)
+        assert mine.status is yours.status is ControlStatus.INFEASIBLE
+        assert str(mine.infeasible) == str(yours.infeasible)
+
+
+def test_a_foot_that_others_hold_is_held():
+    """Its rows over what is left to move are rounding, and their forces anything."""
+    solo = robot("solo12")
+    leg = [HeldJoint(joint) for joint in ("FL_HAA", "FL_HFE", "FL_KFE")]
+    base = cp.Loop("base_link", "world", "weld")
+    foot = next(contact for contact in solo.contacts if contact.name == "FL_FOOT")
+    scene = cp.Scene(solo, [foot, base, *leg])
+    python, core = pair(scene, [Posture(weight=1.0)], {"FL_FOOT": OCTAGON})
+    q, v = standing("solo12").state()
+    mine, yours = python.solve(q, v), core.solve(q, v)
+    assert mine.status is yours.status is ControlStatus.OK
+    assert np.abs(mine.a - yours.a).max() < 1e-6
 
 
 def test_one_motor_on_feet_that_are_held():

@@ -31,9 +31,12 @@ bool Elimination::at(const MatrixXd & J, const std::vector<int> & motors, double
   S_.resize(k, motors.size());
   for (std::size_t i = 0; i < motors.size(); ++i)
     S_.col(i) = N.row(motors[i]).transpose();
-  motors_.setThreshold(rank); // entries of N are those of unit vectors
+  const double longest = S_.colwise().norm().maxCoeff();
+  if (!(longest > rank)) // entries of N are those of unit vectors: motors that are held reach nothing
+    return false;
+  motors_.setThreshold(rank / longest);
   motors_.compute(S_);
-  if (!is_clear(motors_.matrixQTZ().diagonal(), rank * motors_.maxPivot()))
+  if (!is_clear(motors_.matrixQTZ().diagonal(), rank))
     return false;
   const Eigen::Index reached = motors_.rank();
   drive = motors_.pseudoInverse();

@@ -13,7 +13,8 @@ namespace condyn
 class Elimination
 {
 public:
-  /// False where a rank is in doubt. `motors` are entries of v, `rank` is relative to the largest pivot.
+  /// False where a rank is in doubt, or no motor reaches anything. `motors` are entries of v; `rank` is relative to the
+  /// largest pivot of J, and what is left of unit vectors.
   bool at(const MatrixXd & J, const std::vector<int> & motors, double rank);
 
   /// a_0, the smallest acceleration with J a = r.

@@ -43,10 +43,10 @@ void TickProgram::write_accelerations(Eigen::Index first)
   for (std::size_t i = 0; i < limits.columns.size(); ++i)
   {
     const int at = limits.columns[i];
-    if (holds_)
-      qp.C.col(first + i).head(qp.split) = elimination_.N.row(at).transpose();
-    else
+    if (!holds_)
       qp.C(at, first + i) = 1.0;
+    else if (elimination_.N.row(at).norm() > spec_.rank) // more than rounding leaves of a unit vector
+      qp.C.col(first + i).head(qp.split) = elimination_.N.row(at).transpose();
     qp.lower[first + i] = lower[at] - a_0_[at], qp.upper[first + i] = upper[at] - a_0_[at];
   }
 }

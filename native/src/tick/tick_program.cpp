@@ -11,6 +11,15 @@ void take(const Rows & from, const std::vector<int> & chosen, Eigen::Ref<MatrixX
   for (std::size_t i = 0; i < chosen.size(); ++i)
     to.row(i) = from.row(chosen[i]);
 }
+
+/// Columns that are what rounding leaves of others of a size: no way to move. They would take 1e15 m/s^2.
+template<typename Columns>
+void drop_rounding(Columns && columns, double size, double rank)
+{
+  for (Eigen::Index i = 0; i < columns.cols(); ++i)
+    if (columns.col(i).norm() <= rank * size)
+      columns.col(i).setZero();
+}
 } // namespace
 
 TickProgram::TickProgram(const Scene & scene, const TickSpec & spec)
@@ -76,6 +85,7 @@ void TickProgram::eliminate()
   }
   else
     touch_ = J_c_;
+  drop_rounding(touch_.transpose(), J_c_.norm(), spec_.rank);
   h *= per_mass;
   const Eigen::Index k = touch_.cols();
   force_.resize(k, k + m);
@@ -162,6 +172,7 @@ void TickProgram::write_equations()
     else
     {
       qp.A.block(0, next, k, task.size) = along_.middleCols(task.first, task.size);
+      drop_rounding(qp.A.block(0, next, k, task.size), tasks_.J.middleRows(task.first, task.size).norm(), spec_.rank);
       if (holds_)
         qp.b.segment(next, task.size) -= tasks_.J.middleRows(task.first, task.size) * a_0_;
     }
