@@ -6,12 +6,13 @@ import gc
 import signal
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from functools import cache, partial
 from importlib import import_module
 from itertools import chain
 from multiprocessing.connection import Connection
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.solvers import CONTACT_SOLVERS
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS
@@ -98,14 +99,15 @@ def _judge(case: Case, method: str, right: tuple[Array, ...]) -> Judged:
 def _contact_answers(task: Task, methods: list[str]) -> Iterator[str | Outcome]:
     """Yield the same of a contact problem, and of contact solvers."""
     yield "making the case"
+    # one for all of them; what refuses it is said of each
+    problem = cache(partial(CONTACT_EXTREMES[task.family].problem, task.severity, task.seed))
     for method in methods:
         yield method
-        yield Outcome(task, method, *_judged(partial(_judge_contact, task, method)))
+        yield Outcome(task, method, *_judged(partial(_judge_contact, problem, method)))
 
 
-def _judge_contact(task: Task, method: str) -> Judged:
-    problem = CONTACT_EXTREMES[task.family].problem(task.severity, task.seed)
-    return judge_contact(problem, CONTACT_SOLVERS[method]())
+def _judge_contact(problem: Callable[[], ContactProblem], method: str) -> Judged:
+    return judge_contact(problem(), CONTACT_SOLVERS[method]())
 
 
 def _judged(verdict: Callable[[], Judged]) -> Judged:
