@@ -55,7 +55,7 @@ def main() -> None:
         v,
         at_rate(controller, 1e-3, watch=answers.append),
         forces=[cp.AppliedForce("pelvis", pushed)],
-        duration=1.0 if arguments.quick else 3.0,
+        duration=0.8 if arguments.quick else 3.0,
         dt=5e-4,
     )
     print(run)

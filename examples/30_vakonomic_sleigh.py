@@ -22,7 +22,7 @@ print("growth vector:", cp.mechanism.growth_vector(scene))
 
 # d'Alembert: M a + h = A^T lam, forces that do no work. That is what machines do.
 q, v, T = np.array([0.0, 0.0, 1.0, 0.0]), np.array([1.0, 0.0, 2.0]), 2.0
-dt = 4e-3 if quick else 1e-3
+dt = 1e-2 if quick else 1e-3
 machine = cp.simulate(scene, q, v, duration=T, dt=dt)
 
 # Vakonomic: M a + h = A^T lam - K^T mu, mu' = -lam, with K the curvature of the rows.
