@@ -108,6 +108,19 @@ def test_nothing_relies_on_a_wider_long_double():
         assert "longdouble" not in path.read_text().replace("long double", ""), path
 
 
+def test_what_a_build_of_the_core_is_told_is_known_to_it():
+    """CMake takes a definition that nothing reads without a word."""
+    root = PACKAGE.parent
+    pages = [*root.glob("docs/*.md"), *root.glob("*.md"), root / "native" / "README.md"]
+    pages += (root / "tests").glob("*.py")
+    text = "".join(path.read_text(encoding="utf-8") for path in pages)
+    told = set(re.findall(r"cmake\.define\.(CONDYN_[A-Z]+)", text))
+    build = (root / "native" / "CMakeLists.txt").read_text(encoding="utf-8")
+    assert {"CONDYN_ARCH", "CONDYN_SANITIZE"} <= told
+    for name in told:
+        assert build.count(name) > 1, name  # it has a default, and is used
+
+
 def test_contributing_says_where_everything_is():
     text = (Path(__file__).parent.parent / "CONTRIBUTING.md").read_text(encoding="utf-8")
     table = text.partition("## Where things are")[2].partition("\n## ")[0]
