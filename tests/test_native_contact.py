@@ -121,6 +121,18 @@ def test_steps_are_those_of_python(how: str, duration: float) -> None:
     assert modes <= set(np.unique(found.codes).tolist())
 
 
+def test_quaternions_that_are_off_are_normalised_as_in_python() -> None:
+    scene, q, v, tau = along("slides", 0.01)
+    q = q.copy()
+    q[1::2, 3:7] *= 1.0 + 1e-7  # a step from such a q as it is would be off by as much
+    starts = q.copy()
+    found, wanted = (
+        step_batch(scene, q, v, tau, dt=DT, integrator=EXACT, **by) for by in (CORE, {})
+    )
+    assert_same_steps(found, wanted)
+    assert_array_equal(q, starts)
+
+
 @pytest.mark.parametrize(("how", "duration"), SOLO)
 def test_motions_are_those_of_python(how: str, duration: float) -> None:
     scene, (q, v, tau), _ = motion_of_solo(how, duration)

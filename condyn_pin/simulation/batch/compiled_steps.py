@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import all_normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
 from condyn_pin._core.kept import Kept
@@ -136,9 +136,9 @@ def paths_of(workspace: Workspace, dt: float) -> dict[str, Array]:
 
 def states_of(workspace: Workspace, inputs: Arrays) -> tuple[Array, Array, Array]:
     """Return q, v and tau of the rows of a chunk, as the core takes them."""
-    model, count = workspace.model, len(inputs["q0"])
-    q0 = np.array([normalised(model, "q", q) for q in inputs["q0"]]).reshape(count, model.nq)
-    return q0, inputs["v0"], contiguous(inputs["tau0"], count)
+    units = workspace.scene.robot.arguments.units
+    q0 = all_normalised(workspace.model, units, inputs["q0"])
+    return q0, inputs["v0"], contiguous(inputs["tau0"], len(q0))
 
 
 @dataclass(frozen=True)
