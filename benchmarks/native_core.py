@@ -38,6 +38,7 @@ from condyn_pin.dynamics.derivatives.differences import BLOCKS
 JSON = marks.ROOT / "benchmarks" / "results" / "native_core.json"
 PAGE = "docs/how-to-run-at-scale.md"
 ROBOTS = ("talos", "cassie", "solo12", "four_bar")
+LEAST = 0.02  # what a turn takes, so that what a verb does once for all states is little [s]
 
 
 @dataclass(frozen=True)
@@ -47,8 +48,9 @@ class Verb:
     Attributes
     ----------
     scene, verb : str
-    bare, python, core, two : float
-        Pinocchio's own calls without any proof, Python, the core by one thread and by two [us].
+    bare, python, core, two, one : float
+        Pinocchio's own calls without any proof, Python, the core by one thread and by two, and the
+        core for one state after another, in a `Workspace` [us].
     error : float
         Largest difference between the core and Python, relative to the largest number.
     left : int
@@ -62,6 +64,7 @@ class Verb:
     python: float
     core: float
     two: float
+    one: float
     error: float
     left: int
     states: int
@@ -116,24 +119,47 @@ def bare_calls(scene: cp.Scene, states: tuple[np.ndarray, ...], *, slopes: bool)
             pin.computeConstraintDynamicsDerivatives(model, data, models, datas, settings)
 
 
+def one_by_one(workspace: cp.Workspace, states: tuple[np.ndarray, ...], *, slopes: bool) -> None:
+    """Ask a workspace for the states, one after the other."""
+    for state in zip(*states, strict=True):
+        if slopes:
+            found = workspace.derivatives(*state)
+            _ = found.da_dq, found.da_dv, found.da_dtau
+        else:
+            workspace.solve(*state)
+
+
+def again_and_again(
+    scene: cp.Scene, states: tuple[np.ndarray, ...], *, slopes: bool
+) -> tuple[np.ndarray, ...]:
+    """Return the states so many times that Pinocchio's calls take `LEAST` for all of them."""
+    bare_calls(scene, states, slopes=slopes)
+    begun = processor_time()
+    bare_calls(scene, states, slopes=slopes)
+    times = max(1, round(LEAST / (processor_time() - begun)))
+    return tuple(np.tile(x, (times, 1)) for x in states)
+
+
 def verbs(label: str, scene: cp.Scene, count: int, rounds: int) -> list[Verb]:
     """Measure both verbs on closed, moving states under motor torques."""
     rng = np.random.default_rng(0)
     some = [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
     states = tuple(np.array(x) for x in zip(*some, strict=True))
-    found = []
+    found, core = [], cp.Workspace(scene, native=True)
     for verb, call, names in (
         ("solve", cp.solve_batch, ("a", "lam")),
         ("derivatives", cp.simulation.derivatives_batch, BLOCKS),
     ):
         few = tuple(x[: count if verb == "solve" else count // 4] for x in states)
-        run = partial(call, scene, *few)
+        many = again_and_again(scene, few, slopes=verb == "derivatives")
+        run, long_run = partial(call, scene, *few), partial(call, scene, *many)
         times = turns(
             {
-                "bare": partial(bare_calls, scene, few, slopes=verb == "derivatives"),
+                "bare": partial(bare_calls, scene, many, slopes=verb == "derivatives"),
                 "python": run,
-                "core": partial(run, executor=cp.Native(threads=1)),
-                "two": partial(run, executor=cp.Native(threads=2)),
+                "core": partial(long_run, executor=cp.Native(threads=1)),
+                "two": partial(long_run, executor=cp.Native(threads=2)),
+                "one": partial(one_by_one, core, many, slopes=verb == "derivatives"),
             },
             rounds,
         )
@@ -143,7 +169,8 @@ def verbs(label: str, scene: cp.Scene, count: int, rounds: int) -> list[Verb]:
             / max(1.0, float(np.abs(getattr(one, x)).max(initial=0.0)))
             for x in names
         )
-        per = {name: 1e6 * time / len(few[0]) for name, time in times.items()}
+        taken = {name: len((few if name == "python" else many)[0]) for name in times}
+        per = {name: 1e6 * time / taken[name] for name, time in times.items()}
         found.append(
             Verb(label, verb, **per, error=error, left=left(scene, few), states=len(few[0]))
         )
@@ -233,13 +260,13 @@ def verbs_table(saved: dict[str, Any]) -> str:
     """Return what a state takes."""
     lines = [
         "| scene | verb | Pinocchio's calls [us] | Python [us] | core [us] | x Python | x calls | "
-        "2 threads, work | difference | left |",
-        "|---|---|---|---|---|---|---|---|---|---|",
+        "2 threads, work | one by one [us] | x calls | difference | left |",
+        "|---|---|---|---|---|---|---|---|---|---|---|---|",
     ]
     lines += [
         f"| {row.scene} | {row.verb} | {row.bare:.1f} | {row.python:.1f} | {row.core:.1f} | "
         f"{row.python / row.core:.1f} | {row.core / row.bare:.2f} | {row.two / row.core:.2f} | "
-        f"{row.error:.0e} | {row.left} of {row.states} |"
+        f"{row.one:.1f} | {row.one / row.bare:.2f} | {row.error:.0e} | {row.left} of {row.states} |"
         for row in (Verb(**each) for each in saved["verbs"])
     ]
     return "\n".join([*lines, "", where(saved)])

@@ -219,7 +219,7 @@ def main(words: Sequence[str] | None = None) -> None:
     """Run, write, and update the docs."""
     script.run(
         words, about=__doc__, quick="few rounds; nothing is written", path=JSON,
-        measure=lambda given: measure(*(3, 100) if given.quick else (5, 500)), table=table,
+        measure=lambda given: measure(*(3, 100) if given.quick else (9, 2000)), table=table,
         pages=pages,
     )  # fmt: skip
 

@@ -723,6 +723,29 @@ def test_a_workspace_of_the_core_answers_one_state_as_python_does(label):
             np.testing.assert_allclose(left, right, rtol=1e-8, atol=1e-8 * np.abs(right).max())
 
 
+def test_derivatives_by_the_core_are_of_the_state_and_the_scene_that_were_asked_about():
+    scene, (q, v, tau) = all_scenes()["cassie loops"], [
+        x[0].copy() for x in batch_of("cassie loops", 1)
+    ]  # fmt: skip
+    workspace = cp.Workspace(scene, native=True)
+    wanted = cp.Workspace(scene).derivatives(q, v, tau)
+    found = workspace.derivatives(q, v, tau)
+    by_gravity, by_inertias = wanted.by_gravity()[0], wanted.by_inertias()[0]
+    of = q.copy()
+    q[7:], v[:], tau[:] = 0.0, 0.0, 0.0
+    workspace.solve(of, v, tau)
+    workspace.use(cp.Scene(scene.robot, scene.robot.contacts))
+    np.testing.assert_array_equal(found.solution.q, of)
+    assert found.solution.scene is scene
+    assert near(found.solution.a, wanted.solution.a, 1e-10)
+    assert near(found.by_gravity()[0], by_gravity, 1e-8)
+    assert near(found.by_inertias()[0], by_inertias, 1e-8)
+    assert found.solution.residuals.bound == pytest.approx(wanted.solution.error_bound, abs=ROUNDED)
+    assert found.solution.iterations >= 1
+    assert found.solution.solve_time > 0.0
+    assert near(found.dlam_dv, wanted.dlam_dv, 1e-8)
+
+
 @pytest.mark.parametrize("label", ["four_bar rod", "rolling_disc contacts", "talos arms geared"])
 def test_a_workspace_of_the_core_answers_rows_of_every_kind(label):
     scene, states = all_scenes()[label], batch_of(label, 3)

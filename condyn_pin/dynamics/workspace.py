@@ -327,6 +327,16 @@ class Workspace(Memory):
 
         `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
         """
+        if accuracy is None:
+            accuracy = self.solver.accuracy
+        else:
+            check_accuracy_of_a(accuracy)
+        if self.core and method == "kkt" and forces is _NO_FORCES and not check:
+            if self._user:  # as in `solve`
+                self.check_alone()
+            found = self.core.derivatives(q, v, tau, accuracy)
+            if found:
+                return found
         return _differentiate()(self, q, v, tau, forces, method, check, accuracy)
 
     def __reduce__(self) -> tuple[Any, ...]:

@@ -8,7 +8,7 @@ the state is answered by Python: what is hard is looked at in one place only.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import partial
+from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -25,6 +25,8 @@ from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.errors import UnsupportedBackend
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.equations import Equations
+    from condyn_pin.dynamics.derivatives.linearised import Linearisation
     from condyn_pin.dynamics.workspace import Workspace
 
 _OK: Final = Status.OK
@@ -53,10 +55,11 @@ class CompiledCore:
 
     def __init__(self, workspace: Workspace) -> None:
         refuse(arrays.untaken(workspace))
-        self._workspace, self._arguments = workspace, workspace.scene.robot.arguments
+        self.workspace, self._arguments = workspace, workspace.scene.robot.arguments
         self._scene = workspace.scene
-        n, m = workspace.model.nv, self._scene.rows
-        self._ends, self._size = (n, n + m), n + m + workspace.model.nq
+        nq, n, m = workspace.model.nq, workspace.model.nv, self._scene.rows
+        # of what comes back of one state: a, lam, q, v, and seven numbers
+        self._ends, self._size = (n, n + m, n + m + nq, n + m + nq + n), n + m + nq + n + 7
         self._blocks = 3, n + m, n
         self.core = compiled().Core(
             **arrays.of_model(workspace.model),
@@ -102,7 +105,7 @@ class CompiledCore:
             said = self._solve(q, v, tau, accuracy, out)
         except (TypeError, ValueError):
             said = self._solve(*self._converted(q, v, tau), accuracy, out)
-        return said and self._solution(out, said)
+        return said and self._solution(out, *said)
 
     def derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, accuracy: float
@@ -110,25 +113,38 @@ class CompiledCore:
         """Return the derivatives at one state; None where it is left to Python."""
         out, blocks = np.empty(self._size), np.empty(self._blocks)
         try:
-            said = self._differentiate(q, v, tau, accuracy, out, blocks)
+            clear = self._differentiate(q, v, tau, accuracy, out, blocks)
         except (TypeError, ValueError):
-            q, v, tau = self._converted(q, v, tau)
-            said = self._differentiate(q, v, tau, accuracy, out, blocks)
-        if said is None:
-            return None
-        answer = partial(self._solution, out, said)
-        return CompiledDerivatives(self._workspace, np.array(v), blocks, answer)
+            clear = self._differentiate(*self._converted(q, v, tau), accuracy, out, blocks)
+        return CompiledDerivatives(self, out, blocks) if clear else None
+
+    def solution(self, out: Array) -> Solution:
+        """Return what the core has written of one state beside its derivatives."""
+        *residuals, iterations, seconds = out[self._ends[-1] :].tolist()
+        return self._solution(out, residuals, int(iterations), seconds)
+
+    def _solution(
+        self, out: Array, residuals: Iterable[float], iterations: int, seconds: float
+    ) -> Solution:
+        a, lam, q, _ = self._ends
+        return Solution(
+            out[:a], out[a:lam], Residuals._make(residuals), _OK, iterations, seconds, self._scene,
+            out[lam:q],
+        )  # fmt: skip
+
+    def velocity(self, out: Array) -> Array:
+        """Return v (nv,) of one state."""
+        _, _, q, v = self._ends
+        return out[q:v]
+
+    @cached_property
+    def equations(self) -> tuple[Equations, Linearisation]:
+        """Those of the scene of this core, whatever the workspace is used for later."""
+        return self.workspace.equations, self.workspace.linearisation
 
     def _converted(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> list[Array]:
         """Return the state as the core takes it, or raise `InvalidArgument`."""
         return [np.ascontiguousarray(x, float) for x in self._arguments.check(q, v, tau)]
-
-    def _solution(self, out: Array, said: tuple[tuple[float, ...], int, float]) -> Solution:
-        (residuals, iterations, seconds), (n, end) = said, self._ends
-        return Solution(
-            out[:n], out[n:end], Residuals(*residuals), _OK, iterations, seconds, self._scene,
-            out[end:],
-        )  # fmt: skip
 
     def _answer(
         self, work: Callable[..., None], state: State, outputs: Outputs, accuracy: float | None,
@@ -140,8 +156,8 @@ class CompiledCore:
             q, v, arrays.contiguous(tau, len(q)), a=outputs["a"], lam=outputs["lam"],
             residuals=outputs["residuals"], iterations=outputs["iterations"], clear=clear,
             times=outputs["solve_times"], **more,
-            **arrays.of_forces(self._workspace.loads, forces, len(q)),
-            accuracy=self._workspace.solver.accuracy if accuracy is None else accuracy,
+            **arrays.of_forces(self.workspace.loads, forces, len(q)),
+            accuracy=self.workspace.solver.accuracy if accuracy is None else accuracy,
         )  # fmt: skip
         outputs["statuses"][:] = 0
         return np.flatnonzero(clear == 0)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -12,7 +11,7 @@ from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 from condyn_pin.dynamics.solution import Solution
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
+    from condyn_pin.dynamics.compiled.core import CompiledCore
 
 
 class CompiledDerivatives(KktDerivatives):
@@ -22,22 +21,40 @@ class CompiledDerivatives(KktDerivatives):
     robots it takes a tenth of all the time to make the solution: it is made when it is asked for.
     """
 
-    def __init__(
-        self, workspace: Workspace, v: Array, blocks: Array, answer: Callable[[], Solution]
-    ) -> None:
-        _, size, self._n = blocks.shape
-        self._m = size - self._n
-        self._hold(workspace, v)
-        self._answer, self._formed = answer, (blocks[0], blocks[1], blocks[2])
+    def __init__(self, core: CompiledCore, answer: Array, matrices: Array) -> None:
+        self._core, self._answer, self._matrices = core, answer, matrices
+        self._workspace, (self._equations, self._linearisation) = core.workspace, core.equations
+        _, size, self._n = matrices.shape
+        self._m, self._v = size - self._n, core.velocity(answer)
 
     @cached_property
     def solution(self) -> Solution:  # type: ignore[override]
         """The answer."""
-        return self._answer()
+        return self._core.solution(self._answer)
+
+    @property
+    def da_dq(self) -> Array:
+        """Accelerations by the configuration (nv, nv)."""
+        return self._matrices[0, : self._n]
+
+    @property
+    def da_dv(self) -> Array:
+        """Accelerations by the velocity (nv, nv)."""
+        return self._matrices[1, : self._n]
+
+    @property
+    def da_dtau(self) -> Array:
+        """Accelerations by the torques (nv, nv)."""
+        return self._matrices[2, : self._n]
+
+    @property
+    def _blocks(self) -> tuple[Array, Array, Array]:
+        by_q, by_v, by_tau = self._matrices
+        return by_q, by_v, by_tau
 
     @property
     def _forces(self) -> tuple[Array, Array, Array]:
-        by_q, by_v, by_tau = self._blocks
+        by_q, by_v, by_tau = self._matrices
         return by_q[self._n :], by_v[self._n :], by_tau[self._n :]
 
     def _forward(self, dq: Array, dv: Array, dtau: Array) -> tuple[Array, Array]:

@@ -11,7 +11,6 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.one_thread import alone
-from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
@@ -45,26 +44,18 @@ def differentiate(
     forces: Sequence[AppliedForce],
     method: str,
     check: bool,
-    accuracy: float | None,
+    accuracy: float,
 ) -> Derivatives:
     """Return how a and lam change with q, v and tau; the arguments are those of `derivatives`."""
     if not isinstance(method, str) or method not in METHODS:
         raise unknown_name("method", str(method), METHODS)
-    if accuracy is None:
-        accuracy = workspace.solver.accuracy
-    else:
-        check_accuracy_of_a(accuracy)
-    found: Derivatives | None = None
-    if workspace.core and workspace.native is True and not (method == "kkt" and forces == ()):
+    if workspace.core and workspace.native is True:
         workspace.core.check(forces, method)
-    if workspace.core and method == "kkt" and not forces:
-        workspace.check_alone()  # no other thread begins meanwhile: the core holds the GIL
-        found = workspace.core.derivatives(q, v, tau, accuracy)
-    if found is None:
-        found = _by_python(workspace, q, v, tau, forces, method, accuracy)
     if check:
+        found = workspace.derivatives(q, v, tau, forces=forces, method=method, accuracy=accuracy)
         _check(workspace, q, v, tau, found)
-    return found
+        return found
+    return _by_python(workspace, q, v, tau, forces, method, accuracy)
 
 
 @alone

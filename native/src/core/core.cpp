@@ -107,20 +107,26 @@ Worker & Core::hold(const Numbers & q, const Numbers & v, const Numbers & tau, c
 {
   const std::size_t nq = scene_.model.nq, nv = scene_.model.nv;
   want(q.size() == nq && v.size() == nv && tau.size() == nv, "q, v or tau");
-  want(out.size() == nv + scene_.rows + nq, "out");
+  want(out.size() == nv + scene_.rows + nq + nv + 7, "out");
   load({}, 1);
   Worker & own = *workers_[0];
   own.q = In(q.data(), nq), own.v = In(v.data(), nv), own.tau = In(tau.data(), nv);
   return own;
 }
 
+Answer Core::answer_one(Worker & own, double accuracy, const Numbers & out) const
+{
+  const Answer found = answer(own, nullptr, accuracy);
+  const Residuals & r = found.residuals;
+  Out(out.data(), out.size()) << found.a, found.lam, own.q, own.v, r.dynamics, r.constraint, r.violation, r.velocity,
+    r.bound, found.iterations, found.seconds;
+  return found;
+}
+
 Answer Core::solve_one(
   const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy, const Numbers & out)
 {
-  Worker & own = hold(q, v, tau, out);
-  const Answer found = answer(own, nullptr, accuracy);
-  Out(out.data(), out.size()) << found.a, found.lam, own.q;
-  return found;
+  return answer_one(hold(q, v, tau, out), accuracy, out);
 }
 
 void Core::differentiate(const States & states, const Answers & answers,
@@ -154,19 +160,17 @@ void Core::differentiate(const States & states, const Answers & answers,
   });
 }
 
-Answer Core::differentiate_one(const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy,
+bool Core::differentiate_one(const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy,
   const Numbers & out, const Numbers & blocks)
 {
   const std::size_t of_a = std::size_t(scene_.model.nv) * scene_.model.nv, whole = of_a + scene_.rows * scene_.model.nv;
   want(blocks.size() == 3 * whole, "blocks");
   Worker & own = hold(q, v, tau, out);
-  Answer found = answer(own, nullptr, accuracy);
-  Out(out.data(), out.size()) << found.a, found.lam, own.q;
+  const Answer found = answer_one(own, accuracy, out);
   double * at[6];
   for (int k = 0; k < 3; ++k)
     at[k] = blocks.data() + k * whole, at[3 + k] = at[k] + of_a;
-  found.clear = found.clear && differentiate(own, found, at);
-  return found;
+  return found.clear && differentiate(own, found, at);
 }
 
 void Core::simulate(

@@ -74,15 +74,16 @@ public:
 
   void solve(const States & states, const Answers & answers, double accuracy, int threads);
 
-  /// One state, in the calling thread: a, lam and q, one behind the other, into `out`.
+  /// One state, in the calling thread. Into `out`, one behind the other: a, lam, q, v, the residuals, iterations and
+  /// seconds.
   Answer solve_one(const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy, const Numbers & out);
 
   /// da/dq, da/dv, da/dtau, dlam/dq, dlam/dv, dlam/dtau as well, each with a matrix a state.
   void differentiate(const States & states, const Answers & answers,
     const std::vector<Array<double, 3>> & blocks, double accuracy, int threads);
 
-  /// The same of one state. The blocks are those of a and lam by q, by v and by tau (3, nv + rows, nv).
-  Answer differentiate_one(const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy,
+  /// The same of one state; whether it is ok without a doubt. The blocks are those of a and lam by q, by v and by tau (3, nv + rows, nv).
+  bool differentiate_one(const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy,
     const Numbers & out, const Numbers & blocks);
 
   void simulate(const Table & Q, const Table & V, const Table & TAU, const MotionPlan & plan,
@@ -97,6 +98,8 @@ private:
   void load(const std::vector<Push> & found, int threads);
   /// The first worker, which holds the state that it is to answer.
   Worker & hold(const Numbers & q, const Numbers & v, const Numbers & tau, const Numbers & out);
+  /// Answers the state that a worker holds, without forces, into `out`.
+  Answer answer_one(Worker & own, double accuracy, const Numbers & out) const;
   /// Answers the state that a worker holds, under its forces, six numbers each.
   Answer answer(Worker & own, const double * forces, double accuracy) const;
   Answer answer_row(
