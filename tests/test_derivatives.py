@@ -108,12 +108,18 @@ def test_every_block_of_every_kind(root, kind, closed, moving, drift):
 
 
 def assert_along(answer, step, found, within):
-    """Compare (da, dlam) along a direction with differences of (a, lam), at the best of steps."""
-    tries = [central(lambda t: answer(*(t * x for x in step)), h) for h in (1e-3, 3e-4, 1e-4)]
+    """Compare (da, dlam) along a direction with differences of (a, lam), at one of three steps."""
     cut = len(found[0])
-    for had, part in zip(found, (slice(cut), slice(cut, None)), strict=True):
-        error = min(np.abs(had - wanted[part]).max() for wanted in tries)
-        assert error < within * max(np.abs(had).max(), 1.0)
+    left = [*zip(found, (slice(cut), slice(cut, None)), strict=True)]
+    for h in (1e-3, 3e-4, 1e-4):  # others are asked only where one does not do
+        wanted = central(lambda t: answer(*(t * x for x in step)), h)
+        left = [
+            (had, part) for had, part in left
+            if not np.abs(had - wanted[part]).max() < within * max(np.abs(had).max(), 1.0)
+        ]  # fmt: skip
+        if not left:
+            return
+    raise AssertionError([np.abs(had - wanted[part]).max() for had, part in left])
 
 
 @pytest.mark.parametrize("kind", list(CONSTRAINTS))
