@@ -541,7 +541,7 @@ DRIFTS = {
 @pytest.mark.parametrize("label", ["cassie loops", "four_bar loops", "solo12 contacts"])
 def test_motions_are_those_of_python(label, steps, drift):
     """With springs, damping and armature on Cassie, contacts that are anchored on Solo."""
-    scene, q, v, tau = starts(label)
+    scene, q, v, tau = starts(label, 3)
     how = {"duration": 0.02, "dt": 2e-4, "integrator": STEPS[steps], "drift": DRIFTS[drift]}
     wanted = cp.simulate_batch(scene, q, v, tau, **how, record=7)
     found = cp.simulate_batch(scene, q, v, tau, **how, record=7, executor=cp.Native(threads=2))
@@ -575,7 +575,7 @@ def assert_moved_alike(
 @pytest.mark.parametrize("steps", STEPS)
 @pytest.mark.parametrize("label", ["four_bar rod", "unicycle contacts", "rolling_disc contacts"])
 def test_motions_of_rods_and_of_what_rolls(label, steps, drift):
-    assert_moved_like_python(*starts(label), steps, drift)
+    assert_moved_like_python(*starts(label, 3), steps, drift)
 
 
 @pytest.mark.parametrize("drift", ["Baumgarte", "post"])
