@@ -10,7 +10,8 @@ namespace condyn
 struct ContactMotions
 {
   Array<double, 2> t;
-  Array<double, 3> q, v, a, lam, contact, measures, work; // contact: natural residual, work, modes, and work of drives where there are any
+  // contact: natural residual, work, modes, and work of drives where there are any
+  Array<double, 3> q, v, a, lam, contact, measures, work;
   Array<int, 1> done; // 1, or 0 for a motion that has stopped before a step that is left to Python
   Array<double, 1> times; // [s]
 };

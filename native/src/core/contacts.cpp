@@ -212,24 +212,26 @@ void add_contacts(nb::module_ & m)
     .def(
       "step",
       [](Contacts & contacts, const Table & Q, const Table & V, const Table & TAU, const List & plan,
-         const Integers & driven, const Array<const double, 3> & path, const Array<double, 2> & q, const Array<double, 2> & v, const Array<double, 2> & lam,
-         const Array<double, 2> & errors, const Array<int, 2> & modes, const Array<int, 1> & done, int threads) {
+         const Integers & driven, const Array<const double, 3> & path, const Array<double, 2> & q,
+         const Array<double, 2> & v, const Array<double, 2> & lam, const Array<double, 2> & errors,
+         const Array<int, 2> & modes, const Array<int, 1> & done, int threads) {
         contacts.step({Q, V, TAU}, contacts.plan(plan, driven, path, 1), {q, v, lam, errors, modes, done}, threads);
       },
-      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "plan"_a, "driven"_a, "path"_a, "q"_a, "v"_a, "lam"_a, "errors"_a, "modes"_a, "done"_a,
-      "threads"_a)
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "plan"_a, "driven"_a, "path"_a, "q"_a, "v"_a, "lam"_a, "errors"_a,
+      "modes"_a, "done"_a, "threads"_a)
     .def(
       "differentiate",
       [](Contacts & contacts, const Table & Q, const Table & V, const Table & TAU, const List & plan,
-         const Integers & driven, const Array<const double, 3> & path, double polished, double falls, const std::vector<int> & placed, const Array<double, 2> & q, const Array<double, 2> & v,
+         const Integers & driven, const Array<const double, 3> & path, double polished, double falls,
+         const std::vector<int> & placed, const Array<double, 2> & q, const Array<double, 2> & v,
          const Array<double, 2> & lam, const Array<double, 2> & errors, const Array<int, 2> & modes,
          const Array<int, 1> & done, const Array<double, 3> & dq, const Array<double, 3> & dv,
          const Array<double, 1> & margins, const Array<int, 2> & read_modes, int threads) {
-        contacts.differentiate({Q, V, TAU}, contacts.plan(plan, driven, path, 1), {polished, falls, placed}, {q, v, lam, errors, modes, done},
-                               {dq, dv, margins, read_modes}, threads);
+        contacts.differentiate({Q, V, TAU}, contacts.plan(plan, driven, path, 1), {polished, falls, placed},
+                               {q, v, lam, errors, modes, done}, {dq, dv, margins, read_modes}, threads);
       },
-      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "plan"_a, "driven"_a, "path"_a, "polished"_a, "falls"_a, "placed"_a, "q"_a, "v"_a, "lam"_a,
-      "errors"_a, "modes"_a, "done"_a, "dq"_a, "dv"_a, "margins"_a, "read_modes"_a, "threads"_a)
+      "Q"_a, "V"_a, "TAU"_a, nb::kw_only(), "plan"_a, "driven"_a, "path"_a, "polished"_a, "falls"_a, "placed"_a, "q"_a,
+      "v"_a, "lam"_a, "errors"_a, "modes"_a, "done"_a, "dq"_a, "dv"_a, "margins"_a, "read_modes"_a, "threads"_a)
     .def(
       "simulate",
       [](Contacts & contacts, const Array<int, 1> & step, const Array<double, 2> & Q, const Array<double, 2> & V,
@@ -240,11 +242,12 @@ void add_contacts(nb::module_ & m)
          const Array<double, 3> & measures, const Array<double, 3> & work, const Array<int, 1> & done,
          const Array<double, 1> & times, int threads) {
         const int ahead = steps % std::max(every, 1) != 0; // the last sample is that of a step that is not taken
-        contacts.simulate({step, Q, V, works}, TAU, contacts.plan(plan, driven, path, steps + ahead), {steps, every, closed, lost},
-                          {t, q, v, a, lam, contact, measures, work, done, times}, threads);
+        contacts.simulate({step, Q, V, works}, TAU, contacts.plan(plan, driven, path, steps + ahead),
+                          {steps, every, closed, lost}, {t, q, v, a, lam, contact, measures, work, done, times},
+                          threads);
       },
-      nb::kw_only(), "step"_a, "Q"_a, "V"_a, "works"_a, "TAU"_a, "plan"_a, "driven"_a, "path"_a, "steps"_a, "every"_a, "closed"_a,
-      "lost"_a, "t"_a, "q"_a, "v"_a, "a"_a, "lam"_a, "contact"_a, "measures"_a, "work"_a, "done"_a, "times"_a,
-      "threads"_a);
+      nb::kw_only(), "step"_a, "Q"_a, "V"_a, "works"_a, "TAU"_a, "plan"_a, "driven"_a, "path"_a, "steps"_a, "every"_a,
+      "closed"_a, "lost"_a, "t"_a, "q"_a, "v"_a, "a"_a, "lam"_a, "contact"_a, "measures"_a, "work"_a, "done"_a,
+      "times"_a, "threads"_a);
 }
 } // namespace condyn

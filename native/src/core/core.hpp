@@ -82,7 +82,8 @@ public:
   void differentiate(const States & states, const Answers & answers,
     const std::vector<Array<double, 3>> & blocks, double accuracy, int threads);
 
-  /// The same of one state; whether it is ok without a doubt. The blocks are those of a and lam by q, by v and by tau (3, nv + rows, nv).
+  /// The same of one state; whether it is ok without a doubt. The blocks are those of a and lam by q, by v and by tau
+  /// (3, nv + rows, nv).
   bool differentiate_one(const Numbers & q, const Numbers & v, const Numbers & tau, double accuracy,
     const Numbers & out, const Numbers & blocks);
 

@@ -204,7 +204,8 @@ void StepDerivatives::read_margin(double falls)
   double off = touches ? law_.margin(posed.problem) * speed : INFINITY;
   for (int i = 0; i < step.candidates.with_gaps(); ++i)
     if (!posed.active[i])
-      off = std::min(off, std::abs(step.gaps_[i] / step.plan_.dt + step.J_.row(step.candidates.normal(i)).dot(posed.v1)));
+      off = std::min(
+        off, std::abs(step.gaps_[i] / step.plan_.dt + step.J_.row(step.candidates.normal(i)).dot(posed.v1)));
   margin = off / std::max(speed, falls);
   modes = Eigen::VectorXi::Zero(step.candidates.count());
   if (touches)
