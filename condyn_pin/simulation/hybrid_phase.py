@@ -7,11 +7,10 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
-from condyn_pin.simulation.corrected_stepper import CorrectedStepper
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.plan import Plan, default_solver
 from condyn_pin.simulation.recorder import Recorder, Row
-from condyn_pin.simulation.system import System
+from condyn_pin.simulation.system import CorrectedStepper, System
 
 
 class HybridPhase:

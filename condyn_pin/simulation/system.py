@@ -1,4 +1,4 @@
-"""System: what an integrator sees of a scene.
+"""System: what an integrator sees of a scene, and one step of it.
 
     q' = v,    M(q) v' + h(q, v) = tau(t, q, v) + J(q)^T lam,    J v' + gamma = a_ref
 
@@ -20,6 +20,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.bound import BoundContact
 from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Singular
@@ -33,6 +34,7 @@ from condyn_pin.simulation.torques import Applied, Torque
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.contact_event import ContactEvent
+    from condyn_pin.simulation.integrators.base import Integrator
 
 # A step of an integrator: (t, q, v) -> (q, v, a)
 Step = Callable[[float, Array, Array], tuple[Array, Array, Array]]
@@ -259,3 +261,44 @@ def total_torque(applied: Applied, passive: Passive, dt: float = 0.0) -> Torque:
         return tau if between is None else tau + between.torque(q, v, dt)
 
     return torque
+
+
+class CorrectedStepper:
+    """An integrator's steps of one size, the correction of a drift scheme behind each."""
+
+    def __init__(self, system: System, integrator: Integrator, drift: Drift, dt: float) -> None:
+        self._dt, self._manifold = dt, system.manifold
+        bare = integrator.start(system, dt)
+        self._step, self._lam, self._touch = bare.step, bare.lam, bare.touch
+        self.sample = bare.sample or system.sample
+        # what a step begins with may be another system's solve
+        self._first = bare.sample or (bare.system or system).sample
+        self._samples_start = integrator.a_at == "start"
+        # a correction reads what the solve of the next step leaves behind
+        self._system = bare.system or system
+        self._correct = drift.start(self._system, dt)
+        self._is_driven = system.scene.is_driven
+        self._slow = None if integrator.between_events.is_adaptive else system.manifold.slow(dt)
+
+    def take(
+        self, t: float, q: Array, v: Array, t1: float, keep: Callable[[Row], None] | None = None
+    ) -> tuple[Array, Array]:
+        """Return q and v after a step to t1; `keep` is handed the sample that belongs to it."""
+        slow, lam = self._slow, None
+        if keep and self._samples_start:
+            keep(self._first(t, q, v))
+        if slow and v.dot(v) > slow:  # all velocities together: most often that is enough
+            self._manifold.check_turn(v, self._dt)
+        q, v, a = self._step(t, q, v)
+        if slow and v.dot(v) > slow:
+            self._manifold.check_turn(v, self._dt)
+        if self._is_driven:
+            self._system.check_reach(t1, q, v)
+        if keep and self._lam:
+            lam = self._lam()  # before the correction solves again
+        if self._correct:
+            q, v = self._correct(t + self._dt, q, v)
+        if keep and lam is not None:
+            touch = self._touch() if self._touch else NO_TOUCH
+            keep((t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v), touch))
+        return q, v
