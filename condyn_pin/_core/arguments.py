@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from math import hypot
 from struct import Struct
 from typing import Any, Final
@@ -20,7 +20,7 @@ LOW: Final = 1.0 - 2 * tolerances.QUATERNION
 HIGH: Final = 1.0 + 2 * tolerances.QUATERNION
 
 # | |quaternion| - 1 | that normalising a quaternion leaves.
-_NORMALISED: Final = 4 * float(np.finfo(float).eps)
+NORMALISED: Final = 4 * float(np.finfo(float).eps)
 
 # The one dtype that goes to Pinocchio as it is: 64 bits in the byte order of this machine. An array
 # that was pickled comes back with another object for it: compare with ==, never with `is`.
@@ -135,26 +135,11 @@ def normalised(model: Any, name: str, q: ArrayLike) -> Array:
     the last bits of it again and again.
     """
     array = np.array(finite(name, q, model.nq))
-    if pin.isNormalized(model, array, _NORMALISED):
+    if pin.isNormalized(model, array, NORMALISED):
         return array
     array = np.array(pin.normalize(model, array))
     if not pin.isNormalized(model, array, tolerances.QUATERNION):
         raise InvalidArgument(f"{name}: a quaternion of it is zero; use 0 0 0 1")
-    return array
-
-
-def all_normalised(model: Any, units: Sequence[slice], Q: Array) -> Array:
-    """Return finite configurations (k, nq), one a row, each as `normalised` returns it.
-
-    `units` are those of `Arguments`. Most have nothing to be normalised, and cost no call each.
-    """
-    array = np.array(Q)
-    off = np.zeros(len(array), bool)
-    for part in units:
-        # what is near the limit is looked at by itself
-        off |= np.abs(np.linalg.norm(array[:, part], axis=1) - 1.0) > _NORMALISED / 2
-    for i in np.flatnonzero(off):
-        array[i] = normalised(model, "q", array[i])
     return array
 
 

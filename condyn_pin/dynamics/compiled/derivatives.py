@@ -19,6 +19,7 @@ class CompiledDerivatives(KktDerivatives):
 
     What else may be asked for, derivatives by the parameters of a model, is as in Python. Of small
     robots it takes a tenth of all the time to make the solution: it is made when it is asked for.
+    Each matrix is one view of what the core wrote, where those of the base class are two.
     """
 
     def __init__(self, core: CompiledCore, answer: Array, matrices: Array) -> None:

@@ -50,13 +50,10 @@ class KktDerivatives(Derivatives):
 
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         Derivatives.__init__(self, solution)
-        self._hold(workspace, v)
-        self._factored = self._factorise()  # at once, while the workspace is whose asked
-
-    def _hold(self, workspace: Workspace, v: Array) -> None:
-        """Keep what the derivatives are formed from: of this scene, whatever comes after it."""
         self._workspace, self._v = workspace, v
+        # of this scene, whatever comes after it
         self._equations, self._linearisation = workspace.equations, workspace.linearisation
+        self._factored = self._factorise()  # at once, while the workspace is whose asked
 
     @cached_property
     @of_workspace

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import all_normalised
+from condyn_pin._core.arguments import NORMALISED, normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
 from condyn_pin._core.kept import Kept
@@ -33,6 +33,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.simulation.batch.batch_step import ERRORS, STATUSES
 from condyn_pin.simulation.batch.driven_path import DrivenPath
+from condyn_pin.simulation.batch.inputs import loose
 from condyn_pin.simulation.integrators import Integrator, closings, path_ends
 from condyn_pin.simulation.integrators.contact_scheme import sizes_of_gaps
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
@@ -136,8 +137,10 @@ def paths_of(workspace: Workspace, dt: float) -> dict[str, Array]:
 
 def states_of(workspace: Workspace, inputs: Arrays) -> tuple[Array, Array, Array]:
     """Return q, v and tau of the rows of a chunk, as the core takes them."""
-    units = workspace.scene.robot.arguments.units
-    q0 = all_normalised(workspace.model, units, inputs["q0"])
+    robot, q0 = workspace.scene.robot, inputs["q0"].copy()
+    # most have nothing to be normalised, and cost no call each; squared, the limit is half of it
+    for i, _, _ in loose(robot, q0, 1.0 - NORMALISED, 1.0 + NORMALISED):
+        q0[i] = normalised(workspace.model, "q", q0[i])
     return q0, inputs["v0"], contiguous(inputs["tau0"], len(q0))
 
 

@@ -40,11 +40,16 @@ def check_states(
     return np.ascontiguousarray(q), np.ascontiguousarray(v), np.ascontiguousarray(tau)
 
 
-def loose(robot: Robot, q: Array) -> Iterator[tuple[int, slice, float]]:
-    """Yield row, place and norm of the parts of q (N, nq) that should have norm 1 and have not."""
+def loose(
+    robot: Robot, q: Array, low: float = LOW, high: float = HIGH
+) -> Iterator[tuple[int, slice, float]]:
+    """Yield row, place and norm of the parts of q (N, nq) that should have norm 1 and have not.
+
+    Squared norms between `low` and `high` are as good as 1.
+    """
     for part in robot.arguments.units:
         norms = np.einsum("ij,ij->i", q[:, part], q[:, part])
-        for i in np.flatnonzero(~((norms > LOW) & (norms < HIGH))):
+        for i in np.flatnonzero(~((norms > low) & (norms < high))):
             yield int(i), part, float(norms[i] ** 0.5)
 
 
