@@ -19,24 +19,22 @@ where the linear inverted pendulum of constant h comes to rest.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.contact_wrenches import wrench_margin
+from condyn_pin.control.pressure import Pressure, pressed
 from condyn_pin.control.support import (
     SupportPlane,
     SupportPolygon,
     check_touching,
     hull,
     plane_of,
-    touching_points,
 )
 from condyn_pin.dynamics.force import Sites, upward
 from condyn_pin.dynamics.scene import Scene
@@ -167,27 +165,6 @@ def balance(
     return replace(found, wrench_margin=wrench_margin(at, cones, found.force, found.moment))
 
 
-class Pressure(NamedTuple):
-    """What touches a floor at one moment, and how it presses on it.
-
-    Attributes
-    ----------
-    points : (k, 3) array
-        The corners of what touches, in the world [m].
-    exerted : (6,) array
-        The wrench on the robot about the origin of the world, force first [N, N m].
-    cops : dict of str to (3,) array
-        Centre of pressure of each contact; NaN of those that do not press [m].
-    forces : dict of str to (3,) array
-        On the robot, of those that press, in the world [N].
-    """
-
-    points: Array
-    exerted: Array
-    cops: dict[str, Array]
-    forces: dict[str, Array]
-
-
 def balanced(scene: Scene, q: Array, v: Array, a: Array, pressure: Pressure) -> Balance:
     """Return the balance of a robot that moves with a and presses on a floor as is said."""
     model = scene.robot.unedited
@@ -223,29 +200,6 @@ def balanced(scene: Scene, q: Array, v: Array, a: Array, pressure: Pressure) -> 
         capture_margin=_margin(polygon, foot),
         wrench_margin=np.nan,
     )
-
-
-def pressed(at: Sites, lam: Array) -> Pressure:
-    """Return how the contacts of a scene press on the floor with the forces lam (m,)."""
-    exerted, cops, pressing = np.zeros(6), {}, {}
-    noise = tolerances.SOLVED * float(np.abs(lam).max(initial=0.0))
-    forces, up = at.forces(lam), upward(at.scene)
-    for contact in at.scene.constraints:
-        if not contact.presses:
-            continue
-        force = forces[contact.name]
-        whole = np.zeros(6)
-        whole[: len(force)] = force.in_world()
-        f, m, p = whole[:3], whole[3:], force.at
-        exerted += np.concatenate((f, m + np.cross(p, f)))
-        normal = force.rotation[:, 2] if contact.has_normal else up
-        load = float(f @ normal)
-        if load > noise:
-            cops[contact.name] = p + np.cross(normal, m) / load
-            pressing[contact.name] = f
-        else:
-            cops[contact.name] = np.full(3, np.nan)
-    return Pressure(touching_points(at), exerted, cops, pressing)
 
 
 def _middle(plane: SupportPlane, cops: dict[str, Array], pressing: dict[str, Array]) -> Array:

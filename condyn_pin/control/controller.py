@@ -5,14 +5,13 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from functools import lru_cache, partial
 from math import isfinite
-from time import perf_counter
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import Arguments
-from condyn_pin._core.arrays import Array, check_overflow, finite
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.compiled import Native
 from condyn_pin._core.names import checked
@@ -26,14 +25,13 @@ from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import ControlLimits
 from condyn_pin.control.controller_settings import Settings
 from condyn_pin.control.hierarchy import Cascade, Hierarchy, check_tasks, weighted
-from condyn_pin.control.levels import Level
 from condyn_pin.control.program import Program
+from condyn_pin.control.python_tick import PythonTick
 from condyn_pin.control.qp.base import QPSolver
 from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgram
 from condyn_pin.control.tasks.base import Task
-from condyn_pin.control.verdict import verdict
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene
 from condyn_pin.errors import InvalidArgument, UnsupportedBackend
@@ -141,7 +139,6 @@ class Controller(OneThread):
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise InvalidArgument(f"tasks: two are named {twice[0]!r}; give one of them a name=")
         default = DAQP() if isinstance(tasks, Hierarchy) else ProxQP()
-        self._cones = cones
         equations = Equations(scene.robot.unedited, scene.bounds, settings.drift)
         self._arguments = Arguments(equations.model)
         self._still = np.zeros(scene.robot.nv)
@@ -150,19 +147,21 @@ class Controller(OneThread):
             scene, levels, ContactCones(scene, cones), settings.limits, self.actuation, equations,
             home, settings.rigid, settings.regularisation,
         )  # fmt: skip
-        self._cascade = Cascade(settings.qp or default, len(levels), settings.regularisation)
-        self._tick = self._compiled() if settings.native else None
+        cascade = Cascade(settings.qp or default, len(levels), settings.regularisation)
+        self._python = PythonTick(
+            self._program, scene, cones, self.actuation, cascade, self._arguments
+        )
+        self._tick = self._compiled(cones) if settings.native else None
 
-    def _compiled(self) -> CompiledTick | None:
+    def _compiled(self, cones: Cones) -> CompiledTick | None:
         """Return what does ticks in compiled code, if it takes everything here."""
         # imported here: most do without
         from condyn_pin.control.compiled.tick import CompiledTick
 
         try:
             return CompiledTick(
-                self._program, self.scene, self._cones, self.actuation,
-                self._settings.regularisation,
-            )  # fmt: skip
+                self._program, self.scene, cones, self.actuation, self._settings.regularisation
+            )
         except UnsupportedBackend:
             if self._settings.native is True:
                 raise
@@ -225,30 +224,13 @@ class Controller(OneThread):
             If an argument has a wrong size or is not finite.
         """
         arguments = self._accepted(q, v, t, passive)
-        # what is not finite shows in the answer of the core, and Python then finds it
-        found = self._tick.solve(*arguments) if self._tick else None
-        return self._in_python(*arguments) if found is None else found
-
-    @one_blas_thread
-    def _in_python(self, q: Array, v: Array, t: float, passive: Array) -> ControlAnswer:
-        given, levels = self._assembled(q, v, t, passive)
-        start = perf_counter()
-        x, answers = self._cascade.solve(given, levels, lambda: self._costs(given))
-        elapsed = perf_counter() - start
-        if self._tick:
-            self._tick.begin_from(answers[-1].answer)
-        return ControlAnswer(
-            *verdict(self._program, given, x, answers),
-            path=tuple(step for each in answers for step in each.path),
-            iterations=sum(each.iterations for each in answers),
-            solve_time=elapsed,
-            actuation=self.actuation,
-            cones=self._cones,
-            scene=self.scene,
-            q=q.copy(),
-            t=t,
-            v=self._program.motion.v.copy(),
-        )
+        if not self._tick:
+            return self._python.solve(*arguments)
+        found = self._tick.solve(*arguments)
+        if found is None:  # in doubt, or something is not finite, which Python names
+            found = self._python.solve(*arguments)
+            self._tick.begin_from(self._python.polished)
+        return found
 
     @alone
     @one_blas_thread
@@ -270,7 +252,7 @@ class Controller(OneThread):
         passive : (nv,) array_like, optional
             As in `solve` [N m, N].
         """
-        given, levels = self._assembled(*self._accepted(q, v, t, passive))
+        given, levels = self._python.assembled(*self._accepted(q, v, t, passive))
         given = Constraints(*(each.copy() for each in given))  # the next tick overwrites them
         return weighted(given, levels[0])
 
@@ -288,36 +270,12 @@ class Controller(OneThread):
         time = t if type(t) is float and isfinite(t) else float(finite("t", t, ()))
         return q_, v_, time, still if passive is None else finite("passive", passive, len(still))
 
-    def _assembled(
-        self, q: Array, v: Array, t: float, passive: Array
-    ) -> tuple[Constraints, list[Level]]:
-        """Return the constraints of a tick and its levels, of numbers that are checked here."""
-        with np.errstate(all="ignore"):  # what overflows is refused
-            if not isfinite(q.dot(q) + v.dot(v)):  # not finite, or very large
-                self._arguments.check(q, v, self._still)
-            if not isfinite(passive.dot(passive)):
-                check_overflow("passive", passive, passive**2)
-            if self._settings.rigid:
-                v = self._program.without_swing(q, v)
-            given, levels = self._program.assemble(q, v, t, passive)
-            size = given.b.dot(given.b)
-            for level in levels:
-                size += level.rows.b.dot(level.rows.b)
-            if not isfinite(size):
-                check_overflow("v", v, given.b, *(level.rows.b for level in levels))
-        return given, levels
-
     def __repr__(self) -> str:
         return f"Controller({self.scene.robot.name}, {list(self.scene.names)}: {self.tasks})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own
         return partial(Controller, **vars(self._settings)), (self.scene, self.tasks)
-
-    def _costs(self, given: Constraints) -> tuple[Array, Array]:
-        equations = self._program.equation_rows(given)
-        of_equations = np.array([row.cost for row in equations])
-        return of_equations, np.array([row.cost for row in self._program.inequalities])
 
 
 def _check_no_moment(scene: Scene) -> None:

@@ -22,7 +22,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, shown
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.control.balancing import Balance, Pressure, balanced, pressed
+from condyn_pin.control.balancing import Balance, balanced
+from condyn_pin.control.pressure import Pressure, pressed
 from condyn_pin.control.support import SupportPolygon
 from condyn_pin.dynamics.force import Sites
 from condyn_pin.dynamics.scene import Scene

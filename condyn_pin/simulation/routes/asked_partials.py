@@ -15,6 +15,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.routes.balance_partials import stiffness_partial
 from condyn_pin.simulation.routes.law import Law
 from condyn_pin.simulation.routes.row_partials import RowPartials
 
@@ -77,5 +78,5 @@ def _compliance_by(steps: LinearSteps, posed: Posed, y: Array, l_b: Array, row: 
     slips = steps.turning.slips(y)
     by_q = 2 * slips[posed.chosen.rows][row] + y @ of.rhs[:n, :n] - l_b @ of.rhs[n:, :n]
     if steps.system.passive.between is not None:
-        by_q = by_q - y @ steps.stiffer(posed.at, y)
+        by_q = by_q - y @ stiffness_partial(steps, posed.at, y)
     return np.asarray(by_q)

@@ -4,7 +4,7 @@
     dsigma = G dlam + J_c dv_0 + (J_c v+)_q dq + ...,    the law of the route for dlam
 
 with df and ds what the balance of momentum and the constraints leave by q, v and tau at fixed v+
-and impulses (`Linearisation`), and dv_0 the velocities that solve the first line with dlam = 0.
+and impulses (`balance_partials`), and dv_0 the velocities that solve the first line with dlam = 0.
 What a scheme adds to g comes from the scheme (`asked_by`). All of that is by where the equations
 are taken and by their v and tau, in the columns of q, v and tau; `Starts` has the chain rule from
 there to the start of the step.
@@ -22,13 +22,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.partials.contacts import ContactTurning
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.dynamics.derivatives.carried import slope
-from condyn_pin.dynamics.derivatives.linearised import Linearisation, Linearised
+from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import moment_of
@@ -39,6 +37,12 @@ from condyn_pin.simulation.integrators.path_ends import next_path
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.integrators.tried import Taken
 from condyn_pin.simulation.routes.asked_partials import add_asked
+from condyn_pin.simulation.routes.balance_partials import (
+    left_of_constraints,
+    left_of_momentum,
+    linearised,
+    untouched,
+)
 from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.end_partials import moved
 from condyn_pin.simulation.routes.floating_partials import FloatingPartials
@@ -100,16 +104,15 @@ class LinearSteps:
         self.columns = Columns(scene.robot.nv, self.system.contacts.cones, weighed)
         bounds = self.system.equations.bounds
         self.placed = np.array(rows_with_a_place(bounds), dtype=np.int_)
-        self._unit = np.eye(scene.robot.nv)
         self.itself = self.columns.empty()  # where the equations are taken, by that
-        self.itself[:, self.columns.q] = self._unit
+        self.itself[:, self.columns.q] = np.eye(scene.robot.nv)
         self._take(dt, ContactSteps(scheme, self.system, dt))
 
     def _take(self, dt: float, steps: ContactSteps) -> None:
         """Take other steps of the same scheme, dt long [s]."""
         scheme = self.scheme
         self.dt, self.steps = dt, steps
-        self._impulses = dt * self._unit  # of unit torques
+        self.unit_impulses = dt * self.itself[:, self.columns.q]  # of unit torques
         self.floating, self.paths = steps.floating, steps.paths
         self.falls = falls(self.system.model, dt)
         self.size = self.scene.robot.mass * self.falls**2
@@ -132,10 +135,7 @@ class LinearSteps:
         """The same without gravity."""
         return Linearisation(weightless(self.system.model), self.scene.bilateral.bounds)
 
-    def end(
-        self, t: float, q: Array, v: Array, law: _Law,
-        taken: Taken | None = None,
-    ) -> Ended:  # fmt: skip
+    def end(self, t: float, q: Array, v: Array, law: _Law, taken: Taken | None = None) -> Ended:
         """Return the end of a step from a state, with its derivatives by a `law` of contacts.
 
         `taken` is the step, if it is at hand.
@@ -169,9 +169,8 @@ class LinearSteps:
         posed, _, attempt, natural = self.steps.last.tried[-1]
         v1 = posed.condensed.velocity(law(posed.problem, attempt.lam, natural).lam)
         moved = self.floating.integrate(posed.at, self.share * v1)
-        return self.steps.closings.closed(posed.condensed.factors, moved), self.floating.turned(
-            v1, self.share
-        )
+        q1 = self.steps.closings.closed(posed.condensed.factors, moved)
+        return q1, self.floating.turned(v1, self.share)
 
     def _velocity(self, posed: Posed, law: Law, v1: Array, along: Array | None) -> Array:
         """Return v+ by all columns (nv, columns), in the axes of the step.
@@ -179,14 +178,14 @@ class LinearSteps:
         `along` (nv, columns) is how the velocity changes along which contacts are taken, if any.
         """
         if not len(law.lam):
-            return self._untouched(posed, v1)
+            return untouched(self, posed, v1)
         condensed = posed.condensed
         l_b = condensed.constraint_impulses(law.lam)
-        of = self._linearised(posed, v1, l_b)
+        of = linearised(self, posed, v1, l_b)
         rows = row_partials(self, posed, law.lam, v1, along)
-        f = self._balance(of, posed, v1)
+        f = left_of_momentum(self, of, posed, v1)
         f[:, : rows.pulls.shape[1]] += rows.pulls
-        free, dsigma = condensed.changed(f, self._slip(of, posed, v1))
+        free, dsigma = condensed.changed(f, left_of_constraints(self, of, posed, v1))
         dsigma[:, : rows.slips.shape[1]] += rows.slips
         add_asked(dsigma, self, posed, law, rows)
         R = posed.problem.R
@@ -200,84 +199,6 @@ class LinearSteps:
             b[:, self.columns.inertias] += np.outer(law.by_size, size)
         free -= condensed.X.dot(least(A, b))
         return np.asarray(condensed.factors.mass.L_inv.T.dot(free))
-
-    def _linearised(self, posed: Posed, v1: Array, l_b: Array) -> Linearised:
-        """Return the linearised equations of a step."""
-        a = (v1 - posed.v) / self.dt - posed.turning
-        return self.linearisation.at(posed.at, posed.mean, a, l_b / self.dt)
-
-    def _balance(self, of: Linearised, posed: Posed, v1: Array, mean: Array | None = None) -> Array:
-        """Return what the balance of momentum leaves of a step (nv, columns).
-
-        `mean` (nv, columns) is how the velocity of h changes, if it is not the one before.
-        """
-        n, dt, columns = len(v1), self.dt, self.columns
-        M = self.system.equations.mass(posed.at) if of.M is None else of.M
-        f = columns.empty()
-        np.multiply(dt, of.rhs[:n], out=f[:, : 2 * n])
-        f[:, columns.tau] = self._impulses
-        f[:, columns.v] += dt * M.dot(self.partials.turning(posed.mean))
-        if mean is not None:
-            by_mean = f[:, columns.v].copy()
-            f[:, columns.v] = 0.0
-            f += by_mean.dot(mean)
-        f[:, columns.v] += posed.condensed.factors.mass.M  # with springs, if those are implicit
-        if self.inertias:
-            a = (v1 - posed.v) / dt - posed.turning
-            f[:, columns.inertias] -= dt * self.inertias.forces(posed.at, posed.mean, a)
-        if self.system.passive.between is not None:
-            f[:, columns.q] -= self.stiffer(posed.at, v1 - posed.v)
-        return f
-
-    def _slip(self, of: Linearised, posed: Posed, v1: Array) -> Array:
-        """Return what the constraints leave of a step (rows, columns), whose h is that of v.
-
-        J_b (2 v+ / dt - w x u) + gamma = 2 s' / dt,    gamma less s''; s is of time alone
-        """
-        n, dt, columns = len(v1), self.dt, self.columns
-        slip = columns.empty(len(of.rhs) - n)
-        if not len(slip):
-            return slip
-        missing = (v1 + posed.v) / dt  # to the acceleration of `of`
-        s_q = -of.rhs[n:, :n] + self.linearisation.turning(posed.at, missing)
-        by_v = -of.rhs[n:, n:] - of.J @ self.partials.turning(posed.v)
-        slip[:, columns.q], slip[:, columns.v] = -0.5 * dt * s_q, -0.5 * dt * by_v
-        return slip
-
-    def _untouched(self, posed: Posed, v1: Array) -> Array:
-        """Return the same where nothing touches: h at the mean of v and of v+ with h at v."""
-        factors, dt, columns = posed.condensed.factors, self.dt, self.columns
-        first = 2 * posed.mean - posed.v
-        M, h, J_b, gamma = self.system.equations.parts(posed.at, posed.v)
-        w = self.floating.turning(posed.v)
-        L = factors.L
-        p = L @ (L.T @ posed.v) + dt * (posed.tau - h + M @ w)
-        slip = self.system.equations.wanted[1] - 0.5 * dt * (gamma - J_b @ w)
-        l_b = factors.solve(p, slip)[1]
-        at_start = posed._replace(mean=posed.v, turning=w)
-        of = self._linearised(at_start, first, l_b)
-        s = self._slip(of, at_start, first)
-        mean = 0.5 * factors.solve(self._balance(of, at_start, first), s)[0]
-        mean[:, columns.v] += 0.5 * self._unit
-        l_b = posed.condensed.constraint_impulses(np.zeros(0))
-        again = self._linearised(posed, v1, l_b)
-        f = self._balance(again, posed, v1, mean)
-        # rows of constraints with the first h, and this v+
-        if len(l_b):
-            turned = self.linearisation.turning(posed.at, 2 / dt * (v1 - first))
-            s[:, columns.q] -= 0.5 * dt * turned
-        return factors.solve(f, s)[0]
-
-    def stiffer(self, q: Array, x: Array) -> Array:
-        """Return U^T w U x by q (nv, nv), of springs and dampers between frames."""
-        between = self.system.passive.between
-        assert between is not None
-
-        def pull(step: Array) -> Array:
-            U, weights = between.inertia_rows(pin.integrate(self.system.model, q, step), self.dt)
-            return np.asarray(U.T @ (weights * (U @ x)))
-
-        return np.column_stack([slope(pull, along) for along in np.eye(len(x))])
 
     def _friction(self, posed: Posed) -> slice | Indices:
         return self.columns.of_cones("friction", posed.chosen.cones)
