@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
@@ -29,23 +28,11 @@ from condyn_pin._core.names import counted
 from condyn_pin.constraints.violation import beyond_text
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_moment
-from condyn_pin.errors import (
-    BranchChanged,
-    InvalidArgument,
-    NotAssembled,
-    UnsupportedConstraint,
-)
-from condyn_pin.mechanism.assembling import (
-    assemble_from,
-    check_held,
-    limited,
-    nominal_configuration,
-)
+from condyn_pin.errors import InvalidArgument, NotAssembled, UnsupportedConstraint
+from condyn_pin.mechanism.assembling import check_held, limited, nominal_configuration
 from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
-from condyn_pin.mechanism.following import Follower
-
-_FARTHEST = 100.0  # that a motor is followed [rad, m]
+from condyn_pin.mechanism.following import Follower, drive, with_motors
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,10 +140,10 @@ def complete_state(
     v_A = None if v_actuated is None else finite("v_actuated", v_actuated, A.size)
     start = nominal_configuration(scene) if near is None else normalised(model, "near", near)
     follower = Follower(scene)
-    target = _target(follower, start, q_actuated)
+    target = with_motors(follower, start, q_actuated)
     if within_limits:
         check_held("q_actuated", chains.limits, target, A)
-    assembly = _drive(scene, follower, start, target)
+    assembly = drive(scene, follower, start, target)
     if within_limits:
         _check_dependent(chains, assembly)
     J = follower.jacobian(assembly.q)
@@ -195,47 +182,6 @@ def _velocity(scene: Scene, follower: Follower, q: Array, G: Array, v_A: Array |
             "driven row moves the motors too; leave v_actuated out, or give what fits"
         )
     return v
-
-
-def _target(follower: Follower, start: Array, q_actuated: ArrayLike) -> Array:
-    """Return the start with the motors where they are to be."""
-    model, motors = follower.closer.equations.model, follower.motors
-    target = start.copy()
-    target[motors] = finite("q_actuated", q_actuated, motors.size)
-    target = normalised(model, "q_actuated", target)
-    farthest = float(np.abs(pin.difference(model, start, target)).max())
-    if not farthest <= _FARTHEST:
-        raise InvalidArgument(
-            f"q_actuated: a motor is {farthest:.3g} rad or m from where it is in `near`; "
-            f"at most {_FARTHEST:g} are followed"
-        )
-    return target
-
-
-def _drive(scene: Scene, follower: Follower, start: Array, target: Array) -> Assembly:
-    """Close the start, and move the motors from there."""
-    moving, motors = follower.closer.moving, follower.motors
-    first = assemble_from(scene, start, moving, within_limits=False)
-    if not first.status.ok:
-        error = first.error()
-        raise type(error)(f"where the motors start, {error}", first)
-    q, share = follower.follow(first.q, target)
-    there = q.copy()
-    there[motors] = target[motors]
-    last = assemble_from(scene, there, moving, within_limits=False)
-    if share == 1.0:
-        return last
-    way = f"the motors were followed for {share:.1%} of the way from `near`"
-    if not last.closed:
-        raise NotAssembled(f"{way}; {last.error()}", last)
-    J = follower.closer.equations.jacobian(q)
-    loops = chains_of(scene).weakest(J)
-    last = replace(last, status=AssemblyStatus.BRANCH_CHANGED, flipped=(loops,))
-    raise BranchChanged(
-        f"{loops}: {way}, up to a dead point; beyond, they lead to more than one configuration: "
-        "pass a `near` on the side that is meant",
-        last,
-    )
 
 
 def _check_dependent(chains: ClosedChains, assembly: Assembly) -> None:

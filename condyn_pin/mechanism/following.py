@@ -20,13 +20,20 @@ Deuflhard. Newton Methods for Nonlinear Problems. Springer, 2011, section 5.1.
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
+from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import indices
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
+from condyn_pin.mechanism.assembling import assemble_from
+from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer
 
@@ -34,6 +41,7 @@ _LONGEST = 0.1  # stride of a motor [rad, m]
 _SHORTEST = 1e-5  # the same: a gap of CLOSED hides a dead point that is nearer [rad, m]
 _CHANGE = 0.5  # of J_D in a stride, relative
 _CORRECTIONS = 10
+_FARTHEST = 100.0  # that a motor is followed [rad, m]
 
 
 class Follower:
@@ -116,3 +124,44 @@ class Follower:
         """Return |J_D(q0)^+ J_D(q) - 1|; 1 or more if J_D(q0) is singular."""
         change = inverse @ self.jacobian(q)[:, self.dependent] - np.eye(len(inverse))
         return float(np.linalg.norm(change, 2)) if change.size else 0.0
+
+
+def with_motors(follower: Follower, start: Array, q_actuated: ArrayLike) -> Array:
+    """Return the start with the motors where they are to be."""
+    model, motors = follower.closer.equations.model, follower.motors
+    target = start.copy()
+    target[motors] = finite("q_actuated", q_actuated, motors.size)
+    target = normalised(model, "q_actuated", target)
+    farthest = float(np.abs(pin.difference(model, start, target)).max())
+    if not farthest <= _FARTHEST:
+        raise InvalidArgument(
+            f"q_actuated: a motor is {farthest:.3g} rad or m from where it is in `near`; "
+            f"at most {_FARTHEST:g} are followed"
+        )
+    return target
+
+
+def drive(scene: Scene, follower: Follower, start: Array, target: Array) -> Assembly:
+    """Close the start, and move the motors from there."""
+    moving, motors = follower.closer.moving, follower.motors
+    first = assemble_from(scene, start, moving, within_limits=False)
+    if not first.status.ok:
+        error = first.error()
+        raise type(error)(f"where the motors start, {error}", first)
+    q, share = follower.follow(first.q, target)
+    there = q.copy()
+    there[motors] = target[motors]
+    last = assemble_from(scene, there, moving, within_limits=False)
+    if share == 1.0:
+        return last
+    way = f"the motors were followed for {share:.1%} of the way from `near`"
+    if not last.closed:
+        raise NotAssembled(f"{way}; {last.error()}", last)
+    J = follower.closer.equations.jacobian(q)
+    loops = chains_of(scene).weakest(J)
+    last = replace(last, status=AssemblyStatus.BRANCH_CHANGED, flipped=(loops,))
+    raise BranchChanged(
+        f"{loops}: {way}, up to a dead point; beyond, they lead to more than one configuration: "
+        "pass a `near` on the side that is meant",
+        last,
+    )

@@ -25,12 +25,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.anchoring import with_anchors
 from condyn_pin.simulation.contact_work import NO_WORK
 from condyn_pin.simulation.events import Ended, Event, Happened, ZenoDetected
-from condyn_pin.simulation.fit import (
-    check_deeper,
-    check_fit,
-    check_slip,
-    slip_of_steps,
-)
+from condyn_pin.simulation.fit import check_deeper, check_fit, check_slip, slip_of_steps
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.plan import Plan
 from condyn_pin.simulation.recorder import BLOCK
