@@ -2,14 +2,26 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from own_task import own_task
 from shared import robot
 
 import condyn_pin as cp
+from condyn_pin._core._pin import pin
 from condyn_pin.contact import FrictionCone, WrenchCone
-from condyn_pin.control import CenterOfMass, Controller, ControlLimits, Orientation, Posture
+from condyn_pin.control import (
+    Actuation,
+    AngularMomentum,
+    CenterOfMass,
+    Controller,
+    ControlLimits,
+    ControlStatus,
+    Orientation,
+    Posture,
+)
 from condyn_pin.mechanism import project_velocity
 
 STAND = [CenterOfMass(kp=20, weight=100), Orientation("base_link", weight=50), Posture(weight=0.1)]
@@ -101,3 +113,46 @@ def test_rows_may_be_lists() -> None:
     with own_task(lists, "m/s^2") as Own:
         out = Controller(scene, [Own()], cones=FrictionCone(0.6)).solve(*state)
     assert out.status.ok
+
+
+@pytest.mark.parametrize("native", [False])
+@pytest.mark.parametrize(("name", "weight", "speed"), [("talos", 1e2, 0.05), ("solo12", 1e4, 0.3)])
+def test_forces_do_not_depend_on_the_tick_before(name, weight, speed, native) -> None:
+    """Regularisation alone shares them out: a KKT residual of 1e-10 may hide 0.1 of the weight."""
+    made = robot(name)
+    scene = cp.Scene(made, made.contacts)
+    q, _ = scene.state()
+    second = {"talos": AngularMomentum, "solo12": lambda **w: Orientation("base_link", **w)}[name]
+    tasks = [CenterOfMass(kp=20, weight=weight), second(weight=weight), Posture(weight=0.1)]
+    cones = WrenchCone(0.5) if name == "talos" else FrictionCone(0.6, sides=8)
+    rng, changed, before = np.random.default_rng(0), 0, ()
+    warm = Controller(scene, tasks, cones=cones, native=native)
+    for _ in range(25):
+        v = project_velocity(scene, q, speed * rng.normal(size=made.nv))
+        out, fresh = warm.solve(q, v), Controller(scene, tasks, cones=cones).solve(q, v)
+        assert out.status.ok
+        assert np.abs(out.lam - fresh.lam).max() < 1e-6 * made.mass * 9.81
+        changed += out.active != before
+        before = out.active
+    assert changed > 2
+
+
+@pytest.mark.parametrize("native", [False])
+def test_limits_that_contradict_each_other_are_told_behind_a_tick_at_one_of_them(native) -> None:
+    """A joint that comes too fast to its end cannot brake with 50 rad/s^2, where it had 40."""
+    made = cp.model.chain(2)
+    model = pin.Model(made.model)
+    for side, place in (("upper", 1.0), ("lower", -1.0)):
+        setattr(model, f"{side}PositionLimit", np.full(2, place))
+    model.velocityLimit, model.effortLimit = np.full(2, 100.0), np.full(2, 1e4)
+    made = replace(made, model=model)
+    away = Posture(np.array([3.0, 0.0]), kp=1000.0)
+    controller = Controller(
+        cp.Scene(made), [away], cones={}, actuation=Actuation(made, made.joints),
+        limits=ControlLimits(dt=0.05, acceleration=50.0), native=native,
+    )  # fmt: skip
+    q = np.array([0.9, 0.0])
+    assert controller.solve(q, [1.0, 0.0]).a[0] == pytest.approx(40.0)
+    out = controller.solve(q, [8.0, 0.0])
+    assert out.status is ControlStatus.INFEASIBLE
+    assert made.joints[0] in str(out.infeasible)

@@ -253,3 +253,21 @@ def test_a_program_without_unknowns_is_a_question_of_its_bounds():
         found = Chain(DAQP()).solve(program, soft(program))
         assert found.solved == fine
         assert (found.elastic is None) == fine
+
+
+def test_bounds_that_are_crossed_are_no_answer_of_the_last_active_set():
+    """x <= 1 was active, and then x >= 2 is asked for too: no x, and x = 1 violates it by 1."""
+
+    def asked(least: float) -> QuadraticProgram:
+        none = np.zeros((0, 1)), np.zeros(0)
+        bounds = np.array([least]), np.ones(1)
+        return QuadraticProgram(np.eye(1), np.array([-3.0]), *none, np.eye(1), *bounds)
+
+    chain = Chain(ProxQP())
+    first, crossed = asked(0.0), asked(2.0)
+    found = chain.solve(first, soft(first))
+    assert found.answer.x == pytest.approx([1.0])
+    assert crossed.kkt_residual(np.ones(1), np.zeros(0), np.array([2.0])) == 1.0
+    found = chain.solve(crossed, soft(crossed))
+    assert not found.solved
+    assert found.elastic.of_inequalities == pytest.approx([0.5])  # each bound gives a half

@@ -5,7 +5,8 @@
 3. The elastic program, which says whether rows contradict each other, and which.
 
 An answer counts if its KKT residual does, whatever the solver said of it: "infeasible" is what
-ProxQP also says of programs that have an answer.
+ProxQP also says of programs that have an answer. One whose active set has not settled counts only
+if no other is found.
 """
 
 from __future__ import annotations
@@ -27,7 +28,7 @@ from condyn_pin.control.qp.quadprog import Quadprog
 from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
 from condyn_pin.control.qp.saddle import Saddle
 
-# Where a polish ends: below this is rounding. What counts is tolerances.KKT.
+# Violations of rows below this are rounding [m/s^2]. What counts is tolerances.KKT.
 _AIM = 1e-12
 
 # Changes of the active set that the last one is worth; more cost as much as the solver.
@@ -96,12 +97,18 @@ class Chain:
             iterations += steps
             if found and (best is None or found.residual < best.residual):
                 best = found
-            if best and best.residual <= tolerances.KKT:
-                self._last = best
-                return ChainAnswer(best, None, tuple(path), iterations)
+            if found and found.settled and found.residual <= tolerances.KKT:
+                return self._counts(found, path, iterations)
+        if best and best.residual <= tolerances.KKT:
+            return self._counts(best, path, iterations)
         self._last = None
         path.append("elastic program")
         return self._contradiction(program, costs, best, path, iterations)
+
+    def _counts(self, found: Polished, path: list[str], iterations: int) -> ChainAnswer:
+        """Return what is found, and keep its active set for the next program."""
+        self._last = found
+        return ChainAnswer(found, None, tuple(path), iterations)
 
     def _answers(self, program: QuadraticProgram) -> Iterator[tuple[str, int, Polished | None]]:
         """Yield who answered, after how many iterations, and the polished answer."""

@@ -82,6 +82,8 @@ class QuadraticProgram:
     def kkt_residual(self, x: Array, y: Array, z: Array) -> float:
         """Return the largest of the three; that of the gradient relative to its largest term.
 
+        Bounds that are crossed leave what one of them is violated by.
+
         Parameters
         ----------
         x, y, z : (n,), (p,), (r,) array
@@ -93,7 +95,8 @@ class QuadraticProgram:
         nearest = np.minimum(np.maximum(Cx + z / size, self.lower), self.upper)
         gradient = Hx + self.g + y.dot(self.A) + z.dot(self.C)
         gradient /= size
-        found = largest(np.concatenate((gradient, self.A.dot(x) - self.b, Cx - nearest)))
+        missed = self.A.dot(x) - self.b, Cx - nearest, np.maximum(self.lower - nearest, 0.0)
+        found = largest(np.concatenate((gradient, *missed)))
         return found if isfinite(found) else np.inf
 
 
