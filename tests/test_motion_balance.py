@@ -166,13 +166,13 @@ def test_the_balance_of_another_motion_is_not_drawn(draw):
 def test_view_draws_support_pressure_and_capture_of_a_motion():
     found, run = parts(sliding(), balance=True), sliding()
     assert {f"balance/support/{i}" for i in range(4)} < found.keys()
-    moment = drawing(run, balance=True).moments[-1]
+    instant = drawing(run, balance=True).instants[-1]
     last = motion_balance(run)
-    at = {name: found[f"balance/{name}/point"].place(moment)[:3, 3] for name in _MARKED}
+    at = {name: found[f"balance/{name}/point"].place(instant)[:3, 3] for name in _MARKED}
     assert at["cop"] == pytest.approx(last.cop[-1])
     assert at["capture_point"] == pytest.approx(last.capture_point[-1])
     assert at["dcm"] == pytest.approx(last.dcm[-1])
-    edge = found["balance/support/0"].place(moment)
+    edge = found["balance/support/0"].place(instant)
     corners = last.polygons[-1].in_world
     assert edge[:3, 3] == pytest.approx(corners[0])
     assert edge[:3, 3] + edge[:3, 2] == pytest.approx(corners[1])

@@ -414,6 +414,6 @@ def test_they_are_seen():
     assert len(seen) == len(SPRINGS)
     at = Passive.of(made).between.stretch(q)
     for part, length in zip(seen.values(), at.length, strict=True):
-        T = part.place(found.moments[0])
+        T = part.place(found.instants[0])
         assert np.linalg.norm(T[:3, 2]) == pytest.approx(length)
     assert "spring-damper" in found.html()

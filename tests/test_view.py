@@ -84,7 +84,7 @@ def test_what_moves_has_few_triangles_and_the_same_extent(name):
     found = drawing(cp.load_robot(name))
     drawn = [part for part in found.parts if part.path.startswith("robot/")]
     assert sum(len(few.faces) for part in drawn for few in part.coarse) <= 10_000
-    placed = [(part.place(found.moments[0]), whole, few) for part in drawn
+    placed = [(part.place(found.instants[0]), whole, few) for part in drawn
               for (whole, _), few in zip(part.meshes, part.coarse, strict=True)]  # fmt: skip
     assert all(len(few.faces) for _, _, few in placed)
     whole = np.vstack([mesh.moved(T).vertices for T, mesh, _ in placed])
@@ -121,7 +121,7 @@ def test_gaps_are_coloured_by_their_length():
 def test_every_robot_can_be_seen(name):
     robot = cp.load_robot(name)
     found = drawing(robot, robot.postures.get("standing", pin.neutral(robot.model)))
-    at, seen = found.moments[0], []
+    at, seen = found.instants[0], []
     assert found.notes == ()
     for part in found.parts:
         T = part.place(at)
@@ -151,7 +151,7 @@ def test_joints_are_marked_along_their_axes_and_motors_told_apart():
 
 def test_both_frames_of_a_closure_and_its_gap():
     found = drawing(standing(), bent())
-    at, name = found.moments[0], "left-achilles-spring-joint"
+    at, name = found.instants[0], "left-achilles-spring-joint"
     picture = {part.path: part for part in found.parts}
     data = cassie().model.createData()
     pin.forwardKinematics(cassie().model, data, bent())
@@ -178,7 +178,7 @@ def test_forces_are_arrows_where_and_how_they_act():
     q, v = standing().state("standing")
     sol = cp.solve(standing(), q, v, cassie().passive_torque(q, v))
     found = drawing(sol)
-    at = found.moments[0]
+    at = found.instants[0]
     drawn = {p.path: p for p in found.parts if p.path.startswith("forces/") and not p.picture}
     scales = []
     for name, force in sol.forces.items():
@@ -215,7 +215,7 @@ def test_a_contact_patch_has_its_size_and_the_centre_of_mass_its_place():
     mesh, _ = picture["contacts/left_sole_link/patch"].meshes[0]
     assert np.allclose(np.ptp(mesh.vertices, axis=0)[:2], (0.2, 0.12))
     com = pin.centerOfMass(talos.model, talos.model.createData(), q)
-    assert np.allclose(picture["mass/centre"].place(found.moments[0])[:3, 3], com)
+    assert np.allclose(picture["mass/centre"].place(found.instants[0])[:3, 3], com)
 
 
 def tree(names, name="r"):
@@ -285,7 +285,7 @@ def test_a_robot_that_is_drawn_in_part_is_seen_whole_and_above_the_floor(tmp_pat
 @pytest.mark.parametrize("name", ["cassie", "talos", "stewart", "delta", "five_bar"])
 def test_labels_do_not_cover_one_another(name):
     found = drawing(held(name))
-    at, eye = found.moments[0], labels.Eye(np.array([1.0, 0.0, 0.0]), np.zeros(3))
+    at, eye = found.instants[0], labels.Eye(np.array([1.0, 0.0, 0.0]), np.zeros(3))
     assert np.allclose(eye.axes, [[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # right, up, backward
     eye = found.eye
     boxes = {p.path: eye.box(p.place(at), np.zeros(2)) for p in found.parts if p.picture}
@@ -296,7 +296,7 @@ def test_labels_do_not_cover_one_another(name):
 
 def test_a_label_that_had_to_move_is_led_back_to_its_point():
     found = drawing(held("delta"))
-    picture, at = {part.path: part for part in found.parts}, found.moments[0]
+    picture, at = {part.path: part for part in found.parts}, found.instants[0]
     lines = [path for path in picture if path.endswith(" line")]
     assert lines
     for path in lines:
@@ -312,14 +312,14 @@ def test_marks_are_solids_that_are_seen_from_outside(name):
     marks = [part for part in found.parts if part.on_top and part.meshes]
     assert len(marks) > 5
     for part in marks:
-        assert np.linalg.det(part.place(found.moments[0])[:3, :3]) > 0.0, part.path
+        assert np.linalg.det(part.place(found.instants[0])[:3, :3]) > 0.0, part.path
         assert all(volume(mesh) > 0.0 for mesh, _ in part.meshes), part.path
 
 
 def test_an_assembly_is_seen_before_and_after():
     loops = cp.Scene(cassie(), cassie().loops)
     found = drawing(loops.assemble(bent(), fixed=["left-knee-op"]))
-    picture, at = {p.path: p for p in found.parts}, found.moments[0]
+    picture, at = {p.path: p for p in found.parts}, found.instants[0]
     before = picture["before/closures/left-achilles-spring-joint/gap"]
     after = picture["closures/left-achilles-spring-joint/gap"]
     assert before.tint(at) == pytest.approx(palette.OPEN)
@@ -433,14 +433,14 @@ def test_an_ellipsoid_of_an_sdf_has_its_half_axes(tmp_path):
 
 def test_a_motion_is_played_thirty_times_a_second():
     found = drawing(swinging())
-    assert len(found.moments) == 16
+    assert len(found.instants) == 16
     assert found.fps == 30.0
-    assert len(drawing(swinging(), speed=0.5).moments) == 31
+    assert len(drawing(swinging(), speed=0.5).instants) == 31
     model = swinging().scene.robot.model
     k = int(np.searchsorted(swinging().t, 0.3 - 1e-9))
     data = model.createData()
     pin.forwardKinematics(model, data, swinging().q[k])
-    assert np.allclose(found.moments[9].joints[-1].homogeneous, data.oMi[-1].homogeneous)
+    assert np.allclose(found.instants[9].joints[-1].homogeneous, data.oMi[-1].homogeneous)
 
 
 @pytest.mark.parametrize("speed", [1.0, 0.37])
@@ -456,7 +456,7 @@ def test_a_motion_is_shown_as_closed_as_it_was_computed(speed):
     assert times[0] == 0.0
     assert times[-1] == pytest.approx(run.t[-1])
     data = bar.model.createData()
-    for at, time in zip(found.moments, times, strict=True):
+    for at, time in zip(found.instants, times, strict=True):
         assert at.gaps[loop.name].length < 1e-12
         k = int(np.abs(run.t - time).argmin())
         assert run.t[k] == pytest.approx(time, abs=1e-12)
@@ -482,7 +482,7 @@ def test_a_label_says_the_largest_gap_of_the_run_and_not_of_what_is_shown(monkey
     run = replace(swinging(), q=q)
     found, (text,) = said_by(closures, monkeypatch, run)
     (loop,) = run.scene.robot.loops
-    assert max(at.gaps[loop.name].length for at in found.moments) < 1e-9
+    assert max(at.gaps[loop.name].length for at in found.instants) < 1e-9
     millimetres = float(text.removeprefix(f"{loop.name}: ").split(" mm")[0])
     assert millimetres == pytest.approx(1e3 * run.violation.max(), rel=0.5)  # a norm, an entry
     assert millimetres > 1.0
@@ -507,8 +507,8 @@ def test_an_arrow_says_the_largest_force_of_the_run(monkeypatch):
 def test_one_moment_of_a_motion_is_a_still_picture_with_its_own_forces():
     run = swinging()
     found = drawing(run, t=0.0151)
-    assert len(found.moments) == 1
-    assert (found.moments[0].com == run.scene.robot.center_of_mass(run.q[3])).all()
+    assert len(found.instants) == 1
+    assert (found.instants[0].com == run.scene.robot.center_of_mass(run.q[3])).all()
     assert found.title.endswith(f" at {run.t[3]:.4g} s")
     for t in (-1.0, run.t[-1] + 0.1):
         with pytest.raises(cp.InvalidArgument, match=f"t = {t}: the motion goes from 0 s to "):
@@ -536,7 +536,7 @@ def test_an_event_is_shown_before_and_after():
 
 def test_what_moves_has_tracks_and_what_rests_has_none():
     found = drawing(swinging())
-    moving = tracks(found.parts, found.moments, found.frames)
+    moving = tracks(found.parts, found.instants, found.frames)
     assert "floor" not in moving
     drawn = [path for path in moving if path.startswith("robot/")]
     assert len(drawn) == 3

@@ -49,7 +49,7 @@ def dropped():
 
 
 def tints(part, found):
-    return [part.tint(at) for at in found.moments]
+    return [part.tint(at) for at in found.instants]
 
 
 @pytest.mark.parametrize(
@@ -66,7 +66,7 @@ def test_a_shape_has_its_size_and_its_place(shape, size):
     found = drawing(cp.Scene(box, contacts=[contact]))
     (part,) = (p for p in found.parts if p.path == "candidates/box/shape 0")
     mesh, _ = part.meshes[0]
-    world = mesh.moved(part.place(found.moments[0])).vertices
+    world = mesh.moved(part.place(found.instants[0])).vertices
     assert np.allclose(np.ptp(world, axis=0), size, rtol=0.06)
     assert np.allclose((world.min(axis=0) + world.max(axis=0)) / 2, (0.0, 0.0, 0.6), atol=1e-12)
 
@@ -77,7 +77,7 @@ def test_a_point_has_no_shape_and_is_seen_where_it_is():
     ]))  # fmt: skip
     mine = {p.path: p for p in found.parts if p.path.startswith("candidates/")}
     assert list(mine) == ["candidates/box/point"]
-    place = mine["candidates/box/point"].place(found.moments[0])
+    place = mine["candidates/box/point"].place(found.instants[0])
     assert np.allclose(place[:3, 3], (0.1, 0.0, 0.0))
 
 
@@ -88,7 +88,7 @@ def test_the_lowest_point_of_a_ball_is_on_it_whichever_way_it_turns():
     q[2:] = 0.3, 0.6, 0.0, 0.8, 0.0
     found = drawing(scene, q)
     (point,) = (p for p in found.parts if p.path.endswith("/point"))
-    assert np.allclose(point.place(found.moments[0])[:3, 3], (0.0, 0.0, 0.2))
+    assert np.allclose(point.place(found.instants[0])[:3, 3], (0.0, 0.0, 0.2))
 
 
 def test_a_plane_is_a_square_below_every_point_of_the_motion():
@@ -99,12 +99,12 @@ def test_a_plane_is_a_square_below_every_point_of_the_motion():
     motion = cp.simulate(scene, q, v, duration=0.4, dt=2e-3)
     found = drawing(motion)
     (ground,) = (p for p in found.parts if p.path.startswith("grounds/"))
-    corners = ground.meshes[0][0].moved(ground.place(found.moments[0])).vertices
+    corners = ground.meshes[0][0].moved(ground.place(found.instants[0])).vertices
     R, n = slope.placement.rotation, np.array(slope.normal)
     assert np.allclose(corners @ n, corners[0] @ n)
     assert 0.0 < slope.height - corners[0] @ n < 5e-3 * found.size  # no more than cannot be seen
     flat, points = (corners @ R)[:, :2], np.array([
-        each.at @ R for at in found.moments for each in at.touching.values()
+        each.at @ R for at in found.instants for each in at.touching.values()
     ])[:, :2]  # fmt: skip
     assert (flat.min(axis=0) < points.min(axis=0)).all()
     assert (flat.max(axis=0) > points.max(axis=0)).all()
@@ -132,7 +132,7 @@ def test_what_touches_between_bodies_is_drawn_on_both():
     step = cp.step(scene, q, v, dt=1e-3)
     found = drawing(step)
     picture = {p.path: p for p in found.parts}
-    at = found.moments[0]
+    at = found.instants[0]
     pair = [p for p in picture if p.startswith("forces/high/ball/on") and "label" not in p]
     assert len(pair) == 2
     one, other = (picture[p].place(at)[:3, 2] for p in pair)
@@ -152,7 +152,7 @@ def test_two_bodies_that_meet_are_both_drawn():
     q[two.model.joints[2].idx_q + 2] = 0.3
     found = drawing(cp.step(scene, q, v, dt=1e-3))
     picture = {p.path: p for p in found.parts}
-    at = found.moments[0]
+    at = found.instants[0]
     heights = [picture[f"touching/high/ball/shape {i}"].place(at)[2, 3] for i in (0, 1)]
     assert heights[0] - heights[1] == pytest.approx(0.2, abs=1e-3)
     assert not [path for path in picture if path.startswith("grounds/")]
@@ -174,7 +174,7 @@ def test_colours_tell_open_stick_and_slide_apart():
 
 def test_a_page_plays_the_colours():
     found = drawing(sliding())
-    played = tracks(found.parts, found.moments, found.frames)
+    played = tracks(found.parts, found.instants, found.frames)
     assert f"touching/{BELOW[0]}/point/0/<object>" in played
     assert f"touching/{CORNERS[0]}/point/0/<object>" not in played  # open from end to end
     assert "contact that slides" in found.html()
@@ -193,7 +193,7 @@ def test_cones_are_as_wide_as_friction_and_not_there_while_open():
     assert not [p for p in parts(motion) if p.startswith("cones/")]
     found = drawing(motion, cones=True)
     (cone,) = (p for p in found.parts if p.path == f"cones/{BELOW[0]}")
-    first, last = found.moments[0], found.moments[-1]
+    first, last = found.instants[0], found.instants[-1]
     x, y, z = np.linalg.norm(cone.pose(last)[:3, :3], axis=0)
     assert (x / z, y / z) == pytest.approx((0.5, 0.5))
     assert cone.pose(first) is None
@@ -211,7 +211,7 @@ def test_arrows_are_the_forces_of_contacts_in_the_world():
     step = cp.step(scene, q, v, dt=1e-3)
     assert set(step.modes.values()) == {"open", "stick"}
     found = drawing(step)
-    at = found.moments[0]
+    at = found.instants[0]
     arrows = [p for p in found.parts if p.path.startswith("forces/") and not p.picture]
     arrows = [p for p in arrows if "label" not in p.path]
     assert len(arrows) == 4
@@ -239,12 +239,12 @@ def test_an_arrow_says_the_largest_force_of_the_fall():
     motion = dropped()
     found = drawing(motion)
     most = np.linalg.norm(motion.forces[BELOW[0]], axis=1).max()
-    at = max(found.moments, key=lambda at: np.linalg.norm(at.touching[BELOW[0]].force))
+    at = max(found.instants, key=lambda at: np.linalg.norm(at.touching[BELOW[0]].force))
     assert most > np.linalg.norm(at.touching[BELOW[0]].force)  # between two pictures
     (arrow,) = (
         p for p in found.parts if p.path == f"forces/{BELOW[0]}/on {BELOW[0].replace('/', ' ')}"
     )
-    assert arrow.pose(found.moments[0]) is None
+    assert arrow.pose(found.instants[0]) is None
     assert arrow.pose(at) is not None
 
 

@@ -291,11 +291,11 @@ def test_a_browser_plays_the_motion_without_a_network(tmp_path):
     answer = asked(tmp_path, found.html(), question, before=_ERRORS)
     assert answer["errors"] == []
     assert answer["duration"] == pytest.approx(0.5, abs=1e-6)
-    assert answer["actions"] == len(tracks(found.parts, found.moments, found.frames))
+    assert answer["actions"] == len(tracks(found.parts, found.instants, found.frames))
     for part in found.parts:
         if part.path in paths:
             seen = np.array(answer[part.path]).reshape(4, 4).T
-            assert np.allclose(seen, part.place(found.moments[9]), atol=1e-5), part.path
+            assert np.allclose(seen, part.place(found.instants[9]), atol=1e-5), part.path
 
 
 @pytest.mark.chromium
@@ -369,7 +369,7 @@ found.steady = [15, 31, 41].map(rate => { rest(); return play(2, rate); });
 def pace(tmp_path_factory):
     """Pixels each way and triangles of what a browser without a graphics card draws, and when."""
     found = drawing(standing(), posture="standing", light=True)
-    found = replace(found, moments=2 * found.moments)  # a motion, which the questions play
+    found = replace(found, instants=2 * found.instants)  # a motion, which the questions play
     return asked(tmp_path_factory.mktemp("pace"), found.html(), _PACE)
 
 

@@ -32,15 +32,15 @@ class AppliedForce:
     Parameters
     ----------
     frame : str
-        On whose body, and where: at its origin. `Robot.with_frame` makes one where none is.
+        The frame at whose origin, and on whose body, it acts; `Robot.with_frame` adds one.
     force : (3,) or (6,) array_like, or callable
         Force [N], or force and moment about the frame's origin, force first [N, N m]. For batches
         also (N, 3) or (N, 6), one row per state. For `simulate` and `simulate_batch` also a
         function of (t, q, v) that returns (3,) or (6,).
     frame_of : {"world", "body"}
-        Whose axes its components are in. Those of the ``world``, as of a wind or a hanging weight:
-        it keeps its direction while the body turns. Or those of the frame itself, ``body``, as of a
-        thruster: it turns with it.
+        The axes of its components. With ``world`` the force keeps its direction while the body
+        turns, as wind and a hanging weight do; with ``body``, the axes of `frame`, it turns with
+        the body, as a thruster does.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""Baumgarte: what the rows are asked to do about a gap that has opened."""
+"""Baumgarte stabilisation: an a_ref that closes the gaps which drift has opened."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ _LARGEST = 1e154
 
 @dataclass(frozen=True)
 class Baumgarte(Drift):
-    """Pull open rows back like a damped spring.
+    """Close gaps of the constraints as a damped spring would.
 
     J a + gamma = a_ref = -2 alpha J v - beta^2 c
 
@@ -26,7 +26,7 @@ class Baumgarte(Drift):
     Parameters
     ----------
     alpha, beta : float
-        [1/s], not negative.
+        Gains [1/s], not negative.
 
     References
     ----------
@@ -69,9 +69,9 @@ class Baumgarte(Drift):
         Parameters
         ----------
         T : float
-            [s], positive.
+            The settling time [s], positive.
         remaining : float
-            Between 0 and 1.
+            The fraction [1], between 0 and 1.
         """
         if not finite("T", T, ()) > 0:
             raise InvalidArgument(f"T = {T!r}: a number > 0 [s] is needed")
@@ -147,7 +147,7 @@ class Baumgarte(Drift):
 
     @property
     def closes(self) -> bool:
-        """Whether both gains are positive: else a gap stays, or swings."""
+        """Whether both gains are positive: else a gap stays, or oscillates."""
         return self.alpha > 0 and self.beta > 0
 
     @property

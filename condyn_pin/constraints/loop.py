@@ -2,7 +2,7 @@
 
 A loop asks two frames, c1 and c2, to keep a part of their relative placement. With r the position
 of c2's origin in c1, R the axes of c2 in c1, and every velocity in the axes of its own frame, body
-1 slips past body 2 at the origin of c2 with
+1 moves relative to body 2, at the origin of c2, with
 
     s = ( v1 + omega1 x r - R v2,   omega1 - R omega2 )        in the axes of c1,
 
@@ -12,7 +12,7 @@ and a kind is a choice of rows of s = 0:
     weld    x y z rx ry rz       the two frames stay together
     hinge   all but the turn about `axis`
     slider  all but the shift along `axis`
-    planar  x y z but the shift along `axis`: a pin that says nothing across the plane
+    planar  x y z but the shift along `axis`: the pin of a linkage in the plane across it
     rod     r . s / |r|: the distance of the two origins stays
 """
 
@@ -52,14 +52,13 @@ class Loop(BetweenFrames):
     frame_a, frame_b : str
         The two halves of the joint that closes the loop. One of them may belong to the world.
     kind : {"ball", "weld", "hinge", "slider", "planar", "rod"}
-        The joint that was cut, with 3, 6, 5, 5, 2 and 1 rows. A ball closes planar linkages too;
-        it is redundant there, which every solver of this library that says ok has taken care of,
-        and ``planar`` is not. Sliders, rods, and planar pins whose bodies can leave the plane
-        have no equivalent in Pinocchio, and take five times as long or more. A weld in place of a
-        hinge locks the hinge.
+        The joint that was cut, with 3, 6, 5, 5, 2 and 1 rows. A ball closes planar linkages too,
+        with a redundant row that ``planar`` does not have; an answer that is ok is right with
+        either. Sliders, rods, and planar pins whose bodies can leave the plane have no equivalent
+        in Pinocchio, and take five times as long or more. A weld in place of a hinge locks it.
     axis : {"x", "y", "z"}
-        Of `frame_a`: what a hinge turns about, a slider moves along, and a planar pin says nothing
-        about. The same axis of `frame_b` coincides with it in a hinge. The other kinds ignore it.
+        Of `frame_a`: a hinge turns about it, a slider moves along it, and a planar pin leaves it
+        free. The same axis of `frame_b` coincides with it in a hinge. The other kinds ignore it.
     length : float, optional
         Of a rod [m], which needs it; the other kinds have none.
     name : str, optional
@@ -101,7 +100,7 @@ class Loop(BetweenFrames):
 
     @property
     def _selected(self) -> tuple[int, ...]:
-        """The rows of the slip x y z rx ry rz that stay zero; none for a rod."""
+        """The rows x y z rx ry rz of s that stay zero; none for a rod."""
         axis = "xyz".index(self.axis)
         return {
             "ball": POINT,

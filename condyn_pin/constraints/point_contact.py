@@ -1,4 +1,4 @@
-"""A point on the world: x y z of the slip.
+"""A point held in the world: its velocity stays zero.
 
 J v = v + omega x r,        r the point in its frame
 """

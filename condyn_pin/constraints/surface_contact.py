@@ -1,4 +1,4 @@
-"""A surface on the world: all six rows of the slip of its frame."""
+"""A surface held in the world: the velocity of its frame stays zero, linear and angular."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ class SurfaceContact(WithWorld):
     frame : str
         Frame of the robot in the middle of the surface, z along its normal.
     half_length, half_width : float, optional
-        Half of the size along x and y of `frame` [m]. The dynamics do not need them; they are
-        where `corners` puts its points.
+        Half of the size along x and y of `frame` [m]. The dynamics do not need them; `corners`,
+        support polygons and wrench cones do.
     anchor : (7,) sequence of float or pin.SE3, optional
         Where the frame belongs in the world: x y z [m] and the quaternion x y z w. Without it the
-        surface belongs where it is.
+        contact holds the surface where it is, and has no position error.
     name : str, optional
         Name of the constraint; the frame's name by default.
 

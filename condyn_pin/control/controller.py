@@ -64,14 +64,14 @@ class Controller(OneThread):
     actuation : Actuation, optional
         The motors; those of the robot by default.
     drift : Baumgarte, optional
-        Draws constraints back that drift; none by default.
+        Baumgarte stabilisation of the constraints; none by default.
     regularisation : float
-        Weight of all accelerations and of all forces over the mass of the robot, squared: decides
-        what no task does [1].
+        Weight of the squares of all accelerations, and of all contact forces over the mass of the
+        robot [1]: decides what the tasks leave open.
     rigid : sequence of str
         Joints without a motor that it takes for rigid, such as stiff springs: they do not
-        accelerate, whatever torque that takes, and their swing is left out of v: it is as if they
-        were locked at once, which keeps the momentum. To damp what they carry would swing them up.
+        accelerate, whatever torque that takes, and their oscillation is left out of v, as if they
+        were locked at that instant, which keeps the momentum. Tasks that damped it would excite it.
     native : bool or "where possible"
         Whether ticks are done by the compiled core: terms, program, answer and proof. The answers
         are the same, in less time. What it does not take is refused, or done by Python; a tick

@@ -21,7 +21,7 @@ class SupportPlane(NamedTuple):
     Attributes
     ----------
     origin : (3,) array
-        Middle of what touches [m].
+        The mean of the contact points, in the world [m].
     axes : (3, 3) array
         Two directions in the plane, and its normal, row by row [1].
     """
@@ -67,7 +67,7 @@ class SupportPolygon:
         return margin_of(self.corners, p)
 
     def reach(self, point: ArrayLike, way: ArrayLike) -> float:
-        """Return how far the farthest of the polygon is from a point, along a direction [m].
+        """Return how far it is from a point to the far side of the polygon, along a direction [m].
 
         Parameters
         ----------

@@ -38,7 +38,7 @@ class Impact:
     Attributes
     ----------
     v : (nv,) array
-        Velocity after it.
+        Velocity after it [rad/s, m/s].
     lam : (m,) array
         Impulses, all rows, in the axes of each constraint [N s, N m s]; the smallest ones where
         rows are redundant.

@@ -125,7 +125,7 @@ class Scene:
 
     @cached_property
     def nominal(self) -> NominalAnalysis:
-        """What the scene is at its nominal state; each figure is measured on first use."""
+        """Rank, redundant rows and scales at the nominal state, each computed on first use."""
         if self.contacts:
             return self.bilateral.nominal
         of = at_any_time(self)
@@ -203,11 +203,11 @@ class Scene:
         Returns
         -------
         q : (nq,) array
-            The posture, moved as closing the loops needs; within the joint limits, if it is within
-            them already and can be closed there; on its own side of the dead points, or else on
-            that of the first posture.
+            The posture [rad, m], moved as closing the loops needs; within the joint limits, if it
+            is within them already and can be closed there; on its own side of the dead points, or
+            else on that of the first posture.
         v : (nv,) array
-            Zero; where constraints are driven, the least with J v = s' at their time.
+            Zero; where constraints are driven, the smallest with J v = s' [rad/s, m/s].
 
         Raises
         ------

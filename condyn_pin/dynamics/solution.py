@@ -91,8 +91,9 @@ class Solution:
     solve_time : float
         Time of the solve without the proof [s].
     scene : Scene
+        What was solved.
     q : (nq,) array
-        What was solved, and where.
+        The configuration [rad, m].
     applied : tuple of AppliedForce
         The forces from outside that were applied.
     """
@@ -147,14 +148,14 @@ class Solution:
         """Bound on the error of a, relative to the larger of |a|_inf and gravity.
 
         A bound, up to rounding of tau, at the nominal state of the scene and an estimate elsewhere;
-        see `condyn_pin.dynamics.residuals`. Turns and shifts are compared as numbers in rad and m:
-        in another unit of length the larger of the two, which is what counts, may be the other one.
+        see `condyn_pin.dynamics.residuals`. |a|_inf compares rad/s^2 with m/s^2 as plain numbers:
+        in another unit of length another joint may be the fastest.
         """
         return self.residuals.bound
 
     @property
     def forces(self) -> dict[str, ConstraintForce]:
-        """Force on the first-named body by constraint, in the axes of the constraint.
+        """Force on the first-named body by constraint, in its axes [N, N m].
 
         Each works as the array of its components, and knows where it acts and on whom.
         """
@@ -162,9 +163,9 @@ class Solution:
 
     @property
     def world_forces(self) -> dict[str, Array]:
-        """The same forces in the axes of the world, still at the origin of the constraint.
+        """The same in the axes of the world, still at the origin of the constraint [N, N m].
 
-        A coupling has no axes: it is left out.
+        (3,) or (6,) each, force first. A coupling has no axes: it is left out.
         """
         return {name: force.in_world() for name, force in self.forces.items() if force.frame}
 
@@ -175,9 +176,9 @@ class Solution:
         Contacts that pull, as no ground does. Forces that are wrong where a is right. A singular
         configuration, where the equations ask for less than the loops. Where the answer is not ok,
         rows are not met, or forces are a thousand times the weight: rows that contradict each
-        other, and those that hold nothing there any more.
+        other, and those that constrain nothing there any more.
 
-        The look at the singular values takes a few solves, when it is asked for first.
+        Computed when first asked for; the singular values then cost a few solves.
         """
         from condyn_pin.dynamics.notices import notices_of  # most answers are not asked for them
 

@@ -1,4 +1,4 @@
-"""The verbs: solve, derivatives."""
+"""The verbs solve and derivatives: forward dynamics at one state, and how it changes."""
 
 from __future__ import annotations
 
@@ -43,9 +43,9 @@ def solve(
     ----------
     scene : Scene
     q : (nq,) array_like
-        Configuration; quaternions x y z w, normalised.
+        Configuration [rad, m]; quaternions x y z w, normalised.
     v : (nv,) array_like
-        Velocity; the free-flyer's in its body frame, linear first.
+        Velocity [rad/s, m/s]; the free-flyer's in its body frame, linear first.
     tau : 0 or (nv,) array_like
         Joint torques [N, N m]; zero in the rows of a free-flyer.
     forces : sequence of AppliedForce, optional
@@ -54,7 +54,7 @@ def solve(
         `Proximal()` by default; for kinds of constraints that it cannot take, `DenseKKT()`, and
         `NullSpace()` if there are redundant rows besides.
     drift : Baumgarte, optional
-        What a_ref is; zero by default.
+        Baumgarte stabilisation: it gives a_ref, which is zero by default.
     accuracy : float, optional
         Error of a that is good enough, relative to the larger of |a|_inf and gravity: what the
         status is judged by. That of the solver by default: 1e-8, or what `tune` was asked for. It
@@ -119,10 +119,10 @@ def derivatives(
     q, v, tau : (nq,), (nv,), (nv,) array_like
         Configuration, velocity [rad/s, m/s] and joint torques [N m, N] or 0, as in `solve`.
     forces : sequence of AppliedForce, optional
-        As in `solve`. Their numbers stay, and J_f^T f changes with q: r_q has that too.
+        As in `solve`. Their components are constant; r_q has the change of J_f^T f with q.
     solver : Solver, optional
-        Of the answer that is differentiated; as in `solve`. Of `Soft` they are those of its own
-        equations, whatever its status.
+        As in `solve`, for the answer that is differentiated. With `Soft` the derivatives are those
+        of its own equations, whatever its status.
     drift : Baumgarte, optional
         As in `solve`.
     method : {"kkt", "pinocchio", "differences"}

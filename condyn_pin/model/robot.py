@@ -42,7 +42,7 @@ class Robot:
         The tree. A robot is a value: to change the model, change a copy of it and make another
         robot from that. An edit in place is noticed and refused (`StaleModel`).
     postures : mapping of str to (nq,) array, optional
-        Configurations by name. Loops need not be closed in them: `Scene.state` closes them.
+        Configurations by name [rad, m]. Loops may be open in them: `Scene.state` closes them.
     loops : sequence of Loop or Coupling, optional
         The closures of the description, and its gears.
     contacts : sequence of Constraint, optional
@@ -50,7 +50,8 @@ class Robot:
     actuated : sequence of str, optional
         Names of the joints with a motor.
     springs : sequence of Spring, optional
-        Springs of the description. They act only if you add `passive_torque` to tau.
+        Springs of the description. They act in `step` and `simulate`; in `solve` and `derivatives`
+        only if you add `passive_torque` to tau.
     unused : sequence of str, optional
         What the description has and the dynamics do not use, a sentence each.
     source, licence : str, optional
@@ -133,17 +134,17 @@ class Robot:
 
     @cached_property
     def longest_link(self) -> float:
-        """The longest way from a joint to the next one [m]."""
+        """The largest distance from a joint to the next one [m]."""
         return max(float(np.linalg.norm(p.translation)) for p in self.model.jointPlacements)
 
     @cached_property
     def least_pivots(self) -> Array:
-        """What the pivots of the mass matrix are at least, at any q (nv,) [kg, kg m^2]."""
+        """Lower bounds of the pivots of the mass matrix at any q (nv,) [kg, kg m^2]."""
         return read_only(least_pivots(self.unedited))
 
     @cached_property
     def arguments(self) -> Arguments:
-        """The check of (q, v, tau): their sizes, and where q holds what has to be normalised."""
+        """The check of (q, v, tau): their sizes, and quaternions and (cos, sin) of norm 1 in q."""
         return Arguments(self.unedited)
 
     @property
@@ -234,7 +235,7 @@ class Robot:
         return robot_joints.center_of_mass(self, q)
 
     def frame(self, name: str) -> tuple[int, Any]:
-        """Return the joint that carries a frame and the frame's placement on it.
+        """Return the number of the joint that carries a frame, and its `pinocchio.SE3` on it.
 
         Raises
         ------
@@ -308,10 +309,11 @@ class Robot:
         return feet_of(self.contacts, friction, on)
 
     def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Array:
-        """Return the torque of springs, joint damping and spring-dampers; add it to tau.
+        """Return the torque (nv,) of springs and dampers [N m, N]; add it to the tau of `solve`.
 
         tau_i = -k_i (q_i - q0_i) - d_i v_i - sum_s (J_s^T n_s f_s)_i
 
+        with f_s the tension of a spring-damper, n_s its direction, and J_s v the rate of its ends.
         Pinocchio reads stiffness and damping from the file and leaves them out of its dynamics.
         """
         q_, v_ = finite("q", q, self.nq), finite("v", v, self.nv)

@@ -83,8 +83,7 @@ def configuration(robot: Robot, values: Values, start: ArrayLike | None) -> Arra
         first = next(iter(robot.postures.values()), None)
         start = pin.neutral(robot.model) if first is None else first
     q = with_values(robot.model, finite("start", start, robot.nq), values)
-    still = np.zeros(robot.nv)
-    return robot.arguments.check(q, still, still)[0]
+    return _checked(robot, q)
 
 
 def joint_values(robot: Robot, q: ArrayLike) -> dict[str, float | Array]:
@@ -112,17 +111,20 @@ def joint_vector(robot: Robot, values: Values) -> Array:
 def frame_pose(robot: Robot, q: ArrayLike, frame: str) -> Any:
     """Return the pose of a frame in the world; see `Robot.frame_pose`."""
     joint, placement = robot.frame(frame)
-    still = np.zeros(robot.nv)
     data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, robot.arguments.check(q, still, still)[0])
+    pin.forwardKinematics(robot.model, data, _checked(robot, q))
     return data.oMi[joint] * placement
 
 
 def center_of_mass(robot: Robot, q: ArrayLike) -> Array:
     """Return the centre of mass in the world; see `Robot.center_of_mass`."""
+    return np.array(pin.centerOfMass(robot.model, robot.model.createData(), _checked(robot, q)))
+
+
+def _checked(robot: Robot, q: ArrayLike) -> Array:
+    """Return a configuration (nq,) that was checked."""
     still = np.zeros(robot.nv)
-    at = robot.arguments.check(q, still, still)[0]
-    return np.array(pin.centerOfMass(robot.model, robot.model.createData(), at))
+    return robot.arguments.check(q, still, still)[0]
 
 
 def _pairs(values: Values) -> list[tuple[str, Any]]:

@@ -28,19 +28,19 @@ class Event:
     at : float, optional
         The time [s].
     when : callable, optional
-        A function of a `Snapshot`; the event is where it falls from above zero to zero or below,
-        such as a height or a normal force. It is looked at after every step, unless it would
-        change nothing because its scene goes on already: what falls and rises again within one is
-        not seen. It happens as often as it falls, by more than 1e-9; what is not above zero has
-        nothing to fall from.
+        A function of a `Snapshot`, such as a height or a normal force; the event is where it falls
+        from above zero to zero or below, by more than 1e-9, as often as it does. A function that
+        begins at zero or below has to rise first. It is evaluated after every step, so one that
+        falls and rises again within a step is missed; and not at all while its scene is on already
+        and the event would change nothing.
     scene : Scene, optional
-        What goes on, a scene of the same robot; contacts without an anchor are anchored where they
-        are then, and those that are in the scene before keep their anchor. Without a scene and
-        without `met` the run ends here.
+        The scene after the event, of the same robot. Contacts without an anchor are anchored where
+        they are then; those of the scene before keep their anchor. Without a scene and without
+        `met` the run ends here.
     met : Scene, optional
-        What is met in the instant, and left again: with `restitution`, a rebound. By default
-        `scene`. It has to hold what goes on after it too: an impact that it takes part in alone
-        would tear that apart.
+        The scene of the impact, which holds for that instant alone: with `restitution`, a rebound.
+        By default `scene`. It needs the constraints that hold afterwards too: an impact without
+        them would violate them.
     restitution : float or mapping of str to float
         As in `switch`.
     """

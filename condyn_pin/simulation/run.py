@@ -83,19 +83,18 @@ def simulate(
     duration : float
         Length of the motion [s].
     dt : float
-        The step [s]. If `duration` is not a whole number of steps, they are a little smaller.
+        The step [s]. If `duration` is not a whole number of steps, it is reduced a little.
     integrator : Integrator, optional
-        `StewartTrinkle()` by default where contacts may open (`EventDriven()` finds the times of
-        their events), else `RungeKutta4()`: for the time of
-        four solves a step its error falls with dt^4, so that it needs a tenth of the steps of a
-        method of order 2, and a thousandth of those of Euler's, for six digits. Over very long
-        times, and where energy is all that counts, take one that keeps the constraints.
+        `StewartTrinkle()` by default where contacts may open (`EventDriven()` locates their
+        events), else `RungeKutta4()`: four solves a step, and an error of order dt^4. For six
+        digits it takes a tenth of the steps of a method of order 2, a thousandth of Euler's. For
+        very long motions, or where energy matters most, take one that keeps the constraints.
     drift : Drift, optional
         What keeps the constraints closed. By default `PostStabilization()`, which has no gains to
         choose; `NoDrift()` where there is nothing to do, in no event's scene either.
     solver : Solver, optional
         As in `solve`; by default with four iterations at most where rows are redundant, since more
-        move nothing (`condyn_pin.simulation.plan`).
+        change nothing (`condyn_pin.simulation.plan`).
     record : int
         Keep every `record`-th sample. The first and the last one, and those at events, are always
         kept.
@@ -107,7 +106,7 @@ def simulate(
     gravity, springs, damping, armature : bool
         Which effects of the robot's model are on; see `Effects`.
     progress : callable, optional
-        Called with the share that is done, a hundred times.
+        Called with the share of the motion that is done, from 0 to 1, a hundred times.
 
     Returns
     -------
@@ -123,7 +122,7 @@ def simulate(
     UnknownName
         If a force is on a frame that does not exist.
     NotAssembled
-        If a loop is open at q, or slips with v, or a contact penetrates.
+        If a loop is open at q, v does not keep it closed, or a contact penetrates.
     SolveFailed, StepFailed
         If not even the first state can be solved, or no step with contacts leads away from it.
     UnsupportedConstraint

@@ -25,7 +25,7 @@ class Snapshot:
     t : float
         Time [s].
     q, v : (nq,), (nv,) array
-        Read-only: they are the state itself.
+        Configuration [rad, m] and velocity [rad/s, m/s], read-only: they are the state itself.
     """
 
     t: float
@@ -40,7 +40,7 @@ class Snapshot:
 
     @cached_property
     def a(self) -> Array:
-        """Accelerations (nv,); they cost a solve."""
+        """Accelerations (nv,) [rad/s^2, m/s^2]; they cost a solve."""
         return self._solved[0]
 
     @property

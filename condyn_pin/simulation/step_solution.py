@@ -33,7 +33,7 @@ class StepSolution:
     Attributes
     ----------
     q, v : (nq,), (nv,) array
-        At the end of the step.
+        Configuration [rad, m] and velocity [rad/s, m/s] at the end of the step.
     lam : (m,) array
         Impulses of the step, of constraints and then of all contacts, zero of those that take no
         part [N s, N m s].

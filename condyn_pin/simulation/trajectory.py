@@ -38,8 +38,8 @@ class Trajectory:
         sample.
     lam : (k, m) array
         Forces of constraints, and of contacts behind them [N, N m], rows in the order of
-        `row_names`; zero while a constraint or a contact is away. Those of a step with contacts are
-        its impulses over dt.
+        `row_names`; zero while the scene has no such constraint or contact. Those of a step with
+        contacts are its impulses over dt.
     tau : (k, nv) array
         Torques applied, those of forces from outside J_f^T f with them, without springs and
         damping [N, N m].
@@ -124,7 +124,7 @@ class Trajectory:
 
     @cached_property
     def gaps(self) -> dict[str, Array]:
-        """Distance of each contact and stop at each sample (k,) [m, rad]; NaN while it is away."""
+        """Distance of each contact and stop (k,) [m, rad]; NaN while the scene does not have it."""
         gaps: dict[str, Array] = {}
         for phase in self.phases:
             names, values = gaps_along(phase.scene, self.q[phase.samples])

@@ -17,8 +17,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io import meshes
 from condyn_pin.model.robot import Robot
+from condyn_pin.viewing.instant import Instant
 from condyn_pin.viewing.labels import label
-from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import FORCE, MOMENT, REACTION, Colour
 from condyn_pin.viewing.part import Part, at_point, span, then
 
@@ -53,12 +53,12 @@ class _Arrow:
     """A vector of a constraint or a contact: the force or the moment on one of its bodies."""
 
     name: str
-    of: Callable[[Moment], _Acting | None]
+    of: Callable[[Instant], _Acting | None]
     part: slice  # of the six numbers
     unit: str
     colour: Colour
 
-    def vector(self, at: Moment) -> tuple[Array, Array] | None:
+    def vector(self, at: Instant) -> tuple[Array, Array] | None:
         """Return where it starts, and itself in the axes of the world."""
         force = self.of(at)
         if force is None:
@@ -66,10 +66,10 @@ class _Arrow:
         vector = force.in_world()[self.part]
         return (force.at, vector) if len(vector) else None
 
-    def most(self, moments: Sequence[Moment], peaks: Mapping[str, Peak]) -> tuple[float, str]:
+    def most(self, instants: Sequence[Instant], peaks: Mapping[str, Peak]) -> tuple[float, str]:
         """Return its largest length, and the body that it is on; zero if it is never seen."""
         found = [
-            (float(np.linalg.norm(v[1])), self.of(at)) for at in moments if (v := self.vector(at))
+            (float(np.linalg.norm(v[1])), self.of(at)) for at in instants if (v := self.vector(at))
         ]
         largest, force = max(found, key=lambda each: each[0], default=(0.0, None))
         if force is None:
@@ -96,7 +96,7 @@ def body_of(robot: Robot, name: str) -> str:
 
 
 def arrow_parts(
-    scene: Scene, moments: Sequence[Moment], size: float, peaks: Mapping[str, Peak]
+    scene: Scene, instants: Sequence[Instant], size: float, peaks: Mapping[str, Peak]
 ) -> Iterator[Part]:
     """Return the arrows of every constraint and contact of a scene, with labels.
 
@@ -105,7 +105,7 @@ def arrow_parts(
     Parameters
     ----------
     scene : Scene
-    moments : sequence of Moment
+    instants : sequence of Instant
     size : float
         Of the scene [m].
     peaks : mapping of str to Peak
@@ -115,9 +115,9 @@ def arrow_parts(
               for arrow in _arrows(c.name, between=len(c.frames) == 2)]  # fmt: skip
     arrows += [arrow for bound in scene.contact_bounds for name, ground in bound.cones
                for arrow in _touch_arrows(name, between=ground != 0)]  # fmt: skip
-    most = {arrow: arrow.most(moments, peaks) for arrow in arrows}
+    most = {arrow: arrow.most(instants, peaks) for arrow in arrows}
     weight = scene.robot.mass * tolerances.GRAVITY  # [N]
-    moves = len(moments) > 1
+    moves = len(instants) > 1
     for unit, least in (("N", _ROUNDING * weight), ("N m", _ROUNDING * weight * size)):
         same = [arrow for arrow in arrows if arrow.unit == unit]
         largest = max((most[arrow][0] for arrow in same), default=0.0)
@@ -130,7 +130,7 @@ def arrow_parts(
 
 
 def _arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
-    def first(at: Moment) -> _Acting | None:
+    def first(at: Instant) -> _Acting | None:
         return at.forces.get(name)
 
     linear, angular = slice(0, 3), slice(3, 6)
@@ -141,7 +141,7 @@ def _arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
 
 
 def _touch_arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
-    def first(at: Moment) -> _Acting | None:
+    def first(at: Instant) -> _Acting | None:
         return at.touching.get(name)
 
     yield _Arrow(name, first, slice(0, 3), "N", FORCE)
@@ -149,8 +149,8 @@ def _touch_arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
         yield _Arrow(name, _other(first), slice(0, 3), "N", REACTION)
 
 
-def _other(first: Callable[[Moment], _Acting | None]) -> Callable[[Moment], _Acting | None]:
-    def other(at: Moment) -> _Acting | None:
+def _other(first: Callable[[Instant], _Acting | None]) -> Callable[[Instant], _Acting | None]:
+    def other(at: Instant) -> _Acting | None:
         force = first(at)
         return None if force is None else force.on_other()
 
@@ -158,7 +158,7 @@ def _other(first: Callable[[Moment], _Acting | None]) -> Callable[[Moment], _Act
 
 
 def _drawn(arrow: _Arrow, words: str, on: str, scale: float, size: float) -> Iterator[Part]:
-    def ends(at: Moment) -> tuple[Array, Array] | None:
+    def ends(at: Instant) -> tuple[Array, Array] | None:
         found = arrow.vector(at)
         if found is None or np.linalg.norm(found[1]) * scale < _LEAST * size:
             return None

@@ -13,8 +13,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io import meshes
+from condyn_pin.viewing.instant import Instant
 from condyn_pin.viewing.labels import label
-from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import AXES, CONTACT, Colour, gap_colour
 from condyn_pin.viewing.part import Part, Pose, Tint, at_point, span, then
 from condyn_pin.viewing.patches import patch_mesh
@@ -29,7 +29,7 @@ def closure_parts(
     ----------
     scene : Scene
     worst : mapping of str to ConstraintViolation
-        What the labels say: the largest gap of all moments.
+        What the labels say: the largest gap of all instants.
     size : float
         Of the scene [m].
     """
@@ -92,7 +92,7 @@ def _of_ends(name: str, place: Callable[[Any, Any], Array]) -> Pose:
 
 
 def _tint(name: str) -> Tint:
-    def colour(at: Moment) -> Colour:
+    def colour(at: Instant) -> Colour:
         return gap_colour(at.gaps[name].length if name in at.gaps else 0.0)
 
     return colour

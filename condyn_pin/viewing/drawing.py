@@ -1,4 +1,4 @@
-"""Drawing: all parts of a scene, at one moment or at many, and the page that shows them."""
+"""Drawing: all parts of a scene, at one instant or at many, and the page that shows them."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
 from condyn_pin.viewing.camera import FROM, eye_at, toward_of
 from condyn_pin.viewing.closures import closure_parts, contact_parts
 from condyn_pin.viewing.extent import extent, plane_normal, touched
+from condyn_pin.viewing.instant import Instant
 from condyn_pin.viewing.labels import Eye, spread
 from condyn_pin.viewing.legend import legend_of
 from condyn_pin.viewing.marks import floor_part, joint_parts, mass_parts, spacing, spring_parts
-from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.motion import tracks
 from condyn_pin.viewing.page import page
 from condyn_pin.viewing.part import Part
@@ -37,7 +37,7 @@ class Drawing:
     ----------
     title : str
     parts : tuple of Part
-    moments : tuple of Moment
+    instants : tuple of Instant
         One for a still picture.
     fps : float
         Pictures a second, as they are played [1/s].
@@ -48,7 +48,7 @@ class Drawing:
     notes : tuple of str
         What could not be drawn, a sentence each.
     frames : (k,) array
-        When each moment is shown, in pictures since the start.
+        When each instant is shown, in pictures since the start.
     toward : (3,) array
         From the middle to the camera.
     speed : float
@@ -57,7 +57,7 @@ class Drawing:
 
     title: str
     parts: tuple[Part, ...]
-    moments: tuple[Moment, ...]
+    instants: tuple[Instant, ...]
     fps: float
     middle: Array
     size: float
@@ -70,9 +70,9 @@ class Drawing:
         """Return the commands that draw it, in meshcat's viewer."""
         yield from stage()
         for part in self.parts:
-            yield from part.commands(self.moments[0])
-        if len(self.moments) > 1:
-            yield three.animation(tracks(self.parts, self.moments, self.frames), self.fps)
+            yield from part.commands(self.instants[0])
+        if len(self.instants) > 1:
+            yield three.animation(tracks(self.parts, self.instants, self.frames), self.fps)
 
     @property
     def eye(self) -> Eye:
@@ -81,8 +81,8 @@ class Drawing:
 
     @property
     def first(self) -> Drawing:
-        """Its first moment, which rests."""
-        return replace(self, moments=self.moments[:1])
+        """Its first instant, which rests."""
+        return replace(self, instants=self.instants[:1])
 
     def html(self) -> str:
         """Return the page: one text that holds everything."""
@@ -95,10 +95,10 @@ class Drawing:
 
 def draw(
     scenes: Sequence[Scene],
-    moments: Sequence[Moment],
+    instants: Sequence[Instant],
     *,
     title: str,
-    before: Moment | None = None,
+    before: Instant | None = None,
     frames: Array | None = None,
     gaps: Iterable[Mapping[str, ConstraintViolation]] | None = None,
     peaks: Mapping[str, Peak] | None = None,
@@ -107,21 +107,21 @@ def draw(
     light: bool = False,
     cones: bool = False,
 ) -> Drawing:
-    """Return the drawing of moments.
+    """Return the drawing of instants.
 
     Parameters
     ----------
     scenes : sequence of Scene
         Whose constraints are drawn, all of the same robot; a constraint is seen while it holds.
-    moments : sequence of Moment
+    instants : sequence of Instant
     title : str
-    before : Moment, optional
+    before : Instant, optional
         What is drawn beside them as a ghost.
     frames : (k,) array, optional
-        When each moment of a motion is shown, in pictures since the start.
+        When each instant of a motion is shown, in pictures since the start.
     gaps : iterable of mapping, optional
         Of a motion, how far constraints are open at all its samples: what labels say is the
-        largest. That of the moments by default.
+        largest. That of the instants by default.
     peaks : mapping of str to Peak, optional
         Of a motion, the largest forces of all its samples, which arrows are labelled with.
     fps : float
@@ -134,32 +134,32 @@ def draw(
         Draw the friction cones of contacts that may let go.
     """
     robot = scenes[0].robot
-    seen = [moments[0], *([] if before is None else [before])]
-    middle, size = extent(robot, seen, touched(moments))
+    seen = [instants[0], *([] if before is None else [before])]
+    middle, size = extent(robot, seen, touched(instants))
     bodies, notes = body_parts(robot, size)
     if light:
         bodies = lighter(bodies, size)
     bodies = tuple(with_coarse(bodies, size))
-    worst = _worst((at.gaps for at in moments) if gaps is None else gaps)
+    worst = _worst((at.gaps for at in instants) if gaps is None else gaps)
     parts = [floor_part(middle, size), *bodies]
     parts += [*joint_parts(robot, size), *spring_parts(robot, size)]
-    parts += _constraint_parts(scenes, moments, worst, peaks or {}, size, cones)
-    parts += [*mass_parts(size), *balance_parts(moments, size)]
-    notes = (*notes, *balance_notes(moments))
+    parts += _constraint_parts(scenes, instants, worst, peaks or {}, size, cones)
+    parts += [*mass_parts(size), *balance_parts(instants, size)]
+    notes = (*notes, *balance_notes(instants))
     if before is not None:
         opened = list(closure_parts(scenes[0], before.gaps, size))
         parts += [part.ghost(before) for part in (*bodies, *opened)]
     unique = {part.path: part for part in parts}  # a contact of several phases is drawn once
-    toward = toward_of(plane_normal(robot, moments[0]))
-    placed = spread(tuple(_apart(unique.values())), moments[0], eye_at(middle, size, toward))
-    when = np.arange(len(moments), dtype=float) if frames is None else frames
+    toward = toward_of(plane_normal(robot, instants[0]))
+    placed = spread(tuple(_apart(unique.values())), instants[0], eye_at(middle, size, toward))
+    when = np.arange(len(instants), dtype=float) if frames is None else frames
     return Drawing(
-        title, tuple(placed), tuple(moments), fps, middle, size, notes, when, toward, speed
+        title, tuple(placed), tuple(instants), fps, middle, size, notes, when, toward, speed
     )
 
 
 def _constraint_parts(
-    scenes: Sequence[Scene], moments: Sequence[Moment],
+    scenes: Sequence[Scene], instants: Sequence[Instant],
     worst: Mapping[str, ConstraintViolation], peaks: Mapping[str, Peak], size: float, cones: bool,
 ) -> Iterator[Part]:  # fmt: skip
     """Yield the loops of all scenes, then each one's contacts and the forces of both."""
@@ -167,8 +167,8 @@ def _constraint_parts(
         yield from closure_parts(scene, worst, size)
     for scene in scenes:
         yield from contact_parts(scene, size)
-        yield from touch_parts(scene, moments, size, cones=cones)
-        yield from arrow_parts(scene, moments, size, peaks)
+        yield from touch_parts(scene, instants, size, cones=cones)
+        yield from arrow_parts(scene, instants, size, peaks)
 
 
 def _apart(parts: Iterable[Part]) -> Iterator[Part]:

@@ -10,23 +10,23 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes
 from condyn_pin.model.robot import Robot
-from condyn_pin.viewing.moment import Moment
+from condyn_pin.viewing.instant import Instant
 
 _ALONG = 1e-6  # of a unit axis: what it may be off a plane, or off its normal, by
 _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 
 
-def touched(moments: Sequence[Moment]) -> list[Array]:
+def touched(instants: Sequence[Instant]) -> list[Array]:
     """Return what contacts that may let go pass through: their points, and those of their planes.
 
     A fall is seen with the ground, and what slides with where it comes to rest.
     """
-    touching = [each for at in moments for each in at.touching.values()]
+    touching = [each for at in instants for each in at.touching.values()]
     return [point for each in touching for point in (each.at, each.on_plane())]
 
 
 def extent(
-    robot: Robot, moments: Sequence[Moment], also: Sequence[Array] = ()
+    robot: Robot, instants: Sequence[Instant], also: Sequence[Array] = ()
 ) -> tuple[Array, float]:
     """Return the middle and the size of what joints, frames and masses span, and points [m].
 
@@ -34,7 +34,7 @@ def extent(
     r^2 = 5 trace(I) / (6 m).
     """
     points = list(also)
-    for at in moments:
+    for at in instants:
         points += [oMi.translation for oMi in at.joints[1:]]
         points += [
             at.joints[frame.parentJoint].act(frame.placement.translation)
@@ -49,7 +49,7 @@ def extent(
     return 0.5 * (low + high), max(float(np.linalg.norm(high - low)), _TINY)
 
 
-def plane_normal(robot: Robot, at: Moment) -> Array | None:
+def plane_normal(robot: Robot, at: Instant) -> Array | None:
     """Return the normal of the plane in which all joints move (3,); None if there is none.
 
     Every axis of turning is along it, and every direction of sliding across it.

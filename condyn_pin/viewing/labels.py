@@ -17,7 +17,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.io import meshes
-from condyn_pin.viewing.moment import Moment
+from condyn_pin.viewing.instant import Instant
 from condyn_pin.viewing.palette import GHOST, Colour
 from condyn_pin.viewing.part import Part, Pose, span, then
 
@@ -97,8 +97,8 @@ class Eye:
         return box
 
 
-def spread(parts: Sequence[Part], first: Moment, eye: Eye) -> Iterator[Part]:
-    """Yield the parts with all labels where they do not cover one another at a moment."""
+def spread(parts: Sequence[Part], first: Instant, eye: Eye) -> Iterator[Part]:
+    """Yield the parts with all labels where they do not cover one another at an instant."""
     taken: list[Array] = []
     for part in parts:
         T = part.pose(first) if part.picture else None

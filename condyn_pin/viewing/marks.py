@@ -18,8 +18,8 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.io import meshes
 from condyn_pin.model.robot import Robot
+from condyn_pin.viewing.instant import Instant
 from condyn_pin.viewing.labels import label
-from condyn_pin.viewing.moment import Moment
 from condyn_pin.viewing.palette import ACTUATED, GRID, MASS, PASSIVE, SPRING
 from condyn_pin.viewing.part import Part, Pose, at_point, joint_pose, span
 
@@ -65,7 +65,7 @@ def spring_parts(robot: Robot, size: float) -> Iterator[Part]:
 
 
 def _between(*frames: tuple[int, Any]) -> Pose:
-    def pose(at: Moment) -> Array:
+    def pose(at: Instant) -> Array:
         return span(*((at.joints[joint] * placement).translation for joint, placement in frames))
 
     return pose
@@ -74,7 +74,7 @@ def _between(*frames: tuple[int, Any]) -> Pose:
 def mass_parts(size: float) -> Iterator[Part]:
     """Yield a ball in the centre of mass, and its label."""
 
-    def pose(at: Moment) -> Array:
+    def pose(at: Instant) -> Array:
         return at_point(at.com)
 
     ball = meshes.sphere(0.015 * size)

@@ -1,4 +1,4 @@
-"""Motion: how the pose of each part goes through the moments, as meshcat's viewer plays it."""
+"""Motion: how the pose of each part goes through the instants, as meshcat's viewer plays it."""
 
 from __future__ import annotations
 
@@ -20,30 +20,30 @@ from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing import three
 from condyn_pin.viewing.arrows import Peak
-from condyn_pin.viewing.moment import Moment, moment
+from condyn_pin.viewing.instant import Instant, instant
 from condyn_pin.viewing.part import Part
 from condyn_pin.viewing.touching import Felt
 
 
 def tracks(
-    parts: Sequence[Part], moments: Sequence[Moment], frames: Array
+    parts: Sequence[Part], instants: Sequence[Instant], frames: Array
 ) -> dict[str, list[dict[str, Any]]]:
     """Return what changes of each part, by path; what rests has no track.
 
     Parameters
     ----------
     parts : sequence of Part
-    moments : sequence of Moment
+    instants : sequence of Instant
     frames : (k,) array
-        When each moment is shown, in pictures since the start.
+        When each instant is shown, in pictures since the start.
     """
     found: dict[str, list[dict[str, Any]]] = {}
     for part in parts:
-        T = np.array([part.place(at) for at in moments])
+        T = np.array([part.place(at) for at in instants])
         if not (T[:1] == T).all():
             found[part.path] = _moving(T, frames)
         if part.tint is not None:
-            colours = np.array([part.tint(at) for at in moments])
+            colours = np.array([part.tint(at) for at in instants])
             if not (colours[:1] == colours).all():
                 for i in range(len(part.meshes)):
                     path = f"{part.path}/{i}/<object>"
@@ -82,10 +82,10 @@ def shown(trajectory: Trajectory, fps: float) -> NDArray[np.intp]:
     return np.unique(np.append(nearest, len(t) - 1))
 
 
-def moments_of(
+def instants_of(
     trajectory: Trajectory, samples: Sequence[int], *, forces: bool, balance: bool = False
-) -> list[Moment]:
-    """Return the moments of samples, each with its constraints, their forces, and its balance."""
+) -> list[Instant]:
+    """Return the instants of samples, each with its constraints, their forces, and its balance."""
     balanced = dict(zip(samples, balances(trajectory, samples), strict=True)) if balance else {}
     found, felt, modes = [], trajectory.forces if forces else {}, trajectory.modes
     for k in samples:
@@ -96,7 +96,7 @@ def moments_of(
             {name: force[k] for name, force in felt.items()},
             {name: str(mode[k]) for name, mode in modes.items()},
         )
-        found.append(moment(phase.scene.at(trajectory.t[k]), q, acting, contact, balanced.get(k)))
+        found.append(instant(phase.scene.at(trajectory.t[k]), q, acting, contact, balanced.get(k)))
     return found
 
 

@@ -11,12 +11,12 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.io.meshes import Mesh
 from condyn_pin.viewing import three
-from condyn_pin.viewing.moment import Moment
+from condyn_pin.viewing.instant import Instant
 from condyn_pin.viewing.palette import Colour
 
 # A homogeneous matrix (4, 4) in the world, or None where the part is not to be seen.
-Pose = Callable[[Moment], Array | None]
-Tint = Callable[[Moment], Colour]
+Pose = Callable[[Instant], Array | None]
+Tint = Callable[[Instant], Colour]
 
 _Found = TypeVar("_Found")
 
@@ -42,7 +42,7 @@ class Part:
     on_top : bool
         Whether it is seen through what is before it.
     tint : callable, optional
-        Its colour, where that changes with the moment.
+        Its colour, where that changes with the instant.
     """
 
     path: str
@@ -54,13 +54,13 @@ class Part:
     on_top: bool = False
     tint: Tint | None = None
 
-    def place(self, at: Moment) -> Array:
-        """Return its pose (4, 4) at a moment; what is not to be seen is too small for that."""
+    def place(self, at: Instant) -> Array:
+        """Return its pose (4, 4) at an instant; what is not to be seen is too small for that."""
         T = self.pose(at)
         return _NOWHERE if T is None else T
 
-    def commands(self, at: Moment) -> Iterator[three.Command]:
-        """Return the commands that draw it as it is at a moment."""
+    def commands(self, at: Instant) -> Iterator[three.Command]:
+        """Return the commands that draw it as it is at an instant."""
         for i, (shape, colour) in enumerate(self.meshes):
             chosen = colour if self.tint is None else self.tint(at)
             yield three.mesh(
@@ -71,8 +71,8 @@ class Part:
             yield three.label(f"{self.path}/0", self.picture)
         yield three.transform(self.path, self.place(at))
 
-    def ghost(self, at: Moment) -> Part:
-        """Return it as it was at a moment, beside what is."""
+    def ghost(self, at: Instant) -> Part:
+        """Return it as it was at an instant, beside what is."""
         T, tint = self.pose(at), self.tint
         colour = None if tint is None else tint(at)
         return replace(
@@ -84,10 +84,10 @@ class Part:
         )
 
 
-def then(found: Callable[[Moment], _Found | None], place: Callable[[_Found], Array]) -> Pose:
+def then(found: Callable[[Instant], _Found | None], place: Callable[[_Found], Array]) -> Pose:
     """Return a pose that follows from something else, and is not to be seen where that is not."""
 
-    def pose(at: Moment) -> Array | None:
+    def pose(at: Instant) -> Array | None:
         known = found(at)
         return None if known is None else place(known)
 
@@ -107,7 +107,7 @@ def span(start: Array, end: Array) -> Array:
 
 
 def joint_pose(i: int) -> Pose:
-    """Return the pose of joint i as a function of the moment."""
+    """Return the pose of joint i as a function of the instant."""
     return lambda at: np.asarray(at.joints[i].homogeneous)
 
 

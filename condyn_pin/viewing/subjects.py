@@ -24,8 +24,8 @@ from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.step_solution import StepSolution
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing.drawing import Drawing, draw
-from condyn_pin.viewing.moment import moment
-from condyn_pin.viewing.motion import gaps_of, moments_of, peaks_of, shown
+from condyn_pin.viewing.instant import instant
+from condyn_pin.viewing.motion import gaps_of, instants_of, peaks_of, shown
 from condyn_pin.viewing.touching import Felt
 
 Subject = (
@@ -110,7 +110,7 @@ def _scene(scene: Scene, q: ArrayLike | None, posture: str | None, look: Look) -
     """Return the drawing of a scene in a configuration, or in a posture."""
     at, name = _configuration(scene, q, posture)
     title = f"{scene.robot.name}, {name}" if name else scene.robot.name
-    return draw([scene], [moment(scene, at)], title=title, light=look.light, cones=look.cones)
+    return draw([scene], [instant(scene, at)], title=title, light=look.light, cones=look.cones)
 
 
 def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tuple[Array, str]:
@@ -136,9 +136,9 @@ def _answer(subject: Solution | InverseDynamics | ControlAnswer | Assembly, look
         said = f"control: {subject.status.name.lower()}"
     elif isinstance(subject, Assembly):
         said = f"assembled: {subject.status.name.lower().replace('_', ' ')}"
-        before = moment(scene, subject.start)
+        before = instant(scene, subject.start)
     pressing = _balance(subject) if look.balance and isinstance(subject, ControlAnswer) else None
-    at = moment(scene, subject.q, acting, balance=pressing)
+    at = instant(scene, subject.q, acting, balance=pressing)
     title = f"{scene.robot.name}, {said}"
     return draw([scene], [at], title=title, before=before, light=look.light, cones=look.cones)
 
@@ -154,7 +154,7 @@ def _step(step: StepSolution, look: Look) -> Drawing:
     """Return the drawing of a step at its end, with the mean forces in it."""
     scene, q = step.scene, step.q
     acting = Sites(scene, q).forces(step.lam / step.dt) if look.forces else {}
-    at = moment(scene, q, acting, Felt(step.forces if look.forces else {}, step.modes))
+    at = instant(scene, q, acting, Felt(step.forces if look.forces else {}, step.modes))
     title = f"{scene.robot.name}, a step of {step.dt:g} s, {step.status.name.lower()}"
     return draw([scene], [at], title=title, light=look.light, cones=look.cones)
 
@@ -165,10 +165,10 @@ def _sample(trajectory: Trajectory, t: float, look: Look) -> Drawing:
     if not start <= finite("t", t, ()) <= end:
         raise InvalidArgument(f"t = {t}: the motion goes from {start:g} s to {end:g} s")
     k = int(np.abs(trajectory.t - t).argmin())
-    moments = moments_of(trajectory, [k], forces=look.forces, balance=look.balance)
+    instants = instants_of(trajectory, [k], forces=look.forces, balance=look.balance)
     scenes = [phase.scene for phase in trajectory.phases]
     title = f"{scenes[0].robot.name} at {trajectory.t[k]:.4g} s"
-    return draw(scenes, moments, title=title, light=look.light, cones=look.cones)
+    return draw(scenes, instants, title=title, light=look.light, cones=look.cones)
 
 
 def _motion(trajectory: Trajectory, speed: float, look: Look) -> Drawing:
@@ -176,13 +176,13 @@ def _motion(trajectory: Trajectory, speed: float, look: Look) -> Drawing:
     scenes = [phase.scene for phase in trajectory.phases]
     fps = _FPS / speed  # pictures for each second of the motion
     samples = shown(trajectory, fps)
-    moments = moments_of(trajectory, samples.tolist(), forces=look.forces, balance=look.balance)
+    instants = instants_of(trajectory, samples.tolist(), forces=look.forces, balance=look.balance)
     frames = fps * (trajectory.t[samples] - trajectory.t[0])
     duration = trajectory.t[-1] - trajectory.t[0]
     title = f"{scenes[0].robot.name}, {duration:.4g} s"
     title += f", {speed:g} x speed" if speed != 1.0 else ""
     return draw(
-        scenes, moments, title=title, frames=frames, gaps=gaps_of(trajectory),
+        scenes, instants, title=title, frames=frames, gaps=gaps_of(trajectory),
         peaks=peaks_of(trajectory), fps=_FPS, speed=speed, light=look.light,
         cones=look.cones,
     )  # fmt: skip

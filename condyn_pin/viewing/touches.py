@@ -16,7 +16,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.bound import BoundContact, Touch
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io import meshes
-from condyn_pin.viewing.moment import Moment
+from condyn_pin.viewing.instant import Instant
 from condyn_pin.viewing.palette import CONE, GROUND, Colour, mode_colour
 from condyn_pin.viewing.part import Part, at_point, joint_pose, then
 from condyn_pin.viewing.patches import patch_mesh
@@ -31,14 +31,14 @@ _ORDER = ("slide", "stick", "open")  # the worst first
 
 
 def touch_parts(
-    scene: Scene, moments: Sequence[Moment], size: float, *, cones: bool = False
+    scene: Scene, instants: Sequence[Instant], size: float, *, cones: bool = False
 ) -> Iterator[Part]:
     """Yield the parts of all contacts of a scene that may let go.
 
     Parameters
     ----------
     scene : Scene
-    moments : sequence of Moment
+    instants : sequence of Instant
         A plane is drawn so large that every contact point is above it at all of them.
     size : float
         Of the scene [m].
@@ -48,40 +48,40 @@ def touch_parts(
     for bound in scene.contact_bounds:
         for i, solid in enumerate(bound.solids):
             shape = patch_mesh(solid.patch).moved(solid.placement.homogeneous)
-            path = f"{_folder(bound, moments)}/{bound.name}/shape {i}"
+            path = f"{_folder(bound, instants)}/{bound.name}/shape {i}"
             yield Part(
                 path, joint_pose(solid.joint), ((shape, mode_colour("")),), opacity=_CLEAR,
                 tint=partial(_shape_colour, bound),
             )  # fmt: skip
         for name, _ in bound.cones:
-            path = f"{_folder(bound, moments)}/{name}/point"
+            path = f"{_folder(bound, instants)}/{name}/point"
             ball = ((meshes.sphere(_POINT * size), mode_colour("")),)
             pose = then(_of(name), lambda here: at_point(here.at))
             yield Part(path, pose, ball, on_top=True, tint=partial(_point_colour, name))
             if cones:
                 yield _cone_part(name, size)
-    yield from _ground_parts(scene, moments, size)
+    yield from _ground_parts(scene, instants, size)
 
 
-def _folder(bound: BoundContact, moments: Sequence[Moment]) -> str:
+def _folder(bound: BoundContact, instants: Sequence[Instant]) -> str:
     """Return what the legend knows the parts of a contact by: whether anybody asked its modes."""
-    asked = any(mode for at in moments for mode in _modes(bound, at))
+    asked = any(mode for at in instants for mode in _modes(bound, at))
     return "touching" if asked else "candidates"
 
 
-def _modes(bound: BoundContact, at: Moment) -> set[str]:
+def _modes(bound: BoundContact, at: Instant) -> set[str]:
     return {at.touching[name].mode for name, _ in bound.cones if name in at.touching}
 
 
-def _of(name: str) -> Callable[[Moment], Touching | None]:
+def _of(name: str) -> Callable[[Instant], Touching | None]:
     return lambda at: at.touching.get(name)
 
 
-def _point_colour(name: str, at: Moment) -> Colour:
+def _point_colour(name: str, at: Instant) -> Colour:
     return mode_colour(at.touching[name].mode if name in at.touching else "")
 
 
-def _shape_colour(bound: BoundContact, at: Moment) -> Colour:
+def _shape_colour(bound: BoundContact, at: Instant) -> Colour:
     modes = _modes(bound, at)
     return mode_colour(next((mode for mode in _ORDER if mode in modes), ""))
 
@@ -90,7 +90,7 @@ def _cone_part(name: str, size: float) -> Part:
     """Return the cone of the forces that a contact can give, all sides of one length."""
     unit = ((meshes.turned([(0.0, 0.0), (1.0, 1.0), (0.0, 1.0)]), CONE),)
 
-    def pose(at: Moment) -> Array | None:
+    def pose(at: Instant) -> Array | None:
         here = at.touching.get(name)
         if here is None or here.mode == "open":
             return None
@@ -103,7 +103,7 @@ def _cone_part(name: str, size: float) -> Part:
     return Part(f"cones/{name}", pose, unit, opacity=_CLEAR)
 
 
-def _ground_parts(scene: Scene, moments: Sequence[Moment], size: float) -> Iterator[Part]:
+def _ground_parts(scene: Scene, instants: Sequence[Instant], size: float) -> Iterator[Part]:
     """Yield a square in each plane, below all points that may touch it."""
     above: dict[tuple[int, bytes], list[Touch]] = {}
     for bound in scene.contact_bounds:
@@ -113,7 +113,7 @@ def _ground_parts(scene: Scene, moments: Sequence[Moment], size: float) -> Itera
         plane = touches[0].plane
         points = np.array([
             (at.joints[ground] * plane).actInv(at.touching[touch.name].at)[:2]
-            for at in moments for touch in touches if touch.name in at.touching
+            for at in instants for touch in touches if touch.name in at.touching
         ])  # fmt: skip
         low, high = points.min(axis=0) - _MARGIN * size, points.max(axis=0) + _MARGIN * size
         x, y = np.meshgrid((low[0], high[0]), (low[1], high[1]))

@@ -1,4 +1,4 @@
-"""Touching: where a contact that may let go is at one moment, how it touches, and what it feels."""
+"""Touching: where a contact that may let go is now, how it touches, and what it feels."""
 
 from __future__ import annotations
 

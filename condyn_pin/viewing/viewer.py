@@ -76,7 +76,7 @@ class Viewer:
         write_text(path, self.html)
 
     def save_png(self, path: str | Path) -> None:
-        """Write the first moment to a picture, drawn by headless Chromium.
+        """Write the first instant to a picture, drawn by headless Chromium.
 
         Raises
         ------

@@ -39,7 +39,7 @@ class FrictionalContact(Contact):
     shape : Shape
         `Point`, `Ball`, `Capsule`, `Box` or `Convex`; a point by default.
     offset : (3,) sequence of float
-        The middle of the shape, in the axes of `frame` [m].
+        The centre of the shape, in the axes of `frame` [m].
     on : Plane or str
         What it may touch: a plane of the world, z = 0 by default, or a frame of another body, which
         carries `on_shape`.
@@ -50,7 +50,7 @@ class FrictionalContact(Contact):
         Coulomb's coefficient [1], 1e6 at most. There is no default: 0 is ice, 0.7 rubber on a dry
         floor.
     restitution : float
-        Newton's coefficient [1]: how much of the approach comes back.
+        Newton's coefficient [1]: speed of separation over speed of approach.
     name : str, optional
         The frame's name by default.
 

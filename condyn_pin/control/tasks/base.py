@@ -55,6 +55,7 @@ class BoundTask:
     names : tuple of str
         Of the rows.
     unit : str
+        Of b and of the errors of its rows.
     rows : callable
         Of (motion, t); returns J (r, nv) or (r, m) and b (r,).
     compiled : CompiledTask, optional
@@ -124,9 +125,9 @@ class Tracking(Task):
     a : array_like, optional
         An acceleration that is wanted as it is, in place of a reference and without feedback.
     kp : float
-        [1/s^2]
+        Gain of the position error [1/s^2].
     kd : float, optional
-        [1/s]; 2 sqrt(kp) by default, which is critical damping.
+        Gain of the velocity error [1/s]; 2 sqrt(kp) by default, which is critical damping.
     """
 
     unit: ClassVar[str] = "m/s^2"

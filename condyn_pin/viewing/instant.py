@@ -1,4 +1,4 @@
-"""Moment: what is to be seen of a scene at one configuration."""
+"""Instant: what is to be seen of a scene at one configuration."""
 
 from __future__ import annotations
 
@@ -21,8 +21,8 @@ from condyn_pin.viewing.touching import Felt, Touching, touching_at
 
 
 @dataclass(frozen=True, eq=False)
-class Moment:
-    """Where everything is.
+class Instant:
+    """A scene at one instant, as it is drawn.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class Moment:
     gaps : mapping of str to ConstraintViolation
         How far each constraint that has a position is open.
     bounds : mapping of str to AnyBound
-        The constraints that hold at this moment.
+        The constraints that hold now.
     forces : mapping of str to ConstraintForce
         On the first-named body; empty where none are known.
     touching : mapping of str to Touching
@@ -60,13 +60,13 @@ class Moment:
         return self.ends[name][self.bounds[name].on_robot]
 
 
-def moment(
+def instant(
     scene: Scene,
     q: Array,
     forces: Mapping[str, ConstraintForce] | None = None,
     felt: Felt | None = None,
     balance: Balance | None = None,
-) -> Moment:
+) -> Instant:
     """Return what is to be seen of a scene at q (nq,)."""
     equations = Equations(scene.robot.model, scene.bounds)
     opening = gaps(scene, equations.violation(q))
@@ -74,7 +74,7 @@ def moment(
     oMi = [pin.SE3(each) for each in equations.data.oMi]
     touching = dict(touching_at(scene, equations.data, q, felt or Felt()))
     com = np.array(pin.centerOfMass(scene.robot.model, equations.data, q))
-    return Moment(
+    return Instant(
         oMi,
         com,
         {name: (pin.SE3(ends[0]), pin.SE3(ends[1])) for name, ends in placed if ends},
