@@ -96,7 +96,7 @@ class Sweeps:
         def product(x: Array) -> Array:
             torque, wrenches = self.equations.torque(x), self.equations.wrenches(x)
             a = pin.aba(self.weightless, self.data, q, self.still, torque, wrenches)
-            return self.equations.slips(q, a)
+            return self.equations.jacobian_product(q, a)
 
         return product
 
@@ -106,7 +106,7 @@ class Sweeps:
 
         def product(x: Array) -> Array:
             a, lam = x[:n], -x[n:]
-            slips = self.equations.slips(q, a)
+            slips = self.equations.jacobian_product(q, a)
             wrenches = self.equations.wrenches(lam)
             forces = pin.rnea(self.weightless, self.data, q, self.still, a, wrenches)
             return np.concatenate([forces - self.equations.torque(lam), slips])
@@ -121,7 +121,7 @@ def by_cg(sweeps: Sweeps, *, preconditioned: bool) -> Solve:
     def solve(q: Array, v: Array, tau: Array) -> tuple[Array, int]:
         count = [0]
         target = sweeps.equations.target(q, v)
-        b = target - sweeps.equations.slips(q, sweeps.free(q, v, tau, np.zeros(m)))
+        b = target - sweeps.equations.jacobian_product(q, sweeps.free(q, v, tau, np.zeros(m)))
         lam, _ = cg(
             LinearOperator((m, m), sweeps.delassus(q), dtype=np.float64),
             b,

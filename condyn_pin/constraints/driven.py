@@ -8,7 +8,7 @@ control acts on the difference,
     J a + gamma = s'' - 2 alpha (J v - s') - beta^2 (c - s).
 
 This asks for rows with c' = J v wherever c is, and not at c = 0 alone: the rows of a weld are
-log6, whose rate is the slip only where it is closed, and those of a contact turn with its body.
+log6, whose rate is J v only where it is closed, and those of a contact turn with its body.
 """
 
 from __future__ import annotations

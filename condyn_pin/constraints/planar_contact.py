@@ -1,4 +1,4 @@
-"""A point that slides on a plane of the world: the slip along the normal n.
+"""A point that slides on a plane of the world: it does not move along the normal n.
 
 c = n . p - height
 """

@@ -1,12 +1,11 @@
 """Two frames related by new equations: a kind of constraint in four functions.
 
-With r the position of c2's origin in c1, R the axes of c2 in c1, and s = (s_lin, s_ang) how body 1
-slips past body 2 at the origin of c2, in the axes of c1 (`condyn_pin.constraints.loop`), the two
-move by
+With r the position of c2's origin in c1, R the axes of c2 in c1, and s = (s_lin, s_ang) the
+velocity of body 1 relative to body 2 at the origin of c2, in the axes of c1 (see `Loop`),
 
     r' = -s_lin,        R' = -s_ang x R.
 
-A kind is its violation c(r, R), the weights W of the slip in its rate, and how these change:
+A kind is its violation c(r, R), the weights W of s in its rate, and how these change:
 
     c' = J v = W s,        J a + gamma = W s' + W' s,        force  J^T lam:  W^T lam  at c2.
 
@@ -40,7 +39,7 @@ class FrameRelation(BetweenFrames, ABC):
 
     @abstractmethod
     def violation(self, R: Array, r: Array) -> Array:
-        """Return c (rows,) [m, rad]."""
+        """Return c (rows,) [m, rad], of R (3, 3) and r (3,) [m]."""
 
     @abstractmethod
     def weights(self, R: Array, r: Array) -> Array:
@@ -48,10 +47,10 @@ class FrameRelation(BetweenFrames, ABC):
 
     @abstractmethod
     def weights_rate(self, R: Array, r: Array, s: Array) -> Array:
-        """Return W' (rows, 6) while the frames slip by s (6,)."""
+        """Return W' (rows, 6) while the frames move by s (6,) [m/s, rad/s]."""
 
     def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
-        """Return the partials of `weights_rate` by slips, (6, rows, 6), while s stays.
+        """Return the partials of `weights_rate` by moves of the frames, (6, rows, 6), s fixed.
 
         By fourth-order differences, which leave 1e-12 of it; derivatives of answers ask for it.
         """

@@ -33,7 +33,7 @@ from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgram
 from condyn_pin.control.tasks.base import Task
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene
+from condyn_pin.dynamics.scene_checks import check_at_all_times, check_bilateral, check_scene
 from condyn_pin.errors import InvalidArgument, UnsupportedBackend
 
 if TYPE_CHECKING:
@@ -130,7 +130,7 @@ class Controller(OneThread):
     def _set_up(self, scene: Scene, tasks: Sequence[Task] | Hierarchy, cones: Cones) -> None:
         settings = self._settings
         check_bilateral(scene)
-        _check_no_moment(scene)
+        check_at_all_times(scene, "a controller takes paths at the t of each tick")
         self.actuation = motors_of(scene, settings.actuation)
         self.scene = scene
         self.tasks = tasks if isinstance(tasks, Hierarchy) else check_tasks(tasks)
@@ -276,12 +276,3 @@ class Controller(OneThread):
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own
         return partial(Controller, **vars(self._settings)), (self.scene, self.tasks)
-
-
-def _check_no_moment(scene: Scene) -> None:
-    """Refuse driven rows that stay at one time."""
-    if placed := [b.name for b in scene.bounds if b.drive and b.drive.time is not None]:
-        raise InvalidArgument(
-            f"scene: {', '.join(placed)} stays at one time, as scene.at(t) has it; a controller "
-            "takes paths at the t of each tick: pass the scene without at(t)"
-        )

@@ -95,7 +95,7 @@ class Memory(OneThread):
         return lam if to_scene is None else to_scene.dot(lam)
 
     def pinocchio_velocity(self, s: Array) -> Array:
-        """Return what Pinocchio's constraints slip where the scene's rows slip by s."""
+        """Return the velocities of Pinocchio's constraints for those of the scene's, s (m,)."""
         to_scene = self.pinocchio_constraints.to_scene  # lam goes the other way
         return s if to_scene is None else to_scene.T.dot(s)
 

@@ -44,6 +44,15 @@ def moment_of(scene: Scene) -> float:
     return times.pop()
 
 
+def check_at_all_times(scene: Scene, why: str) -> None:
+    """Refuse driven constraints that stay at one time, where time goes on; `why` says what for."""
+    if placed := [b.name for b in scene.bounds if b.drive and b.drive.time is not None]:
+        raise InvalidArgument(
+            f"scene: {', '.join(placed)} stays at one time, as scene.at(t) has it; {why}: pass the "
+            "scene without at(t)"
+        )
+
+
 def check_not_driven(scene: Scene, what: str) -> None:
     """Refuse driven constraints for `what` asks for J v = 0."""
     if moving := [b.name for b in scene.bounds if b.drive]:

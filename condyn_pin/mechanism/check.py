@@ -30,12 +30,12 @@ class Check:
     constraint_velocity : dict of str to ConstraintViolation
         How fast the two sides of each constraint move apart, |J v| [m/s, rad/s].
     speed : float
-        max abs(v), or 1, whichever is larger: what a slip is small in comparison to.
+        max abs(v), or 1, whichever is larger: what |J v| is compared with.
     beyond_limits : dict of str to ConstraintViolation
         Joints outside their limits, and how far [rad, m]. The dynamics know no limits.
     rounding : dict of str to float
-        What rounding alone may leave of a slip: 1e-13 of the velocities that it is the difference
-        of [m/s, rad/s]. Looked at where a slip is more than 1e-10 of `speed`.
+        What rounding alone may leave of |J v|: 1e-13 of the velocities that it is the difference
+        of [m/s, rad/s]. Looked at where |J v| is more than 1e-10 of `speed`.
     """
 
     violation: Mapping[str, ConstraintViolation]
@@ -80,7 +80,7 @@ class Check:
         Raises
         ------
         NotAssembled
-            The text names every loop that is open, and every constraint that slips.
+            The text names every loop that is open, and every constraint with J v other than zero.
         """
         wrong = self._open(violation)
         advice = ["Scene.assemble closes the loops"] if wrong else []

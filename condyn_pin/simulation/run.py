@@ -17,7 +17,7 @@ from condyn_pin.constraints.along import check_along
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.scene_checks import check_at_all_times, check_scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.simulation.breakdown import hint_of, is_lost, remedy_of
@@ -134,11 +134,7 @@ def simulate(
     another scene costs about as much as a hundred solves.
     """
     check_scene(scene)
-    if timed := [b.name for b in scene.bounds if b.drive and b.drive.time is not None]:
-        raise InvalidArgument(
-            f"scene: {', '.join(timed)} is at a time of its own; a motion begins at t = 0: give it "
-            "without .at(...)"
-        )
+    check_at_all_times(scene, "a motion begins at t = 0")
     if progress is not None:
         check_called("progress", progress, "share")
     effects = Effects(gravity=gravity, springs=springs, damping=damping, armature=armature)

@@ -76,7 +76,7 @@ class ContactTurning:
             return self._differenced(W, lam)
         return self._with_still(self._over_planes.slips(W)), self._over_planes.pulls(lam)
 
-    def slips(self, w: Array) -> Array:
+    def velocity_by_q(self, w: Array) -> Array:
         """Return J w by q (rows, nv), w (nv,) fixed."""
         if self._over_planes is None:
             return np.asarray(self.by_q((w,), np.zeros(self._candidates.rows))[0][0])

@@ -45,7 +45,7 @@ class Bound(OnFrames):
     joint2, placement2 : int, pin.SE3
         The same of c2. The world is joint 0.
     selection : tuple of int
-        The rows of the slip x y z rx ry rz that stay zero; empty for a rod.
+        The rows x y z rx ry rz of the relative velocity that stay zero; empty for a rod.
     axis : int
         What a hinge or an edge turns about: 0, 1 or 2 for x, y or z of c1.
     length : float

@@ -166,7 +166,7 @@ class ConstraintRows:
         pin.forwardKinematics(self.model, self.data, q)
         return [b.ends(self.data.oMi) for b in self.bounds]
 
-    def slips(self, q: Array, a: Array) -> Array:
+    def jacobian_product(self, q: Array, a: Array) -> Array:
         """Return J a (m,): the acceleration of the constraints, from rest."""
         self.motion(q, self._still, a)
         return np.asarray(self._acceleration + self.wanted[2])

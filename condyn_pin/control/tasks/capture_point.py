@@ -5,12 +5,12 @@ An inverted pendulum of constant height h has c'' = omega^2 (c - p), and its cap
     xi = c + c' / omega,    xi' = omega (xi - p),    omega = sqrt(g / h).
 
 The pressure p = xi_r + (1 + k) (xi - xi_r) lets it decay with k omega. Where that is beyond the
-edge of the support, it is drawn to xi_r,
+edge of the support, it is moved towards xi_r,
 
     p = xi_r + s (1 + k) (xi - xi_r),    s <= 1,
 
-so xi comes back along the line on which it is. The nearest pressure to one far beyond the edge
-would be a corner as a rule: it unloads feet that the line needs, and springs throw these off.
+so xi comes back along the line on which it is. The feasible pressure nearest to one far beyond the
+edge is a corner as a rule: it unloads feet that the line needs, and springs throw these off.
 
 The pressure of the feet ends at the edge; what p is beyond it, a moment n = m g (p - p_feet) about
 the centre of mass has to give, as trunk and limbs turn. So p may be a little beyond, where these
@@ -53,7 +53,7 @@ class CapturePoint(Task):
         Where the centre of mass belongs, in the world [m]; above the support. By default where it
         is in the first posture of the robot.
     k : float
-        How many times omega the capture point decays with [1].
+        Rate at which the capture point returns, over omega [1].
     beyond : float
         How far p may be beyond the edge of the support, as a share of the way there [1]: by turning
         trunk and limbs, where other tasks let them.

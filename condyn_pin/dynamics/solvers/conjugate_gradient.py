@@ -81,9 +81,11 @@ class ConjugateGradient(MatrixFreeSolver):
             def damped_delassus(x: Array) -> Array:
                 torque, wrenches = equations.torque(x), equations.wrenches(x)
                 a = pin.aba(floating, data, q, still, torque, wrenches)
-                return equations.slips(q, a) + mu * x
+                return equations.jacobian_product(q, a) + mu * x
 
-            missing = equations.target(q, v) - equations.slips(q, pin.aba(model, data, q, v, tau))
+            missing = equations.target(q, v) - equations.jacobian_product(
+                q, pin.aba(model, data, q, v, tau)
+            )
             latest[:], count[0] = conjugate_gradients(
                 damped_delassus, missing, precondition, enough, self.max_iterations
             )

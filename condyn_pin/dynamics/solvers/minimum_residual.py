@@ -84,7 +84,9 @@ class MinimumResidual(MatrixFreeSolver):
             def kkt(x: Array) -> Array:
                 a, lam = x[:n], -x[n:]
                 forces = pin.rnea(floating, data, q, still, a, equations.wrenches(lam))
-                return np.append(forces - equations.torque(lam), equations.slips(q, a) + mu * lam)
+                return np.append(
+                    forces - equations.torque(lam), equations.jacobian_product(q, a) + mu * lam
+                )
 
             def precondition(x: Array) -> Array:
                 return np.append(pin.aba(floating, data, q, still, x[:n]), P @ x[n:])
@@ -97,7 +99,7 @@ class MinimumResidual(MatrixFreeSolver):
             best, smallest = still, np.inf
             while True:
                 a = accelerated(lam)
-                missing = target - equations.slips(q, a) - mu * lam
+                missing = target - equations.jacobian_product(q, a) - mu * lam
                 residual = np.abs(missing).max(initial=0.0)
                 if not residual < smallest:
                     return best if np.isfinite(smallest) else a  # numbers that overflow

@@ -75,8 +75,8 @@ def _compliance_by(steps: LinearSteps, posed: Posed, y: Array, l_b: Array, row: 
     """Return G_nn by q (nv,): 2 y . (J_n^T)' - y . (M y - J_b^T l_b)' + l_b . (J_b y)'."""
     n = len(y)
     of = steps.weightless.at(posed.at, np.zeros(n), y, l_b)
-    slips = steps.turning.slips(y)
-    by_q = 2 * slips[posed.chosen.rows][row] + y @ of.rhs[:n, :n] - l_b @ of.rhs[n:, :n]
+    turned = steps.turning.velocity_by_q(y)
+    by_q = 2 * turned[posed.chosen.rows][row] + y @ of.rhs[:n, :n] - l_b @ of.rhs[n:, :n]
     if steps.system.passive.between is not None:
         by_q = by_q - y @ stiffness_partial(steps, posed.at, y)
     return np.asarray(by_q)
