@@ -9,7 +9,13 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin.errors import InvalidArgument, SolveFailed
-from condyn_pin.simulation import BatchStepDerivatives, Kappa, Softened, step_derivatives_batch
+from condyn_pin.simulation import (
+    BatchStepDerivatives,
+    Kappa,
+    Softened,
+    step_batch,
+    step_derivatives_batch,
+)
 
 DT = 1e-3
 
@@ -48,6 +54,19 @@ def test_they_are_those_of_each_step(about: dict) -> None:
         assert (one.modes, one.margin) == (wanted.modes, wanted.margin)
         assert {name: modes[i] for name, modes in found.modes.items()} == wanted.modes
     assert_array_equal(found.one_sided, [each.one_sided for each in found])
+
+
+@pytest.mark.parametrize("verb", [step_batch, step_derivatives_batch])
+def test_arrays_of_the_caller_stay_his_own(verb) -> None:
+    scene, states = solo()
+    found = verb(scene, *states, dt=DT)
+    before = found.q.copy()
+    for array in states:
+        array += 1.0  # not read-only, and nobody else's
+    assert_array_equal(found.q, before)
+    kept = found if verb is step_batch else found.step
+    assert np.abs(kept.q0 - states[0]).min() == 1.0
+    assert np.abs(kept.v0 - states[1]).min() > 0.9
 
 
 def test_processes_return_the_same_bits() -> None:

@@ -115,7 +115,7 @@ def starts_of_steps(
     tau = np.broadcast_to(tau, v.shape).copy()
     if len(q):
         contact_problem(scene, q[0], v[0], tau[0], dt=dt, integrator=integrator)
-    return {"q0": q, "v0": v, "tau0": tau}
+    return {"q0": q.copy(), "v0": v.copy(), "tau0": tau}  # kept: those of the caller stay his own
 
 
 def kinds_of_steps(scene: Scene) -> dict[str, Kind]:
