@@ -21,6 +21,7 @@ VENV   := .venv
 VENV3  := .venv3
 VENVW  := .venv-wheel
 VENVN  := .venv-native
+NATIVE := $(shell find native -path native/build -prune -o -type f -print)
 PEERS  ?= build/peers
 BIN    := $(VENV)/bin
 NUMERICS := $(patsubst %,tests/test_%.py,contract weights extremes nonholonomic bridge derivatives batch \
@@ -31,6 +32,8 @@ export OMP_NUM_THREADS := 1
 # a mirror may be slow, and stall
 export PIP_RETRIES ?= 10
 export PIP_DEFAULT_TIMEOUT ?= 120
+# Tests start a thousand interpreters: each would compile all of our files again, and pytest all tests.
+export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: dist test test3 test3-calls test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
 
@@ -91,11 +94,14 @@ stress: $(VENV)/ready $(VENV3)/ready
 stress-slice: $(VENV)/ready
 	$(BIN)/condyn lab stress --seconds 60
 
-native: $(VENV)/ready $(VENVN)/ready
-	rm -f build/native/*.whl  # of an older version
-	$(VENVN)/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir build/native ./native
+native: $(VENV)/ready build/native/ready
 	for python in $(wildcard $(VENV3)/bin/python) $(BIN)/python; do \
 	    $$python $(PIP) --no-deps --force-reinstall build/native/*.whl; done
+
+build/native/ready: $(VENVN)/ready $(NATIVE)
+	rm -f build/native/*.whl  # of an older version
+	env -u MAKEFLAGS $(VENVN)/bin/python -m pip wheel --quiet --disable-pip-version-check --no-deps --no-build-isolation --wheel-dir build/native ./native
+	touch $@
 
 $(VENVN)/ready: native/pyproject.toml
 	$(PYTHON) -m venv $(VENVN)

@@ -105,7 +105,8 @@ def test_every_command_is_of_a_kind_that_is_tested():
 def test_make_targets_of_the_readme_exist_and_are_run_by_ci(line):
     target = line.split()[1]
     assert re.search(rf"^{target}:", (ROOT / "Makefile").read_text(), flags=re.MULTILINE)
-    assert line in (ROOT / ".ci" / "run").read_text()
+    run = re.findall(r"^make .*", (ROOT / ".ci" / "run").read_text(), flags=re.MULTILINE)
+    assert any(target in words.split("#")[0].split() for words in run)
 
 
 def headings(page: Path) -> list[str]:
