@@ -6,7 +6,7 @@ v_J = S(q) v
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,6 +14,9 @@ from numpy.typing import NDArray
 from condyn_pin._core._pin import pin
 
 Indices = NDArray[np.int_]
+
+# Pinocchio's own way to say that there is no limit; 3.9 cannot unpickle a model that has infinity.
+UNLIMITED: Final = float(np.finfo(float).max)
 
 # Names of Pinocchio's joints whose coordinates are all lengths begin so.
 _SLIDERS = (

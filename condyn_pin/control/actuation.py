@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import checked
+from condyn_pin.control.motion import entry_names
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -92,11 +93,7 @@ class Actuation:
     @property
     def motors(self) -> tuple[str, ...]:
         """A name for each motor: that of its joint, numbered where a joint has several."""
-        return tuple(
-            name if size == 1 else f"{name}.{i}"
-            for name, size in zip(self._joints, self._sizes, strict=True)
-            for i in range(size)
-        )
+        return entry_names(self.robot.model, self.columns)
 
     @property
     def _joints(self) -> Sequence[str]:

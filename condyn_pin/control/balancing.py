@@ -34,6 +34,7 @@ from condyn_pin.control.support import (
     SupportPolygon,
     check_touching,
     hull,
+    margin_within,
     plane_of,
 )
 from condyn_pin.dynamics.force import Sites, upward
@@ -196,8 +197,8 @@ def balanced(scene: Scene, q: Array, v: Array, a: Array, pressure: Pressure) -> 
         dcm=dcm,
         capture_point=foot,
         polygon=polygon,
-        zmp_margin=_margin(polygon, zmp),
-        capture_margin=_margin(polygon, foot),
+        zmp_margin=margin_within(polygon, zmp),
+        capture_margin=margin_within(polygon, foot),
         wrench_margin=np.nan,
     )
 
@@ -228,9 +229,3 @@ def _captured(plane: SupportPlane, c: Array, velocity: Array, g: float) -> tuple
         return np.full(3, np.nan), np.full(3, np.nan)
     dcm = c + velocity / np.sqrt(g / height)
     return dcm, dcm - normal * float((dcm - plane.origin) @ normal)
-
-
-def _margin(polygon: SupportPolygon | None, point: Array) -> float:
-    if polygon is None or not np.isfinite(point).all():
-        return float("nan")
-    return polygon.margin(point)

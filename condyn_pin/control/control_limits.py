@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.joints import UNLIMITED
 from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.control.motion import entry_names
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.limits import Limits
 from condyn_pin.model.robot import Robot
-
-_LARGEST = np.finfo(np.float64).max  # what Pinocchio writes for "no limit"
 
 
 @dataclass(frozen=True)
@@ -95,7 +94,7 @@ class AccelerationBounds:
                 )
             self.most[where] = limits.acceleration
         speed = np.array(model.velocityLimit, dtype=float)
-        self.speed = np.where((speed > 0) & (speed < _LARGEST), speed, np.inf)
+        self.speed = np.where((speed > 0) & (speed < UNLIMITED), speed, np.inf)
         self.joints = Limits.of(model)
         self.reach = _or_infinite(self.joints.upper), _or_infinite(self.joints.lower)
         bounded = np.isfinite(self.most)
@@ -124,7 +123,7 @@ class AccelerationBounds:
 def torque_limits(robot: Robot, columns: NDArray[np.int_]) -> Array:
     """Return the largest torque on the joints of some entries of v [N m, N]; infinite for none."""
     most = np.array(robot.unedited.effortLimit, dtype=float)[columns]
-    return np.where((most > 0) & (most < _LARGEST), most, np.inf)
+    return np.where((most > 0) & (most < UNLIMITED), most, np.inf)
 
 
 def _check_ranges(robot: Robot) -> None:
@@ -141,4 +140,4 @@ def _check_ranges(robot: Robot) -> None:
 
 
 def _or_infinite(limit: Array) -> Array:
-    return np.where(np.abs(limit) < _LARGEST, limit, np.copysign(np.inf, limit))
+    return np.where(np.abs(limit) < UNLIMITED, limit, np.copysign(np.inf, limit))

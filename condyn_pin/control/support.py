@@ -86,6 +86,13 @@ class SupportPolygon:
         return reach_of(self.corners, p, along_plane(axes, way))
 
 
+def margin_within(polygon: SupportPolygon | None, point: Array) -> float:
+    """Return how far a point (3,) is within a polygon [m]; NaN where one of them does not exist."""
+    if polygon is None or not np.isfinite(point).all():
+        return float("nan")
+    return polygon.margin(point)
+
+
 def along_plane(axes: Array, way: ArrayLike) -> Array:
     """Return a direction (3,) along a plane of two axes (2, 3), as a unit vector (2,) of it."""
     d = finite("way", way, 3)

@@ -16,6 +16,7 @@ from condyn_pin._core.constrained_aba import constrained_aba
 from condyn_pin._core.joints import axes
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.bound import PinocchioConstraint
+from condyn_pin.constraints.rows.compiled_rows import placement
 from condyn_pin.dynamics.compiled.arrays import of_model
 from condyn_pin.dynamics.solvers.base import Singular
 from condyn_pin.errors import UnsupportedBackend
@@ -111,14 +112,10 @@ def _of_constraints(
     integers = [(c.size, c.joint1, c.joint2) for c in constraints]
     Kp, Kd = (drift.Kp, drift.Kd) if drift else (0.0, 0.0)
     numbers = [
-        (*_placement(c.placement1), *_placement(c.placement2), Kp if c.anchored else 0.0, Kd)
+        (*placement(c.placement1), *placement(c.placement2), Kp if c.anchored else 0.0, Kd)
         for c in constraints
     ]
     return {
         "constraint_integers": np.array(integers, np.int32).reshape(-1, 3),
         "constraint_numbers": np.array(numbers, float).reshape(-1, 26),
     }
-
-
-def _placement(M: Any) -> list[float]:
-    return [*M.rotation.ravel(), *M.translation]

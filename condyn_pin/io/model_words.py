@@ -17,9 +17,9 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import VERSION_TEXT, pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import UNLIMITED
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.joint_words import joint_of, joint_words
-from condyn_pin.model.tree import NO_LIMIT
 
 Words = dict[str, Any]
 Arrays = dict[str, NDArray[Any]]
@@ -136,7 +136,7 @@ def _set_numbers(model: Any, arrays: Mapping[str, NDArray[Any]]) -> list[str]:
     for name, values in (usual | read).items():
         if hasattr(model, name):
             setattr(model, name, values.copy())
-        elif ((np.abs(values) != np.abs(usual[name])) & (np.abs(values) < NO_LIMIT)).any():
+        elif ((np.abs(values) != np.abs(usual[name])) & (np.abs(values) < UNLIMITED)).any():
             lost.append(f"{name} of the joints, for which Pinocchio {VERSION_TEXT} has no place")
     return lost
 

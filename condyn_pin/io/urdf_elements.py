@@ -8,9 +8,9 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import UNLIMITED
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.xml import find, floats, label
-from condyn_pin.model.tree import NO_LIMIT
 
 _TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _WITH_AXIS: Final = ("revolute", "continuous", "prismatic", "planar")
@@ -79,14 +79,14 @@ def _copy_limit(made: Element, joint: Element, kind: str, *, unbounded: bool) ->
     if limit is None and not unbounded:
         return
     limit = Element("limit") if limit is None else limit
-    free = repr(NO_LIMIT)
+    free = repr(UNLIMITED)
     given = {"lower": "0", "upper": "0", "effort": free, "velocity": free} | limit.attrib
     if unbounded or without_bounds(joint):
         given |= {"lower": f"-{free}", "upper": free}
     said = {}
     for key in ("lower", "upper", "effort", "velocity"):
         value = floats(given[key], 1, f"{where}: <limit {key}>", infinite=True)
-        said[key] = float(np.clip(value, -NO_LIMIT, NO_LIMIT)[0])
+        said[key] = float(np.clip(value, -UNLIMITED, UNLIMITED)[0])
     if said["lower"] > said["upper"]:
         missing = [key for key in ("lower", "upper") if key not in limit.attrib]
         advice = (

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.any_bound import length
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene
@@ -49,10 +50,6 @@ _NUDGES = (0.1, 0.2, 0.3, 0.4, 0.5)  # standard deviation of each joint [rad, m]
 _LAST_STEPS = 400  # to where the gap is stationary
 _TINY = 1e-300  # a gain is never divided by zero
 _REJECTIONS = 15  # in a row, each with ten times the damping
-
-
-def _length(x: Array) -> float:
-    return math.sqrt(x.dot(x))
 
 
 @dataclass(frozen=True, eq=False)
@@ -120,7 +117,7 @@ class Closer:
         nu, iterations = 1.0, 0
         c, of_all = self._look(q)
         c = c - target
-        while (size := _length(c)) > _DONE and iterations < most:
+        while (size := length(c)) > _DONE and iterations < most:
             J = of_all[self.rows]
             for _ in range(_REJECTIONS):
                 step = self._step(q, J, c, nu * size**2)
@@ -129,7 +126,7 @@ class Closer:
                 nearer = self._moved(q, step)
                 c_nearer, J_nearer = self._look(nearer)
                 c_nearer = c_nearer - target
-                size_nearer = _length(c_nearer)
+                size_nearer = length(c_nearer)
                 if size_nearer < size:
                     break
                 if size <= tolerances.CLOSED:  # at rounding
@@ -138,7 +135,7 @@ class Closer:
             else:
                 return Closing(q, c, iterations, True, of_all)
             # what came of the step, relative to what the linear model promised
-            promised = size**2 - _length(c + J @ step) ** 2
+            promised = size**2 - length(c + J @ step) ** 2
             gain = (size**2 - size_nearer**2) / max(promised, _TINY)
             nu *= 4.0 if gain < 0.25 else 0.1 if gain > 0.75 else 1.0
             q, c, of_all = nearer, c_nearer, J_nearer
@@ -170,7 +167,7 @@ class Closer:
             Jf = J if free.all() else np.where(free, J, 0.0)
             A = Jf @ Jf.T
             trace = float(A.trace())
-            if _length(Jf.T @ c) <= _STATIONARY * math.sqrt(trace) * _length(c):
+            if length(Jf.T @ c) <= _STATIONARY * math.sqrt(trace) * length(c):
                 return None
             A.flat[:: len(c) + 1] += mu + _FLOOR * trace
             step: Array = -Jf.T @ np.linalg.solve(A, c)

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.joints import lengths
+from condyn_pin._core.joints import UNLIMITED, lengths
 from condyn_pin.constraints.violation import ConstraintViolation
 
 
@@ -40,13 +40,13 @@ class Limits:
     def of(cls, model: Any) -> Limits:
         """Return the finite limits of a model; free-flyers, balls and the like have none here."""
         lowest, highest = np.array(model.lowerPositionLimit), np.array(model.upperPositionLimit)
-        largest = np.finfo(np.float64).max  # what Pinocchio writes for "no limit"
         found = []
         for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
             plain = lengths(joint) if joint.nq == joint.nv else ()
             for k, length in enumerate(plain):
                 iv, iq = joint.idx_v + k, joint.idx_q + k
-                if lowest[iq] <= highest[iq] and (-largest < lowest[iq] or highest[iq] < largest):
+                is_limited = lowest[iq] > -UNLIMITED or highest[iq] < UNLIMITED
+                if is_limited and lowest[iq] <= highest[iq]:
                     found.append((name, iv, iq, length))
         iq_of = np.array([iq for _, _, iq, _ in found], dtype=np.int_)
         return cls(

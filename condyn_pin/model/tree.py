@@ -16,16 +16,14 @@ from __future__ import annotations
 from collections.abc import Collection, Iterable, Sequence
 from dataclasses import dataclass, field
 from math import inf
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import UNLIMITED
 from condyn_pin.errors import InvalidModel
-
-# Pinocchio's own way to say that there is no limit; 3.9 cannot unpickle a model that has infinity.
-NO_LIMIT: Final = float(np.finfo(float).max)
 
 
 class Tree:
@@ -48,7 +46,7 @@ class Tree:
         damping: float = 0.0,
     ) -> int:
         """Add a joint on another one; its limits are effort, velocity, lower and upper position."""
-        given = [np.array([x]) for x in np.clip(limits, -NO_LIMIT, NO_LIMIT)]
+        given = [np.array([x]) for x in np.clip(limits, -UNLIMITED, UNLIMITED)]
         i = int(self.model.addJoint(carrier, joint, orthonormal(iMj), name, *given))
         rows = slice(self.model.joints[i].idx_v, self.model.nv)
         for key, value in (("armature", armature), ("damping", damping)):

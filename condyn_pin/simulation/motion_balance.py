@@ -24,7 +24,7 @@ from condyn_pin._core.arrays import Array, shown
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.control.balancing import Balance, balanced
 from condyn_pin.control.pressure import Pressure, pressed
-from condyn_pin.control.support import SupportPolygon
+from condyn_pin.control.support import SupportPolygon, margin_within
 from condyn_pin.dynamics.force import Sites
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -111,7 +111,7 @@ def motion_balance(trajectory: Trajectory) -> MotionBalance:
         dcm=np.array([each.dcm for each in found]),
         capture_point=np.array([each.capture_point for each in found]),
         zmp_margin=np.array([each.zmp_margin for each in found]),
-        cop_margin=np.array([_within(each.polygon, each.cop) for each in found]),
+        cop_margin=np.array([margin_within(each.polygon, each.cop) for each in found]),
         capture_margin=np.array([each.capture_margin for each in found]),
         polygons=tuple(each.polygon for each in found),
         name=trajectory.scene.robot.name,
@@ -177,12 +177,6 @@ def _on_ground(scene: Scene) -> set[str]:
 
 def _may_press(scene: Scene) -> bool:
     return bool(_on_ground(scene)) or any(each.support for each in scene.constraints)
-
-
-def _within(polygon: SupportPolygon | None, point: Array) -> float:
-    if polygon is None or not np.isfinite(point).all():
-        return float("nan")
-    return polygon.margin(point)
 
 
 def _least(margins: Array) -> float:

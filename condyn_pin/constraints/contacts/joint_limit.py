@@ -8,9 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-import numpy as np
-
-from condyn_pin._core.joints import lengths
+from condyn_pin._core.joints import UNLIMITED, lengths
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import text
 from condyn_pin.constraints.contacts.base import Contact, Mode
@@ -59,7 +57,6 @@ class JointLimit(Contact):
                 f"{self.name}: joint {self.joint!r} has its lower limit {lower.max():g} above the "
                 f"upper one, {upper.min():g}; exchange those of the model"
             )
-        largest = np.finfo(np.float64).max  # what Pinocchio writes for "no limit"
         stops = [
             Stop(
                 f"{self.name}/{end}" if joint.nv == 1 else f"{self.name}/{end} {k + 1}",
@@ -67,7 +64,7 @@ class JointLimit(Contact):
             )
             for k, is_length in enumerate(lengths(joint))
             for end, sign, limits in ends
-            if abs(limits[joint.idx_q + k]) < largest
+            if abs(limits[joint.idx_q + k]) < UNLIMITED
         ]  # fmt: skip
         if not stops:
             raise InvalidArgument(

@@ -11,7 +11,6 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.parameters import read_call
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
@@ -28,7 +27,7 @@ from condyn_pin.simulation.routes.chain import Chain
 from condyn_pin.simulation.run import simulate
 from condyn_pin.study.measures.base import Answer, Measure, relative
 from condyn_pin.study.measures.contact import feet_on_the_floor
-from condyn_pin.study.measures.trajectory import SCHEMES
+from condyn_pin.study.measures.trajectory import schemes_made
 from condyn_pin.study.method import Methods
 from condyn_pin.study.row import Parameter
 
@@ -122,11 +121,7 @@ class GradientMeasure(Measure):
 
     def with_how(self, how: Mapping[str, Parameter]) -> Measure:
         """Return the measure with a step and an integrator, as `how` has them."""
-        made: dict[str, Any] = {
-            name: read_call(value).made(SCHEMES) if isinstance(value, str) else value
-            for name, value in how.items()
-        }
-        return replace(self, **made)
+        return replace(self, **schemes_made(how))
 
     def scenes_of(self, robot: Robot) -> Mapping[str, Scene]:
         """Return the robot with its loops on its feet, with a friction of 0.7."""

@@ -41,6 +41,15 @@ _FINE, _FINE_PARTS = Moreau(), 5000
 # What parameters of a measure may be.
 SCHEMES: Final[Mapping[str, type]] = {**INTEGRATORS, **DRIFTS, **CONTACT_SOLVERS}
 
+
+def schemes_made(how: Mapping[str, Parameter]) -> dict[str, Any]:
+    """Return parameters with the schemes that their texts name, such as ``"Moreau()"``."""
+    return {
+        name: read_call(parameter).made(SCHEMES) if isinstance(parameter, str) else parameter
+        for name, parameter in how.items()
+    }
+
+
 _T = TypeVar("_T")
 
 
@@ -116,11 +125,7 @@ class TrajectoryMeasure(Measure):
 
     def with_how(self, how: Mapping[str, Parameter]) -> Measure:
         """Return the measure with a step, an integrator and a drift scheme, as `how` has them."""
-        made: dict[str, Any] = {
-            name: read_call(parameter).made(SCHEMES) if isinstance(parameter, str) else parameter
-            for name, parameter in how.items()
-        }
-        return replace(self, **made)
+        return replace(self, **schemes_made(how))
 
     def open(self, scene: Scene, method: Solver) -> MotionBench:
         """Return a scene, and a solver at work on what never lets go."""
