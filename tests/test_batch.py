@@ -31,6 +31,9 @@ from condyn_pin.simulation.batch.recipe import PickledRecipe, Recipe
 LABELS = ("talos contacts", "cassie loops", "four_bar loops", "solo12 alone")
 N = 24
 
+# Lost workers, chunks, signals and shared memory: Pinocchio has no part in them.
+of_processes = pytest.mark.once
+
 
 def batch_of(label: str, count: int = N) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     scene, rng = all_scenes()[label], np.random.default_rng(5)
@@ -166,6 +169,7 @@ def test_the_derivatives_of_one_row_are_those_of_the_state():
         np.testing.assert_allclose(one, other, rtol=1e-9, atol=1e-9 * np.abs(other).max())
 
 
+@of_processes
 @pytest.mark.parametrize("kind", [cp.Processes, ThreadPoolExecutor])
 def test_an_executor_that_was_shut_down(kind):
     scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops")
@@ -178,6 +182,7 @@ def test_an_executor_that_was_shut_down(kind):
     assert str(lost.value.done).endswith(", ... (missing: no worker got to it)")
 
 
+@of_processes
 def test_places_of_shared_memory_are_used_again(executor):
     """Far more chunks than places, and the last ones smaller: every row is where it belongs."""
     scene, (q, v, tau) = all_scenes()["four_bar loops"], batch_of("four_bar loops", 500)
@@ -318,6 +323,7 @@ def test_other_refusals(executor):
         cp.simulation.derivatives_batch(scene, *states, method="kkd")
 
 
+@of_processes
 @pytest.mark.parametrize("count", [0, 1, 15, 1000, 100_000])
 def test_chunks_cover_all_rows_and_become_smaller(count):
     chunks = rows.Rows(print, None, None, None, 1000, silent)._chunks(count)
@@ -359,6 +365,7 @@ def _whose(recipe: PickledRecipe) -> tuple[int, int]:
     return os.getpid(), id(recipe.workspace())
 
 
+@of_processes
 def test_a_killed_worker_loses_nothing(tmp_path):
     scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops", 200)
     solver = KillsOnce(mark=str(tmp_path / "mark"), at=float(states[0][100, 0]))
@@ -374,6 +381,7 @@ def test_a_killed_worker_loses_nothing(tmp_path):
     assert seen == [(5 * i, 200) for i in range(1, 41)]
 
 
+@of_processes
 @pytest.mark.parametrize(
     ("verb", "shared"), [(cp.solve_batch, True), (cp.simulation.derivatives_batch, False)]
 )
@@ -411,6 +419,7 @@ def _meet(folder: str) -> int:
     return os.getpid()
 
 
+@of_processes
 def test_an_interrupt_ends_a_batch_and_not_the_workers(executor, tmp_path):
     scene, states = all_scenes()["four_bar loops"], batch_of("four_bar loops", 400)
     seen = []
@@ -432,6 +441,7 @@ def test_an_interrupt_ends_a_batch_and_not_the_workers(executor, tmp_path):
     assert _shared_memory() == 0
 
 
+@of_processes
 def test_memory_that_is_gone_is_not_taken_for_what_came_after():
     """The next arrays may have the same number of a file; late work may not write there."""
     kinds = {"x": Kind((3,))}
@@ -442,6 +452,7 @@ def test_memory_that_is_gone_is_not_taken_for_what_came_after():
         assert np.array_equal(after.address.open()["x"], np.zeros(3))
 
 
+@of_processes
 def test_shared_arrays():
     kinds = {"x": Kind((3, 2)), "none": Kind((0, 4)), "n": Kind((5,), "i1"), "end": Kind((2, 0))}
     with closing(SharedArrays(kinds)) as shared:
@@ -491,6 +502,7 @@ if __name__ == "__main__":
 """
 
 
+@of_processes
 @pytest.mark.parametrize("start_method", ["spawn", "forkserver", "fork"])
 def test_a_script_ends_without_a_word(start_method, tmp_path):
     path = tmp_path / "script.py"

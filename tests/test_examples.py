@@ -17,6 +17,12 @@ from condyn_pin.control.qp.quadratic_program import QPResult
 ROOT = Path(__file__).parent.parent
 EXAMPLES = sorted((ROOT / "examples").glob("*.py"))
 
+# Long loops around calls of Pinocchio that shorter examples make too.
+LONG = (
+    "12_many_states", "19_talos_is_pushed", "21_identify_friction", "22_swing_by_ilqr",
+    "24_weigh_by_pushing", "30_vakonomic_sleigh", "31_steer_by_sinusoids",
+)  # fmt: skip
+
 
 def test_there_are_examples():
     assert len(EXAMPLES) >= 10
@@ -39,7 +45,16 @@ def test_a_preview_that_is_not_solved_says_so(monkeypatch):
         preview(0.25, -far, far)(still, way)
 
 
-@pytest.mark.parametrize("path", EXAMPLES, ids=lambda path: path.stem)
+def marked(path: Path) -> object:
+    marks = pytest.mark.once if path.stem in LONG else ()
+    return pytest.param(path, marks=marks, id=path.stem)
+
+
+def test_long_ones_are_examples():
+    assert {path.stem for path in EXAMPLES} >= {*LONG}
+
+
+@pytest.mark.parametrize("path", [marked(path) for path in EXAMPLES])
 def test_example(path):
     assert len(path.read_text().splitlines()) <= 80
     result = subprocess.run(

@@ -20,6 +20,9 @@ from condyn_pin.mechanism.closed_chains import chains_of, independent_columns
 from condyn_pin.mechanism.reduction.fewer_rows import _axes
 from condyn_pin.simulation.stiffness import _fastest
 
+# The kernels are those of numpy and SciPy; Pinocchio has its own products.
+pytestmark = pytest.mark.once
+
 HELD_TWICE = tuple(f"again.{axis}" for axis in ("x", "y", "z", "rx", "ry", "rz"))
 
 LABELS = (

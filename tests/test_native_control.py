@@ -40,7 +40,8 @@ from condyn_pin.control.compiled import tick_arrays
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.mechanism import project_velocity, without
 
-pytestmark = needs_ticks
+# The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
+pytestmark = [needs_ticks, pytest.mark.once]
 pytest.importorskip("proxsuite")
 
 IN_CORE = ("compiled core",)

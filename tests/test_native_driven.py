@@ -31,7 +31,8 @@ from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.simulation.batch.driven_path import DrivenPath
 
-pytestmark = needs_native
+# The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
+pytestmark = [needs_native, pytest.mark.once]
 
 N = 8
 AT = 0.37  # [s]

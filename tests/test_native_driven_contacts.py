@@ -42,7 +42,8 @@ from condyn_pin.simulation.batch import compiled_contact_motions
 from condyn_pin.simulation.batch.compiled_steps import contacts_of, paths_of, step_plan
 from condyn_pin.simulation.integrators import closings
 
-pytestmark = needs_native
+# The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
+pytestmark = [needs_native, pytest.mark.once]
 
 
 def along_path(scene: cp.Scene, q: np.ndarray, v: object) -> np.ndarray:

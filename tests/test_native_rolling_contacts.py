@@ -33,7 +33,8 @@ from condyn_pin.constraints import (
 )
 from condyn_pin.model import free_box
 
-pytestmark = needs_native
+# The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
+pytestmark = [needs_native, pytest.mark.once]
 
 
 def wall(frame: str, x: float, radius: float) -> FrictionalContact:

@@ -23,7 +23,8 @@ from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.simulation import BatchStepDerivatives, Kappa, step_derivatives_batch
 from condyn_pin.simulation.routes import many_steps
 
-pytestmark = needs_native
+# The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
+pytestmark = [needs_native, pytest.mark.once]
 
 CORE = {"executor": cp.Native(threads=1)} if HEADERS else {}
 ROUNDED = 1e-9  # relative to the largest entry of a matrix

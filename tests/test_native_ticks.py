@@ -38,7 +38,8 @@ from condyn_pin.control import (
 from condyn_pin.control.compiled import tick_arrays
 from condyn_pin.mechanism import anchored, project_velocity
 
-pytestmark = needs_ticks
+# The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
+pytestmark = [needs_ticks, pytest.mark.once]
 pytest.importorskip("proxsuite")
 
 Array = NDArray[np.float64]

@@ -16,6 +16,9 @@ import pytest
 
 from condyn_pin._core.blas_threads import VARIABLES
 
+# numpy and SciPy have loaded that library; Pinocchio has none.
+pytestmark = pytest.mark.once
+
 SCRIPT = """
 import json
 import numpy as np
