@@ -27,7 +27,7 @@ q, v = scene.state("horizontal")
 print(scene.summary(), "\n")
 
 # 1. Integrators that solve for accelerations leave gaps. A first-order method leaks into the gap
-#    at every step, one of high order into the velocity, whose slip adds up to t^2.
+#    at every step, one of high order into the velocity J v, which adds up to t^2.
 growths = {
     "explicit Euler": gap_growth(cp.simulation.ExplicitEuler(), dt=1e-3, steps=10_000),
     "Runge-Kutta 4": gap_growth(cp.RungeKutta4(), dt=2e-2, steps=1000),

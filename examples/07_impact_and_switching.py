@@ -29,17 +29,12 @@ def tau(t: float, q: np.ndarray, v: np.ndarray) -> np.ndarray:
 floor = []
 
 
-def gap(moment: cp.simulation.Snapshot) -> float:
+def gap(snapshot: cp.simulation.Snapshot) -> float:
     """Return how high the foot stands over where the posture had it."""
-    foot = moment.position("FL_FOOT")[2]
+    foot = snapshot.position("FL_FOOT")[2]
     if not floor:
         floor.append(foot - height)
     return foot - floor[0]
-
-
-def drop_roundoff_rows(moment: cp.simulation.Snapshot) -> float:
-    """Return the force that the ground gives to one foot along the vertical [N]."""
-    return float(moment.forces["HR_FOOT"].in_world()[2])
 
 
 events = [
@@ -61,8 +56,8 @@ print(f"impulses [N s]: { {name: f.round(3).tolist() for name, f in alone.impuls
 M = cp.Workspace(ground).terms(run.q[landing.sample], after).M
 lost = 0.5 * (before @ M @ before - after @ M @ after)
 
-slip = np.abs(cp.Workspace(ground).jacobian(run.q[landing.sample]) @ after).max()
-print(f"slip of the feet after it: {slip:.0e} m/s")
+left = np.abs(cp.Workspace(ground).jacobian(run.q[landing.sample]) @ after).max()
+print(f"velocity of the feet after it: {left:.0e} m/s")
 print(f"energies lost agree to {abs(lost / landing.energy_lost - 1):.0e}")
 error = max(abs(landing.t / fall - 1), np.abs(alone.v - after).max())
 print(f"time of landing, and velocity after both impacts: error {error:.0e}")

@@ -48,8 +48,9 @@ def inverse_dynamics(
     q, v : (nq,), (nv,) array_like
         Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear first.
     a : (nv,) array_like
-        The acceleration that is wanted. Where it breaks the constraints, the nearest one in the
-        metric of M that keeps them is taken, and `projected` says how far that was.
+        The acceleration that is wanted [rad/s^2, m/s^2]. Where it breaks the constraints, the
+        nearest one in the metric of M that keeps them is taken, and `projected` says how far that
+        was.
     actuation : Actuation, optional
         The motors; those of the robot by default.
     passive : (nv,) array_like, optional

@@ -55,7 +55,7 @@ def load_robot(
     root_joint: str | None = None,
     variant: Mapping[str, str] | None = None,
 ) -> Robot:
-    """Load a robot.
+    """Load a robot by its name, or from a URDF, SDF, MJCF or robot.toml.
 
     Parameters
     ----------

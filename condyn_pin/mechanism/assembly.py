@@ -47,7 +47,7 @@ class Assembly:
     Attributes
     ----------
     q : (nq,) array
-        The configuration with the smallest gap found.
+        The configuration with the smallest gap found [rad, m].
     violation : dict of str to ConstraintViolation
         How far each loop is open at q: a length [m] and an angle [rad].
     iterations : int

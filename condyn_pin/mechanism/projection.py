@@ -50,7 +50,7 @@ def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, *, metric: Metric
     ----------
     scene : Scene
     q : (nq,) array_like
-        A closed configuration.
+        A closed configuration [rad, m].
     v : (nv,) array_like
         Velocity [rad/s, m/s].
     metric : {"mass", "euclidean"}
@@ -85,9 +85,9 @@ def project_acceleration(
     ----------
     scene : Scene
     q : (nq,) array_like
-        A closed configuration.
+        A closed configuration [rad, m].
     v : (nv,) array_like
-        A velocity with J v = 0.
+        A velocity with J v = 0 [rad/s, m/s].
     a : (nv,) array_like
         Acceleration [rad/s^2, m/s^2].
     metric : {"mass", "euclidean"}

@@ -60,7 +60,7 @@ class Event:
         if self.at is not None:
             object.__setattr__(self, "at", float(finite("at", self.at, ())))
         else:
-            check_called(f"event {self.name!r}: when", self.when, "moment")
+            check_called(f"event {self.name!r}: when", self.when, "snapshot")
         for argument in ("scene", "met"):
             if not isinstance(getattr(self, argument), Scene | None):
                 raise InvalidArgument(
@@ -95,20 +95,20 @@ class Event:
             return f"its condition is {value:.3g} at the end, and has not fallen to zero"
         return f"its condition is {value:.3g} at the end, and has not been above zero"
 
-    def value(self, moment: Snapshot) -> float:
-        """Return, at a `moment`, what falls to zero at the event."""
+    def value(self, snapshot: Snapshot) -> float:
+        """Return what falls to zero at the event, at a `snapshot`."""
         if self.at is not None:
-            return self.at - moment.t
+            return self.at - snapshot.t
         assert self.when is not None
         try:
-            found = self.when(moment)
+            found = self.when(snapshot)
         except UnknownName:
             raise
         except KeyError as error:
-            there = ", ".join(moment.forces) or "no constraint"
+            there = ", ".join(snapshot.forces) or "no constraint"
             raise InvalidArgument(
-                f"event {self.name!r}: its condition asks for {error} at t = {moment.t:g} s, where "
-                f"the scene has {there}; `name in moment.forces` says whether one is there"
+                f"event {self.name!r}: its condition asks for {error} at t = {snapshot.t:g} s, "
+                f"where the scene has {there}; `name in snapshot.forces` says whether one is there"
             ) from error
         try:
             value = float(found)
@@ -118,7 +118,7 @@ class Event:
             ) from error
         if value != value:
             raise InvalidArgument(
-                f"event {self.name!r}: its condition is NaN at t = {moment.t:g} s"
+                f"event {self.name!r}: its condition is NaN at t = {snapshot.t:g} s"
             )
         return value
 

@@ -24,11 +24,11 @@ class Watch:
         self.values: dict[str, float] = {}
         self._rebounding: set[str] = set()  # events that have not been above zero since
 
-    def look(self, moment: Snapshot, scene: Scene) -> dict[str, float]:
-        """Return the value of every event at a moment of a scene."""
+    def look(self, snapshot: Snapshot, scene: Scene) -> dict[str, float]:
+        """Return the value of every event at a snapshot, while a scene goes on."""
         return {
             # an event that would change nothing has nothing to say
-            event.name: event.value(moment) if event.changes(scene) else 0.0
+            event.name: event.value(snapshot) if event.changes(scene) else 0.0
             for event in self.events
         }
 

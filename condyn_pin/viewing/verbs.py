@@ -67,8 +67,8 @@ def view(
         Draw the support polygon, the centre of pressure, the capture point and the DCM of a
         `ControlAnswer` or a `Trajectory`, where they exist; `control.Balance` says what they are.
     html, png : path, optional
-        Write a page that opens from disk without a network; a picture, of a motion its
-        first instant or that of `t`, for which headless Chromium has to be there. With one of them
+        Write a page that opens from disk without a network; a picture, of a motion its first
+        instant or that of `t`, for which headless Chromium has to be there. With one of them
         nothing is opened, and no server is started.
     browser : bool
         Open the browser of the user, where there is a screen. A notebook shows the picture itself.

@@ -54,10 +54,10 @@ def solve_batch(
     ----------
     scene : Scene
     Q : (N, nq) array_like
-        Configurations, one row per state; quaternions x y z w, normalised. As all numbers here they
-        are taken in double precision: those of float32 have its 1e-7.
+        Configurations [rad, m], one row per state; quaternions x y z w, normalised. As all numbers
+        here they are taken in double precision: those of float32 have its 1e-7.
     V : (N, nv) array_like
-        Velocities.
+        Velocities [rad/s, m/s]; a free-flyer's in its body frame, linear first.
     TAU : (N, nv) or (nv,) array_like, or 0
         Joint torques [N, N m]; with one axis the same for all states.
     forces : sequence of AppliedForce, optional
