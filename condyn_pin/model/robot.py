@@ -16,11 +16,17 @@ from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.names import counted
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.rows.mass_pivots import least_pivots
-from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel
+from condyn_pin.errors import InvalidModel, StaleModel
 from condyn_pin.model import robot_joints
-from condyn_pin.model.robot_fields import check_ends, lists, members, postures
+from condyn_pin.model.robot_fields import (
+    check_ends,
+    check_joints,
+    check_origin,
+    lists,
+    members,
+    postures,
+)
 from condyn_pin.model.robot_frames import find_frame, model_with_frame
-from condyn_pin.model.soundness import check_model
 from condyn_pin.model.spring import Spring, SpringDamper
 from condyn_pin.model.spring_dampers import spring_dampers_of
 
@@ -83,25 +89,10 @@ class Robot:
     spring_dampers: Sequence[SpringDamper] = ()
 
     def __post_init__(self) -> None:
-        if not isinstance(self.model, pin.Model):
-            raise InvalidArgument(
-                f"model = {type(self.model).__name__}: a pinocchio.Model is needed; "
-                "load_robot reads one from a file"
-            )
-        if not isinstance(self.name, str):
-            raise InvalidArgument(f"name = {self.name!r}: a text is needed")
-        check_model(self.model)
+        check_origin(self.name, self.model)
         for key, kind in lists().items():
             object.__setattr__(self, key, members(key, getattr(self, key), kind))
-        for joint in self.actuated:
-            robot_joints.joint_of(self.model, joint)
-            if self.actuated.count(joint) > 1:
-                raise InvalidArgument(f"actuated: {joint!r} is named twice; name it once")
-        for spring in self.springs:
-            if robot_joints.joint_of(self.model, spring.joint).nq != 1:
-                raise InvalidModel(
-                    f"spring on {spring.joint!r}: a joint with one degree of freedom is needed"
-                )
+        check_joints(self)
         check_ends(self)
         object.__setattr__(self, "postures", postures(self.model, self.postures))
         # A private copy: what the model was when it was checked.

@@ -8,11 +8,14 @@ from typing import TYPE_CHECKING, Any, Final
 
 from numpy.typing import ArrayLike
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import of_loops
 from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.model.robot_joints import joint_of
+from condyn_pin.model.soundness import check_model
 from condyn_pin.model.spring import Spring, SpringDamper
 
 if TYPE_CHECKING:
@@ -43,6 +46,31 @@ def members(argument: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ..
         if not isinstance(member, kinds):
             raise InvalidArgument(f"{argument}: {member!r} is not a {wanted}")
     return found
+
+
+def check_origin(name: Any, model: Any) -> None:
+    """Raise InvalidArgument or InvalidModel unless a name is a text, and a model is sound."""
+    if not isinstance(model, pin.Model):
+        raise InvalidArgument(
+            f"model = {type(model).__name__}: a pinocchio.Model is needed; "
+            "load_robot reads one from a file"
+        )
+    if not isinstance(name, str):
+        raise InvalidArgument(f"name = {name!r}: a text is needed")
+    check_model(model)
+
+
+def check_joints(robot: Robot) -> None:
+    """Raise UnknownName, InvalidArgument or InvalidModel unless motors and springs have joints."""
+    for joint in robot.actuated:
+        joint_of(robot.model, joint)
+        if robot.actuated.count(joint) > 1:
+            raise InvalidArgument(f"actuated: {joint!r} is named twice; name it once")
+    for spring in robot.springs:
+        if joint_of(robot.model, spring.joint).nq != 1:
+            raise InvalidModel(
+                f"spring on {spring.joint!r}: a joint with one degree of freedom is needed"
+            )
 
 
 def check_ends(robot: Robot) -> None:
