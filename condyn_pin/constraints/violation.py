@@ -63,7 +63,7 @@ def gap_of(model: Any, bound: AnyBound, c: Array) -> ConstraintViolation:
     return ConstraintViolation(*bound.opening(model, c))
 
 
-def slip_of(model: Any, bound: AnyBound, rows: Array) -> ConstraintViolation:
+def velocity_of(model: Any, bound: AnyBound, rows: Array) -> ConstraintViolation:
     """Return how fast the sides of one constraint move apart, from its rows of J v."""
     return ConstraintViolation(*bound.rates(model, rows))
 

@@ -19,7 +19,7 @@ from condyn_pin.constraints.loads import Load, Loads
 from condyn_pin.constraints.rows.cancellation import ROUNDED
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
-from condyn_pin.constraints.violation import ConstraintViolation, gap_of, slip_of
+from condyn_pin.constraints.violation import ConstraintViolation, gap_of, velocity_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_bilateral, check_moment, check_scene
 from condyn_pin.errors import InvalidArgument
@@ -84,15 +84,15 @@ def gaps(scene: Scene, c: Array) -> dict[str, ConstraintViolation]:
     return {b.name: gap_of(model, b, c[b.rows]) for b in scene.bounds if b.positioned}
 
 
-def slips(scene: Scene, velocity: Array) -> dict[str, ConstraintViolation]:
+def constraint_velocities(scene: Scene, velocity: Array) -> dict[str, ConstraintViolation]:
     """Return how fast the sides of each constraint move apart, from J v (m,)."""
-    return {b.name: slip_of(scene.robot.model, b, velocity[b.rows]) for b in scene.bounds}
+    return {b.name: velocity_of(scene.robot.model, b, velocity[b.rows]) for b in scene.bounds}
 
 
 def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
     """Return what rounding of J x leaves of each constraint, where its two sides move together.
 
-    A slip is the difference of two velocities: 1e-13 of what the joints bring to either.
+    J x is the difference of two velocities: 1e-13 of what the joints bring to either.
     """
     sides = ROUNDED * (equations_of(scene).cancellation(q) @ np.abs(x))
     return {b.name: float(sides[b.rows].max()) for b in scene.bounds}

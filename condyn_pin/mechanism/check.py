@@ -13,7 +13,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed
-from condyn_pin.dynamics.at_state import equations_of, gaps, rounding, slips
+from condyn_pin.dynamics.at_state import constraint_velocities, equations_of, gaps, rounding
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.closed_chains import chains_of
@@ -115,12 +115,12 @@ def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
     """Return what a state leaves open; see `Scene.check`."""
     model, equations = scene.robot.model, equations_of(scene)
     q_ = normalised(model, "q", q)
-    slip, speed, excused = {}, 1.0, {}
+    velocities, speed, excused = {}, 1.0, {}
     if v is not None:
         v_ = finite("v", v, model.nv)
-        slip = slips(scene, equations.jacobian(q_) @ v_ - equations.wanted[1])
+        velocities = constraint_velocities(scene, equations.jacobian(q_) @ v_ - equations.wanted[1])
         speed = max(1.0, float(np.abs(v_).max(initial=0.0)))
-        if any(each.size > tolerances.CONSISTENT * speed for each in slip.values()):
+        if any(each.size > tolerances.CONSISTENT * speed for each in velocities.values()):
             excused = rounding(scene, q_, v_)
     c = equations.violation(q_)
-    return Check(gaps(scene, c), slip, speed, chains_of(scene).limits.beyond(q_), excused)
+    return Check(gaps(scene, c), velocities, speed, chains_of(scene).limits.beyond(q_), excused)

@@ -30,7 +30,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin.constraints.violation import worst
-from condyn_pin.dynamics.at_state import equations_of, rounding, slips
+from condyn_pin.dynamics.at_state import constraint_velocities, equations_of, rounding
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.check import check
@@ -163,9 +163,9 @@ def _check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per
     """Refuse a projection that leaves the constraints, because their rows contradict each other."""
     if _meets(left, sizes):
         return
-    excused, slip = rounding(scene, q, sizes[1]), slips(scene, left)
+    excused, off = rounding(scene, q, sizes[1]), constraint_velocities(scene, left)
     least = tolerances.CONSISTENT * max(1.0, *(float(np.abs(x).max(initial=0.0)) for x in sizes))
-    beyond = {name: by for name, by in slip.items() if by.size > max(least, excused[name])}
+    beyond = {name: by for name, by in off.items() if by.size > max(least, excused[name])}
     if beyond:
         name, by = worst(beyond)
         raise NotAssembled(

@@ -8,7 +8,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.at_state import gaps, slips
+from condyn_pin.dynamics.at_state import constraint_velocities, gaps
 from condyn_pin.dynamics.contact_gaps import gaps_at
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
@@ -18,18 +18,18 @@ from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.measures import gauge_of
 
 
-def check_fit(scene: Scene, q: Array, v: Array, *, slip: float = 0.0, what: str = "") -> None:
-    """Raise NotAssembled, said after `what`, if a loop or an anchored contact is open or slips.
+def check_fit(scene: Scene, q: Array, v: Array, *, allowed: float = 0.0, what: str = "") -> None:
+    """Raise NotAssembled, said after `what`, if a loop or an anchored contact is open or opening.
 
-    A `slip` |J v| [m/s, rad/s] is allowed on top.
+    A |J v| of `allowed` [m/s, rad/s] is added to what is tolerated.
     """
     equations = gauge_of(scene).equations
     equations.at(None)
     velocity = equations.jacobian(q) @ v - equations.wanted[1]
-    _raise(scene, equations.violation(q), velocity, v, what, slip)
+    _raise(scene, equations.violation(q), velocity, v, what, allowed)
 
 
-def slip_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, dt: float) -> float:
+def velocity_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, dt: float) -> float:
     """Return the |J v| [m/s, rad/s] of states that an integrator goes through.
 
     Schemes with contacts make v+ tangent in the middle of the step: J v is dt gamma / 2 at its end.
@@ -75,16 +75,18 @@ def _raise_if_deep(
         raise NotAssembled(f"{what}{candidates.names[k]} penetrates by {-gaps[k]:.3g} {unit}{cure}")
 
 
-def check_slip(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
-    """Raise NotAssembled if constraints slip with v, however open they are at q, driven or not."""
+def check_velocity(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
+    """Raise NotAssembled unless J v = 0, however open the loops are, driven or not."""
     _raise(scene, np.zeros(scene.rows), gauge_of(scene).equations.jacobian(q) @ v, v, what)
 
 
-def _raise(scene: Scene, c: Array, velocity: Array, v: Array, what: str, slip: float = 0.0) -> None:
+def _raise(
+    scene: Scene, c: Array, velocity: Array, v: Array, what: str, allowed: float = 0.0
+) -> None:
     speed = max(1.0, float(np.abs(v).max(initial=0.0)))
-    fit = Check(gaps(scene, c), slips(scene, velocity), speed, {})
+    fit = Check(gaps(scene, c), constraint_velocities(scene, velocity), speed, {})
     limit = tolerances.NEARLY_CLOSED
     try:
-        fit.raise_if_open(violation=limit, constraint_velocity=limit + slip / speed)
+        fit.raise_if_open(violation=limit, constraint_velocity=limit + allowed / speed)
     except NotAssembled as error:
         raise NotAssembled(f"{what}{error}") from None

@@ -25,7 +25,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.anchoring import with_anchors
 from condyn_pin.simulation.contact_work import NO_WORK
 from condyn_pin.simulation.events import Ended, Event, Happened, ZenoDetected
-from condyn_pin.simulation.fit import check_deeper, check_fit, check_slip, slip_of_steps
+from condyn_pin.simulation.fit import check_deeper, check_fit, check_velocity, velocity_of_steps
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.plan import Plan
 from condyn_pin.simulation.recorder import BLOCK
@@ -218,13 +218,13 @@ class HybridSimulator:
         jump, self.v = change.v - self.v, change.v
         if event.scene is None or event.scene is left:
             what = f"event {event.name!r}: its impact tears apart what goes on: let met hold that: "
-            check_slip(before, self.q, jump, what=what)
+            check_velocity(before, self.q, jump, what=what)
         else:
             after = self._placed(event.scene)
             what = f"event {event.name!r}: its scene does not fit the state: "
             now = after.at(self.t)
-            slip = slip_of_steps(now, self.q, self.v, self.plan.integrator, self.plan.dt)
-            check_fit(now, self.q, self.v, slip=slip, what=what)
+            allowed = velocity_of_steps(now, self.q, self.v, self.plan.integrator, self.plan.dt)
+            check_fit(now, self.q, self.v, allowed=allowed, what=what)
             check_deeper(after, before, self.q, self.plan.integrator, what=what)
             self._asked = event.scene
             self.phase = HybridPhase(after, self.plan)

@@ -22,7 +22,7 @@ from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.simulation.breakdown import hint_of, is_lost, remedy_of
 from condyn_pin.simulation.events import Ended, Event, ZenoDetected
-from condyn_pin.simulation.fit import check_fit, check_penetration, slip_of_steps
+from condyn_pin.simulation.fit import check_fit, check_penetration, velocity_of_steps
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 from condyn_pin.simulation.integrators import Integrator
@@ -235,5 +235,5 @@ def start(
     v_ = np.array(finite("v", v, scene.robot.nv))
     scene.robot.check_unedited()
     if closed:
-        check_fit(scene, q_, v_, slip=slip_of_steps(scene, q_, v_, plan.integrator, plan.dt))
+        check_fit(scene, q_, v_, allowed=velocity_of_steps(scene, q_, v_, plan.integrator, plan.dt))
     return q_, v_
