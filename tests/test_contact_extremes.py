@@ -42,6 +42,7 @@ def test_a_family_repeats_itself(name):
     assert not np.array_equal(one.g, other.g)
 
 
+@pytest.mark.once  # a contact solver sees G and g, and no model
 @each_family
 def test_nothing_is_wrong_unsaid(name):
     """Every solver at every severity but the largest: no defect, and no warning."""

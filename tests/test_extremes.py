@@ -410,6 +410,7 @@ def test_broken_solvers_are_found_and_do_not_stop_the_run():
     ]
 
 
+@pytest.mark.once  # tables, words and processes
 def test_a_script_without_a_guard_is_told_so(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
@@ -422,6 +423,7 @@ def test_a_script_without_a_guard_is_told_so(tmp_path):
     assert 'if __name__ == "__main__":' in last
 
 
+@pytest.mark.once  # tables, words and processes
 def test_a_module_that_cannot_be_imported_is_no_fault_of_a_method():
     todo = [Task("strong", 1.0, 0, "four_bar")]
     with pytest.raises(cp.errors.WorkersLost, match="exit code 1 before its first one") as caught:
@@ -443,6 +445,7 @@ def test_unknown_names_are_refused():
         methods(["proximl"])
 
 
+@pytest.mark.once  # tables, words and processes
 def test_committed_table_has_every_case_and_no_defect():
     rows = read_csv(RESULTS / "stress.csv")
     versions = {row["pinocchio"] for row in rows}
@@ -504,6 +507,7 @@ def test_wide_masses_are_known_to_fifty_digits():
             assert judge(case, solver, case.right)[0] is Verdict.OK
 
 
+@pytest.mark.once  # tables, words and processes
 def test_maps_count_and_advise():
     memory = Memory()
     outcomes = [
@@ -554,6 +558,7 @@ def test_severities_are_written_shortly(number, text):
     assert short(number) == text
 
 
+@pytest.mark.once  # tables, words and processes
 def test_command_prints_advice_and_counts_and_draws(tmp_path):
     plot, table = tmp_path / "s.png", tmp_path / "s.csv"
     line = [

@@ -110,6 +110,7 @@ def test_fast_pendulums_are_projected_with_the_rows_of_their_place():
     assert found.constraint_velocity.max() < 1e-8
 
 
+@pytest.mark.once  # a picture
 def test_pictures_show_the_numbers(tmp_path):
     pyplot = pytest.importorskip("matplotlib.pyplot")
     from condyn_pin.lab import plots_drift
@@ -133,6 +134,7 @@ def run(*words: str):
     return CliRunner().invoke(app, list(words))
 
 
+@pytest.mark.once  # a command's words
 def test_condyn_drift(tmp_path):
     result = run("lab", "drift", "--steps", "60", "--plot", str(tmp_path / "d.png"))
     assert result.exit_code == 0, result.output

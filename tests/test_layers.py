@@ -242,6 +242,7 @@ def test_a_batch_of_no_states_has_a_gradient_of_zero():
     assert not tau.grad.any()
 
 
+@pytest.mark.once  # torch's part, not Pinocchio's
 @pytest.mark.filterwarnings("ignore:The .grad attribute:UserWarning")  # its own
 def test_a_layer_within_what_torch_compiles_is_called_as_it_is():
     """Its compiler cannot look into Pinocchio: it ended in an error of its own."""
@@ -372,6 +373,7 @@ STEPPED = [
 ]
 
 
+@pytest.mark.once  # routes and adjoints are compared on both
 @pytest.mark.usefixtures("once")
 @pytest.mark.parametrize(("kind", "name"), STEPPED)
 def test_torch_gradients_of_steps_are_those_of_differences(kind, name):
@@ -509,6 +511,7 @@ def test_an_action_is_differentiated_where_a_step_opens_its_loop():
     assert np.abs(found[:, 0] - wanted).max() < 1e-7 * np.abs(wanted).max()
 
 
+@pytest.mark.once  # torch's part, not Pinocchio's
 @pytest.mark.parametrize("library", ["torch", "jax"])
 def test_without_the_library_the_extra_is_named(library):
     program = f"""
@@ -589,6 +592,7 @@ MOTIONS = ("loops", "lands", "sinks", "smooth")
 ROUTED = (*MOTIONS, "slides", "softened", "located", "noisy")  # by every route
 
 
+@pytest.mark.once  # routes and adjoints are compared on both
 @pytest.mark.usefixtures("once")
 @pytest.mark.parametrize("label", ROUTED)
 def test_torch_gradients_of_motions_are_those_of_differences(label):
@@ -605,6 +609,7 @@ def test_torch_gradients_of_motions_are_those_of_differences(label):
     )
 
 
+@pytest.mark.once  # routes and adjoints are compared on both
 @pytest.mark.usefixtures("once")
 @pytest.mark.parametrize("label", ROUTED)
 def test_jax_gradients_of_motions_are_those_of_differences(label):
@@ -727,6 +732,7 @@ def of_every_map() -> dict:
     }  # fmt: skip
 
 
+@pytest.mark.once  # pickled is what Python hands on
 @pytest.mark.parametrize("again", [copy.deepcopy, lambda x: pickle.loads(pickle.dumps(x))])
 @pytest.mark.parametrize("make", list(of_every_map()))
 def test_copies_of_layers_have_their_answers_and_gradients(make, again):

@@ -195,6 +195,7 @@ ALTERNATING = [
 ]  # fmt: skip
 
 
+@pytest.mark.once  # two solvers of one G and g
 @pytest.mark.parametrize("contact", ALTERNATING, ids=repr)
 @pytest.mark.parametrize(("how", "duration"), SOLO)
 def test_alternating_directions_are_those_of_python(
