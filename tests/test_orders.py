@@ -143,12 +143,14 @@ def check(integrator, found):
     assert integrator.takes_contacts or apart.max() < NEAR, found
 
 
+@pytest.mark.once  # an order is one of the scheme; those on a group and a loop are measured on both
 @pytest.mark.parametrize("integrator", VARIANTS, ids=repr)
 def test_orders_are_those_of_theory(integrator):
     """Of the multiplier too, by closed forms."""
     check(integrator, measured(integrator))
 
 
+@pytest.mark.once  # as above
 @pytest.mark.parametrize(
     "integrator", [x for x in VARIANTS if not x.keeps_constraints and x.order.q < 8], ids=repr
 )
