@@ -6,7 +6,7 @@ namespace condyn
 namespace
 {
 constexpr double settled = 1e-14; // of the largest number: what is left is rounding
-constexpr double aim = 1e-12; // where the search ends: below this is rounding
+constexpr double aim = 1e-12; // [m/s^2]: violations below this are rounding
 constexpr int repetitions = 10, rounds = 10;
 } // namespace
 
@@ -16,17 +16,19 @@ double ActiveSet::solve(const QuadraticProgram & program, std::vector<Side> & si
   x.setZero(program.g.size()), z.setZero(program.lower.size());
   if (!factorise())
     return none;
-  double residual = none;
   for (int round = 0; round < rounds; ++round)
   {
     gather();
-    residual = refine();
-    if (!(residual > aim) || !std::isfinite(residual) || !change())
+    const double residual = refine();
+    if (!std::isfinite(residual))
       break;
-    ++changes;
+    if (change()) // a small residual does not end it: it says little of what the regularisation alone decides
+      ++changes;
+    else if (residual <= enough)
+      return residual;
+    else
+      break;
   }
-  if (residual <= enough)
-    return residual;
   return dual() ? refine() : none;
 }
 

@@ -21,7 +21,8 @@ struct QuadraticProgram
   MatrixXd C; // (n, r): a column an inequality
   VectorXd lower, upper;
 
-  /// The largest of the three; that of the gradient relative to its largest term. `pull` is A y.
+  /// The largest of the three; that of the gradient relative to its largest term. `pull` is A y. Bounds that
+  /// are crossed leave what one of them is violated by.
   double kkt_residual(const VectorXd & x, const VectorXd & pull, const VectorXd & z) const
   {
     const VectorXd Hx = H.selfadjointView<Eigen::Lower>() * x, Cx = C.transpose() * x;
@@ -29,7 +30,8 @@ struct QuadraticProgram
     const VectorXd nearest = (Cx + z / size).cwiseMax(lower).cwiseMin(upper);
     const VectorXd gradient = (Hx + g + pull + C * z) / size;
     const VectorXd missed = A.transpose() * x - b;
-    return largest(Eigen::Vector3d(largest(gradient), largest(missed), largest(Cx - nearest)));
+    const double crossed = largest((lower - nearest).cwiseMax(0.0));
+    return largest(Eigen::Vector4d(largest(gradient), largest(missed), largest(Cx - nearest), crossed));
   }
 };
 } // namespace condyn
