@@ -23,6 +23,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.control.qp.quadratic_program import QuadraticProgram
 from condyn_pin.control.qp.saddle import Saddle
@@ -97,12 +98,19 @@ def polish(
         if now.residual <= tolerance and _signs_hold(now):
             return now._replace(settled=True)
         other = _on_other_rows(program, now, tolerance)
-        if _same_rows(now, other):
-            return now._replace(settled=True)
-        if not now.residual >= best.residual:
+        if _same_rows(now, other):  # another round takes off what rounding has left
+            now = now._replace(settled=True)
+        if _rank(now) < _rank(best):
             best = now
+        if now.settled and now.residual <= tolerance:
+            break
         now = other
     return best
+
+
+def _rank(at: Polished) -> tuple[bool, float]:
+    """Return what is less for a better answer: one that has settled and counts is first."""
+    return not (at.settled and at.residual <= tolerances.KKT), at.residual
 
 
 def _signs_hold(at: Polished) -> bool:
