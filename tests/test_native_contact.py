@@ -457,16 +457,6 @@ def test_what_it_does_not_take_is_refused_by_name() -> None:
             cp.simulate_batch(scene, *state, duration=0.01, integrator=by, **CORE)
         where = cp.Native(threads=1, where_possible=True)
         assert step_batch(scene, *state, dt=DT, integrator=by, executor=where).ok
-    half = Box(0.1, 0.1, 0.05)
-    two = together({name: free_box(size=(0.2, 0.2, 0.1)) for name in ("lower", "upper")})
-    stacked = cp.Scene(
-        two,
-        contacts=[FrictionalContact("upper/box", half, on="lower/box", on_shape=half, friction=1)],
-    )
-    q = pin.neutral(two.model)
-    q[9] = 0.1
-    with pytest.raises(UnsupportedBackend, match="no shapes on each other"):
-        step_batch(stacked, q[None], np.zeros((1, 12)), dt=DT, **CORE)
 
 
 @pytest.mark.parametrize("r", [1e-6, 2e-11])

@@ -24,6 +24,7 @@ from test_native_contact import CORE, DT, EXACT, MOVED, on_feet
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
+from condyn_pin._core.tolerances import CONTACT_SOLVED
 from condyn_pin.constraints import (
     Ball,
     Coupling,
@@ -40,7 +41,6 @@ from condyn_pin.model import free_box
 from condyn_pin.simulation import step_batch
 from condyn_pin.simulation.batch import compiled_contact_motions
 from condyn_pin.simulation.batch.compiled_steps import contacts_of, paths_of, step_plan
-from condyn_pin.simulation.integrators import closings
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
 pytestmark = [needs_native, pytest.mark.once]
@@ -120,8 +120,7 @@ def test_steps_are_those_of_python(make, monkeypatch):
 
 @each
 def test_derivatives_are_those_of_python(make, monkeypatch):
-    left = 2 if make is plate else 0
-    assert_derivatives_of_python(along(make(), SCENES[make][0])[::3], monkeypatch, left=left)
+    assert_derivatives_of_python(along(make(), SCENES[make][0])[::3], monkeypatch)
 
 
 @each
@@ -195,10 +194,10 @@ def test_what_the_core_leaves_of_a_motion_is_taken_by_python(monkeypatch):
     about = {"duration": 0.1, "dt": DT, "integrator": EXACT, "record": 7}
     wanted = cp.simulate_batch(scene, q[None], v[None], tau, **about)
 
-    def strict(*about: object) -> np.ndarray:  # gaps above 1e-7 are not closed by the core
+    def short(*about: object) -> np.ndarray:  # Newton's method ends early, most often at no answer
         plan = step_plan(*about)
-        assert plan[18] == closings.SMALL
-        plan[18] = 1e-7
+        assert (plan[8], plan[13]) == (EXACT.contact.max_iterations, CONTACT_SOLVED)
+        plan[8], plan[13] = 5, 1e-12
         return plan
 
     taken = []
@@ -208,7 +207,7 @@ def test_what_the_core_leaves_of_a_motion_is_taken_by_python(monkeypatch):
         taken.append(state)
         return step(self, *state)
 
-    monkeypatch.setattr(compiled_contact_motions, "step_plan", strict)
+    monkeypatch.setattr(compiled_contact_motions, "step_plan", short)
     monkeypatch.setattr(compiled_contact_motions.ContactSteps, "step", counted)
     found = cp.simulate_batch(scene, q[None], v[None], tau, **about, **CORE)
     assert 5 < len(taken) < 95

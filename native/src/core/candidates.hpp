@@ -1,11 +1,14 @@
-// What may touch: points over planes, stops of joints, dry friction of joints; their gaps and rows.
+// What may touch: points over planes, shapes that meet, stops of joints, dry friction of joints; their gaps and rows.
 //
 //   gap = n . (p - o) - radius,    J = E^T (J_v - [contact point] J_w),    contact point = p - radius n
 //
-// p the middle of a point, o and E = (t1, t2, n) of its plane. Cones come first, three rows each, then
-// half-lines, then intervals. `condyn_pin/constraints/contacts` has the same in Python.
+// p the middle of a point, o and E = (t1, t2, n) of its plane. Cones come first, three rows each, those over planes
+// and then those of pairs of shapes, then half-lines, then intervals. `condyn_pin/constraints/contacts` has the same
+// in Python.
 #pragma once
+#include "pairs.hpp"
 #include "scene.hpp"
+#include <algorithm>
 
 namespace condyn
 {
@@ -37,11 +40,12 @@ class Candidates
 {
 public:
   Candidates(
-    const Model & model, const std::vector<ContactPoint> & touches, const std::vector<Stop> & stops,
-    const std::vector<Dry> & dry);
+    const Model & model, const std::vector<ContactPoint> & touches, const std::vector<Pair> & pairs,
+    const std::vector<Stop> & stops, const std::vector<Dry> & dry);
 
-  int cones() const { return int(touches.size()); }
-  int with_gaps() const { return int(touches.size() + stops.size()); }
+  int over_planes() const { return int(touches.size()); }
+  int cones() const { return int(moves_.size()); }
+  int with_gaps() const { return cones() + int(stops.size()); }
   int count() const { return with_gaps() + int(dry.size()); }
   int rows() const { return 3 * cones() + int(stops.size() + dry.size()); }
   int size(int candidate) const { return candidate < cones() ? 3 : 1; }
@@ -60,9 +64,14 @@ public:
   /// Adds forces of all candidates to the wrenches on the joints, and to `torque` those along joints.
   void push(const Data & data, const VectorXd & lam, Forces & on_joint, VectorXd & torque) const;
 
+  double friction(int cone) const;
+
   std::vector<ContactPoint> touches;
+  std::vector<Pair> pairs;
   std::vector<Stop> stops;
   std::vector<Dry> dry;
+  /// Where the cones of each pair of shapes begin that meet in more points than one, and where they end.
+  std::vector<std::pair<int, int>> several;
 
   /// Where a point touches, from placements.
   struct Place
@@ -74,6 +83,27 @@ public:
   static Place place(const ContactPoint & touch, const Data & data);
 
 private:
-  std::vector<std::vector<std::pair<int, double>>> moves_; // of each touch: columns that move it, or its ground
+  void add_cone(const Model & model, int joint, int ground);
+  /// Where all cones are, one after the other.
+  template<typename F>
+  void each_place(const Data & data, const F & tell) const
+  {
+    int cone = 0;
+    for (const ContactPoint & touch : touches)
+      tell(cone++, place(touch, data));
+    for (const Pair & pair : pairs)
+    {
+      const Meetings found = pair.meet(data);
+      for (int k = 0, there = int(found.size()); k < pair.places(); ++k)
+      {
+        const Meeting & at = found[std::min(k, there - 1)];
+        const auto E = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), at.normal).toRotationMatrix();
+        tell(cone++, Place{E, at.point, k < there ? at.gap : INFINITY});
+      }
+    }
+  }
+
+  std::vector<std::pair<int, int>> sides_; // joints that carry the two sides of each cone
+  std::vector<std::vector<std::pair<int, double>>> moves_; // of each cone: columns that move it, or its ground
 };
 } // namespace condyn

@@ -15,7 +15,8 @@ bool least(const MatrixXd & A, const MatrixXd & B, MatrixXd & X)
   if (!A.allFinite())
     return false;
   const Eigen::PartialPivLU<MatrixXd> factor(A);
-  if (factor.rcond() > doubtful * redundant)
+  const double smallest = factor.matrixLU().diagonal().cwiseAbs().minCoeff(); // Eigen's estimate overlooks a zero
+  if (smallest > 0.0 && factor.rcond() > doubtful * redundant)
   {
     X = factor.solve(B);
     return true;

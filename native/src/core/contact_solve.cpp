@@ -14,13 +14,13 @@ constexpr int rescue = 50; // steps of Newton's method from an answer that faile
 constexpr int many = 150; // rows from which Python's directions are by products, and Newton's method is here
 constexpr double finest = 1e-14; // residual that no part of a problem has to beat: `FINEST`
 
-/// An answer, and its natural residual.
-struct Answer
+/// Impulses that may be the answer, and their natural residual.
+struct Impulses
 {
   VectorXd lam;
   double natural;
 
-  Answer(const ContactProblem & problem, const VectorXd & lam) : lam(lam), natural(natural_residual(problem, lam)) {}
+  Impulses(const ContactProblem & problem, const VectorXd & lam) : lam(lam), natural(natural_residual(problem, lam)) {}
 };
 
 /// One way to answer a problem, from impulses.
@@ -32,12 +32,12 @@ public:
   {}
 
   /// What costs little where it is right, else what the method begins with.
-  Answer first() const
+  Impulses first() const
   {
     VectorXd lam = VectorXd::Zero(problem_.rows());
     if (method_.sticks_first && sticking_impulses(problem_, lam))
     {
-      const Answer stuck(problem_, lam);
+      const Impulses stuck(problem_, lam);
       if (stuck.natural <= accuracy_)
         return stuck;
     }
@@ -45,7 +45,7 @@ public:
   }
 
   /// The best of an answer that is not accurate enough, and of what else there is to try.
-  Answer others(Answer best) const
+  Impulses others(Impulses best) const
   {
     if (!alternates() || best.natural <= accuracy_)
       return best;
@@ -63,19 +63,19 @@ public:
   }
 
   /// All of it, from impulses.
-  Answer insist(const VectorXd & begin) const { return others(attempt(begin)); }
+  Impulses insist(const VectorXd & begin) const { return others(attempt(begin)); }
 
 private:
   bool alternates() const { return method_.alternates && problem_.rows() < many; }
 
-  void better(Answer & best, const VectorXd & lam) const
+  void better(Impulses & best, const VectorXd & lam) const
   {
-    const Answer other(problem_, lam);
+    const Impulses other(problem_, lam);
     if (other.natural < best.natural || std::isnan(best.natural))
       best = other;
   }
 
-  Answer attempt(const VectorXd & begin) const
+  Impulses attempt(const VectorXd & begin) const
   {
     if (!alternates() || method_.newton_first)
       return {problem_, refined(begin, method_.steps)};
@@ -106,7 +106,7 @@ private:
 
 /// The answers of all islands of a problem as one: `answer` is asked of each, with where to begin.
 template<typename F>
-Answer apart(
+Impulses apart(
   const ContactProblem & problem, const ContactMethod & method, double accuracy, const VectorXd & begin,
   const F & answer)
 {
@@ -171,7 +171,7 @@ double solve_contact(ContactProblem & problem, const ContactMethod & method, dou
   const auto others = [](const Attempts & of, const ContactProblem & part, const VectorXd & begin) {
     return of.others({part, begin});
   };
-  Answer best = apart(problem, method, accuracy, lam, first);
+  Impulses best = apart(problem, method, accuracy, lam, first);
   for (bool is_best : {false, true})
   {
     if (best.natural <= accuracy)

@@ -8,14 +8,14 @@ namespace condyn
 {
 namespace
 {
-constexpr int again_at_most = 6; // as `_AGAIN`
 constexpr int closings_at_most = 10; // as `_CLOSINGS`
 } // namespace
 
 ContactSteps::ContactSteps(const Scene & scene, const Candidates & candidates, int rank)
 : candidates(candidates), given_(scene), scene_(scene), mechanics_(scene_.model), rows_(scene_.rows)
 , floating_(scene_.model), chart_(scene_.model), still_(VectorXd::Zero(scene.model.nv))
-, free_(scene_, floating_, mechanics_, rows_, rank), on_joint_(scene.model.njoints, Force::Zero())
+, free_(scene_, floating_, mechanics_, rows_, rank), factor_there_(scene_.model)
+, on_joint_(scene.model.njoints, Force::Zero())
 {
   ends_.resize(scene.model.nq), q.resize(scene.model.nq);
 }
@@ -56,37 +56,17 @@ void ContactSteps::pose()
   VectorXd here(touching_.with_gaps), bends = VectorXd::Zero(touching_.with_gaps);
   for (int i = 0; i < touching_.with_gaps; ++i)
     here[i] = gaps_[touching_.chosen[i]];
-  if (touching_.problem.cones())
+  // shapes that meet count as straight: at the end of a long step they meet elsewhere
+  int over_planes = 0;
+  while (over_planes < touching_.problem.cones() && touching_.chosen[over_planes] < candidates.over_planes())
+    ++over_planes;
+  if (over_planes)
   {
     floating_.integrate(mechanics_, free_.q, plan_.dt * free_.v, ends_);
     mechanics_.place(ends_);
     candidates.heights(mechanics_.data, gap_there_);
-    for (int i = 0; i < touching_.problem.cones(); ++i)
+    for (int i = 0; i < over_planes; ++i)
       bends[i] = gap_there_[touching_.chosen[i]] - here[i] - plan_.dt * touching_.before[3 * i + 2];
-  }
-  touching_.ask(here, bends, free_, plan_);
-}
-
-/// The step again, with contacts as they are where a path along u ends.
-void ContactSteps::pose_along(const VectorXd & u)
-{
-  floating_.integrate(mechanics_, free_.q, plan_.dt * u, ends_);
-  mechanics_.jacobians(ends_);
-  candidates.gaps(mechanics_.data, ends_, gap_there_);
-  candidates.rows(mechanics_.data, J_there_);
-  floating_.rows_before(J_there_, u, plan_.dt);
-  Flags active = touching_.active;
-  for (int i = 0; i < candidates.with_gaps(); ++i)
-    active[i] = active[i] || gap_there_[i] < 0;
-  touching_.choose(active, candidates, plan_);
-  touching_.along_path = true, touching_.path = u;
-  touching_.eliminate(J_there_, candidates, free_);
-  const VectorXd speeds = touching_.J_c * u;
-  VectorXd here(touching_.with_gaps), bends(touching_.with_gaps);
-  for (int i = 0; i < touching_.with_gaps; ++i)
-  {
-    here[i] = gaps_[touching_.chosen[i]];
-    bends[i] = gap_there_[touching_.chosen[i]] - here[i] - plan_.dt * speeds[touching_.problem.normal(i)];
   }
   touching_.ask(here, bends, free_, plan_);
 }
@@ -133,53 +113,6 @@ bool ContactSteps::answer()
 
 // ------------------------------------------------------------------------------------------------
 // The step.
-
-/// How far from where it should a contact ends at most, too deep or pressed on before it touches.
-double ContactSteps::off()
-{
-  const VectorXd & v1 = touching_.v1;
-  if (plan_.dt * largest(v1) < plan_.straight && largest(touching_.bends) < plan_.missed && !touching_.along_path)
-    return 0.0;
-  floating_.integrate(mechanics_, free_.q, plan_.dt * v1, ends_);
-  mechanics_.place(ends_);
-  candidates.gaps(mechanics_.data, ends_, gap_there_);
-  for (Eigen::Index i = 0; i < gap_there_.size(); ++i)
-    gap_there_[i] -= gaps_[i] - plan_.allowed(gaps_[i]);
-  double worst = gap_there_.size() ? std::max(0.0, -gap_there_.minCoeff()) : 0.0;
-  const Scale scale(touching_.problem);
-  const VectorXd sigma = touching_.problem.velocities(touching_.lam);
-  for (int i = 0; i < touching_.with_gaps; ++i)
-  {
-    const int n = touching_.problem.normal(i);
-    if (!(touching_.lam[n] * scale.stiff > std::abs(sigma[n])))
-      continue;
-    worst = std::max(worst, gap_there_[touching_.chosen[i]] - plan_.dt * sigma[n]);
-    if (!touching_.along_path)
-      worst = std::max(worst, -touching_.bends[i]);
-  }
-  return worst;
-}
-
-/// Where paths curve, the nearest of some steps with contacts as they are where the one before ends.
-bool ContactSteps::nearest()
-{
-  double off_by = off();
-  if (!(off_by > plan_.missed))
-    return true;
-  Touching best = touching_;
-  double least = off_by, its_natural = natural;
-  for (int tried = 1; off_by > plan_.missed && tried <= again_at_most; ++tried)
-  {
-    pose_along(touching_.along_path ? VectorXd(0.5 * (touching_.path + touching_.v1)) : touching_.v1);
-    if (!solve())
-      return false;
-    off_by = off();
-    if (off_by < least)
-      best = touching_, least = off_by, its_natural = natural;
-  }
-  touching_ = std::move(best), natural = its_natural;
-  return true;
-}
 
 bool ContactSteps::attempt(const VectorXd & q0, const VectorXd & v0, int step)
 {
@@ -235,9 +168,11 @@ bool ContactSteps::follows()
   return true;
 }
 
-/// Takes q to where loops are closed, by the factors of the step, and counts the work of that.
+/// Takes q to where loops are closed, by the factors of the step or, where they are far open, of there; counts the
+/// work of that.
 bool ContactSteps::close_loops()
 {
+  closed_elsewhere_ = false;
   if (!free_.blocked.rank)
     return true;
   VectorXd closed = q;
@@ -255,10 +190,15 @@ bool ContactSteps::close_loops()
     moves = k > 0, closed = q, least = gap;
     if (gap <= plan_.closed)
       break;
-    if (gap > plan_.small) // it takes other factors, which Python makes
-      return false;
-    VectorXd along = -(free_.blocked.V * free_.blocked.held(rows_.c));
-    free_.unwhiten(along);
+    if (gap > plan_.small)
+    {
+      closed_elsewhere_ = true;
+      if (!free_.factorise_at(q, factor_there_, blocked_there_))
+        return false;
+    }
+    const Blocked & blocked = closed_elsewhere_ ? blocked_there_ : free_.blocked;
+    VectorXd along = -(blocked.V * blocked.held(rows_.c));
+    (closed_elsewhere_ ? factor_there_ : free_.factor()).unwhiten(along);
     mechanics_.integrate(q, along, moved_);
     q.swap(moved_);
   }

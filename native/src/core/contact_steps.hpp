@@ -55,6 +55,7 @@ private:
   bool solve();
   bool answer();
   double off();
+  VectorXd begun() const;
   bool nearest();
   bool close_loops();
   bool follows();
@@ -81,6 +82,9 @@ private:
   VectorXd gaps_, gap_there_, ends_; // of all candidates at its beginning, and at the end of a path
   MatrixXd J_, J_there_; // rows of all candidates
   VectorXd moved_;
+  bool closed_elsewhere_ = false; // whether loops were closed by other factors than those of the step
+  TreeFactor factor_there_;
+  Blocked blocked_there_;
   Forces on_joint_;
   VectorXd torque_;
 };

@@ -6,40 +6,6 @@
 
 namespace condyn
 {
-namespace
-{
-std::vector<ContactPoint> touch_specs(const IntegerTable & ints, const Table & numbers)
-{
-  want(ints.shape(0) == numbers.shape(0) && ints.shape(1) == 2 && numbers.shape(1) == 17, "contact points");
-  std::vector<ContactPoint> specs;
-  for (std::size_t i = 0; i < ints.shape(0); ++i)
-  {
-    const int * k = ints.data() + 2 * i;
-    const double * x = row(numbers, i).data(); // centre 3, radius, friction, plane 12
-    specs.push_back({k[0], k[1], Vector3d(x), x[3], placement(x + 5), x[4]});
-  }
-  return specs;
-}
-
-std::vector<Stop> stop_specs(const IntegerTable & ints, const Table & numbers)
-{
-  want(ints.shape(0) == numbers.shape(0) && ints.shape(1) == 2 && numbers.shape(1) == 2, "stops");
-  std::vector<Stop> specs;
-  for (std::size_t i = 0; i < ints.shape(0); ++i)
-    specs.push_back({ints.data()[2 * i], ints.data()[2 * i + 1], row(numbers, i)[0], row(numbers, i)[1]});
-  return specs;
-}
-
-std::vector<Dry> dry_specs(const Integers & ints, const List & limits)
-{
-  want(ints.size() == limits.size(), "dry friction");
-  std::vector<Dry> specs;
-  for (std::size_t i = 0; i < ints.size(); ++i)
-    specs.push_back({ints.data()[i], limits.data()[i]});
-  return specs;
-}
-} // namespace
-
 StepPlan Contacts::plan(
   const List & numbers, const Integers & driven, const Array<const double, 3> & path, int steps) const
 {
@@ -55,12 +21,8 @@ StepPlan Contacts::plan(
           x[13], read_path(scene_, driven, path, steps)};
 }
 
-Contacts::Contacts(
-  const Core & core, const IntegerTable & touches, const Table & of_touches, const IntegerTable & stops,
-  const Table & of_stops, const Integers & dry, const List & of_dry, int rank)
-: scene_(core.scene())
-, candidates_(scene_.model, touch_specs(touches, of_touches), stop_specs(stops, of_stops), dry_specs(dry, of_dry))
-, rank_(rank)
+Contacts::Contacts(const Core & core, const ContactArrays & arrays, int rank)
+: scene_(core.scene()), candidates_(read_contacts(scene_.model, arrays)), rank_(rank)
 {}
 
 template<typename Rows>
@@ -124,6 +86,7 @@ void Contacts::differentiate(
   const Slopes & slopes, int threads)
 {
   check(states, steps);
+  want(candidates_.pairs.empty(), "derivatives where shapes meet");
   const std::size_t n = states.q.shape(0), nv = scene_.model.nv, columns = slopes.dq.shape(2);
   const std::size_t filled = 3 * nv + candidates_.cones();
   for (const auto * x : {&slopes.dq, &slopes.dv})
@@ -205,10 +168,16 @@ void add_contacts(nb::module_ & m)
 {
   using namespace nanobind::literals;
   nb::class_<Contacts>(m, "Contacts")
-    .def(nb::init<const Core &, const IntegerTable &, const Table &, const IntegerTable &, const Table &,
-                  const Integers &, const List &, int>(),
-         nb::keep_alive<1, 2>(), "core"_a, nb::kw_only(), "touches"_a, "of_touches"_a, "stops"_a, "of_stops"_a,
-         "dry"_a, "of_dry"_a, "rank"_a)
+    .def("__init__",
+         [](Contacts * self, const Core & core, const IntegerTable & touches, const Table & of_touches,
+            const IntegerTable & pairs, const Table & of_pairs, const std::vector<Integers> & shapes,
+            const std::vector<List> & of_shapes, const IntegerTable & stops, const Table & of_stops,
+            const Integers & dry, const List & of_dry, int rank) {
+           new (self) Contacts(core, {touches, of_touches, pairs, of_pairs, shapes, of_shapes, stops, of_stops, dry,
+                                      of_dry}, rank);
+         },
+         nb::keep_alive<1, 2>(), "core"_a, nb::kw_only(), "touches"_a, "of_touches"_a, "pairs"_a, "of_pairs"_a,
+         "shapes"_a, "of_shapes"_a, "stops"_a, "of_stops"_a, "dry"_a, "of_dry"_a, "rank"_a)
     .def(
       "step",
       [](Contacts & contacts, const Table & Q, const Table & V, const Table & TAU, const List & plan,

@@ -1,5 +1,6 @@
 // Contacts: steps and motions of a scene whose contacts open, stick and slide, by some threads.
 #pragma once
+#include "contact_arrays.hpp"
 #include "contact_motion.hpp"
 #include "core.hpp"
 #include "step_derivatives.hpp"
@@ -34,9 +35,7 @@ class Contacts
 {
 public:
   /// `condyn_pin/dynamics/compiled/contacts.py` says what each is.
-  Contacts(
-    const Core & core, const IntegerTable & touches, const Table & of_touches, const IntegerTable & stops,
-    const Table & of_stops, const Integers & dry, const List & of_dry, int rank);
+  Contacts(const Core & core, const ContactArrays & arrays, int rank);
   Contacts(const Contacts &) = delete; // its workers hold references to its candidates
 
   void step(const States & states, const StepPlan & plan, const Steps & steps, int threads);

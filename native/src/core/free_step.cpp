@@ -51,13 +51,28 @@ bool FreeStep::pose(const VectorXd & q0, const VectorXd & v0)
   return true;
 }
 
+void FreeStep::whiten(MatrixXd rows, const TreeFactor & factor, Blocked & of) const
+{
+  factor.whiten_rows(rows);
+  of.compute(rows.transpose(), plan_.rank_tolerance);
+}
+
+bool FreeStep::factorise_at(const VectorXd & there, TreeFactor & factor, Blocked & of)
+{
+  MatrixXd inertias, rows;
+  mechanics_.mass(there, inertias);
+  if (!factor.factorise(inertias, inertia))
+    return false;
+  mechanics_.jacobians(there);
+  write_jacobian(scene_, mechanics_.data, moved_, rows);
+  whiten(std::move(rows), factor, of);
+  return of.rank <= rank_;
+}
+
 void FreeStep::block(const VectorXd & gamma)
 {
   write_jacobian(scene_, mechanics_.data, moved_, J_);
-  MatrixXd rows = J_;
-  factor_.whiten_rows(rows);
-  whitened_ = rows.transpose();
-  blocked.compute(whitened_, plan_.rank_tolerance);
+  whiten(J_, factor_, blocked);
   held = blocked.held(-0.5 * plan_.dt * (gamma - J_ * floating_.turning(v)));
   if (!scene_.wanted.size())
     return;

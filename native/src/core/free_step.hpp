@@ -30,6 +30,8 @@ public:
   /// X = (1 - V V^T) S^-T J^T and the part V^T S^-T J^T that is blocked; zero for a row that constraints hold, but
   /// for what is blocked of one that a path moves.
   void eliminate(const MatrixXd & J, MatrixXd & X, MatrixXd & along_blocked) const;
+  /// The factors that a step at q would have; false where there are none.
+  bool factorise_at(const VectorXd & q, TreeFactor & factor, Blocked & blocked);
   /// v from S v, in place.
   void unwhiten(VectorXd & v) const { factor_.unwhiten(v); }
 
@@ -49,6 +51,7 @@ public:
 
 private:
   void block(const VectorXd & gamma);
+  void whiten(MatrixXd rows, const TreeFactor & factor, Blocked & blocked) const;
 
   const Scene & scene_;
   const Floating & floating_;
@@ -59,6 +62,6 @@ private:
   StepPlan plan_{};
   VectorXd applied_, still_;
   TreeFactor factor_;
-  MatrixXd J_, whitened_;
+  MatrixXd J_;
 };
 } // namespace condyn

@@ -24,7 +24,7 @@ NB_MODULE(_core, m)
   m.attr("pinocchio") = PINOCCHIO_VERSION;
   m.attr("simd") = Eigen::SimdInstructionSetsInUse();
   m.attr("arch") = CONDYN_ARCH;
-  m.attr("protocol") = 9; // of the arrays: what condyn_pin hands over has to be of the same
+  m.attr("protocol") = 10; // of the arrays: what condyn_pin hands over has to be of the same
   using namespace nanobind::literals;
   nb::class_<Core>(m, "Core")
     .def("__init__",

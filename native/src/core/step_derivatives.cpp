@@ -168,6 +168,8 @@ bool StepDerivatives::close(const Readings & readings)
   const int n = scene_.model.nv;
   if (!blocked.rank || readings.placed.empty())
     return true;
+  if (step.closed_elsewhere_) // the moves have other factors, which Python follows
+    return false;
   VectorXd begin = step.q;
   steps_.floating_.integrate(mechanics_, step.free_.q, step.plan_.dt * step.touching_.v1, begin);
   const VectorXd x = mechanics_.difference(begin, step.q);

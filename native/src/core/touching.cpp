@@ -19,7 +19,7 @@ void Touching::choose(const Flags & flags, const Candidates & candidates, const 
   problem.friction.resize(cones);
   problem.limits.resize(chosen.size() - with_gaps);
   for (int i = 0; i < cones; ++i)
-    problem.friction[i] = candidates.touches[chosen[i]].friction;
+    problem.friction[i] = candidates.friction(chosen[i]);
   for (Eigen::Index i = 0; i < problem.limits.size(); ++i)
     problem.limits[i] = plan.dt * candidates.dry[chosen[with_gaps + i] - candidates.with_gaps()].limit;
 }
