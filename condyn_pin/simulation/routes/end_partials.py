@@ -5,7 +5,7 @@ q+ = at (+) h v+, and back to c(q+) = 0 along M^-1 J_b^T;    v+ in the axes of t
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from scipy.linalg.lapack import dtrtrs
@@ -18,6 +18,10 @@ from condyn_pin.simulation.integrators.posed import Posed
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.routes.linear_steps import LinearSteps
+    from condyn_pin.simulation.system import System
+
+# How far configurations of a difference are apart [rad, m]: right to 1e-10.
+_APART: Final = 1e-5
 
 
 def moved(
@@ -32,34 +36,48 @@ def moved(
     there = steps.floating.integrate(posed.at, move)
     way = steps.steps.closings.way(posed.condensed.factors, there)
     if posed.condensed.factors.rank and len(steps.placed):
-        for part in [part for part in way if part.end is not part.begin] or way:
+        parts = [part for part in way if part.end is not part.begin] or way
+        for part in parts:
             of_step = part.factors is posed.condensed.factors
             at, d_at = (posed.at, steps.itself) if of_step else (part.begin, dq)
-            dq = _closed(steps, part, dq, at, d_at)
+            dq = _closed(steps, part, dq, at, d_at, whole=part is parts[-1])
     turned = partials.turned(v1, rest, by_move).dot(dv1)
     return way[-1].end, steps.floating.turned(v1, rest), dq, turned
 
 
-def _closed(steps: LinearSteps, part: Closing, dq: Array, at: Array, d_at: Array) -> Array:
-    """Return dq behind a move x = M^-1 J_b^T y, M and J_b of `at`, with c(end) = 0.
+def _closed(
+    steps: LinearSteps, part: Closing, dq: Array, at: Array, d_at: Array, *, whole: bool
+) -> Array:
+    """Return dq behind moves x = M^-1 J_b^T y, M and J_b of `at`.
 
-    Of moves that others follow that leaves out squares of gaps. c of a row without a place is 0
-    anywhere: the moves leave it where the step has led.
+    c = 0 at the end of the `whole` way; a move that others follow has J_b x = -c where it begins.
+    Rows without a place have J_b x = 0.
     """
-    factors, model = part.factors, steps.system.model
-    x = np.asarray(pin.difference(model, part.begin, part.end))
-    U, S, r = factors.U, factors.S, factors.rank
-    y = U[:, :r] @ ((factors.V.T @ (factors.L.T @ x)) / S[:r])
-    of = steps.weightless.at(at, np.zeros(len(x)), x, y)
-    left = of.rhs[: len(x), : len(x)] @ d_at
+    factors, system, placed = part.factors, steps.system, steps.placed
+    x = np.asarray(pin.difference(system.model, part.begin, part.end))
+    n, r = len(x), factors.rank
+    y = factors.U[:, :r] @ ((factors.V.T @ (factors.L.T @ x)) / factors.S[:r])
+    of = steps.weightless.at(at, np.zeros(n), x, y)
+    left = of.rhs[:, :n] @ d_at
     if steps.inertias:
-        left[:, steps.columns.inertias] -= steps.inertias.momenta(at, x)
-    turned = factors.solve_mass(left)
-    by_q, by_x = pin.dIntegrate(model, part.begin, x)
-    dq = by_q @ dq + by_x @ turned
-    J1 = steps.system.equations.jacobian(part.end)
-    Z = by_x @ np.asarray(dtrtrs(factors.L.T, factors.V)[0])  # (nv, rank)
-    opened = np.zeros((len(J1), dq.shape[1]))
-    opened[steps.placed] = J1[steps.placed] @ dq
-    back = np.linalg.lstsq(J1 @ Z, opened, rcond=tolerances.RANK)[0]
-    return np.asarray(dq - Z @ back)
+        left[:n, steps.columns.inertias] -= steps.inertias.momenta(at, x)
+    turned, along = factors.solve_mass(left[:n]), np.asarray(dtrtrs(factors.L.T, factors.V)[0])
+    by_q, by_x = pin.dIntegrate(system.model, part.begin, x)
+    J = system.equations.jacobian(at)
+    opened, closed = J @ turned - left[n:], J @ along
+    if whole:
+        J = system.equations.jacobian(part.end)[placed]
+        opened[placed], closed[placed] = J @ (by_q @ dq + by_x @ turned), J @ (by_x @ along)
+    else:
+        opened += _violation_by_q(system, part.begin) @ dq
+    back = np.linalg.lstsq(closed, opened, rcond=tolerances.RANK)[0]
+    return np.asarray(by_q @ dq + by_x @ (turned - along @ back))
+
+
+def _violation_by_q(system: System, q: Array) -> Array:
+    """Return how c changes with q (m, nv): where loops are open J is not that. By differences."""
+    moves = _APART * np.eye(system.model.nv)
+    ends = [
+        [system.equations.violation(system.integrate(q, s * x)) for s in (1, -1)] for x in moves
+    ]
+    return np.array([(up - down) / (2 * _APART) for up, down in ends]).T

@@ -159,8 +159,7 @@ void StepDerivatives::move()
   moved_partials_.turned(v1, dt).premultiply(dv);
 }
 
-/// Loops are closed behind the step, along M^-1 J_b^T. Of moves that others follow that leaves out squares of
-/// gaps. What has no place is closed anywhere: the moves leave it where the step has led.
+/// Loops are closed behind the step, along M^-1 J_b^T of the step. Rows without a place have J_b x = 0 there.
 bool StepDerivatives::close(const Readings & readings)
 {
   ContactSteps & step = steps_;
@@ -179,17 +178,19 @@ bool StepDerivatives::close(const Readings & readings)
   MatrixXd by_start(n, n), by_x(n, n);
   mechanics_.integrate_partials(begin, x, by_start, by_x);
   dq = (by_start * dq).eval();
-  dq.leftCols(n) += by_x * (inverse_ * of_moves_.r().leftCols(n));
+  const MatrixXd turned = inverse_ * of_moves_.r().leftCols(n);
+  dq.leftCols(n) += by_x * turned;
   mechanics_.jacobians(step.q);
   MatrixXd J;
   write_jacobian(scene_, mechanics_.data, moved_, J);
   const MatrixXd Z = by_x * Z_;
-  MatrixXd opened = MatrixXd::Zero(J.rows(), dq.cols());
+  MatrixXd opened = MatrixXd::Zero(J.rows(), dq.cols()), closed = of_moves_.J * Z_;
+  opened.leftCols(n) = of_moves_.J * turned - of_moves_.s().leftCols(n);
   for (int row : readings.placed)
-    opened.row(row) = J.row(row) * dq;
+    opened.row(row) = J.row(row) * dq, closed.row(row) = J.row(row) * Z;
   Eigen::CompleteOrthogonalDecomposition<MatrixXd> factor(J.rows(), Z.cols());
   factor.setThreshold(step.plan_.rank_tolerance);
-  factor.compute(J * Z);
+  factor.compute(closed);
   if (factor.rank() != blocked.rank)
     return false;
   dq -= Z * factor.solve(opened);

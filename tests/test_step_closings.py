@@ -1,0 +1,73 @@
+"""Loops that a step leaves open are closed behind it, and what rolls is moved along its rows alone.
+
+By differences, off the loops and the floor too: a step takes any start as closed.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from needs_native import needs_native
+from numpy.typing import NDArray
+
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
+from condyn_pin.constraints import Ball, FrictionalContact, JointFriction, Plane
+from condyn_pin.mechanism import project_velocity
+from condyn_pin.simulation import step_batch, step_derivatives_batch
+
+Array = NDArray[np.float64]
+Start = tuple[cp.Scene, Array, Array]
+
+
+def disc(speed: float) -> Start:
+    """A disc that leans and rolls, far from a wall: two of its three rows have no place."""
+    robot = cp.model.rolling_disc()
+    away = Plane(normal=(-1.0, 0.0, 0.0), height=-10.0)
+    wall = FrictionalContact("centre", Ball(0.1), on=away, friction=0.5)
+    scene = cp.Scene(robot, robot.contacts, contacts=[wall])
+    q = robot.postures["leaning"]
+    wish = speed * np.array([0.0, 0.0, 0.0, 0.1, -1.0, 0.3])
+    return scene, q, project_velocity(scene, q, wish)
+
+
+def bar(speed: float) -> Start:
+    robot = cp.model.four_bar()
+    friction = JointFriction(robot.joints[-1], 0.5)
+    scene = cp.Scene(robot, robot.loops, contacts=[friction])
+    q, _ = scene.state()
+    return scene, q, project_velocity(scene, q, np.full(robot.nv, speed))
+
+
+def differences(start: Start, dt: float, h: float, *, by_q: bool) -> Array:
+    """q+ by q or by v, of order 4."""
+    scene, q, v = start
+    model, n = scene.robot.model, scene.robot.nv
+    moves = h * np.multiply.outer((1, -1, 2, -2), np.eye(n)).reshape(-1, n)
+    Q = np.array([pin.integrate(model, q, move if by_q else 0 * move) for move in moves])
+    ends = step_batch(scene, Q, v + (0 if by_q else 1) * moves, dt=dt)
+    assert ends.ok
+    here = step_batch(scene, q[None], v[None], dt=dt).q[0]
+    off = np.array([pin.difference(model, here, end) for end in ends.q]).reshape(4, n, n)
+    return (8 * (off[0] - off[1]) - (off[2] - off[3])).T / (12 * h)
+
+
+@pytest.mark.parametrize(
+    "core", [pytest.param(False, id="Python"), pytest.param(True, id="core", marks=needs_native)]
+)
+@pytest.mark.parametrize("dt", [1e-3, 1e-2])
+@pytest.mark.parametrize(
+    ("make", "speed"), [(disc, 1.0), (disc, 30.0), (bar, 2.0), (bar, 50.0)],
+    ids=["disc", "fast disc", "bar", "fast bar"],
+)  # fmt: skip
+def test_what_is_closed_behind_a_step_is_in_its_derivatives(make, speed, dt, core):
+    """Moves of Newton's method that others follow too, at half a radian a step."""
+    about = {"executor": cp.Native(threads=1)} if core else {}
+    scene, q, v = start = make(speed)
+    of = step_derivatives_batch(scene, q[None], v[None], dt=dt, **about)
+    assert of.ok
+    # a start that is open by more than 1e-6 is closed by other factors
+    for at, h, right in ((of.columns.q, 1e-7, 1e-6), (of.columns.v, 1e-5, 1e-7)):
+        found = of.dq[0][:, at]
+        by = differences(start, dt, h, by_q=at == of.columns.q)
+        assert np.abs(found - by).max() < right * np.abs(by).max()
