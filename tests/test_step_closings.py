@@ -71,3 +71,20 @@ def test_what_is_closed_behind_a_step_is_in_its_derivatives(make, speed, dt, cor
         found = of.dq[0][:, at]
         by = differences(start, dt, h, by_q=at == of.columns.q)
         assert np.abs(found - by).max() < right * np.abs(by).max()
+
+
+@pytest.mark.parametrize(
+    "core", [pytest.param(False, id="Python"), pytest.param(True, id="core", marks=needs_native)]
+)
+def test_a_step_that_leaves_loops_open_is_not_ok(core):
+    """Five radians in a step: no motion along M^-1 J_b^T closes the four-bar from there."""
+    about = {"executor": cp.Native(threads=1)} if core else {}
+    scene, q, v = bar(50.0)
+    with pytest.raises(cp.errors.SolveFailed, match="loops are open by") as error:
+        cp.step(scene, q, v, dt=0.1)
+    assert error.value.solution.violation > 1e-2
+    Q, V = np.tile(q, (2, 1)), np.array([v, 0.01 * v])
+    assert list(step_batch(scene, Q, V, dt=0.1, **about).statuses) == [1, 0]
+    of = step_derivatives_batch(scene, Q, V, dt=0.1, **about)
+    assert list(of.failed) == [0]
+    assert "inaccurate" in of.reasons[0]

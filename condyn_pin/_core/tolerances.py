@@ -29,9 +29,9 @@ ROTATION: Final = 1e-9
 # size of the robot; a state written to a file with twelve digits is still accepted.
 CLOSED: Final = 1e-10
 
-# Violation at which a path that is driven counts as one that the loops cannot follow [m, rad]: what
-# drift leaves open in a run that is worth looking at is far below, and a path that leads out of
-# reach opens them by as much within milliseconds.
+# Violation at which a path that is driven counts as one that the loops cannot follow, and a step as
+# one that they cannot be closed behind [m, rad]: what drift leaves open in a run that is worth
+# looking at is far below, and what leads out of reach opens them by as much within milliseconds.
 OUT_OF_REACH: Final = 1e-2
 
 # Violation of a loop at which a velocity is still projected [m, rad]: J of a loop open by

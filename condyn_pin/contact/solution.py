@@ -20,8 +20,8 @@ class ContactStatus(Enum):
 
     OK = "the impulses meet the law of the problem to the accuracy asked for"
     INACCURATE = (
-        "the impulses do not meet the law of the problem to the accuracy asked for, or momentum, "
-        "where the notices of a step say so: allow more "
+        "the impulses do not meet the law of the problem to the accuracy asked for, or momentum or "
+        "loops, where the notices of a step say so: allow more "
         "iterations, or solve with SemismoothNewton(); a polygon in place of the cone, Lemke(), "
         "never meets a sliding contact closer than its sides are to the circle; friction that "
         "locks bodies, as in Painleve's rod, may need Lemke(), or a smaller step"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.contact.solution import ContactSolution, ContactStatus
@@ -138,29 +139,40 @@ class StepSolution:
 
     @property
     def status(self) -> ContactStatus:
-        """OK if the contact problem is answered, and its answer balances the momentum."""
+        """OK if the contact problem is answered, momentum is balanced, and loops end closed."""
         status = self.contact.status
-        if status.ok and not self._is_balanced:
+        if status.ok and not (self._is_balanced and self._is_closed):
             return ContactStatus.INACCURATE
         return status
 
     @property
     def notices(self) -> tuple[str, ...]:
         """What deserves attention, a sentence each."""
-        if self._is_balanced:
-            return self.contact.notices
-        return (
-            f"M (v+ - v) is off by {self.dynamics_error:.1e} N s or N m s, and at most "
-            f"{self.dynamics_limit:.1e} is right: rounding is as large as what impulses do; look "
-            "at contacts that the constraints hold but for a short lever, and at masses that are "
-            "far apart",
-            *self.contact.notices,
-        )
+        said = []
+        if not self._is_balanced:
+            said.append(
+                f"M (v+ - v) is off by {self.dynamics_error:.1e} N s or N m s, and at most "
+                f"{self.dynamics_limit:.1e} is right: rounding is as large as what impulses do; "
+                "look at contacts that the constraints hold but for a short lever, and at masses "
+                "that are far apart"
+            )
+        if not self._is_closed:
+            said.append(
+                f"loops are open by {self.violation:.2g} m or rad where the step ends, and cannot "
+                f"be closed from there: take a shorter step than {1e3 * self.dt:.4g} ms, from a "
+                "state with closed loops"
+            )
+        return (*said, *self.contact.notices)
 
     @property
     def _is_balanced(self) -> bool:
         """Whether the step does what Newton and Euler ask for, to the accuracy of forces."""
         return self.dynamics_error <= self.dynamics_limit
+
+    @property
+    def _is_closed(self) -> bool:
+        """Whether its loops end closed, but for drift."""
+        return self.violation <= tolerances.OUT_OF_REACH
 
     @property
     def impulses(self) -> dict[str, Array]:

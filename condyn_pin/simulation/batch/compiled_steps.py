@@ -110,10 +110,22 @@ def _plan(dt: float, method: _Method) -> Array:
     )
 
 
-# The column of what momentum is off by, and a share of the weight from which on it is Python that
-# judges whether that is much: a hundredth of what may be ok.
+# The columns of what momentum is off by and loops are open by, and a share of the weight from which
+# on it is Python that judges whether that is much: a hundredth of what may be ok.
 _DYNAMICS: Final = ERRORS.index("dynamics_error")
+_VIOLATION: Final = ERRORS.index("violation")
 _DOUBTFUL: Final = tolerances.FORCES / 100
+
+
+def left_to_python(
+    workspace: Workspace, outputs: Arrays, done: NDArray[np.int32], dt: float
+) -> NDArray[np.intp]:
+    """Return the rows that the core has not done, or whose steps may not be ok."""
+    errors, weight = outputs["errors"], workspace.scene.nominal.weight
+    doubtful = errors[:, _DYNAMICS] > _DOUBTFUL * dt * weight
+    doubtful |= errors[:, _VIOLATION] > tolerances.OUT_OF_REACH
+    return np.flatnonzero((done == 0) | doubtful)
+
 
 _contacts = Kept[Any]()
 
@@ -164,7 +176,4 @@ class SteppedRows:
             modes=codes, done=done, threads=threads, **paths_of(workspace, self.dt),
         )  # fmt: skip
         outputs["codes"][:], outputs["statuses"][:] = codes, STATUSES.index(ContactStatus.OK)
-        doubtful = (
-            outputs["errors"][:, _DYNAMICS] > _DOUBTFUL * self.dt * workspace.scene.nominal.weight
-        )
-        return np.flatnonzero((done == 0) | doubtful)
+        return left_to_python(workspace, outputs, done, self.dt)

@@ -21,6 +21,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.batch.batch_step import STATUSES
 from condyn_pin.simulation.batch.compiled_steps import (
     contacts_of,
+    left_to_python,
     paths_of,
     rounded_plan,
     states_of,
@@ -67,4 +68,4 @@ class DifferentiatedRows:
         outputs["codes"][:], outputs["read"][:] = codes, read
         outputs["q_end"][:], outputs["v_end"][:] = outputs["q"], outputs["v"]
         outputs["statuses"][:] = STATUSES.index(ContactStatus.OK)
-        return np.flatnonzero(done == 0)
+        return left_to_python(workspace, outputs, done, self.dt)
