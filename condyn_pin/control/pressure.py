@@ -19,7 +19,7 @@ from condyn_pin.dynamics.force import Sites, upward
 
 
 class Pressure(NamedTuple):
-    """What touches a floor at one moment, and how it presses on it.
+    """What touches a floor at one instant, and how it presses on it.
 
     Attributes
     ----------
