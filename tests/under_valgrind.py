@@ -32,7 +32,6 @@ SHORT = {
         "test_native_contact.py::test_corners_beside_soles_that_constraints_hold",
         "test_native_driven_contacts.py::test_paths_that_do_not_fit_are_refused_at_the_border",
         "test_native_driven_contacts.py::test_steps_of_other_times_are_of_these",
-        "test_native_pairs.py::test_long_steps_end_where_shapes_meet_there",
         "test_native_step_derivatives.py::test_soles_whose_corners_share_the_load",
         "test_native_step_derivatives.py::test_a_leg_that_stands_on_another_one",
         "test_native_control.py::test_a_tick_begins_from_the_active_set_of_the_last",
