@@ -19,6 +19,10 @@ from condyn_pin.simulation import step_batch, step_derivatives_batch
 Array = NDArray[np.float64]
 Start = tuple[cp.Scene, Array, Array]
 
+by_both = pytest.mark.parametrize(
+    "core", [pytest.param(False, id="Python"), pytest.param(True, id="core", marks=needs_native)]
+)
+
 
 def disc(speed: float) -> Start:
     """A disc that leans and rolls, far from a wall: two of its three rows have no place."""
@@ -52,9 +56,7 @@ def differences(start: Start, dt: float, h: float, *, by_q: bool) -> Array:
     return (8 * (off[0] - off[1]) - (off[2] - off[3])).T / (12 * h)
 
 
-@pytest.mark.parametrize(
-    "core", [pytest.param(False, id="Python"), pytest.param(True, id="core", marks=needs_native)]
-)
+@by_both
 @pytest.mark.parametrize("dt", [1e-3, 1e-2])
 @pytest.mark.parametrize(
     ("make", "speed"), [(disc, 1.0), (disc, 30.0), (bar, 2.0), (bar, 50.0)],
@@ -73,9 +75,7 @@ def test_what_is_closed_behind_a_step_is_in_its_derivatives(make, speed, dt, cor
         assert np.abs(found - by).max() < right * np.abs(by).max()
 
 
-@pytest.mark.parametrize(
-    "core", [pytest.param(False, id="Python"), pytest.param(True, id="core", marks=needs_native)]
-)
+@by_both
 def test_a_step_that_leaves_loops_open_is_not_ok(core):
     """Five radians in a step: no motion along M^-1 J_b^T closes the four-bar from there."""
     about = {"executor": cp.Native(threads=1)} if core else {}
