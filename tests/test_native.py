@@ -746,6 +746,23 @@ def test_derivatives_by_the_core_are_of_the_state_and_the_scene_that_were_asked_
     assert near(found.dlam_dv, wanted.dlam_dv, 1e-8)
 
 
+def test_an_empty_list_of_forces_is_no_forces_to_the_core(monkeypatch):
+    scene, (q, v, tau) = (
+        all_scenes()["solo12 contacts"],
+        [x[0] for x in batch_of("solo12 contacts", 1)],
+    )
+    workspace = cp.Workspace(scene, native=True)
+    monkeypatch.setattr(workspace, "_answered", None)  # of Python: it may not be asked
+    wanted, blocks = workspace.solve(q, v, tau), workspace.derivatives(q, v, tau)
+    for none in ([], {}, np.zeros(0)):
+        found = workspace.solve(q, v, tau, forces=none)
+        np.testing.assert_array_equal(found.a, wanted.a)
+        np.testing.assert_array_equal(found.lam, wanted.lam)
+        assert found.applied == ()
+        by_q = workspace.derivatives(q, v, tau, forces=none).da_dq
+        np.testing.assert_array_equal(by_q, blocks.da_dq)
+
+
 @pytest.mark.parametrize("label", ["four_bar rod", "rolling_disc contacts", "talos arms geared"])
 def test_a_workspace_of_the_core_answers_rows_of_every_kind(label):
     scene, states = all_scenes()[label], batch_of(label, 3)
@@ -836,7 +853,7 @@ def _rounding(workspace: cp.Workspace, q: np.ndarray, found: cp.Solution) -> flo
 def _is_clear(workspace: cp.Workspace, q: np.ndarray, v: np.ndarray, tau: np.ndarray) -> bool:
     """Whether Python calls its answer ok without a second look, and its forces small."""
     nominal = workspace.scene.nominal
-    found = workspace._by_python(q, v, tau, (), 1e-8, False)
+    found = workspace._by_python((q, v, tau), (), 1e-8, False)
     dynamics, largest = workspace.equations.errors(q, v, tau, found.a, found.lam)
     residuals, doubtful = nominal.estimator.prove(dynamics, largest, tau)
     size = max(largest[1], nominal.estimator.gravity)

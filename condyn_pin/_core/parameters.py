@@ -83,10 +83,11 @@ def check_accuracy(name: str, value: float) -> None:
         raise InvalidArgument(f"{name} = {shown(value)}: a number >= 0 is needed")
 
 
-def check_accuracy_of_a(accuracy: float) -> None:
-    """Refuse an accuracy that doubles cannot have."""
+def check_accuracy_of_a(accuracy: float) -> float:
+    """Return an accuracy; refuse one that doubles cannot have."""
     if finite("accuracy", accuracy, ()) < FINEST:
         raise InvalidArgument(f"accuracy = {accuracy!r}: a number of at least {FINEST:g} is needed")
+    return accuracy
 
 
 def check_share(name: str, value: float) -> None:

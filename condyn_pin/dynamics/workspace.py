@@ -19,7 +19,6 @@ from condyn_pin._core.one_thread import alone, in_use
 from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.choice import check_kinds, default_solver
 from condyn_pin.dynamics.memory import Memory
@@ -41,7 +40,10 @@ SMALLEST: Final = -1e100
 
 _OK = Status.OK
 
-# The default, an object that there is one of: what is false, or has no truth, may be no forces.
+Given = tuple[ArrayLike, ArrayLike, ArrayLike]  # q, v, tau as they were handed in
+State = tuple[Array, Array, Array]  # and as they were accepted
+
+# The default, known by its identity: what else is handed in may have no truth value.
 _NO_FORCES: Final[tuple[AppliedForce, ...]] = ()
 
 
@@ -260,12 +262,11 @@ class Workspace(Memory):
         SharedWorkspace
             If another thread is at work in it.
         """
-        if accuracy is None:
-            accuracy = self.solver.accuracy
-        else:
-            check_accuracy_of_a(accuracy)
+        accuracy = self.solver.accuracy if accuracy is None else check_accuracy_of_a(accuracy)
+        if forces is not _NO_FORCES:
+            forces = applied_forces(forces)
         if self.core:
-            if forces is _NO_FORCES:
+            if not forces:
                 if self._user:  # no other thread begins meanwhile: the core holds the GIL
                     self.check_alone()
                 found = self.core.one(q, v, tau, accuracy)
@@ -273,41 +274,38 @@ class Workspace(Memory):
                     return found
             elif self.native is True:
                 self.core.check(forces)
-        return self._by_python(q, v, tau, forces, accuracy, throw)
+        return self._by_python((q, v, tau), forces, accuracy, throw)
 
     @alone
     def _by_python(
-        self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, forces: Sequence[AppliedForce],
-        accuracy: float, throw: bool,
-    ) -> Solution:  # fmt: skip
-        """Return `solve`."""
-        return self._answered(*self._arguments.accept(q, v, tau), forces, accuracy, throw)
+        self, state: Given, forces: Sequence[AppliedForce], accuracy: float, throw: bool
+    ) -> Solution:
+        """Return `solve` without the core."""
+        return self._answered(self._arguments.accept(*state), forces, accuracy, throw)
 
     def _answered(
-        self, q_: Array, v_: Array, tau_: Array, forces: Sequence[AppliedForce],
-        accuracy: float, throw: bool,
-    ) -> Solution:  # fmt: skip
+        self, state: State, forces: Sequence[AppliedForce], accuracy: float, throw: bool
+    ) -> Solution:
         """Return `solve` of arguments that were accepted, for who is at work in it alone."""
-        load: Load | None = None
+        q, v, tau = state
         self._solved_by = get_ident()
         start = perf_counter()
-        if forces is not _NO_FORCES:
-            load = self.loads.at(q_, applied_forces(forces))
+        load = self.loads.at(q, forces) if forces else None
         try:
-            a = self.bound.acceleration(q_, v_, tau_ + load.torque if load else tau_)
+            a = self.bound.acceleration(q, v, tau + load.torque if load else tau)
         except Singular:
-            solution = self._verifier.failed(q_, v_, perf_counter() - start, load)
+            solution = self._verifier.failed(q, v, perf_counter() - start, load)
         else:
             took, verify = perf_counter() - start, self._verifier.verify
             for i in self.roots:
                 if not SMALLEST < a.item(i) < LARGEST:  # the status says it, so numpy need not
                     with np.errstate(all="ignore"):
-                        solution = verify(q_, v_, tau_, a, accuracy, took, load)
+                        solution = verify(q, v, tau, a, accuracy, took, load)
                     break
             else:
-                solution = verify(q_, v_, tau_, a, accuracy, took, load)
+                solution = verify(q, v, tau, a, accuracy, took, load)
         if solution.status is not _OK:
-            self._arguments.check(q_, v_, tau_)  # what is not finite may be the input's fault
+            self._arguments.check(q, v, tau)  # what is not finite may be the input's fault
             if throw:
                 raise failure(self, solution)
         return solution
@@ -327,11 +325,10 @@ class Workspace(Memory):
 
         `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
         """
-        if accuracy is None:
-            accuracy = self.solver.accuracy
-        else:
-            check_accuracy_of_a(accuracy)
-        if self.core and method == "kkt" and forces is _NO_FORCES and not check:
+        accuracy = self.solver.accuracy if accuracy is None else check_accuracy_of_a(accuracy)
+        if forces is not _NO_FORCES:
+            forces = applied_forces(forces)
+        if self.core and method == "kkt" and not forces and not check:
             if self._user:  # as in `solve`
                 self.check_alone()
             found = self.core.derivatives(q, v, tau, accuracy)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
-from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
+from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.compiled import arrays
 from condyn_pin.dynamics.compiled.derivatives import CompiledDerivatives
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
@@ -71,7 +71,7 @@ class CompiledCore:
 
     def check(self, forces: Sequence[AppliedForce] = (), method: str = "kkt") -> None:
         """Refuse what it does not take beside a single state."""
-        if applied_forces(forces):
+        if forces:
             refuse([f"forces = {forces!r}: it has forces from outside for batches alone"])
         refuse(untaken_method(method))
 

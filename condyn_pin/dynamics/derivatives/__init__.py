@@ -22,7 +22,7 @@ from condyn_pin.errors import unknown_name
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.solution import Solution
-    from condyn_pin.dynamics.workspace import Workspace
+    from condyn_pin.dynamics.workspace import Given, Workspace
 
 # By the name that `derivatives` takes.
 METHODS: dict[str, Callable[[Workspace, Solution, Array, Array], Derivatives]] = {
@@ -55,32 +55,26 @@ def differentiate(
         found = workspace.derivatives(q, v, tau, forces=forces, method=method, accuracy=accuracy)
         _check(workspace, q, v, tau, found)
         return found
-    return _by_python(workspace, q, v, tau, forces, method, accuracy)
+    return _by_python(workspace, (q, v, tau), forces, method, accuracy)
 
 
 @alone
 @one_blas_thread
 def _by_python(
-    workspace: Workspace,
-    q: ArrayLike,
-    v: ArrayLike,
-    tau: ArrayLike,
-    forces: Sequence[AppliedForce],
-    method: str,
-    accuracy: float,
+    workspace: Workspace, given: Given, forces: Sequence[AppliedForce], method: str, accuracy: float
 ) -> Derivatives:
-    q_, v_, tau_ = workspace.scene.robot.arguments.accept(q, v, tau)
+    state = workspace.scene.robot.arguments.accept(*given)
     equations, linearisation = workspace.equations, workspace.linearisation
     if method == "kkt" and linearisation.takes_the_model:
         equations.recursion = linearisation  # once for the proof and for the derivatives
     try:
-        solution = workspace._answered(q_, v_, tau_, forces, accuracy, workspace.solver.exact)
+        solution = workspace._answered(state, forces, accuracy, workspace.solver.exact)
     finally:
         equations.recursion = None
     if solution.status is not Status.OK and not np.isfinite(solution.a).all():
         raise failure(workspace, solution)
     # much is formed when it is asked for first, and the caller may have gone on in these arrays
-    return METHODS[method](workspace, solution, v_.copy(), tau_.copy())
+    return METHODS[method](workspace, solution, state[1].copy(), state[2].copy())
 
 
 @alone
