@@ -51,7 +51,7 @@ ROUNDING = 1e-9  # gaps [m] and slips [m/s] that projections leave: their tolera
 SEMI, RK4, RATTLE = cp.SemiImplicitEuler(), cp.RungeKutta4(), cp.simulation.Rattle()
 DIVERGES = (float("nan"),) * 3
 
-# Critical gains, T = 10 s: alpha dt, and the largest gap [m], slip [m/s] and energy error [J].
+# Critical gains, T = 10 s: alpha dt, and the largest gap [m], |J v| [m/s] and energy error [J].
 SEMI_GAINS = {
     0.0: (4.36e-02, 1.96e-02, 8.98e-01),
     0.001: (9.72e-03, 1.42e-02, 1.57e-01),

@@ -166,7 +166,7 @@ def test_a_motion_is_to_be_closed():
     tau = np.zeros(3)
     for q_, v_, said in (
         (np.add(q, [0.1, 0, 0]), v, "coupler_rocker is open by"),
-        (q, np.add(v, [0.1, 0, 0]), "coupler_rocker slips at"),
+        (q, np.add(v, [0.1, 0, 0]), r"coupler_rocker has \|J v\| ="),
     ):
         with pytest.raises(cp.errors.NotAssembled, match=rf"motion\[1\]: {said}"):
             scene.minimal(error=0.1, motion=[(q, v, tau), (q_, v_, tau)])

@@ -97,7 +97,7 @@ def test_forces_are_those_on_the_first_frame(swap):
 @pytest.mark.parametrize("gap", [1e-12, 1e-9, 1e-7, 1e-5, 1e-3, 0.3])
 @pytest.mark.parametrize("kind", ["planar", "hinge"])
 def test_open_loops_are_solved_as_they_are(kind, gap):
-    """A ball, or two, slips at c1 where the pin slips at c2: there they are not the same."""
+    """A ball, or two, moves at c1 where the pin moves at c2: there they are not the same."""
     bar = robot("four_bar")
     scene = cp.Scene(bar, [cp.Loop("coupler_tip", "rocker_tip", kind, axis="y")])
     rng = np.random.default_rng(1)

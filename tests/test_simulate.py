@@ -547,7 +547,7 @@ def test_an_open_state_is_an_error_that_names_the_gap():
     scene, q, v = bar()
     with pytest.raises(cp.errors.NotAssembled, match=r"is open by .* mm; Scene.assemble"):
         cp.simulate(scene, q + 0.01, v, duration=1.0)
-    with pytest.raises(cp.errors.NotAssembled, match=r"slips at .*mechanism.project_velocity"):
+    with pytest.raises(cp.errors.NotAssembled, match=r"has \|J v\| = .*mechanism.project_velocity"):
         cp.simulate(scene, q, v + 0.1, duration=1.0)
 
 

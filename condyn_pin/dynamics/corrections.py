@@ -9,7 +9,7 @@ They are recomputed by Newton-Euler and forward kinematics. So the damping mu an
 lost to rounding are both made up for; each correction leaves a share mu / (sigma + mu).
 
 Approximated kinds. A hinge as two points and a planar pin as a ball are exact where the loop is
-closed. Where it is open by a gap g, or slips, J and gamma of the two differ by about g omega.
+closed. Where it is open by a gap g, or J v is not 0, their J and gamma differ by about g omega.
 Pinocchio's solve leaves both errors behind; where they are more than an assembled loop has, the
 equations of the scene are solved as they are.
 """
@@ -50,8 +50,8 @@ class Refinement:
         residuals = workspace.equations.residuals
         for _ in range(self._times):
             r, s = residuals(q, v, tau, a, workspace.scene_forces(lam))
-            slips = workspace.pinocchio_velocity(s)
-            steps = self._cholesky.solve(np.concatenate([slips, r])).ravel()
+            rows = workspace.pinocchio_velocity(s)
+            steps = self._cholesky.solve(np.concatenate([rows, r])).ravel()
             a = a - steps[m:]
             lam = lam + steps[:m]
         self.lam = lam

@@ -160,12 +160,11 @@ def failure(workspace: Workspace, solution: Solution) -> SolveFailed:
     """Return the error of an answer that is not ok."""
     found = gaps(workspace.scene, workspace.equations.violation(solution.q))
     gap = worst(found)[1] if found else ConstraintViolation(0.0, 0.0)
-    slip = solution.state_error.velocity
     reason = massless_motion(workspace.model, solution.q, data=workspace.data)
     reason = reason or solution.status.text(workspace.scene.rows)
     return SolveFailed(
         f"{workspace.solver!r} on {workspace.scene.robot.name}: {reason} "
-        f"(error bound {solution.error_bound:.1e}, state open by {gap} and slipping "
-        f"by {slip:.1e} m/s or rad/s)",
+        f"(error bound {solution.error_bound:.1e}; the state is open by {gap}, with "
+        f"|J v| = {solution.state_error.velocity:.1e} m/s or rad/s)",
         solution,
     )

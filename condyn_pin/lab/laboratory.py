@@ -104,8 +104,8 @@ class Growth:
 def gap_growth(integrator: Integrator, *, dt: float, steps: int) -> Growth:
     """Return how the gap grows: as t^2 for high orders, as t for Euler's methods.
 
-    A method of high order leaves a slip that adds up, and with it a gap that grows with its time
-    integral. One of first order leaks into the gap itself at every step.
+    A method of high order leaves an error of J v that adds up, and with it a gap that grows with
+    its time integral. One of first order leaks into the gap itself at every step.
     """
     run = _run(integrator, NoDrift(), dt, steps, record=max(steps // 400, 1))
     # the worst so far: the gap swings with the pendulum

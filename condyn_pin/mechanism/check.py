@@ -55,7 +55,7 @@ class Check:
     @property
     def consistent(self) -> bool:
         """Whether J v = 0 to 1e-10, relative to `speed`, or to `rounding`."""
-        return not self._slipping(tolerances.CONSISTENT)
+        return not self._moving(tolerances.CONSISTENT)
 
     @property
     def ok(self) -> bool:
@@ -84,15 +84,15 @@ class Check:
         """
         wrong = self._open(violation)
         advice = ["Scene.assemble closes the loops"] if wrong else []
-        if slipping := self._slipping(constraint_velocity):
-            wrong += slipping
+        if moving := self._moving(constraint_velocity):
+            wrong += moving
             advice.append("mechanism.project_velocity makes v fit")
         if wrong:
             raise NotAssembled(f"{', '.join(wrong)}; {'; '.join(advice)}")
 
     def __str__(self) -> str:
         lines = self._open(tolerances.CLOSED) or ["every loop is closed"]
-        lines += self._slipping(tolerances.CONSISTENT) or (
+        lines += self._moving(tolerances.CONSISTENT) or (
             ["J v = 0"] if self.constraint_velocity else []
         )
         lines += [beyond_text(self.beyond_limits)] if self.beyond_limits else []
@@ -103,11 +103,11 @@ class Check:
             f"{name} is open by {gap}" for name, gap in self.violation.items() if gap.size > most
         ]
 
-    def _slipping(self, most: float) -> list[str]:
+    def _moving(self, most: float) -> list[str]:
         return [
-            f"{name} slips at {slip.text('/s')}"
-            for name, slip in self.constraint_velocity.items()
-            if not slip.size <= max(most * self.speed, self.rounding.get(name, 0.0))
+            f"{name} has |J v| = {velocity.text('/s')}"
+            for name, velocity in self.constraint_velocity.items()
+            if not velocity.size <= max(most * self.speed, self.rounding.get(name, 0.0))
         ]
 
 

@@ -1,6 +1,6 @@
 """Gaps at a state, and the step that closes them: what projections are made of.
 
-In the metric W, the smallest steps that close the gap c and stop the slip J v are
+In the metric W, the smallest steps that close c and bring J v to zero are
 
     dq = -W^-1 J^T G^+ c,    dv = -W^-1 J^T G^+ J v,    G = J W^-1 J^T.
 
@@ -93,13 +93,13 @@ class SolvedGaps(Gaps):
         self._m = sum(native.size for native in pinocchio_constraints)
         self._rhs = np.zeros((self._m + system.model.nv, 2), order="F")
         self._gaps, self._flat = self._rhs[: self._m], self._rhs.ravel(order="K")
-        c, slip = [], []  # views of Pinocchio's memory: they follow each solve
+        c, velocity = [], []  # views of Pinocchio's memory: they follow each solve
         for native, data in zip(pinocchio_constraints, workspace.constraint_datas, strict=True):
             gap = data.contact_placement_error.vector[: native.size]
             c.append(gap if native.anchored else np.zeros(native.size))
-            slip.append(data.contact_velocity_error.vector[: native.size])
+            velocity.append(data.contact_velocity_error.vector[: native.size])
         below = np.zeros(system.model.nv)
-        self._sources = [*c, below, *slip, below]
+        self._sources = [*c, below, *velocity, below]
 
     def look(self, t: float, q: Array, v: Array) -> Array:
         """Return [c, J v] of Pinocchio's rows; the solver's answer is the next `acceleration`."""

@@ -70,12 +70,12 @@ def fixed_point_iteration(
 
 
 class Residual(NamedTuple):
-    """The residuals at one state, of which `slip` says how fast c opens."""
+    """The residuals at one state, of which `velocity` says how fast c changes."""
 
     r: Array  # (nv,) [N, N m]
     c: Array  # (m,) [m, rad]
     J: Array  # (m, nv)
-    slip: Array  # (m,), J v - s' [m/s, rad/s]
+    velocity: Array  # (m,), J v - s' [m/s, rad/s]
 
 
 class Partials(NamedTuple):

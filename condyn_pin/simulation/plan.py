@@ -181,7 +181,7 @@ def default_drift(
     """Return the drift scheme for those who name none.
 
     One that has no gains to choose and costs no solve. Of a gap it leaves the square; moving the
-    bodies then leaves some slip: below 1e-9 m and 1e-3 m/s on Cassie's loops with 1 ms.
+    bodies then leaves J v a little off: below 1e-9 m and 1e-3 m/s on Cassie's loops with 1 ms.
     """
     # it has a spring of its own; what is no solver is refused where it is used
     soft = isinstance(solver, Solver) and not solver.exact

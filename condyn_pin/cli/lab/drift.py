@@ -105,7 +105,7 @@ def _tables(
         table.add_row(integrator.title, *(f"{limit:.3f}" for limit in limits))
     yield table
 
-    columns = ("gap [m]", "slip [m/s]", "energy [J], first tenth", "last tenth", "area per step")
+    columns = ("gap [m]", "|J v| [m/s]", "energy [J], first tenth", "last tenth", "area per step")
     table = Table(f"{steps} steps of {1e3 * dt:g} ms", *columns, "status")
     for one in found:
         e = one.errors

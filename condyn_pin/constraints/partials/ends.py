@@ -19,7 +19,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.partials.formulas import End, Frames
-from condyn_pin.constraints.partials.slips import spatial_cross
+from condyn_pin.constraints.partials.relative_motion import spatial_cross
 from condyn_pin.constraints.rows.any_bound import OnFrames
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import Joints

@@ -1,8 +1,9 @@
 """How the rows of one constraint change with q and v, at fixed accelerations and forces.
 
 The rows themselves are in `condyn_pin.constraints.rows.loops`, `cut_joints` and `rods`, and how
-slips change in `slips` beside this; the rest follows by the product rule. A force that is fixed in
-c1 turns in c2: its wrench on body 2 changes too, and that on body 1 where its lever does.
+relative velocities change in `relative_motion`; the rest follows by the product rule. A force that
+is fixed in c1 turns in c2: its wrench on body 2 changes too, and that on body 1 where its lever
+does.
 """
 
 from __future__ import annotations
@@ -13,7 +14,13 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.partials.slips import Slip, apart, slip_of, spatial_cross, twist_of
+from condyn_pin.constraints.partials.relative_motion import (
+    RelativeMotion,
+    apart,
+    at_c2,
+    spatial_cross,
+    twist_of,
+)
 from condyn_pin.constraints.rows.bound import FRAME, Bound
 from condyn_pin.constraints.rows.related import Related
 
@@ -129,18 +136,18 @@ def of_pair(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
         return of_weld(twist, X, lam)
     if b.is_plain:
         return of_cut(b, apart(one, two, c1Mc2, twist), c1Mc2.rotation, lam)
-    of = slip_of(twist, c1Mc2.translation)
+    of = at_c2(twist, c1Mc2.translation)
     if b.is_rod:
         return of_rod(c1Mc2.rotation, c1Mc2.translation, of, float(lam[0]))
     return of_cut(b, of, c1Mc2.rotation, lam)
 
 
-def of_weld(twist: Slip, X: Array, lam: Array) -> Partials:
+def of_weld(twist: RelativeMotion, X: Array, lam: Array) -> Partials:
     """Return the partials of a weld between two bodies."""
     return Partials(twist.J, twist.s_q, twist.s_v, None, X.T @ dual_cross(lam) @ twist.J)
 
 
-def of_cut(b: Bound, of: Slip, R: Array, lam: Array) -> Partials:
+def of_cut(b: Bound, of: RelativeMotion, R: Array, lam: Array) -> Partials:
     """Return the partials of a ball or of a cut joint between two bodies."""
     chosen, six = list(b.selection), np.zeros(6)
     six[chosen] = lam
@@ -151,16 +158,16 @@ def of_cut(b: Bound, of: Slip, R: Array, lam: Array) -> Partials:
     return Partials(of.J[chosen], of.s_q[chosen], of.s_v[chosen], w1_q, w2_q)
 
 
-def of_rod(R: Array, r: Array, of: Slip, lam: float) -> Partials:
+def of_rod(R: Array, r: Array, of: RelativeMotion, lam: float) -> Partials:
     """Return the partials of n . s' - (|s|^2 - (n . s)^2) / |r|, and of the force lam n."""
-    slip, slip_q, dr = of.slip[:3], of.slip_q[:3], of.dr
+    v, v_q, dr = of.velocity[:3], of.velocity_q[:3], of.dr
     distance, J = float(np.linalg.norm(r)), of.J[:3]
     n, n_q = direction(r, dr)
-    along, along_q = n @ slip, n @ slip_q + slip @ n_q
-    across = slip @ slip - along**2
+    along, along_q = n @ v, n @ v_q + v @ n_q
+    across = v @ v - along**2
     s_q = n @ of.s_q[:3] + of.s[:3] @ n_q + across / distance**2 * (n @ dr)
-    s_q -= 2 * (slip @ slip_q - along * along_q) / distance
-    s_v = n @ of.s_v[:3] - 2 * (slip @ J - along * (n @ J)) / distance
+    s_q -= 2 * (v @ v_q - along * along_q) / distance
+    s_v = n @ of.s_v[:3] - 2 * (v @ J - along * (n @ J)) / distance
     F_q, F = lam * n_q, lam * _skew(n)
     w1_q = np.concatenate([F_q, _skew(r) @ F_q - F @ dr])
     turned = R.T @ (F_q - F @ of.J[3:])

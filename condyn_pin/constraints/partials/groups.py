@@ -4,7 +4,7 @@ Of what the linearised equations ask for,
 
     -[[r_q, r_v], [s_q, s_v]],             r = M a + h - tau - J^T lam,    s = J a + gamma - a_ref
 
-groups add what turns of J^T lam to -r_q, the `pulls` (nv, nv), and write their `slips` -[s_q, s_v]
+groups add what turns of J^T lam to -r_q, the `pulls` (nv, nv), and write `by_state`, -[s_q, s_v]
 (m, 2 nv) and their rows of J.
 """
 
@@ -52,28 +52,28 @@ class ConstraintPartials:
         self.make: Callable[[tuple[int, ...]], Array] = np.zeros if self._couplings else np.empty
 
     def write(
-        self, lam: Array, pulls: Array, slips: Array, J: Array, ends: PointEnds | None = None
+        self, lam: Array, pulls: Array, by_state: Array, J: Array, ends: PointEnds | None = None
     ) -> None:
-        """Write all rows but those of couplings into slips and J, arrays that `make` has made.
+        """Write all rows but those of couplings into by_state and J, arrays that `make` has made.
 
         `ends` are those of the loops of three rows, where this answer was evaluated already.
         """
         if self._pairs.k:
-            self._pairs.write(lam, pulls, slips, J)
+            self._pairs.write(lam, pulls, by_state, J)
         if self._rolling.k:
-            self._rolling.write(lam, pulls, slips, J)
+            self._rolling.write(lam, pulls, by_state, J)
         if self._points.k:
             known = self._points.k == self._points.between
-            self._points.write(lam, pulls, slips, J, ends if known else None)
+            self._points.write(lam, pulls, by_state, J, ends if known else None)
 
-    def write_couplings(self, slips: Array, J: Array) -> None:
+    def write_couplings(self, by_state: Array, J: Array) -> None:
         """Write the rows of couplings, whose accelerations change with neither q nor v."""
         n = J.shape[1]
         for coupled in self._couplings:
             J[coupled.rows, coupled.columns] = coupled.entries
             if self._drift:
-                slips[coupled.rows, :n] = -self._drift.Kp * J[coupled.rows]
-                slips[coupled.rows, n:] = -self._drift.Kd * J[coupled.rows]
+                by_state[coupled.rows, :n] = -self._drift.Kp * J[coupled.rows]
+                by_state[coupled.rows, n:] = -self._drift.Kd * J[coupled.rows]
 
     def turning(self, out: Array) -> None:
         """Write the partials (m, nv) of J v by q."""

@@ -1,9 +1,9 @@
 """How the rows of constraints between two frames change with q and v.
 
-Surfaces and edges on the world, welds, cut joints, rods and relations: the slips of all of them at
-once (`condyn_pin.constraints.partials.ends`), and what each makes of its own. The formulas are in
-`condyn_pin.constraints.partials.formulas`, and those of points, which have less to do, in
-`condyn_pin.constraints.partials.points`.
+Surfaces and edges on the world, welds, cut joints, rods and relations: the relative motions of
+all of them at once (`condyn_pin.constraints.partials.ends`), and what each makes of its own. The
+formulas are in `condyn_pin.constraints.partials.formulas`, and those of points, which have less to
+do, in `condyn_pin.constraints.partials.points`.
 """
 
 from __future__ import annotations
@@ -35,7 +35,7 @@ from condyn_pin.constraints.partials.relations import (
     of_relation,
     wrenches_of_relation,
 )
-from condyn_pin.constraints.partials.slips import Slip, apart, slip_of, twist_of
+from condyn_pin.constraints.partials.relative_motion import RelativeMotion, apart, at_c2, twist_of
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import POINT, Bound
 from condyn_pin.constraints.rows.related import Related
@@ -59,10 +59,10 @@ class PairPartials:
         several = len(self._between) > 1
         self._ends = EndPartials(frames, self._between) if several else None
 
-    def write(self, lam: Array, pulls: Array, slips: Array, J: Array) -> None:
-        """Write J (m, nv) and slips, -[s_q, s_v], and add the turning of J^T lam to pulls, -r_q."""
+    def write(self, lam: Array, pulls: Array, by_state: Array, J: Array) -> None:
+        """Write J (m, nv) and by_state, -[s_q, s_v]; add what turns of J^T lam to pulls, -r_q."""
         n = J.shape[1]
-        s_q, s_v = slips[:, :n], slips[:, n:]  # with the other sign
+        s_q, s_v = by_state[:, :n], by_state[:, n:]  # with the other sign
         for b, of in self._partials(lam, pulls):
             np.multiply(b.sign, of.J, out=J[b.rows])
             np.multiply(-b.sign, of.s_q, out=s_q[b.rows])
@@ -91,17 +91,17 @@ class PairPartials:
             return
         at = self._ends.evaluate()
         twists = twist_of(at.one, at.two, at.X)
-        slips = slip_of(twists, at.r)
+        motions = at_c2(twists, at.r)
         for i, b in enumerate(self._between):
             R, r, force = at.R[i], at.r[i], _force(b, lam)
             if isinstance(b, Related):
-                of = of_relation(b, slips.of(i), R, r, force)
+                of = of_relation(b, motions.of(i), R, r, force)
             elif b.is_plain:
                 of = of_weld(twists.of(i), at.X[i], force)
             elif b.is_rod:
-                of = of_rod(R, r, slips.of(i), float(force[0]))
+                of = of_rod(R, r, motions.of(i), float(force[0]))
             else:
-                of = of_cut(b, slips.of(i), R, force)
+                of = of_cut(b, motions.of(i), R, force)
             yield b, at.one.of(i), at.two.of(i), of
 
     def turning(self, out: Array) -> None:
@@ -156,17 +156,17 @@ def wrenches(b: Bound | Related, c1Mc2: Any, force: Array) -> tuple[Array, Array
     if b.is_plain and b.size == 6:
         return six, c1Mc2.toActionMatrix().T @ six
     R = c1Mc2.rotation
-    at_c2 = np.concatenate([R.T @ six[:3], R.T @ six[3:]])
+    on_c2 = np.concatenate([R.T @ six[:3], R.T @ six[3:]])
     if b.is_plain:
-        return six, at_c2
-    return np.concatenate([six[:3], six[3:] + _skew(c1Mc2.translation) @ six[:3]]), at_c2
+        return six, on_c2
+    return np.concatenate([six[:3], six[3:] + _skew(c1Mc2.translation) @ six[:3]]), on_c2
 
 
 def _of_pair(b: Bound | Related, one: End, two: End, c1Mc2: Any, force: Array) -> Partials:
     """Return the partials of a constraint whose other side is somewhere."""
     if isinstance(b, Related):
         R, r = c1Mc2.rotation, c1Mc2.translation
-        of = slip_of(twist_of(one, two, c1Mc2.toActionMatrix()), r)
+        of = at_c2(twist_of(one, two, c1Mc2.toActionMatrix()), r)
         return of_relation(b, of, R, r, force)
     return of_pair(b, one, two, c1Mc2, force)
 
@@ -179,27 +179,27 @@ def _force(b: Bound | Related, lam: Array) -> Array:
 def gap_of(b: Bound | Related, one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
     """Return the partials (rows, nv) of c, zero without an anchor, and of J v by q.
 
-    With delta = J_s dq the slip of c1 past c2 that a step makes, M = E1^-1 E2 and u = R e the axis
-    of a hinge,
+    With delta = J_s dq the displacement of c1 relative to c2, M = E1^-1 E2 and u = R e the axis of
+    a hinge,
 
         d(-log6 M) = Jlog6(M) X^-1 delta,   d(-log R) = Jlog(R) R^T delta_ang,   du = u x delta_ang.
     """
     X, R, r = c1Mc2.toActionMatrix(), c1Mc2.rotation, c1Mc2.translation
     twist = twist_of(one, two, X)
     if isinstance(b, Related):
-        return gap_of_relation(b, slip_of(twist, r), R, r)
+        return gap_of_relation(b, at_c2(twist, r), R, r)
     if b.is_plain and b.size == 6:
-        c_q, v_q = pin.Jlog6(c1Mc2) @ np.linalg.solve(X, twist.J), twist.slip_q
+        c_q, v_q = pin.Jlog6(c1Mc2) @ np.linalg.solve(X, twist.J), twist.velocity_q
     else:
         # Pinocchio's ball compares the origins, and a contact without anchor has one only
-        at_c2 = not b.is_plain and (b.anchored or b.joint2 > 0)
-        of = slip_of(twist, r) if at_c2 else apart(one, two, c1Mc2, twist)
+        levered = not b.is_plain and (b.anchored or b.joint2 > 0)
+        of = at_c2(twist, r) if levered else apart(one, two, c1Mc2, twist)
         if b.is_rod:
             c_q, v_q = _of_rod(of, r)
         else:
             chosen = list(b.selection)
             c_q = np.concatenate([-of.dr, _turned(b, R, of.J[3:])])[chosen]
-            v_q = of.slip_q[chosen]
+            v_q = of.velocity_q[chosen]
     return c_q if b.anchored else np.zeros_like(c_q), v_q
 
 
@@ -218,6 +218,6 @@ def _turned(b: Bound, R: Array, Ja: Array) -> Array:
     return np.asarray(-scale * _skew(e) @ u_q - bend * np.outer(across, e @ u_q))
 
 
-def _of_rod(of: Slip, r: Array) -> tuple[Array, Array]:
+def _of_rod(of: RelativeMotion, r: Array) -> tuple[Array, Array]:
     n, n_q = direction(r, of.dr)
-    return -(n @ of.dr)[None], (n @ of.slip_q[:3] + of.slip[:3] @ n_q)[None]
+    return -(n @ of.dr)[None], (n @ of.velocity_q[:3] + of.velocity[:3] @ n_q)[None]

@@ -127,9 +127,9 @@ class PointPartials:
         self._J, self._by_state = rows[:, 0], rows[:, 1:3]
 
     def write(
-        self, lam: Array, pulls: Array, slips: Array, J: Array, ends: PointEnds | None = None
+        self, lam: Array, pulls: Array, by_state: Array, J: Array, ends: PointEnds | None = None
     ) -> None:
-        """Write J (m, nv) and slips, -[s_q, s_v], and add the turning of J^T lam to pulls, -r_q.
+        """Write J (m, nv) and by_state, -[s_q, s_v]; add what turns of J^T lam to pulls, -r_q.
 
         `ends` are those of all points, if they were evaluated with this lam already.
         """
@@ -140,14 +140,14 @@ class PointPartials:
         self._parts *= self._chosen
         self._slip_between -= self._of_c2
         np.matmul(ends.axes1, self._stacked_slip, out=self._rotated)
-        by_state = slips.reshape(-1, 2, self._n)
-        J[self._rows], by_state[self._rows] = self._J, self._by_state
+        parts = by_state.reshape(-1, 2, self._n)
+        J[self._rows], parts[self._rows] = self._J, self._by_state
         if self.between:
             pulls += self._J2T.dot(self._turned)
         if self._drift:
             by_q = self._drift.Kp * self._c_q(ends, J)
             by_q += self._drift.Kd * self._v_q(ends)
-            by_state[self._rows, 0] -= by_q.reshape(-1, self._n)
+            parts[self._rows, 0] -= by_q.reshape(-1, self._n)
 
     def turning(self, out: Array) -> None:
         """Write v_q (m, nv) of these rows."""

@@ -1,7 +1,7 @@
 """How the rows of a relation change with q and v, at fixed accelerations and forces.
 
-With delta = J_s dq the slip that a step makes, W changes by D(delta), the rate of W at that slip,
-which is linear in it, and D(s) by its partials B(delta) at fixed s (`weights_bend`):
+With delta = J_s dq the displacement of c1 relative to c2, W changes by D(delta), its rate at that
+velocity, linear in delta, and D(s) by its partials B(delta) at fixed s (`weights_bend`):
 
     (J v)_q         = W s_q + D(delta) s
     (J a + gamma)_q = W s'_q + D(delta) s' + D(s) s_q + D(s_q) s + B(delta) s
@@ -20,20 +20,20 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.partials.formulas import Partials
-from condyn_pin.constraints.partials.slips import Slip
+from condyn_pin.constraints.partials.relative_motion import RelativeMotion
 from condyn_pin.constraints.rows.related import Related
 
 _skew = pin.skew
 
 
-def of_relation(b: Related, of: Slip, R: Array, r: Array, lam: Array) -> Partials:
+def of_relation(b: Related, of: RelativeMotion, R: Array, r: Array, lam: Array) -> Partials:
     """Return the partials of the rows, and of the wrenches on both bodies."""
     W, D = b.relation.weights(R, r), _rates(b, R, r)
-    at_slip = np.tensordot(of.slip, D, 1)  # D(s)
-    bend = np.einsum("irk,k->ri", b.relation.weights_bend(R, r, of.slip), of.slip)
-    by_slip = _applied(D, of.slip)  # (rows, 6): delta to D(delta) s
-    s_q = W @ of.s_q + (_applied(D, of.s) + bend) @ of.J + (at_slip + by_slip) @ of.slip_q
-    s_v = W @ of.s_v + (at_slip + by_slip) @ of.J
+    at_s = np.tensordot(of.velocity, D, 1)  # D(s)
+    bend = np.einsum("irk,k->ri", b.relation.weights_bend(R, r, of.velocity), of.velocity)
+    by_s = _applied(D, of.velocity)  # (rows, 6): delta to D(delta) s
+    s_q = W @ of.s_q + (_applied(D, of.s) + bend) @ of.J + (at_s + by_s) @ of.velocity_q
+    s_v = W @ of.s_v + (at_s + by_s) @ of.J
     f, f_q = W.T @ lam, np.einsum("irk,r->ki", D, lam) @ of.J
     moved = np.concatenate([f_q[:3], f_q[3:] + _skew(r) @ f_q[:3] + _skew(f[:3]) @ of.J[:3]])
     turned = [
@@ -42,10 +42,10 @@ def of_relation(b: Related, of: Slip, R: Array, r: Array, lam: Array) -> Partial
     return Partials(W @ of.J, s_q, s_v, moved, np.concatenate(turned))
 
 
-def gap_of_relation(b: Related, of: Slip, R: Array, r: Array) -> tuple[Array, Array]:
+def gap_of_relation(b: Related, of: RelativeMotion, R: Array, r: Array) -> tuple[Array, Array]:
     """Return the partials of c and of J v: that of c is J, for c' = J v."""
     W = b.relation.weights(R, r)
-    return W @ of.J, W @ of.slip_q + _applied(_rates(b, R, r), of.slip) @ of.J
+    return W @ of.J, W @ of.velocity_q + _applied(_rates(b, R, r), of.velocity) @ of.J
 
 
 def wrenches_of_relation(b: Related, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:
@@ -57,7 +57,7 @@ def wrenches_of_relation(b: Related, c1Mc2: Any, lam: Array) -> tuple[Array, Arr
 
 
 def _rates(b: Related, R: Array, r: Array) -> Array:
-    """Return the rate of W at each of the six slips (6, rows, 6)."""
+    """Return the rate of W at each of the six unit velocities (6, rows, 6)."""
     return np.array([b.relation.weights_rate(R, r, e) for e in np.eye(6)])
 
 

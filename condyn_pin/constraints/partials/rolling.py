@@ -35,14 +35,14 @@ class RollingPartials:
         self._bounds = [b for b in bounds if isinstance(b, Rolled)]
         self.k = len(self._bounds)
 
-    def write(self, lam: Array, pulls: Array, slips: Array, J: Array) -> None:
-        """Write J (m, nv) and slips, -[s_q, s_v], and add the turning of J^T lam to pulls, -r_q."""
+    def write(self, lam: Array, pulls: Array, by_state: Array, J: Array) -> None:
+        """Write J (m, nv) and by_state, -[s_q, s_v]; add what turns of J^T lam to pulls, -r_q."""
         n = J.shape[1]
         for b in self._bounds:
             one = self._frames.end(b.joint1, b.placement1)
             of = self._rows(b, one, lam[b.rows])
             J[b.rows] = of.J
-            slips[b.rows, :n], slips[b.rows, n:] = -of.s_q, -of.s_v
+            by_state[b.rows, :n], by_state[b.rows, n:] = -of.s_q, -of.s_v
             pulls += one.J.T @ of.wrench_q
 
     def turning(self, out: Array) -> None:

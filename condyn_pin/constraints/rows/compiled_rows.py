@@ -17,7 +17,7 @@ class CompiledRows(NamedTuple):
     Attributes
     ----------
     integers : list of int
-        How they are evaluated, first row and number of rows, joint 1 and 2, which rows of the slip
+        How they are evaluated, first row and number of rows, joint 1 and 2, which of the six rows
         as bits, anchored, axis or axle (-1 of a ball), hinge, slider, and of a coupling where q and
         v hold its joints: 14.
     numbers : list of float

@@ -1,7 +1,7 @@
-"""Cut joints: loops that keep a choice of the six rows of the slip.
+"""Cut joints: loops that keep a choice of the six rows of the relative velocity.
 
-With r, R, v, omega as in `condyn_pin.constraints.rows.ends`, body 1 slips past body 2 at the origin
-of c2 with
+With r, R, v, omega as in `condyn_pin.constraints.rows.ends`, body 1 moves relative to body 2 at
+the origin of c2 with
 
     s_lin = v1 + omega1 x r - R v2 = -r',       s_ang = omega1 - R omega2
 
@@ -46,7 +46,7 @@ class CutJoints:
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
-        self._R, self._r, s, s_dot = slips(self._ends)
+        self._R, self._r, s, s_dot = relative_velocities(self._ends)
         off = np.empty_like(s)
         off[:, 0], off[:, 1] = -self._r, self._turn_off()
         off *= self._anchored
@@ -90,10 +90,10 @@ class CutJoints:
         return off
 
 
-def slips(ends: Ends) -> tuple[Array, Array, Array, Array]:
-    """Return R (k, 3, 3), r (k, 3), and the slips and their derivatives (k, 2, 3).
+def relative_velocities(ends: Ends) -> tuple[Array, Array, Array, Array]:
+    """Return R (k, 3, 3), r (k, 3), and the relative velocities and their rates (k, 2, 3).
 
-    Both are linear and angular part, in the axes of c1.
+    Both have a linear and an angular part, in the axes of c1.
     """
     R, r = ends.apart()
     (v1, v2), (a1, a2) = ends.linear()

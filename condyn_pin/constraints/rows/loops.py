@@ -4,7 +4,7 @@ With E1, E2 the frames c1, c2 in the world, R = R1^T R2, and every velocity and 
 axes of its own frame,
 
     3 rows:  c = -R1^T (p2 - p1)    J v = v1 - R v2            J a + gamma = a1 - R a2
-    6 rows:  c = -log6(E1^-1 E2)    J v = v1 - X v2 =: slip    J a + gamma = a1 - X a2 + slip x X v2
+    6 rows:  c = -log6(E1^-1 E2)    J v = v1 - X v2 =: s    J a + gamma = a1 - X a2 + s x X v2
 
 with the classical acceleration of the points in the first line, spatial ones in the second, and
 X the action of E1^-1 E2. The last term is the turning of c1's axes, in which v2 is written.
@@ -36,15 +36,15 @@ class Balls:
     def __init__(self, ends: PointEnds | ManyEnds, bounds: Sequence[Bound]) -> None:
         self._ends = ends
         self._rows = rows_of(bounds)
-        slips = np.zeros((3, len(bounds), 3))
-        self._of_each, self._slips = slips.swapaxes(0, 1), tuple(slips.reshape(3, -1))
+        of_all = np.zeros((3, len(bounds), 3))
+        self._of_each, self._of_all = of_all.swapaxes(0, 1), tuple(of_all.reshape(3, -1))
 
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows of these loops into the three vectors of all rows."""
         rows = self._rows
         R1, apart = self._ends.evaluate()
         np.matmul(apart, R1, out=self._of_each)
-        c[rows], velocity[rows], acceleration[rows] = self._slips
+        c[rows], velocity[rows], acceleration[rows] = self._of_all
 
     def violation(self, c: Array) -> None:
         """Write c of these loops: placements in `data` are enough."""
@@ -73,9 +73,9 @@ class Weld:
         b, one, two = self._bound, self._bound.placement1, self._bound.placement2
         between = self._c1Mc2
         v2, a2 = between.act(two.actInv(self._v2)), between.act(two.actInv(self._a2))
-        slip = one.actInv(self._v1) - v2
-        velocity[b.rows] = slip.vector
-        acceleration[b.rows] = (one.actInv(self._a1) - a2 + slip.cross(v2)).vector
+        s = one.actInv(self._v1) - v2
+        velocity[b.rows] = s.vector
+        acceleration[b.rows] = (one.actInv(self._a1) - a2 + s.cross(v2)).vector
 
     def violation(self, c: Array) -> None:
         """Write c of this loop: placements in `data` are enough."""

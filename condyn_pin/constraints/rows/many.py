@@ -30,7 +30,7 @@ MANY: Final = 16
 
 
 class ManyGaps:
-    """The gaps and slips of up to `MANY` states of one scene.
+    """Violations and constraint velocities of up to `MANY` states of one scene.
 
     Contacts, welds, relations, couplings and what is driven are evaluated by its equations, state
     by state, and so are all others of a scene that has any.
@@ -69,9 +69,9 @@ class ManyGaps:
         """Return c(q) and J v (2, count, m) of the first states; overwritten by the next call."""
         if not self._at_once:
             return self._gaps[:, :count]
-        c, slip = self._gaps.reshape(2, -1)
+        c, velocity = self._gaps.reshape(2, -1)
         for group in self._groups:
-            group.evaluate(c, slip, self._accelerations)
+            group.evaluate(c, velocity, self._accelerations)
         return np.asarray(self._gaps[:, :count] * self._equations.sign)
 
 

@@ -1,8 +1,8 @@
 """What Pinocchio's own methods take: constraints of 3 and of 6 rows.
 
 A kind with other rows is handed to them as an equivalent of such rows, where there is one. A hinge
-about the axis e is two points on it, at d and -d with d = lever e; their slips are those of the
-hinge by
+about the axis e is two points on it, at d and -d with d = lever e; their velocities are
+those of the hinge by
 
     s(d) = s_xyz + s_rxryrz x d = E s,      and so      lam = E^T lam_native.
 

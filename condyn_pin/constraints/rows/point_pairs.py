@@ -7,8 +7,8 @@ Pinocchio has n points p' in place of p, k times as far from their middle on bot
 
     p' = W p,      s' = W s,      lam = W^T lam',      W = 1 1^T / n + k (1 - 1 1^T / n).
 
-The slip of a point is affine in the point, and rows of W add up to one. W has an inverse: the scene
-is the same. Forces along the line, which no motion tells, are shared as before.
+The velocity of a point is affine in the point, and rows of W add up to one. W has an inverse: the
+scene is the same. Forces along the line, which no motion tells, are shared as before.
 
 Points stay where they are if others hold the turns that they hold, as a weld between the same two
 bodies does. Those rows are then redundant, and far apart they would contradict the others by k
@@ -135,13 +135,13 @@ def _needed(clusters: Sequence[Cluster], J: Array) -> list[Cluster]:
     """Return the clusters that hold a turn that neither other rows nor clusters before them do."""
     held, turns = np.delete(J, np.concatenate([c.rows for c in clusters]), axis=0), []
     for cluster in clusters:
-        slips = (cluster.W @ J[cluster.rows]).reshape(len(cluster.points), 3, -1)
-        middle = slips.mean(axis=0)
+        moves = (cluster.W @ J[cluster.rows]).reshape(len(cluster.points), 3, -1)
+        middle = moves.mean(axis=0)
         held = np.vstack([held, middle])
-        turns.append((slips - middle).reshape(len(cluster.rows), -1))
+        turns.append((moves - middle).reshape(len(cluster.rows), -1))
     needed, rank = [], _rank(held)
-    for cluster, slips in zip(clusters, turns, strict=True):
-        both = np.vstack([held, slips])
+    for cluster, moves in zip(clusters, turns, strict=True):
+        both = np.vstack([held, moves])
         if (more := _rank(both)) > rank:
             held, rank = both, more
             needed.append(cluster)

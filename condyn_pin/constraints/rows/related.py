@@ -1,4 +1,4 @@
-"""Relations: rows that a kind writes itself as W s, with s all six components of the slip.
+"""Relations: rows that a kind writes itself as W s, with s the six relative velocities.
 
     J v = W s,        J a + gamma = W s' + W' s,        wrench at c2, in the axes of c1:  W^T lam
 
@@ -18,7 +18,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.any_bound import Drive, OnFrames
 from condyn_pin.constraints.rows.compiled_rows import CUT, CompiledRows, placement
-from condyn_pin.constraints.rows.cut_joints import slips
+from condyn_pin.constraints.rows.cut_joints import relative_velocities
 from condyn_pin.constraints.rows.ends import Ends
 from condyn_pin.constraints.rows.frames import FrameJacobian
 
@@ -41,10 +41,10 @@ class Relation(Protocol):
         """Return W (rows, 6)."""
 
     def weights_rate(self, R: Array, r: Array, s: Array) -> Array:
-        """Return W' (rows, 6) while the frames slip by s."""
+        """Return W' (rows, 6) while the frames move by s."""
 
     def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
-        """Return the partials of W' by slips (6, rows, 6)."""
+        """Return the partials of W' by moves of the frames (6, rows, 6)."""
 
 
 @dataclass(frozen=True)
@@ -147,7 +147,7 @@ class Relations:
     def evaluate(self, c: Array, velocity: Array, acceleration: Array) -> None:
         """Write the rows into the three vectors of all rows."""
         self._at = []
-        for b, R, r, s, s_dot in zip(self._bounds, *slips(self._ends), strict=True):
+        for b, R, r, s, s_dot in zip(self._bounds, *relative_velocities(self._ends), strict=True):
             s, s_dot = s.ravel(), s_dot.ravel()
             W = b.relation.weights(R, r)
             c[b.rows], velocity[b.rows] = b.relation.violation(R, r), W @ s

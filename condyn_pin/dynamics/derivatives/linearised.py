@@ -139,14 +139,14 @@ class Linearisation:
         return rhs, J
 
     def turning(self, q: Array, w: Array) -> Array:
-        """Return how J w changes with q (m, nv) while w (nv,) stays: as the slip does at v = w."""
+        """Return how J w changes with q (m, nv) while w (nv,) stays; at w = v, how J v changes."""
         if self._carried is None:
-            return self._slip_by_q(q, w)
+            return self._velocity_by_q(q, w)
         q, w, still, chain = self._carried.state(q, w, np.zeros_like(w))
         _, J = self._of_bodies(q, w, still, np.zeros(self._m))
-        return self._slip_by_q(q, w) @ chain.Phi + J @ chain.v_q
+        return self._velocity_by_q(q, w) @ chain.Phi + J @ chain.v_q
 
-    def _slip_by_q(self, q: Array, w: Array) -> Array:
+    def _velocity_by_q(self, q: Array, w: Array) -> Array:
         """Return the partials of J w by q, where no axes turn."""
         self._done = b""
         _rnea_derivatives(self._model, self._data, q, w, np.zeros_like(w))

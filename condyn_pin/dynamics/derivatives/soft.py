@@ -37,7 +37,7 @@ class SoftDerivatives(Derivatives):
 
     Notes
     -----
-    Cost as `KktDerivatives`, and one evaluation more of how gaps and slips turn. Where the gap of a
+    Cost as `KktDerivatives`, and one more evaluation, of c and J v by q. Where the gap of a
     constraint is zero and impedance rises at once, power = 1, they are those of a gap that stays.
     """
 
@@ -56,7 +56,7 @@ class SoftDerivatives(Derivatives):
         workspace, solution, v = self._workspace, self.solution, self._v
         (w, solref, solimp), q, lam, n = self._softness, solution.q, solution.lam, self._n
         equations, still = workspace.equations, np.zeros(n)
-        c, slip = equations.gaps(q, v)
+        c, velocity = equations.gaps(q, v)
         of = workspace.linearisation.at(q, v, solution.a, lam)
         J, rhs, rows = equations.drop_roundoff_rows(of.J), of.rhs, of.rhs[n:]
         if solution.applied:
@@ -66,7 +66,7 @@ class SoftDerivatives(Derivatives):
         if self._m:
             c_q = workspace.linearised_gaps.at(q, still, still, 0.0 * lam).s_q
             d, d_q = self._impedance(c, c_q)
-            b, k, k_d, self._by_solref = reference_by(c, slip, d, solref, solimp)
+            b, k, k_d, self._by_solref = reference_by(c, velocity, d, solref, solimp)
             R, R_d = (1 - d) / d * w, -w / d**2
             self._by_w = (1 - d) / d * lam
             rows[:, :n] -= b * workspace.linearisation.turning(q, v) + k[:, None] * c_q

@@ -72,9 +72,9 @@ class SparseKKT(Solver):
         model, data = workspace.model, workspace.data
         models, datas = workspace.constraint_models, workspace.constraint_datas
         m, mu = workspace.scene.rows, self.mu
-        slips, scene_forces = workspace.pinocchio_velocity, workspace.scene_forces
+        of_pinocchio, scene_forces = workspace.pinocchio_velocity, workspace.scene_forces
         # pivots of what is left of a row are squares of those of J L^-T
-        own = _delassus_diagonal(workspace.scene.nominal, slips)
+        own = _delassus_diagonal(workspace.scene.nominal, of_pinocchio)
         limits = np.full(m, -mu / 2) if mu else -(tolerances.RANK**2) * own
         answer = np.zeros(m + model.nv)
 
@@ -84,14 +84,14 @@ class SparseKKT(Solver):
             if not (factor.D[:m] < limits).all():
                 raise Singular
             forces = free_force(tau, pin.nonLinearEffects(model, data, q, v))
-            target = slips(workspace.equations.target(q, v))
+            target = of_pinocchio(workspace.equations.target(q, v))
             answer[:] = factor.solve(np.concatenate([target, forces]))
             return answer[m:].copy()
 
         return BoundSolver(acceleration, lambda: scene_forces(-answer[:m]), lambda: 1)
 
 
-def _delassus_diagonal(nominal: NominalAnalysis, slips: Callable[[Array], Array]) -> Array:
+def _delassus_diagonal(nominal: NominalAnalysis, of_pinocchio: Callable[[Array], Array]) -> Array:
     """Return the diagonal of J M^-1 J^T of Pinocchio's rows at the nominal state [1/kg]."""
-    whitened = whiten(nominal.terms.M, slips(nominal.terms.J))
+    whitened = whiten(nominal.terms.M, of_pinocchio(nominal.terms.J))
     return np.zeros(0) if whitened is None else np.array(whitened[2].diagonal())

@@ -37,8 +37,8 @@ class Projection(Drift):
     Parameters
     ----------
     position, velocity : bool
-        Which of c(q) = 0 and J v = 0 to keep. The velocity alone does most: with a slip of zero a
-        gap grows by what each step leaves, not with the square of time.
+        Which of c(q) = 0 and J v = 0 to keep. The velocity alone does most: with J v = 0 a gap
+        grows by what each step leaves, not with the square of time.
     metric : {"mass", "euclidean"}
         W: the mass matrix, or the identity. The identity moves light and heavy bodies alike.
     every : int
@@ -80,26 +80,26 @@ class Projection(Drift):
         gaps, integrate = gaps_of(system, self.metric), system.integrate
 
         def correct(t: float, q: Array, v: Array) -> tuple[Array, Array]:
-            gap, slip = self._sizes(gaps, t, q, v)
+            gap, velocity = self._sizes(gaps, t, q, v)
             for k in range(_MOST_STEPS):
-                if gap <= self.tolerance and slip <= self.tolerance:
+                if gap <= self.tolerance and velocity <= self.tolerance:
                     break
                 dq, dv = gaps.step(k > 0)
                 q1 = integrate(q, dq) if self.position else q
                 v1 = v + dv if self.velocity else v
-                before, (gap, slip) = (gap, slip), self._sizes(gaps, t, q1, v1)
-                # the position first: where loops are open, slips contradict each other
+                before, (gap, velocity) = (gap, velocity), self._sizes(gaps, t, q1, v1)
+                # the position first: where loops are open, rows contradict each other
                 if not gap <= max(before[0], self.tolerance):
                     break
                 q, v = q1, v1
-                if not (_shrinks(before[0], gap) or _shrinks(before[1], slip)):
+                if not (_shrinks(before[0], gap) or _shrinks(before[1], velocity)):
                     break  # rounding, or out of reach
             return q, v
 
         return once_every(self.every, correct)
 
     def _sizes(self, gaps: Gaps, t: float, q: Array, v: Array) -> tuple[float, float]:
-        """Return the largest gap and the largest slip, zero for what is not to be kept."""
+        """Return the largest violation and the largest |J v|, zero for what is not to be kept."""
         both = np.abs(gaps.look(t, q, v))
         gap = float(both[:, 0].max(initial=0.0)) if self.position else 0.0
         return gap, float(both[:, 1].max(initial=0.0)) if self.velocity else 0.0

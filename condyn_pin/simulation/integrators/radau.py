@@ -128,8 +128,8 @@ class GearGuptaLeimkuhler(_Radau):
 def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool) -> Stepper:
     residuals, A = Residuals(system), _TABLEAUS[s]
     nodes, n, m = A.sum(axis=1), system.model.nv, system.scene.rows
-    from_slips = np.linalg.inv(dt * A)
-    from_gaps = from_slips @ from_slips
+    from_velocities = np.linalg.inv(dt * A)
+    from_gaps = from_velocities @ from_velocities
     forces = [np.zeros(0)]
 
     def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -151,15 +151,15 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
             left = [residuals.at(t + nodes[i] * dt, Q[i], V[i], a[i], lam[i]) for i in range(s)]
             gaps = np.array([each.c for each in left])
             if stabilised:
-                slips = np.array([each.slip for each in left])
-                wanted = from_slips.dot(slips)
+                velocities = np.array([each.velocity for each in left])
+                wanted = from_velocities.dot(velocities)
             else:
                 wanted = from_gaps.dot(gaps)
             rhs = np.hstack([[each.r for each in left], wanted])
             change = newton.dot(rhs.ravel()).reshape(s, n + m)
             a, lam = a - change[:, :n], lam - change[:, n:]
             if stabilised:
-                mu = mu - (from_slips.dot(gaps) - slips).dot(hold)
+                mu = mu - (from_velocities.dot(gaps) - velocities).dot(hold)
             largest = dt**2 * np.abs(change[:, :n]).max()
             return float(max(np.abs(theta - before).max(), largest, np.abs(gaps).max(initial=0)))
 
