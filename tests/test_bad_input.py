@@ -517,6 +517,10 @@ SAID = {
     "description in one text": ('description = "arm.urdf"', "description = 'arm.urdf': a table"),
     "posture in one number": (ARM + "[postures]\nup = 3", r"postures\.up = 3: a table is needed"),
     "posture of two values": (ARM + "[postures.up]\nj = [1, 2]", r"postures\.up: j has shape \(2,"),
+    "posture of uneven lists": (
+        ARM + "[postures.up]\nj = [[1, 2], [3]]", r"postures\.up: j: an array of shape \(1,\)",
+    ),
+    "rotors of no SRDF": (ARM + "rotors = true", r"description\.rotors is for .*description\.srdf"),
     "posture of the world": (
         ARM + "[postures.up]\nuniverse = 1.0", r"postures\.up: no joint named 'universe'",
     ),

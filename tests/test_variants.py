@@ -230,6 +230,17 @@ def test_a_wrong_config_is_refused_with_the_entry(tmp_path, text, says):
         cp.load_robot(tmp_path)
 
 
+@pytest.mark.parametrize(
+    ("name", "says"),
+    [("", "the entry 'name' is missing"), ("name = 3\n", "the entry name = 3: a text is needed")],
+)
+def test_a_variant_is_added_to_no_name_that_is_none(tmp_path, name, says):
+    text = name + CONFIG.partition("\n")[2] + "[variants.speed.slow]\n[variants.speed.fast]"
+    (tmp_path / "robot.toml").write_text(text)
+    with pytest.raises(cp.errors.InvalidModel, match=rf"robot\.toml: {says}"):
+        cp.load_robot(tmp_path, variant={"speed": "fast"})
+
+
 # What a config says about an SDF -----------------------------------------------------------------
 
 

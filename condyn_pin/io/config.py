@@ -67,12 +67,17 @@ def check_config(config: Table) -> None:
 
 
 def _check_file(description: Table) -> None:
-    """Refuse entries that belong to another format than that of the file."""
+    """Refuse entries that belong to another file than there is."""
     file = description["file"]
     if not file.endswith(".sdf"):
         for key in FOR_SDF:
             if key in description:
                 raise InvalidModel(f"the entry description.{key} is for an SDF, not for {file!r}")
+    if "rotors" in description and "srdf" not in description:
+        raise InvalidModel(
+            "the entry description.rotors is for the rotors of an SRDF: name its file in "
+            "description.srdf"
+        )
     if "mimic" in description and not file.endswith(".urdf"):
         raise InvalidModel("the entry description.mimic is for a URDF")
     if "root_joint" in description and file.endswith(".xml"):
@@ -176,7 +181,7 @@ def chosen_config(config: Mapping[str, Any], variant: Mapping[str, str]) -> dict
         merged = _merged(merged, values[value], f"variants.{option}.{value}")
         if value != default:
             other.append(f"{option} {value}")
-    if other:
+    if other and isinstance(merged.get("name"), str):  # else `check_config` refuses it
         merged["name"] = f"{merged['name']}, {', '.join(other)}"
     return merged
 

@@ -8,7 +8,6 @@ v[joint], tau[joint]   nv numbers
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from numbers import Real
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
@@ -69,8 +68,7 @@ def with_values(model: Any, q: Array, values: Values, where: str = "") -> Array:
     q = np.array(q)
     for name, value in _pairs(values):
         joint = joint_of(model, name)
-        one = isinstance(value, Real) or np.ndim(value) == 0
-        if one and joint.nq == 2 and joint.nv == 1:
+        if joint.nq == 2 and joint.nv == 1 and _is_one(value):
             angle = finite(f"{where}{name}", value, ())
             value = [np.cos(angle), np.sin(angle)]
         q[joint.idx_q : joint.idx_q + joint.nq] = _numbers(where + name, value, joint.nq)
@@ -136,7 +134,12 @@ def _pairs(values: Values) -> list[tuple[str, Any]]:
 
 
 def _numbers(name: str, value: Any, size: int) -> Array:
-    return finite(name, [value] if size == 1 and np.ndim(value) == 0 else value, size)
+    return finite(name, [value] if size == 1 and _is_one(value) else value, size)
+
+
+def _is_one(value: Any) -> bool:
+    """Whether it is one number; lists are none, also those of which numpy makes no array."""
+    return not isinstance(value, (list, tuple)) and np.ndim(value) == 0
 
 
 def model_with_masses(model: Any, masses: Mapping[str, float]) -> Any:
