@@ -66,6 +66,7 @@ OTHER = {
     ("SampledStates", "speed"): "as in Scene.sample",
     ("view", "speed"): "seconds of a motion in a second",
 }
+REFUSES = re.compile(r"\braise\b|\b(check_\w+|finite|text)\(")
 SHAPE = re.compile(r"\((?:[^()]*,[^()]*)\)|(?:list|tuple|dict) of")
 
 
@@ -141,6 +142,17 @@ def fields(name: str) -> Iterator[str]:
     yield from {field for field in every if not field.startswith("_")} - listed
 
 
+def refusals(name: str) -> Iterator[str]:
+    """What a class does not take, if it looks at what it is given."""
+    check = vars(PUBLIC[name]).get("__post_init__")
+    if (
+        check
+        and REFUSES.search(inspect.getsource(check))
+        and "Raises" not in sections(text(PUBLIC[name]))
+    ):
+        yield "it does not say what it refuses"
+
+
 def methods(name: str) -> Iterator[str]:
     """What a class defines itself and others may call; what only fills a contract has its words."""
     kind = PUBLIC[name]
@@ -184,7 +196,9 @@ def verbs(name: str) -> Iterator[str]:
         yield "it names no source"
 
 
-RULES = (first_line, what_is_taken_returned_and_raised, fields, methods, shapes, units, verbs)
+RULES = (
+    first_line, what_is_taken_returned_and_raised, fields, refusals, methods, shapes, units, verbs,
+)  # fmt: skip
 
 
 @pytest.mark.parametrize("rule", RULES, ids=lambda rule: rule.__name__)

@@ -28,6 +28,11 @@ class Baumgarte(Drift):
     alpha, beta : float
         Gains [1/s], not negative.
 
+    Raises
+    ------
+    InvalidArgument
+        If a gain is negative, not finite, or so large that its square overflows.
+
     References
     ----------
     Baumgarte. Stabilization of constraints and integrals of motion in dynamical systems. Computer
@@ -72,6 +77,11 @@ class Baumgarte(Drift):
             The settling time [s], positive.
         remaining : float
             The fraction [1], between 0 and 1.
+
+        Raises
+        ------
+        InvalidArgument
+            If T is not positive, or `remaining` is not between 0 and 1.
         """
         if not finite("T", T, ()) > 0:
             raise InvalidArgument(f"T = {T!r}: a number > 0 [s] is needed")
@@ -92,6 +102,11 @@ class Baumgarte(Drift):
         ----------
         dt : float
             The step of the simulation [s].
+
+        Raises
+        ------
+        InvalidArgument
+            If dt is not positive.
         """
         if not finite("dt", dt, ()) > 0:
             raise InvalidArgument(f"dt = {dt!r}: a number > 0 [s] is needed")
@@ -112,6 +127,11 @@ class Baumgarte(Drift):
             [s], or -beta^2 [1/s^2].
         dampratio : float
             [1], or -2 alpha [1/s].
+
+        Raises
+        ------
+        InvalidArgument
+            If one number is positive and the other is not.
 
         References
         ----------

@@ -34,6 +34,11 @@ class Coupling(Constraint):
     name : str, optional
         Name of the constraint; ``joint_a~joint_b`` by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If a joint is no name, a number is not finite, or the ratio is zero: `HeldJoint` does that.
+
     Notes
     -----
     The force acts on joint a, along its coordinate [N m or N]; joint b feels -`ratio` times it.

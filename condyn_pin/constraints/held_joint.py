@@ -33,6 +33,11 @@ class HeldJoint(Constraint):
     name : str, optional
         Name of the constraint; that of the joint by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If `joint` is no name, or the value is not finite.
+
     Notes
     -----
     The force is the one on the joint, along its coordinate [N m or N].

@@ -30,6 +30,11 @@ class KnifeEdge(Nonholonomic):
     name : str, optional
         Name of the constraint; the frame's name by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If `frame` is no name, the axis is unknown, or a number is not finite.
+
     Notes
     -----
     The force is the one on the robot, in the axes of `frame` [N]: along `axis` only.

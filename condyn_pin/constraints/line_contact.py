@@ -46,6 +46,12 @@ class LineContact(WithWorld):
     name : str, optional
         Name of the constraint; the frame's name by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If `frame` is no name, the axis is unknown, a size is not positive, or the anchor is no
+        placement.
+
     Notes
     -----
     The force is the wrench on the robot at the origin of `frame`, in its axes, linear part first
@@ -70,7 +76,13 @@ class LineContact(WithWorld):
         self._set_name(self.frame)
 
     def ends(self) -> tuple[PointContact, PointContact]:
-        """Return the same support as two points: 6 rows, of which 1 is redundant."""
+        """Return the same support as two points: 6 rows, of which 1 is redundant.
+
+        Raises
+        ------
+        InvalidArgument
+            If the edge does not say its length.
+        """
         if self.half_length is None:
             raise InvalidArgument(
                 f"{self.name}: half_length is not set, so there are no ends; "

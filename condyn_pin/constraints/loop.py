@@ -64,6 +64,11 @@ class Loop(BetweenFrames):
     name : str, optional
         Name of the constraint; ``frame_a~frame_b`` by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If the kind or the axis is unknown, a rod has no length, or another kind has one.
+
     Notes
     -----
     The force is the one on the body of `frame_a`, at the origin of `frame_b` and in the axes of

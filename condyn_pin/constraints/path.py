@@ -98,6 +98,11 @@ class Polynomial(Path):
     ----------
     coefficients : (k,) or (rows, k) sequence of float
         Lowest power first [m, rad, over s, s^2, ...].
+
+    Raises
+    ------
+    InvalidArgument
+        If a coefficient is not finite.
     """
 
     coefficients: Sequence[float] | Sequence[Sequence[float]]
@@ -133,6 +138,11 @@ class MinimumJerk(Path):
         Length of the motion [s].
     begin : float
         When it leaves the start [s].
+
+    Raises
+    ------
+    InvalidArgument
+        If start and end differ in size, or the duration is not positive.
     """
 
     start: tuple[float, ...]

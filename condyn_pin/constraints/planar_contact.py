@@ -35,6 +35,11 @@ class PlanarContact(WithWorld):
     name : str, optional
         Name of the constraint; the frame's name by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If `frame` is no name, a number is not finite, or the normal is zero.
+
     Notes
     -----
     The force is the one on the robot [N], in the axes of the plane: z is the normal, x and y are

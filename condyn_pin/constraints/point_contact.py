@@ -36,6 +36,11 @@ class PointContact(WithWorld):
     name : str, optional
         Name of the constraint; the frame's name by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If `frame` is no name, or a number is not finite.
+
     Notes
     -----
     The force acts on the robot, in the axes of `frame` [N]. The contact is bilateral: it can also

@@ -32,6 +32,11 @@ class RollingBall(OnPlane):
     name : str, optional
         Name of the constraint; the frame's name by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If `frame` is no name, the radius is not positive, or the normal is zero.
+
     Notes
     -----
     The force is the one on the robot at the lowest point, in the axes of the plane [N]: z is the

@@ -41,6 +41,12 @@ class RollingWheel(OnPlane):
     name : str, optional
         Name of the constraint; the frame's name by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If `frame` is no name, the axis or a direction is unknown, the radius is not positive, or
+        the normal is zero.
+
     Notes
     -----
     The force is the one on the robot at the lowest point: along t, n x t and n [N]. Flat on the

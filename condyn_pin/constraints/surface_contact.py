@@ -36,6 +36,11 @@ class SurfaceContact(WithWorld):
     name : str, optional
         Name of the constraint; the frame's name by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If `frame` is no name, a size is not positive, or the anchor is no placement.
+
     Notes
     -----
     The force is the wrench on the robot at the origin of `frame`, in its axes, linear part first
@@ -60,7 +65,13 @@ class SurfaceContact(WithWorld):
         self._set_name(self.frame)
 
     def corners(self) -> tuple[PointContact, ...]:
-        """Return the same support as four points: 12 rows, of which 6 are redundant."""
+        """Return the same support as four points: 12 rows, of which 6 are redundant.
+
+        Raises
+        ------
+        InvalidArgument
+            If the surface does not say its size.
+        """
         if self.half_length is None or self.half_width is None:
             raise InvalidArgument(
                 f"{self.name}: half_length and half_width are not set, so there are no corners; "

@@ -44,6 +44,12 @@ class FrictionCone(Cone):
     sides : int
         Of the pyramid, 3 or more. The first faces x of the floor, and that of a level one is x of
         the world.
+
+    Raises
+    ------
+    InvalidArgument
+        If friction is negative, the normal is zero, the kind of pyramid is unknown, or it has fewer
+        than 3 sides.
     """
 
     sides: int = field(default=4, kw_only=True)

@@ -56,6 +56,12 @@ class WrenchCone(Cone):
         Within round cones, mu / sqrt(2), so that the floor can give whatever has a margin, or
         around them, mu, so that it cannot give what has none.
 
+    Raises
+    ------
+    InvalidArgument
+        If friction is negative, the normal is zero, the kind of pyramid is unknown, or a size is
+        not positive, but for the width 0 of an edge.
+
     References
     ----------
     S. Caron, Q.-C. Pham, Y. Nakamura, "Stability of surface contacts for humanoid robots:

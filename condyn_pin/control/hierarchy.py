@@ -53,6 +53,11 @@ class Hierarchy:
     ----------
     levels : sequence of Task
         Each an argument. The first is never worse for what the others want.
+
+    Raises
+    ------
+    InvalidArgument
+        If there is no level, or a level is no list of tasks.
     """
 
     levels: tuple[tuple[Task, ...], ...]

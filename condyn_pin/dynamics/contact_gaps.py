@@ -28,6 +28,11 @@ def contact_gaps(scene: Scene, q: ArrayLike) -> dict[str, float]:
     -------
     dict of str to float
         Negative where a body is in another, or a joint beyond its stop.
+
+    Raises
+    ------
+    InvalidArgument
+        If q has a wrong size, is not finite, or has an unnormalised quaternion.
     """
     check_scene(scene)
     q_ = normalised(scene.robot.model, "q", q)

@@ -72,6 +72,20 @@ class Workspace(Memory):
         `contact_acceleration_desired` behind: the next solve would read them. After `LCABA` the
         constraint datas must not go into `pin.constraintDynamics`, which reads what `lcaba` left.
 
+    Raises
+    ------
+    InvalidArgument
+        If an argument is none of these.
+    UnsupportedConstraint
+        If contacts of the scene may open, constraints are driven and the scene does not say at
+        which time it is, or the solver does not take a kind.
+    UnsupportedBackend
+        If it is to be `native`, and the core does not take the scene or the solver.
+    MissingExtra
+        If it is to be `native`, and the core is not installed.
+    StaleModel
+        If the robot's model was edited since it was loaded.
+
     Notes
     -----
     Building one takes as long as dozens of solves (`benchmarks/startup.py`); for large robots most
@@ -115,6 +129,13 @@ class Workspace(Memory):
         """Switch to another scene of the same robot: other contacts, the same memory.
 
         Everything that depends on the constraints is rebuilt; nothing of the old ones is left.
+
+        Raises
+        ------
+        InvalidArgument
+            If the robot of the scene has another model.
+        UnsupportedConstraint
+            As for a new `Workspace`.
         """
         check_scene(scene)
         if scene.robot.model != self.model:

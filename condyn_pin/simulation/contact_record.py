@@ -25,6 +25,11 @@ class ContactRecord:
         Natural residual [1], three parts of `ContactWork` [J], and modes as places in `MODES` [1],
         open while a candidate is away: what a file has. Where constraints are driven, one column
         more has their work in steps with contacts [J].
+
+    Raises
+    ------
+    ValueError
+        If the columns are not those of so many contacts.
     """
 
     names: tuple[str, ...]

@@ -43,6 +43,12 @@ class Event:
         them would violate them.
     restitution : float or mapping of str to float
         As in `switch`.
+
+    Raises
+    ------
+    InvalidArgument
+        If both or neither of `at` and `when` are given, `when` cannot be called with a snapshot, or
+        a restitution is not between 0 and 1.
     """
 
     name: str

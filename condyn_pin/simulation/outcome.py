@@ -32,6 +32,11 @@ class Effects:
         simulation adds them.
     armature : bool
         The inertia of the rotors. Otherwise M is that of the links alone.
+
+    Raises
+    ------
+    InvalidArgument
+        If one is neither True nor False.
     """
 
     gravity: bool = True

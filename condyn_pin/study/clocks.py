@@ -40,6 +40,11 @@ class TimingEffort:
         Time the bare call and the solve with its proof too.
     alone : bool
         Where a study goes on from a file, take the times again that were taken on a shared core.
+
+    Raises
+    ------
+    InvalidArgument
+        If a count is not positive.
     """
 
     rounds: int = 50

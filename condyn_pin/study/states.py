@@ -79,6 +79,13 @@ class SampledStates(States):
         In turn: in motion under ``random`` torques in the motors, and under ``zero`` torques; at
         rest under torques that are ``compensated`` for gravity, as far as the motors can, and at
         ``rest`` without any.
+
+    Raises
+    ------
+    InvalidArgument
+        If the count is not positive, the seed is negative, or there is no load.
+    UnknownName
+        If there is no such load.
     """
 
     count: int = 20
@@ -146,6 +153,11 @@ class PostureStates(States):
     ----------
     postures : sequence of str, optional
         All of them by default.
+
+    Raises
+    ------
+    InvalidArgument
+        If `postures` is a text instead of a list.
     """
 
     postures: Sequence[str] = ()

@@ -44,6 +44,11 @@ class Study:
     effort : TimingEffort
         How long to time.
 
+    Raises
+    ------
+    InvalidArgument
+        If an accuracy is none, or there is no measure, no scene, or no such solver.
+
     Examples
     --------
     ::

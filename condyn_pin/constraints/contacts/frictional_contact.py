@@ -54,6 +54,12 @@ class FrictionalContact(Contact):
     name : str, optional
         The frame's name by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If friction is missing, negative or above 1e6, restitution is not from 0 to 1, or the shape
+        or what it touches is none of these.
+
     Notes
     -----
     The force is the one on the robot at the contact point, in the axes t1, t2, n of the plane [N];

@@ -32,6 +32,11 @@ class JointFriction(Contact):
         The largest friction along each coordinate [N m, N]; that of the description by default.
     name : str, optional
         ``<joint>/friction`` by default.
+
+    Raises
+    ------
+    InvalidArgument
+        If `joint` is no name, or the torque is negative.
     """
 
     joint: str

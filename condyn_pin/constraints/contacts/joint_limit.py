@@ -29,6 +29,11 @@ class JointLimit(Contact):
     name : str, optional
         The joint's name by default.
 
+    Raises
+    ------
+    InvalidArgument
+        If `joint` is no name.
+
     Notes
     -----
     The force is the one away from the stop [N m, N].

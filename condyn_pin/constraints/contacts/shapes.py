@@ -70,6 +70,11 @@ class Ball(Shape):
     ----------
     radius : float
         Radius [m].
+
+    Raises
+    ------
+    InvalidArgument
+        If the radius is not positive.
     """
 
     radius: float  # [m]
@@ -99,6 +104,11 @@ class Capsule(Shape):
         Radius [m].
     half_length : float
         Half the distance between the middles of its two ends [m].
+
+    Raises
+    ------
+    InvalidArgument
+        If a length is not positive.
     """
 
     radius: float  # [m]
@@ -131,6 +141,11 @@ class Box(Shape):
     ----------
     x, y, z : float
         Half of its edges [m].
+
+    Raises
+    ------
+    InvalidArgument
+        If an edge is not positive.
     """
 
     x: float  # [m]

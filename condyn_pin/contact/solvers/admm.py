@@ -41,6 +41,11 @@ class ADMM(ContactSolver):
         End with Newton's method, which takes the residual to 1e-16: for derivatives, where what
         sticks and what slides has to be known. Else it is what is tried first where ADMM fails.
 
+    Raises
+    ------
+    InvalidArgument
+        If the tolerance is negative, `max_iterations` is not positive, or `anderson` is no count.
+
     Notes
     -----
     Cost O(m^3), the factorisation, and O(m^2) an iteration; where contacts are many and bodies few,

@@ -37,6 +37,11 @@ class Lemke(ContactSolver):
     max_iterations : int
         Pivots of a path, of at most three; half as many as there are directions are usual.
 
+    Raises
+    ------
+    InvalidArgument
+        If `sides` is odd or below 4, or `max_iterations` is not positive.
+
     Notes
     -----
     It solves a different problem from the other solvers: for sliding contacts it is off by the

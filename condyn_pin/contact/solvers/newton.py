@@ -64,6 +64,11 @@ class SemismoothNewton(ContactSolver):
         Newton steps from each starting point. Solo12 on four feet takes two to five, forty are what
         a stack of boxes with fifty contacts takes.
 
+    Raises
+    ------
+    InvalidArgument
+        If `max_iterations` is not positive.
+
     Notes
     -----
     Cost O(m^3) a step, a singular value decomposition. Where it stalls, as it does where friction

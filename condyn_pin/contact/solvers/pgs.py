@@ -38,6 +38,11 @@ class PGS(ContactSolver):
         that omega has to be below 2 min(G_11, G_22) over the largest eigenvalue of that block, or
         it never ends. By default 1, or 0.6 of that bound where it is less.
 
+    Raises
+    ------
+    InvalidArgument
+        If the tolerance is negative, or `max_iterations` or `over_relaxation` is not positive.
+
     Notes
     -----
     Only for an ncp, as in Pinocchio. Cost O(m^2) per sweep. With large mass ratios or redundant

@@ -44,6 +44,11 @@ class SAP(ContactSolver):
         Newton steps from each starting point. Ten are many where R is a hundredth of the diagonal
         of G, as in MuJoCo and Drake; where it is a millionth, a hundred may be few.
 
+    Raises
+    ------
+    InvalidArgument
+        If `max_iterations` is not positive.
+
     Notes
     -----
     Only for a ccp, with R > 0 in every row and the same along t1 and t2. Cost O(m^3) a step, one

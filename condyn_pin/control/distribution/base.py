@@ -52,6 +52,11 @@ class ForceDistribution(ABC):
         One for all contacts that press on a floor, or one each by name: forces stay within them.
     qp : QPSolver
         Solver of the quadratic program.
+
+    Raises
+    ------
+    InvalidArgument
+        If `qp` is no solver of quadratic programs.
     """
 
     title: ClassVar[str]

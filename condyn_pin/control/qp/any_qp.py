@@ -20,6 +20,11 @@ class AnyQP(QPSolver):
     ----------
     solver : str
         Such as "clarabel" or "piqp"; its own package has to be there too.
+
+    Raises
+    ------
+    InvalidArgument
+        If `solver` is no name.
     """
 
     title: ClassVar[str] = "qpsolvers"

@@ -27,6 +27,11 @@ class DAQP(QPSolver):
     max_iterations : int
         Changes of the active set; about as many as there are active rows are needed.
 
+    Raises
+    ------
+    InvalidArgument
+        If the tolerance is negative, or `max_iterations` is not positive.
+
     References
     ----------
     Arnström, Bemporad, Axehill. A dual active-set solver for embedded quadratic programming using

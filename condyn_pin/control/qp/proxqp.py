@@ -27,6 +27,11 @@ class ProxQP(QPSolver):
     max_iterations, max_inner : int
         Outer and inner iterations. By ProxSuite's own limits a single program ran for 100 s.
 
+    Raises
+    ------
+    InvalidArgument
+        If the tolerance is negative, or a limit is not positive.
+
     Notes
     -----
     A call starts from the multipliers of the last call, but with the initial penalty: with the

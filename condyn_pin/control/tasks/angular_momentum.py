@@ -30,6 +30,11 @@ class AngularMomentum(Task):
     k : float
         Gain of the feedback [1/s].
 
+    Raises
+    ------
+    InvalidArgument
+        If the gain is negative, or the reference is neither three numbers nor a function of t.
+
     References
     ----------
     Orin, Goswami, Lee. Centroidal dynamics of a humanoid robot. Autonomous Robots, 2013.

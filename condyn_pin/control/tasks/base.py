@@ -82,6 +82,11 @@ class Task(ABC):
         Of the squares of its rows [s^4/m^2, s^4/rad^2, 1/N^2]; infinity makes them equations.
     name : str, optional
         What its rows are called by.
+
+    Raises
+    ------
+    InvalidArgument
+        If the weight is negative or NaN, or the name is no text.
     """
 
     weight: float = field(default=1.0, kw_only=True)

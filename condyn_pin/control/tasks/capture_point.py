@@ -58,6 +58,11 @@ class CapturePoint(Task):
         How far p may be beyond the edge of the support, as a share of the way there [1]: by turning
         trunk and limbs, where other tasks let them.
 
+    Raises
+    ------
+    InvalidArgument
+        If `k` or `beyond` is negative, or the reference is not three numbers.
+
     References
     ----------
     Englsberger, Ott, Albu-Schaeffer. Three-dimensional bipedal walking control based on divergent

@@ -27,6 +27,11 @@ class ContactForce(Task):
         Name of a constraint of the scene that has a cone.
     reference : (3,) array_like or callable, optional
         In the axes of the world [N], or a function of t; zero by default.
+
+    Raises
+    ------
+    InvalidArgument
+        If `contact` is no name, or the reference is neither three numbers nor a function of t.
     """
 
     contact: str

@@ -35,6 +35,11 @@ class FrameTask(Tracking):
         where the frame is in the first posture of the robot.
     of : {"position", "pose"}
         Three rows, those of the origin, or six.
+
+    Raises
+    ------
+    InvalidArgument
+        If `frame` is no name, or `of` is unknown.
     """
 
     frame: str

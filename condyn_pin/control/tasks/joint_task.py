@@ -29,6 +29,11 @@ class JointTask(Tracking):
     reference : float or callable, optional
         [rad, m], or a function of t that returns (x, v, a). By default where the joint is in the
         first posture of the robot.
+
+    Raises
+    ------
+    InvalidArgument
+        If `joint` is no name.
     """
 
     unit: ClassVar[str] = "rad/s^2, m/s^2"

@@ -31,6 +31,11 @@ class Orientation(Tracking):
         Quaternion x y z w or rotation matrix, from the frame to the world; or a function of t that
         returns one with angular velocity [rad/s] and acceleration [rad/s^2] (3,), in the axes of
         the world. By default how the frame is turned in the first posture of the robot.
+
+    Raises
+    ------
+    InvalidArgument
+        If `frame` is no name.
     """
 
     unit: ClassVar[str] = "rad/s^2"

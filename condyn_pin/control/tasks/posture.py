@@ -34,6 +34,11 @@ class Posture(Tracking):
         In its place a function of t that returns (q, v, a), of sizes nq, nv and nv.
     joints : sequence of str, optional
         Those that follow; by default the joints with a motor.
+
+    Raises
+    ------
+    InvalidArgument
+        If a posture and a reference are both given, or the reference is no function of t.
     """
 
     unit: ClassVar[str] = "rad/s^2, m/s^2"

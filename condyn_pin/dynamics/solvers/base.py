@@ -97,6 +97,11 @@ class Solver(ABC):
     accuracy : float
         Error of a that is good enough, relative to the larger of |a|_inf and gravity, unless
         `solve` is told another: what the status is judged by. It changes no number of the answer.
+
+    Raises
+    ------
+    InvalidArgument
+        If the accuracy is finer than doubles can have.
     """
 
     title: ClassVar[str]

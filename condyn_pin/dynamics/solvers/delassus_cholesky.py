@@ -33,6 +33,11 @@ class DelassusCholesky(Solver):
         where they are not. With mu > 0 it always exists, and a is off by about mu / sigma
         relative, sigma the smallest nonzero eigenvalue of G.
 
+    Raises
+    ------
+    InvalidArgument
+        If `mu` is negative or not finite.
+
     Notes
     -----
     Cost O(n^3 + n^2 m + m^3), with the smallest constants of all dense methods: LAPACK's dpotrf of

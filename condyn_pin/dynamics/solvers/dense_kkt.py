@@ -45,6 +45,11 @@ class DenseKKT(Solver):
         Corrections by residuals of Newton-Euler and forward kinematics with the same factor: they
         make up for mu and for rounding; each costs as much as the verification in `solve`.
 
+    Raises
+    ------
+    InvalidArgument
+        If `mu` is negative or not finite, or `refinements` is not from 0 to 100.
+
     Notes
     -----
     Cost O((n + m)^3); Bunch-Kaufman pivoting, one call of LAPACK's dsysv. The matrix is scaled

@@ -38,6 +38,11 @@ class GaussPrinciple(Solver):
         Singular values of J L^-T below this share of the largest belong to redundant rows, and so
         do those that rounding of J can make up, as measured at the nominal state.
 
+    Raises
+    ------
+    InvalidArgument
+        If `rank_tolerance` is not between 0 and 1.
+
     Notes
     -----
     Cost O(n^3 + m^2 n), of which the singular values take most. No other factorisation is as clear

@@ -39,6 +39,11 @@ class NullSpace(Solver):
         Rows of R whose pivot is below this share of the largest belong to redundant rows, and so do
         those that rounding of J can make up, as measured at the nominal state.
 
+    Raises
+    ------
+    InvalidArgument
+        If `rank_tolerance` is not between 0 and 1.
+
     Notes
     -----
     Cost O(n^2 m + n^2 (n - m) + (n - m)^3): the matrix that is factorised is as small as the

@@ -93,6 +93,11 @@ class Proximal(Solver):
         Handed to Pinocchio as it is. Pinocchio compares it with a number that is not a residual
         (|J a_free - 2 b|_inf), so it has no use; 0 keeps it from ever stopping the iteration.
 
+    Raises
+    ------
+    InvalidArgument
+        If `mu` or an accuracy is negative or not finite, or a limit is not positive.
+
     Notes
     -----
     Pinocchio represents a hinge, an edge and a planar pin by points, which is exact on closed

@@ -44,6 +44,11 @@ class PV(Solver):
     absolute_accuracy : float, optional
         Iterate until |lam_(k+1) - lam_k|_inf is below this [N]. By default what `Proximal` takes.
 
+    Raises
+    ------
+    InvalidArgument
+        If `mu` or an accuracy is negative or not finite, or `max_iterations` is not positive.
+
     Notes
     -----
     Needs ``condyn_pin_native``, which compiles Pinocchio 3.9's passes over the joints, and runs

@@ -45,6 +45,11 @@ class Reference(Solver):
         Corrections. Each gains the digits that the factors have left over conditioning; two reach
         the rounding of the answer for every scene in the tests.
 
+    Raises
+    ------
+    InvalidArgument
+        If `rank_tolerance` is not between 0 and 1, or `refinements` is no count.
+
     Notes
     -----
     Cost O(n^3 + m^2 n), and milliseconds for the exact sums: for judging, not for loops. The

@@ -63,6 +63,11 @@ class Soft(Solver):
     hard one, and is off by a multiple of 1 - d. MuJoCo itself goes no further than d = 0.9999, and
     no faster than a timeconst of two steps.
 
+    Raises
+    ------
+    InvalidArgument
+        If the numbers of `solref` differ in sign, or one of `solimp` is out of its range.
+
     Notes
     -----
     Cost as `DelassusCholesky`. It solves other equations than the other solvers: lam belongs to a,

@@ -35,6 +35,11 @@ class SparseKKT(Solver):
         where they are not. With mu > 0 it always exists, and a is off by about mu / sigma
         relative, sigma the smallest nonzero eigenvalue of J M^-1 J^T.
 
+    Raises
+    ------
+    InvalidArgument
+        If `mu` is negative or not finite.
+
     Notes
     -----
     Cost O(n d^2 + m d^2 + m^2 d), d the depth of the tree. `Proximal` repeats this solve until mu

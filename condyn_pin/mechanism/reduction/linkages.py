@@ -56,6 +56,8 @@ def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -
 
     Raises
     ------
+    UnknownName
+        If there is no such loop or joint.
     InvalidArgument
         If a motor or a spring acts on one of the joints.
     InvalidConstraint

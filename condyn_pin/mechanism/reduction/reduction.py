@@ -47,6 +47,8 @@ def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> Red
 
     Raises
     ------
+    UnknownName
+        If there is no such joint.
     InvalidArgument
         If all of them are locked.
     NotAssembled
@@ -88,6 +90,13 @@ def keep(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> Red
     Returns
     -------
     ReducedScene
+
+    Raises
+    ------
+    UnknownName
+        If there is no such joint.
+    InvalidArgument, NotAssembled
+        As `lock`.
     """
     kept = {*checked("joints", joints, scene.robot.joints, "joint"), *free_flyers(scene.robot)}
     return lock(scene, [name for name in scene.robot.joints if name not in kept], q)
@@ -105,6 +114,11 @@ def without(scene: Scene, names: Sequence[str]) -> ReducedScene:
     Returns
     -------
     ReducedScene
+
+    Raises
+    ------
+    UnknownName
+        If there is no such constraint.
     """
     gone = checked("names", names, scene.names, "constraint")
     kept = [c for c in scene.constraints if c.name not in gone]
@@ -128,6 +142,8 @@ def without_bodies(scene: Scene, joints: Sequence[str]) -> ReducedScene:
 
     Raises
     ------
+    UnknownName
+        If there is no such joint.
     InvalidArgument
         If nothing is left of the robot.
     """

@@ -84,6 +84,8 @@ def rods_as_distances(
 
     Raises
     ------
+    UnknownName
+        If there is no such joint.
     InvalidArgument
         If a body is no rod; the text says why.
     InvalidConstraint

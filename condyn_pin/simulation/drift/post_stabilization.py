@@ -29,6 +29,11 @@ class PostStabilization(Drift):
     every : int
         Steps from one correction to the next.
 
+    Raises
+    ------
+    InvalidArgument
+        If the metric is unknown, or `every` is not positive.
+
     References
     ----------
     Ascher, Chin, Petzold, Reich. Stabilization of constrained mechanical systems with DAEs and

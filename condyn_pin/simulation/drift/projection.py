@@ -46,6 +46,12 @@ class Projection(Drift):
     tolerance : float
         Violation [m, rad] and velocity [m/s, rad/s] that are left.
 
+    Raises
+    ------
+    InvalidArgument
+        If there is nothing to keep, the metric is unknown, `every` is not positive, or the
+        tolerance is negative.
+
     References
     ----------
     Eich. Convergence results for a coordinate projection method applied to mechanical systems with

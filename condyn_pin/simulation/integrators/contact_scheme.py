@@ -131,6 +131,11 @@ class ContactScheme(Integrator, ABC):
     ----------
     contact : ContactSolver
         What answers the contact problem of each step.
+
+    Raises
+    ------
+    InvalidArgument
+        If `contact` is no contact solver, or does not solve the law of the scheme.
     """
 
     order: ClassVar[Order] = Order(1, 1, 1)  # of v 2 where nothing touches, and no body floats

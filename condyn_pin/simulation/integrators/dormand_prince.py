@@ -48,6 +48,11 @@ class DormandPrince(Integrator):
     method : {8, 5}
         Dormand and Prince's method of order 8 (DOP853) or 5 (RK45, with local extrapolation).
 
+    Raises
+    ------
+    InvalidArgument
+        If a tolerance is not between 0 and 1, or the method is neither 5 nor 8.
+
     References
     ----------
     Hairer, Norsett, Wanner. Solving Ordinary Differential Equations I. Springer, 1993, II.4-5.

@@ -46,6 +46,12 @@ class EventDriven(Integrator):
     contact : ContactSolver
         What answers the contact problems; Newton's method does to rounding.
 
+    Raises
+    ------
+    InvalidArgument
+        If `inner` is none of these, the shortest bounce is not positive, or `contact` does not
+        solve Coulomb's law itself.
+
     Notes
     -----
     Contacts are detected at the ends of steps: one that touches and leaves within a step is missed.

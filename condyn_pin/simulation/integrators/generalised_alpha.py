@@ -47,6 +47,11 @@ class GeneralisedAlpha(Integrator):
         dt does not resolve, and little else. The error with which lam begins, of order 1, swings
         and dies out at this rate; at 1 it would grow with the number of steps, at any dt.
 
+    Raises
+    ------
+    InvalidArgument
+        If `rho` is not from 0 to below 1.
+
     References
     ----------
     Chung, Hulbert. A time integration algorithm for structural dynamics with improved numerical

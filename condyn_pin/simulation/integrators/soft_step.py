@@ -51,6 +51,11 @@ class SoftStep(ContactScheme):
     solimp : (d_0, d_width, width, midpoint, power)
         As in `condyn_pin.dynamics.Soft`, `width` in [m, rad].
 
+    Raises
+    ------
+    InvalidArgument
+        If the numbers of `solref` differ in sign, or one of `solimp` is out of its range.
+
     References
     ----------
     Todorov. Convex and analytically-invertible dynamics with contacts and constraints: theory and

@@ -67,6 +67,11 @@ class Kappa(LawRoute):
         Smoothness, relative to the weight of the robot and the velocity that gravity gives in the
         step [1]. 1e-2 rounds a kink over a tenth of the weight, 1e-6 over a thousandth.
 
+    Raises
+    ------
+    InvalidArgument
+        If `kappa` is not from 1e-12 to 1e3.
+
     Notes
     -----
     The differentiated step has different impulses from the step that was taken: `q` and `v` of the

@@ -43,6 +43,11 @@ class Randomised(Route):
     seed : int
         Of the noise: the same one has the same bits.
 
+    Raises
+    ------
+    InvalidArgument
+        If `sigma` is not positive, or `samples` or `seed` is no count.
+
     Notes
     -----
     Kinks and jumps count in proportion to the samples that cross them: an impact earlier or later

@@ -41,6 +41,11 @@ class Softened(LawRoute):
     solimp : (d_0, d_width, width, midpoint, power)
         As in `SoftStep`.
 
+    Raises
+    ------
+    InvalidArgument
+        If the numbers of `solref` differ in sign, or one of `solimp` is out of its range.
+
     Notes
     -----
     Contacts that have not closed play no part. Stiff contacts have large derivatives, which near

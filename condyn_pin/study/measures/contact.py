@@ -66,6 +66,11 @@ class ContactMeasure(Measure):
         Of the step [s].
     integrator : ContactScheme
         What poses the problem.
+
+    Raises
+    ------
+    InvalidArgument
+        If dt is not positive, or the integrator is no scheme with contacts.
     """
 
     name: ClassVar[str] = "contact"

@@ -34,6 +34,11 @@ class DerivativeMeasure(Measure):
     ----------
     method : {"kkt", "pinocchio", "differences"}
         As in `condyn_pin.derivatives`.
+
+    Raises
+    ------
+    UnknownName
+        If there is no such method.
     """
 
     name: ClassVar[str] = "derivatives"

@@ -80,6 +80,12 @@ class GradientMeasure(Measure):
         Step [s].
     integrator : ContactScheme
         Whose steps are differentiated.
+
+    Raises
+    ------
+    InvalidArgument
+        If dt or the duration is not positive, dt exceeds the duration, the integrator is no scheme
+        with contacts, or `wrt` names no part of the start.
     """
 
     name: ClassVar[str] = "gradients"

@@ -89,6 +89,11 @@ class TrajectoryMeasure(Measure):
         Step [s].
     integrator, drift : Integrator, Drift, optional
         As in `simulate`.
+
+    Raises
+    ------
+    InvalidArgument
+        If dt or the duration is not positive.
     """
 
     name: ClassVar[str] = "trajectory"
