@@ -131,14 +131,15 @@ def what_is_taken_returned_and_raised(name: str) -> Iterator[str]:
 
 def fields(name: str) -> Iterator[str]:
     """As a parameter or an attribute, its own or that of the class that it has the field from."""
-    if not dataclasses.is_dataclass(PUBLIC[name]):
-        return
+    kind = PUBLIC[name]
+    every = set(getattr(kind, "_fields", ()))  # of a named tuple
+    if dataclasses.is_dataclass(kind):
+        every = {field.name for field in dataclasses.fields(kind)}
     listed: set[str] = set()
-    for base in PUBLIC[name].__mro__:
+    for base in getattr(kind, "__mro__", ()):
         said = sections(inspect.cleandoc(base.__doc__ or ""))
         for title in ("Parameters", "Attributes"):
             listed |= entries(said.get(title, "")).keys()
-    every = {field.name for field in dataclasses.fields(PUBLIC[name])}
     yield from {field for field in every if not field.startswith("_")} - listed
 
 

@@ -29,6 +29,10 @@ _SHAPES: Final = ((3,), (6,))
 class AppliedForce:
     """A force, or a force with a moment, that acts on a body at the origin of a frame.
 
+    tau_f = J_f^T f
+
+    with J_f the Jacobian of the frame, in the axes of f.
+
     Parameters
     ----------
     frame : str

@@ -30,7 +30,9 @@ from condyn_pin.errors import InvalidArgument
 class LineContact(WithWorld):
     """A straight edge of the robot that stays in place in the world: 5 rows.
 
-    The robot can still roll about the edge: Cassie's foot.
+    v = 0,    e x omega = 0    of the frame
+
+    The robot can still roll about the edge e: Cassie's foot.
 
     Parameters
     ----------

@@ -47,6 +47,13 @@ _APART: Final = 0.1  # [m]
 class Loop(BetweenFrames):
     """A closed chain: a joint between two frames of the robot.
 
+    What is held of the velocity (v, omega) of `frame_a` relative to `frame_b`, with e the axis and
+    r from one origin to the other:
+
+        ball    v = 0            weld    v = 0, omega = 0
+        planar  e x v = 0        hinge   v = 0, e x omega = 0
+        rod     r . v = 0        slider  e x v = 0, omega = 0
+
     Parameters
     ----------
     frame_a, frame_b : str

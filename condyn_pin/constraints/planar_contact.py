@@ -21,6 +21,8 @@ from condyn_pin.constraints.with_world import THIN, USUAL, WithWorld, plane, shi
 class PlanarContact(WithWorld):
     """A point of the robot that slides on a plane of the world without friction: 1 row.
 
+    n . p(q) = height,    n . v_p = 0
+
     Parameters
     ----------
     frame : str

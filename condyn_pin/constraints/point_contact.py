@@ -24,6 +24,8 @@ from condyn_pin.constraints.with_world import WithWorld, shifted
 class PointContact(WithWorld):
     """A point of the robot that stays in place in the world: 3 rows.
 
+    p(q) = anchor,    v_p = 0
+
     Parameters
     ----------
     frame : str

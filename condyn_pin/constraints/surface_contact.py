@@ -23,6 +23,8 @@ from condyn_pin.errors import InvalidArgument
 class SurfaceContact(WithWorld):
     """A flat part of the robot that stays in place in the world: 6 rows.
 
+    v = 0,    omega = 0    of the frame
+
     Parameters
     ----------
     frame : str

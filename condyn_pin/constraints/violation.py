@@ -16,7 +16,15 @@ _TINY = 1e-3  # [mm, deg]
 
 
 class ConstraintViolation(NamedTuple):
-    """By how much a constraint is violated, or by how much a joint is beyond its limits."""
+    """By how much a constraint is violated, or by how much a joint is beyond its limits.
+
+    Attributes
+    ----------
+    length : float
+        Of its rows that are lengths [m], or [m/s] of a velocity.
+    angle : float
+        Of its rows that are angles [rad], or [rad/s].
+    """
 
     length: float  # [m], or [m/s] of a velocity
     angle: float  # [rad], or [rad/s]

@@ -41,6 +41,10 @@ STILL = 1e-150
 class ContactProblem:
     """A contact problem: G, g and the sets that the impulses belong to.
 
+    K contains lam,  K* contains d,  lam . d = 0,    sigma = G lam + g + R lam
+
+    with d = sigma in a ccp, and sigma + (0, 0, mu |sigma_t|) in an ncp.
+
     Rows: three of each cone (t1, t2, n), then one of each half-line, then one of each interval.
 
     Parameters

@@ -38,7 +38,26 @@ _EPS = float(np.finfo(np.float64).eps)
 
 
 class ContactResiduals(NamedTuple):
-    """Sizes of the residuals of impulses, all without a unit."""
+    """Sizes of the residuals of impulses, all without a unit.
+
+    Attributes
+    ----------
+    cone : float
+        Distance of lam from K [1].
+    dual : float
+        Distance of d from K* [1].
+    complementarity : float
+        |lam . d| [1].
+    signorini : float
+        |lam_n sigma_n|, or the speed at which bodies approach [1].
+    uplift : float
+        sigma_n where lam_n > 0: bodies that part while they press [1].
+    dissipation : float
+        How far friction is from opposing sliding with all it has [1].
+    natural : float
+        |lam - P_K(lam - d)|, or |sigma| of what sticks; zero if and only if the problem is solved
+        [1].
+    """
 
     cone: float
     dual: float
@@ -51,6 +70,8 @@ class ContactResiduals(NamedTuple):
 
 def natural_residual(problem: ContactProblem, lam: Array) -> float:
     """Return the natural residual of impulses, without a unit; NaN if lam has one.
+
+    | lam - P_K(lam - d) |,  or |sigma| of what sticks
 
     Parameters
     ----------

@@ -21,7 +21,15 @@ from condyn_pin.errors import InvalidArgument
 
 
 class SoftContact(NamedTuple):
-    """What makes a ccp of contacts soft, in its rows (t1, t2, n)."""
+    """What makes a ccp of contacts soft, in its rows (t1, t2, n).
+
+    Attributes
+    ----------
+    R : (3 k,) array
+        Compliance [1/kg].
+    a_ref : (3 k,) array
+        Reference acceleration [m/s^2].
+    """
 
     R: Array  # (3 k,) [1/kg]
     a_ref: Array  # (3 k,) [m/s^2]

@@ -39,6 +39,10 @@ _SIGNS: Final = (("+", 1.0), ("-", -1.0))
 class WrenchCone(Cone):
     """The wrenches that friction at the corners of a rectangle, or the ends of an edge, can give.
 
+        |f_x|, |f_y| <= mu f_z,    |m_x| <= half_width f_z,    |m_y| <= half_length f_z
+
+    and a bound on m_z that the other five decide.
+
     For `SurfaceContact` and `LineContact`. It has a closed form where the cones at the corners are
     pyramids, and none where they are round: `margin` and `rows` are both those of the pyramids.
 

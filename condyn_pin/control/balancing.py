@@ -114,6 +114,10 @@ def balance(
 ) -> Balance:
     """Return centre of pressure, capture point and stability margins of a robot on the floor.
 
+    zmp = p + e x M_p / (f . e),    dcm = c + cdot / omega,    omega = sqrt(g / h)
+
+    with e the normal of the plane of the contacts, p a point of it, f and M_p what they exert.
+
     Parameters
     ----------
     scene : Scene

@@ -23,6 +23,8 @@ _WEAK = 1e-3
 class InverseDynamics:
     """Motor torques and constraint forces that produce a motion.
 
+    B u + J^T lam = M a + h - passive - sum J_f^T f
+
     Attributes
     ----------
     u : (k,) array

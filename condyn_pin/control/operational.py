@@ -32,6 +32,10 @@ Task = Literal["pose", "position"]
 class OperationalSpace:
     """The dynamics of one frame under the constraints of a scene.
 
+    Lambda = (J W J^T)^+,    J_bar = W J^T Lambda,    N = I - J_bar J
+
+    with W the inverse inertia that the constraints leave.
+
     Attributes
     ----------
     J : (r, nv) array

@@ -46,6 +46,8 @@ from condyn_pin.mechanism.anchoring import anchored
 class PushBound:
     """The largest push that a robot stands without a step, along one direction.
 
+    v^2 = 2 omega^2 int_0^s* (p(s) - s) ds,    omega^2 = gravity / height
+
     Attributes
     ----------
     way : (3,) array

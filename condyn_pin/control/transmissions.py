@@ -33,6 +33,8 @@ from condyn_pin.mechanism.closed_chains import independent_columns, passive_join
 class Transmission:
     """The map between motors and joints at one configuration.
 
+    v = G w,    u = G^T tau
+
     Attributes
     ----------
     G : (nv, k) array

@@ -35,6 +35,8 @@ Restitution = float | Mapping[str, float]
 class Impact:
     """The velocity after an impact, and its impulses.
 
+    M (v - v_before) = J^T lam,    J v = -e J v_before
+
     Attributes
     ----------
     v : (nv,) array

@@ -67,7 +67,21 @@ _HEAVY = 100.0
 
 
 class Residuals(NamedTuple):
-    """Sizes of the residuals of an answer, and the bound that they imply for the error of a."""
+    """Sizes of the residuals of an answer, and the bound that they imply for the error of a.
+
+    Attributes
+    ----------
+    dynamics : float
+        |M a + h - tau - J^T lam - sum J_f^T f|_inf [N, N m].
+    constraint : float
+        |J a + gamma - a_ref|_inf [m/s^2, rad/s^2].
+    violation : float
+        |c(q)|_inf of the state [m, rad].
+    velocity : float
+        |J v|_inf of the state [m/s, rad/s].
+    bound : float
+        Bound on the error of a, relative to the larger of |a|_inf and gravity [1].
+    """
 
     dynamics: float  # |M a + h - tau - J^T lam|_inf [N, N m]
     constraint: float  # |J a + gamma - a_ref|_inf [m/s^2, rad/s^2]

@@ -62,7 +62,15 @@ class Status(Enum):
 
 
 class StateError(NamedTuple):
-    """How far a state is from satisfying the constraints."""
+    """How far a state is from satisfying the constraints.
+
+    Attributes
+    ----------
+    position : float
+        |c(q)|_inf [m, rad].
+    velocity : float
+        |J v|_inf [m/s, rad/s].
+    """
 
     position: float  # |c(q)|_inf [m, rad]
     velocity: float  # |J v|_inf [m/s, rad/s]

@@ -39,6 +39,8 @@ from condyn_pin.mechanism.following import Follower, drive, with_motors
 class CompleteState:
     """The whole state that belongs to given motor positions and speeds.
 
+    v = G v_actuated + J_D^+ s'
+
     Attributes
     ----------
     q : (nq,) array
@@ -90,6 +92,8 @@ def complete_state(
     within_limits: bool = True,
 ) -> CompleteState:
     """Return the whole state from the motor positions and speeds that encoders measure.
+
+    c(q) = 0,    v = G v_actuated,    q and v of the motors as given
 
     Parameters
     ----------

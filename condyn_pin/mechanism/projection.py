@@ -46,6 +46,8 @@ _PASSES = 2
 def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, *, metric: Metric = "mass") -> Array:
     """Return the velocity nearest to v with J v = 0, or J v = s' where rows are driven.
 
+    min over x of |x - v|_W    with  J x = s'
+
     Parameters
     ----------
     scene : Scene
@@ -80,6 +82,8 @@ def project_acceleration(
     scene: Scene, q: ArrayLike, v: ArrayLike, a: ArrayLike, *, metric: Metric = "mass"
 ) -> Array:
     """Return the acceleration nearest to a with J a + gamma(q, v) = 0.
+
+    min over x of |x - a|_W    with  J x + gamma = s''
 
     Parameters
     ----------

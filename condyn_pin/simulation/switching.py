@@ -62,6 +62,8 @@ def switch(
 ) -> Switch:
     """Return the velocity of a robot just after its constraints change.
 
+    M (v+ - v) = J^T lam,    J v+ = -e J v    of what is added,    J v+ = 0    of what is kept
+
     A touch-down is an impact of all constraints of the second scene, so closed constraints stay
     closed. A lift-off does not change the velocity.
 

@@ -32,6 +32,10 @@ from condyn_pin.errors import InvalidArgument, InvalidModel, UnsupportedConstrai
 class FrictionalContact(Contact):
     """A part of a body that may touch a plane, stick to it, slide on it, and leave it again.
 
+    0 <= gap,    0 <= lam_n,    gap lam_n = 0,    |lam_t| <= friction lam_n
+
+    Where it slides, lam_t = -friction lam_n v_t / |v_t| (Signorini, Coulomb).
+
     Parameters
     ----------
     frame : str

@@ -22,6 +22,8 @@ from condyn_pin.errors import InvalidArgument
 class JointFriction(Contact):
     """Dry friction in a joint: it sticks up to a torque, and opposes sliding with it.
 
+    |lam| <= torque,    lam = -torque sign(v) where it slides
+
     It has one row per coordinate.
 
     Parameters

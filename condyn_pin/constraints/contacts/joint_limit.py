@@ -22,6 +22,8 @@ from condyn_pin.errors import InvalidArgument
 class JointLimit(Contact):
     """The stops at the ends of the range of a joint: one row for each finite end.
 
+    lower <= q <= upper,    lam >= 0,    lam = 0 where no stop is touched
+
     Parameters
     ----------
     joint : str

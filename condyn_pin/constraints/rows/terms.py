@@ -17,12 +17,14 @@ if TYPE_CHECKING:
 class Terms:
     """The terms of the two equations at one state.
 
+    M a + h = tau + J^T lam,    J a + gamma = a_ref
+
     Attributes
     ----------
     M : (nv, nv) array
         Mass matrix, armature included, both triangles.
     h : (nv,) array
-        Coriolis, centrifugal and gravity torque.
+        Coriolis, centrifugal and gravity torques [N m, N].
     J : (m, nv) array
         Constraint Jacobian, rows in the order of the scene, in the axes of each constraint.
     gamma : (m,) array

@@ -33,7 +33,18 @@ CONTACT_SOLVERS: dict[str, type[ContactSolver]] = {}
 
 
 class Attempt(NamedTuple):
-    """What a contact solver found, not yet verified."""
+    """What a contact solver found, not yet verified.
+
+    Attributes
+    ----------
+    lam : (m,) array
+        Impulses [N s].
+    iterations : int
+    path : tuple of str
+        Titles of the methods that had a part; the one that answered is last.
+    answered : bool
+        Whether a method that is not `exact` solved the problem that it puts in place of this one.
+    """
 
     lam: Array  # (m,) [N s]
     iterations: int

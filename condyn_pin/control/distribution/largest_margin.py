@@ -18,6 +18,8 @@ _GIVEN = 1e-6
 class LargestMargin(LeastNorm):
     """The forces with the largest smallest margin to their cones, and of these the smallest.
 
+    max t    with  A lam + t <= 0
+
     Parameters
     ----------
     cones : Cone or dict of str to Cone

@@ -16,6 +16,8 @@ from condyn_pin.dynamics.force import Sites
 class LeastNorm(ForceDistribution):
     """The smallest forces within the cones, in the sum of squares of all rows [N, N m].
 
+    min |lam|^2    with  A lam <= 0
+
     Parameters
     ----------
     cones : Cone or dict of str to Cone

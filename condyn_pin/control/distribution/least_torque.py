@@ -16,6 +16,8 @@ from condyn_pin.dynamics.force import Sites
 class LeastTorque(ForceDistribution):
     """The smallest torques of the motors with forces within the cones, in the sum of squares.
 
+    min |u|^2    with  A lam <= 0
+
     Parameters
     ----------
     cones : Cone or dict of str to Cone

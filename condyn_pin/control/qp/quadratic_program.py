@@ -43,6 +43,8 @@ class Constraints(NamedTuple):
 class QuadraticProgram:
     """The data of one program; bounds that do not exist are infinite.
 
+    min over x of x^T H x / 2 + g^T x    with  A x = b,    lower <= C x <= upper
+
     Attributes
     ----------
     H : (n, n) array

@@ -19,6 +19,8 @@ from condyn_pin.dynamics.scene import Scene
 class CenterOfMass(Tracking):
     """The centre of mass follows a point of the world: 3 rows.
 
+    a_wanted = a_r + kp (x_r - x) + kd (v_r - v)
+
     Parameters
     ----------
     reference : (3,) array_like or callable, optional

@@ -21,6 +21,8 @@ from condyn_pin.errors import InvalidArgument, unknown_name
 class ContactForce(Task):
     """The force of a contact on the robot follows a reference: 3 rows.
 
+    min w |f - reference|^2
+
     Parameters
     ----------
     contact : str

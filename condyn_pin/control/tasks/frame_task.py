@@ -25,6 +25,8 @@ Of = Literal["position", "pose"]
 class FrameTask(Tracking):
     """A frame of the robot follows a point or a placement of the world: 3 rows or 6.
 
+    a_wanted = a_r + kp (x_r - x) + kd (v_r - v)
+
     Parameters
     ----------
     frame : str

@@ -22,6 +22,8 @@ from condyn_pin.errors import InvalidArgument
 class JointTask(Tracking):
     """A joint with one degree of freedom follows an angle or a length: 1 row.
 
+    a_wanted = a_r + kp (x_r - x) + kd (v_r - v)
+
     Parameters
     ----------
     joint : str

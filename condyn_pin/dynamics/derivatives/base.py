@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 class Derivatives(ABC):
     """The derivatives of accelerations and constraint forces, as returned by `derivatives`.
 
+    M da - J^T dlam = dtau - r_q dq - r_v dv,    J da = -s_q dq - s_v dv
+
     Columns are tangent: those for q belong to ``pin.integrate(model, q, dq)``. The six matrices are
     formed when one of them is accessed; `jvp` and `vjp` do without.
 

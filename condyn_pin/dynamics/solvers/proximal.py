@@ -49,7 +49,7 @@ class Iteration(NamedTuple):
 class Proximal(Solver):
     """Proximal iteration on the sparse Cholesky factor of the KKT matrix.
 
-    With G = J M^-1 J^T and b the acceleration that is missing, iterate
+    With G = J M^-1 J^T and b = a_ref - gamma - J a_free what the free motion lacks, iterate
 
         lam_(k+1) = lam_k + (G + mu I)^-1 (b - G lam_k)
 
