@@ -102,7 +102,7 @@ class Driven(Constraint):
 
     @property
     def is_rheonomic(self) -> bool:
-        """True: time enters its rows."""
+        """Whether time enters its rows: it does."""
         return True
 
     def sides(self, machine: Machine) -> tuple[int, int]:

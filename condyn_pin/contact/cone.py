@@ -111,7 +111,7 @@ class ConeRows:
 
     @property
     def b(self) -> Array:
-        """Zeros (r,) [N]: these are cones."""
+        """The right sides (r,) [N], zero because these are cones."""
         return np.zeros(len(self.A))
 
 

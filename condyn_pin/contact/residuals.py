@@ -87,8 +87,7 @@ def natural_residual(problem: ContactProblem, lam: Array) -> float:
 
     Notes
     -----
-    Cost: one product G lam and 1 us a contact: for the few of a robot numbers one by one take half
-    the time of numpy's calls. No solver runs these lines.
+    Cost: one product G lam and 1 us a contact. No solver uses this code, so that it can judge all.
     """
     if not len(lam):
         return 0.0

@@ -116,12 +116,12 @@ class ControlAnswer:
     tau : (nv,) array
         Joint torques that the motors give, B u [N m, N].
     a : (nv,) array
-        What the joints then do [rad/s^2, m/s^2].
+        Accelerations that follow [rad/s^2, m/s^2].
     lam : (m,) array
         Constraint forces, all rows, in the axes of each constraint [N, N m].
     rigid : (r,) array
-        Torques that keep the joints that are taken for rigid from accelerating, beside `passive`:
-        zero where springs are in equilibrium [N m, N].
+        Torques, beside `passive`, that keep the joints treated as rigid from accelerating: zero
+        where springs are in equilibrium [N m, N].
     errors : dict of str to (r,) array
         J a + drift - a_wanted of each task by name, in the units of its rows.
     active : tuple of str
@@ -144,7 +144,7 @@ class ControlAnswer:
         One for all contacts that press on a floor, or one each by name.
     scene : Scene
     q, v : (nq,), (nv,) array
-        Configuration, and velocity [rad/s, m/s], without the swing of joints that are taken for
+        Configuration, and velocity [rad/s, m/s], without the oscillation of joints treated as
         rigid; a free-flyer's in its body frame, linear first.
     t : float
         Of the tick [s].

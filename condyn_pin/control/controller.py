@@ -70,13 +70,14 @@ class Controller(OneThread):
         robot [1]: decides what the tasks leave open. Forces that it alone decides are rounded by
         1e-16 of the largest weight times its acceleration, over this: 1e-6 m/s^2 for 1e5.
     rigid : sequence of str
-        Joints without a motor that it takes for rigid, such as stiff springs: they do not
-        accelerate, whatever torque that takes, and their oscillation is left out of v, as if they
-        were locked at that instant, which keeps the momentum. Tasks that damped it would excite it.
+        Joints without a motor that are treated as rigid, such as stiff springs: they do not
+        accelerate, whatever torque that takes, and their oscillation is removed from v, as if they
+        were locked at that instant, which keeps the momentum. Tasks that tried to damp it would
+        excite it.
     native : bool or "where possible"
         Whether ticks are done by the compiled core: terms, program, answer and proof. The answers
-        are the same, in less time. What it does not take is refused, or done by Python; a tick
-        whose rows contradict each other always is.
+        are the same, in less time. What the core does not take is refused if True, and else left to
+        Python; so is any tick whose rows contradict each other.
 
     Raises
     ------

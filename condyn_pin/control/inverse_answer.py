@@ -33,8 +33,8 @@ class InverseDynamics:
     lam : (m,) array
         Constraint forces, all rows, in the axes of each constraint [N, N m].
     a : (nv,) array
-        What comes out: the acceleration asked for if the constraints allow it and the motors can
-        make it, else the nearest one in the metric of M.
+        The acceleration that results: the one asked for if the constraints allow it and the motors
+        can make it, else the nearest in the metric of M.
     residual : (nv,) array
         Generalised force that is missing for the motion [N m, N], M a_wanted + h - passive -
         sum J_f^T f - B u - J^T lam with a_wanted the nearest that the constraints allow.

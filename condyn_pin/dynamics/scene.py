@@ -48,7 +48,7 @@ class Scene:
         Contacts and loops. Only these exist: the loops of the robot's description are in a scene
         if you put them there, ``Scene(robot, robot.loops)``.
     contacts : sequence of FrictionalContact, JointLimit or JointFriction
-        What may let go or slide. Rows, rank, states and assembly see nothing of them.
+        What may let go or slide. Rows, rank, states and assembly do not include them.
 
     Raises
     ------

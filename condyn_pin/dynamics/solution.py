@@ -92,8 +92,8 @@ class Solution:
         The residuals, recomputed by Newton-Euler and forward kinematics, whatever the solver was;
         the properties below name them.
     status : Status
-        OK if `error_bound` is within the accuracy that was asked for (1e-8 by default), and what
-        the forces do to the joints within ten times that of the largest torque on a joint.
+        OK if `error_bound` is within the accuracy that was asked for (1e-8 by default), and J^T lam
+        within ten times that, relative to the largest torque on a joint.
     iterations : int
         Iterations of the solver; 1 for a direct method.
     solve_time : float
@@ -153,7 +153,7 @@ class Solution:
 
     @property
     def error_bound(self) -> float:
-        """Bound on the error of a, relative to the larger of |a|_inf and gravity.
+        """Bound on the error of a, relative to the larger of |a|_inf and gravity [1].
 
         A bound, up to rounding of tau, at the nominal state of the scene and an estimate elsewhere;
         see `condyn_pin.dynamics.residuals`. |a|_inf compares rad/s^2 with m/s^2 as plain numbers:

@@ -54,12 +54,13 @@ class Workspace(Memory):
     ----------
     scene : Scene
     solver : Solver, optional
-        What `default_solver` says by default: `Proximal()`, where it takes all constraints.
+        By default `Proximal()` where it takes all constraints, else as in `solve`.
     drift : Baumgarte, optional
-        What a_ref is; zero by default.
+        Baumgarte stabilisation: it gives a_ref, which is zero by default.
     native : bool or "where possible"
         Whether `solve` and `derivatives` are those of the compiled core (`Native`): the same
-        answers in less time. What it does not take is refused, or done by Python.
+        answers in less time. What the core does not take is refused if True, and else left to
+        Python.
 
     Attributes
     ----------
@@ -169,7 +170,7 @@ class Workspace(Memory):
 
     @cached_property
     def compiled(self) -> CompiledCore:
-        """The same in compiled code; UnsupportedBackend if it does not take something here."""
+        """The workspace in compiled code; UnsupportedBackend if the core does not take it."""
         # imported here: most do without
         from condyn_pin.dynamics.compiled.core import CompiledCore
 
@@ -206,7 +207,7 @@ class Workspace(Memory):
 
         Notes
         -----
-        The answer is looked at where the tree begins: what is not finite in the input always shows
+        Of the answer only the joints at the root are checked: input that is not finite always shows
         there. Finite input beyond 1e100 may overflow elsewhere, and come back as inf.
         """
         if forces is not _NO_FORCES:
@@ -251,13 +252,13 @@ class Workspace(Memory):
         return self.acceleration(q, v, tau)
 
     def lam(self) -> Array:
-        """Return the constraint forces (m,) of the last `acceleration`; owned by the caller."""
+        """Return the constraint forces (m,) of the last `acceleration` [N, N m], a copy."""
         if self._solved_by and self._solved_by != get_ident():
             raise in_use("the last `acceleration` of this Workspace was another thread's")
         return self.bound.lam()
 
     def careful_acceleration(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> Array:
-        """Accept what only needs converting; say what is wrong with anything else."""
+        """Return a (nv,) of arguments that need converting, or raise what is wrong with them."""
         q, v, tau = self._arguments.check(q, v, tau)
         solution = self.solve(q, v, tau, throw=False)
         if not np.isfinite(solution.a).all():

@@ -82,7 +82,7 @@ class ModelHierarchy:
 
 @dataclass(frozen=True)
 class HierarchyEffort:
-    """How long to look.
+    """How long to measure.
 
     Parameters
     ----------

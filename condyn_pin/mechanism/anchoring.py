@@ -19,10 +19,11 @@ from condyn_pin.dynamics.scene_checks import check_scene
 def anchored(scene: Scene, q: ArrayLike) -> Scene:
     """Return the scene with its contacts anchored: those without an anchor where they are at q.
 
-    c(q) = 0,    and what leaves its place has a gap c
+    c(q) = 0,    and wherever else a contact is, c is its gap
 
-    A contact without an anchor holds what it touches wherever that is: a foot that has slid or come
-    off has no gap, and no `Baumgarte` draws it back. Anchored it belongs where it stood.
+    A contact without an anchor holds its frame wherever that is: a foot that has slid or come off
+    has no gap, and `Baumgarte` does not draw it back. With an anchor it is drawn back to where it
+    stood.
 
     Parameters
     ----------

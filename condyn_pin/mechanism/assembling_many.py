@@ -33,8 +33,8 @@ def assemble_batch(
 ) -> tuple[Array, NDArray[np.bool_]]:
     """Return closed configurations with the motors at given angles, and which of them are closed.
 
-    Each starts from the nominal configuration, and if that fails goes there in small steps, so no
-    row depends on another. All are on the branch of the first posture.
+    Each starts from the nominal configuration, and if that fails approaches its angles in small
+    steps, so that no row depends on another. All are on the branch of the first posture.
 
     Parameters
     ----------
@@ -50,7 +50,7 @@ def assemble_batch(
     Returns
     -------
     Q : (n, nq) array
-        What is not closed is where the gap was smallest.
+        A row that is not closed is where its gap was smallest.
     closed : (n,) bool array
         Which of them are open by 1e-10 [m, rad] at most.
 

@@ -21,7 +21,7 @@ from condyn_pin.mechanism.closed_chains import chains_of
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """What a state leaves open.
+    """By how much a state violates the constraints.
 
     Attributes
     ----------

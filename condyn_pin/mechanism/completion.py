@@ -53,8 +53,8 @@ class CompleteState:
         Directions in which the robot can still move with the motors held. Of these, q and v are
         those of `near`, at rest.
     conflicting : int
-        Conditions among the motors themselves: more than zero if there are more motors than
-        degrees of freedom. Then G holds only for motions of the motors that fit together.
+        Conditions among the motors themselves: more than zero if there are more motors than degrees
+        of freedom. Then G holds only for motor motions that are compatible with each other.
     residual : float
         max abs(c(q)) [m, rad].
     assembly : Assembly

@@ -55,8 +55,9 @@ def growth_vector(scene: Scene, q: ArrayLike | None = None, *, deepest: int = 4)
     q : (nq,) array_like, optional
         A closed configuration; the nominal state by default.
     deepest : int
-        Levels at most: a car with n trailers has 3 + n. Each costs 4 d times the one before, d
-        being the first dimension. At singular places a level may bring nothing, and the next more.
+        The most levels to compute: a car with n trailers has 3 + n. Each costs 4 d times the one
+        before, d being the first dimension. At singular places a level may bring nothing, and the
+        next more.
 
     Returns
     -------

@@ -71,7 +71,7 @@ def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
     InvalidArgument
         If `scene` is no scene, or `q` has a wrong size or is not finite.
     NotAssembled
-        If a loop is open at q: off its own manifold a loop is not integrable, and means nothing.
+        If a loop is open at q: off the constraint manifold the question has no meaning.
 
     Notes
     -----

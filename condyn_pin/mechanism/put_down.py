@@ -28,17 +28,17 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
     scene : Scene
         With contacts that may let go.
     q : (nq,) array_like
-        Loops keep what they have: only the place of the base changes.
+        Only the base moves; the joints, and with them the loops, stay as they are.
 
     Returns
     -------
     q : (nq,) array
-        What was given for a robot that does not float, and where nothing touches.
+        q as given, if the robot has no floating base or no contact has a plane below it.
 
     Raises
     ------
     InvalidArgument
-        If q is no configuration, or the contacts of the scene never let go.
+        If q is no configuration, or the contacts of the scene are constraints, which never let go.
     """
     check_scene(scene)
     model = scene.robot.unedited

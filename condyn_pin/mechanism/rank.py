@@ -58,14 +58,14 @@ class Rank:
     generic_redundant : tuple of str
         Rows that can go at configurations that are not singular by accident.
     isolated : tuple of str
-        Loops that close at the first posture and nowhere near it: bars that just reach. Then
-        singular values that such a gap hides count as zeros.
+        Loops that close at the first posture and nowhere near it: bars that just reach. Singular
+        values that the gap beside it hides then count as zeros.
     conflict : dict of str to float
-        Rows that want to be moved against each other, and by how much: the part of c(q) that no
-        motion takes away, to first order [m, rad].
+        Rows that cannot be closed together, and by how much: the part of c(q) that no motion
+        removes, to first order [m, rad].
     weak : tuple of str
-        Rows that hold next to nothing: those along which singular values are below 1e-4
-        of the largest, and are no zeros.
+        Nearly redundant rows: those along which singular values are below 1e-4 of the largest, and
+        not zero.
     singular_values : (min(m, nv),) array
         Of J L^-T [1/sqrt(kg)].
     condition, delassus_condition : float

@@ -191,7 +191,7 @@ class Robot:
     def joint_values(self, q: ArrayLike) -> dict[str, float | Array]:
         """Return the value of each joint in q, by name: what `configuration` takes.
 
-        Angles [rad], also of joints without limits; slides [m]; other joints all their numbers.
+        Angles [rad], also of joints without limits; slides [m]; of other joints all numbers (k,).
         """
         return robot_joints.joint_values(self, q)
 

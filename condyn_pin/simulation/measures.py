@@ -50,11 +50,12 @@ class Energy:
         Work of contacts that open and slide since the start, of friction and impacts: they only
         take, springs of a `SoftStep` apart [J].
     correction : (k,) array
-        What pushing penetrations out has brought since the start, and moving q back onto the loops
-        behind each step with contacts [J].
+        Work since the start of pushing penetrations out, and of moving q back onto the loops after
+        each step with contacts [J].
     algorithmic : (k,) array
-        What impulses of contacts gave since the start where friction and impacts only take, for a
-        step knows J at one place only; not negative, and zero in the limit of small steps [J].
+        Energy that contacts added since the start although friction and impacts only take it,
+        because a step has J at one place only; not negative, and zero in the limit of small steps
+        [J].
     """
 
     kinetic: Array
@@ -92,7 +93,7 @@ class Energy:
 
     @property
     def kept(self) -> float:
-        """An error that is nothing beside the energies themselves [J]."""
+        """An error that is rounding beside the energies themselves [J]."""
         parts = (self.kinetic, self.potential, self.springs)
         return tolerances.ENERGY_KEPT * float(max(np.abs(part).max() for part in parts))
 

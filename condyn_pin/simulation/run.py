@@ -88,10 +88,12 @@ def simulate(
         `StewartTrinkle()` by default where contacts may open (`EventDriven()` locates their
         events), else `RungeKutta4()`: four solves a step, and an error of order dt^4. For six
         digits it takes a tenth of the steps of a method of order 2, a thousandth of Euler's. For
-        very long motions, or where energy matters most, take one that keeps the constraints.
+        very long motions, or where energy matters most, take an integrator that keeps the
+        constraints.
     drift : Drift, optional
         What keeps the constraints closed. By default `PostStabilization()`, which has no gains to
-        choose; `NoDrift()` where there is nothing to do, in no event's scene either.
+        choose; `NoDrift()` if no scene has constraints, events' scenes included, the integrator
+        keeps them itself, or the solver makes them soft.
     solver : Solver, optional
         As in `solve`; by default with four iterations at most where rows are redundant, since more
         change nothing (`condyn_pin.simulation.plan`).
@@ -99,7 +101,7 @@ def simulate(
         Keep every `record`-th sample. The first and the last one, and those at events, are always
         kept.
     events : sequence of Event, optional
-        What happens on the way: other contacts, impacts, the end.
+        Changes on the way: other contacts, impacts, the end.
     close_start : bool
         Whether the start has to satisfy the constraints. With False the drift scheme closes what is
         open, as `Baumgarte` does at the rate of its gains; it has to be one that does.

@@ -61,12 +61,12 @@ class StepSolution:
         What the contacts took, friction and impacts; not negative, springs of a `SoftStep` apart
         [J].
     correction_work : float
-        What pushing penetrations out has brought, and moving q back onto the loops [J].
+        Work of pushing penetrations out, and of moving q back onto the loops [J].
     algorithmic_work : float
-        What impulses of contacts gave where friction and impacts only take, for a step knows J at
-        one place only [J].
+        Energy that contacts added although friction and impacts only take it, because a step has J
+        at one place only [J].
     driven_work : float
-        What constraints that follow a path of time did [J].
+        Work of constraints that follow a path of time [J].
     dt : float
         Time step [s].
     scene : Scene

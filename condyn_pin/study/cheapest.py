@@ -40,9 +40,9 @@ class Choice:
     row : Row
         What the study found of it.
     fresh : Fresh
-        What it gave at states that it was not chosen by.
+        Its errors at states that had no part in the choice.
     rejected : tuple of (Row, Fresh)
-        What is faster, met the error in the study, and not at the fresh states.
+        Faster ones that met the error in the study, but not at the fresh states.
     """
 
     solver: Method

@@ -30,7 +30,7 @@ Candidate = tuple[Case, Method]
 
 @dataclass(frozen=True)
 class TimingEffort:
-    """How long to look.
+    """How long to measure.
 
     Parameters
     ----------

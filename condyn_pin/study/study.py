@@ -36,7 +36,7 @@ class Study:
         By default all but `Reference`, each with the parameters that it declares worth a look;
         `sweep` makes others.
     states : States or int
-        Where to look; a number is that many of `SampledStates`.
+        The states; a number is that many of `SampledStates`.
     measure : name of `MEASURES`, Measure, or several
         What the error is one of.
     accuracy : float

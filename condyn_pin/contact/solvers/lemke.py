@@ -46,7 +46,7 @@ class Lemke(ContactSolver):
     -----
     It solves a different problem from the other solvers: for sliding contacts it is off by the
     difference between polygon and circle, and the status is inaccurate. It provides a starting
-    point when nothing else helps. If the polygonal problem has no solution, the nearest point is
+    point where other methods fail. If the polygonal problem has no solution, the nearest point is
     returned, and the attempt is not `answered`. Cost O((m sides)^2) per pivot.
 
     References

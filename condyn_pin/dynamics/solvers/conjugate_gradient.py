@@ -28,9 +28,9 @@ class ConjugateGradient(MatrixFreeSolver):
 
     J^T x are wrenches on the joints, ABA is the articulated body algorithm, and J a the
     acceleration of the constraints by forward kinematics: at a state neither M nor J nor G is
-    formed. The iteration starts at lam = 0 and ends where |J a + gamma - a_ref| is small, or falls
-    no more: the best lam on the way is the answer. One matrix there is, (m, m), made once for a
-    scene: the preconditioner is the inverse of G at the nominal state.
+    formed. The iteration starts at lam = 0 and ends where |J a + gamma - a_ref| is small, or stops
+    falling; the best lam on the way is the answer. The only matrix, (m, m), is made once for a
+    scene: the preconditioner, the inverse of G at the nominal state.
 
     Parameters
     ----------

@@ -50,10 +50,11 @@ class ConstrainedABA(ArticulatedSolver):
     Notes
     -----
     Needs ``condyn_pin_native``, which compiles Pinocchio 3.9's passes over the joints, and runs
-    beside any Pinocchio. Contacts with the world only: `LCABA` has loops. What is cured of 3.9's
-    own driver: it takes the first residual from accelerations of the call before, for good if one
-    was not a number; it weighs each contact once for every contact of the same body, so that the
-    corners of a foot count four times; drift control reads placements that nobody computes.
+    beside any Pinocchio. Contacts with the world only: `LCABA` has loops. Defects of 3.9's own
+    driver that are worked around: it takes the first residual from accelerations of the call
+    before, and never recovers from one that was NaN; it weighs each contact once for every contact
+    of the same body, so that the corners of a foot count four times; drift control reads placements
+    that are not computed.
 
     References
     ----------

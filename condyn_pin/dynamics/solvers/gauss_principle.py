@@ -45,8 +45,8 @@ class GaussPrinciple(Solver):
 
     Notes
     -----
-    Cost O(n^3 + m^2 n), of which the singular values take most. No other factorisation is as clear
-    about rank, or as accurate: J L^-T is never squared. `Reference` is this one, refined.
+    Cost O(n^3 + m^2 n), of which the singular values take most. No other factorisation shows the
+    rank as clearly, or is as accurate: J L^-T is never squared. `Reference` is this one, refined.
 
     References
     ----------

@@ -43,18 +43,19 @@ class LCABA(ArticulatedSolver):
         Corrections by recomputed residuals (`condyn_pin.dynamics.recursion`); each costs as much as
         the verification in `solve`, and another recursion. By default one where no mu is within a
         tenth of what ok promises at the states that are measured, as with light rods under a body
-        on its feet: rounding of 1/mu in their inertia is more than that. None anywhere else, with a
-        mu of yours, or where few sweeps or a rough accuracy are asked for.
+        on its feet: rounding of 1/mu in their inertia is more than that. None otherwise, nor with a
+        mu of your own, nor where few sweeps or a rough accuracy are asked for.
 
     Notes
     -----
-    Needs Pinocchio 4. The fastest for feet on the ground (`condyn bench`). What is cured: `lcaba`
-    reads `data.oa` of the constrained joints before it writes it, so that every second call with
-    6 rows is wrong; it segfaults with the world first, or with an elimination order made for other
-    constraints; it overwrites what `constraintDynamics` reads in the constraint datas, so that
-    these must never be shared; its force is minus lam; and its rounding grows with the square of
-    the distance to the world's origin, 6e-4 of a for Cassie at 1 km. So a robot that can move
-    freely is taken there: placements in `Workspace.data` are those of a base at the origin.
+    Needs Pinocchio 4. The fastest for feet on the ground (`condyn bench`). Defects that are worked
+    around: `lcaba` reads `data.oa` of the constrained joints before it writes it, so that every
+    second call with 6 rows is wrong; it segfaults with the world first, or with an elimination
+    order made for other constraints; it overwrites what `constraintDynamics` reads in the
+    constraint datas, so that these must never be shared; its force is minus lam; and its rounding
+    grows with the square of the distance to the world's origin, 6e-4 of a for Cassie at 1 km. So a
+    robot that can move freely is taken there: placements in `Workspace.data` are those of a base at
+    the origin.
 
     References
     ----------
@@ -72,7 +73,7 @@ class LCABA(ArticulatedSolver):
         return _pin.missing_lcaba()
 
     def start(self, workspace: Workspace) -> BoundSolver:
-        """Return the cured `pin.lcaba` bound to the memory of `workspace`."""
+        """Return `pin.lcaba`, its defects worked around, bound to the memory of `workspace`."""
         if workspace.drift:
             raise UnsupportedConstraint(
                 "LCABA: Pinocchio's lcaba ignores drift control on constraints of 3 rows; "

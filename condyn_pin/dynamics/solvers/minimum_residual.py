@@ -32,8 +32,8 @@ class MinimumResidual(MatrixFreeSolver):
     both. M x is inverse dynamics at rest and without gravity, J x and J^T x are as in
     `ConjugateGradient`. The preconditioner is M^-1 by the articulated body algorithm, and the
     inverse of G = J M^-1 J^T at the nominal state; there the matrix has three eigenvalues, 1 and
-    (1 +- sqrt(5)) / 2. What one run leaves of the right side is the right side of the next: the
-    residual that is carried along drifts from the real one.
+    (1 +- sqrt(5)) / 2. The true residual of one run is the right side of the next, because the
+    residual of the recurrence drifts from it.
 
     Parameters
     ----------

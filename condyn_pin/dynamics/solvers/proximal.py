@@ -60,19 +60,17 @@ class Proximal(Solver):
     Parameters
     ----------
     mu : float or "auto", optional
-        Proximal weight [1/kg]. Larger: more iterations, less noise in lam along redundant rows
-        (it is about 1e-16 |a| / mu). Zero is a plain solve and gives NaN on redundant rows. "auto",
-        the default, is a share of the largest eigenvalue of G at the nominal state of the scene, so
-        that it means the same on a hand and on an excavator: two iterations on Talos and three on
-        Cassie. 1e-6 where rows are redundant; a hundredth of the smallest nonzero eigenvalue if
-        that is less, as it is for points that are close to each other, and never less than 1e-12
-        of the largest. 1e-12 where they are not, or only as zeros, like those across the plane of
-        a planar loop; 1e-5 of the smallest if that is less, as with a body that weighs next to
-        nothing. Should six iterations not converge, as near a singular posture or where loops are
-        open, the others are made with a share of the smallest eigenvalue there that is more than
-        rounding: 0.09 for the fourteen that are left by default, 0.17 for eighteen, which is the
-        most, and 0.001 for five, where corrections follow that G needs, or where that eigenvalue
-        is more than a hundredth of the largest (`condyn_pin.dynamics.proximal_mu`).
+        Proximal weight [1/kg]. A larger one takes more iterations and leaves less noise in lam
+        along redundant rows, about 1e-16 |a| / mu. Zero is a plain solve, and gives NaN on
+        redundant rows. "auto", the default, scales with the largest eigenvalue of G at the nominal
+        state, so that it means the same on a hand and on an excavator: 1e-6 of it where rows are
+        redundant, or a hundredth of the smallest nonzero eigenvalue if that is less, but at least
+        1e-12; 1e-12 of it where no row is redundant but those that are zero, or 1e-5 of the
+        smallest eigenvalue if that is less. Talos then takes two iterations and Cassie three. If
+        six do not converge, as near a singular posture or where loops are open, the others use a
+        share of the smallest eigenvalue there that is not rounding: 0.09 for the fourteen left by
+        default, 0.17 for eighteen, the most, and 0.001 for five, where corrections follow, or where
+        that eigenvalue is more than a hundredth of the largest (`condyn_pin.dynamics.proximal_mu`).
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
         by the errors of the `Solution`, never by this.
@@ -84,11 +82,11 @@ class Proximal(Solver):
         that could still move a joint by 1e-9 of gravity.
     refinements : int, optional
         Corrections with residuals of our own and the same factor
-        (`condyn_pin.dynamics.corrections`). Each costs a look as in `solve`, and gains what
-        rounding took where M or G is badly conditioned: light bodies under heavy ones, long chains,
-        singular postures. By default one where that may be more than an answer that is `ok` may
-        miss, eps cond(M) > 1e-8 or eps cond(G) > 1e-8 at the nominal state, redundant rows left
-        out, and none anywhere else.
+        (`condyn_pin.dynamics.corrections`). Each costs as much as the verification in `solve`, and
+        recovers what rounding took where M or G is badly conditioned: light bodies under heavy
+        ones, long chains, singular postures. By default one where that may exceed the error of a
+        status of ok, eps cond(M) > 1e-8 or eps cond(G) > 1e-8 at the nominal state without
+        redundant rows, and none otherwise.
     absolute_accuracy : float
         Handed to Pinocchio as it is. Pinocchio compares it with a number that is not a residual
         (|J a_free - 2 b|_inf), so it has no use; 0 keeps it from ever stopping the iteration.

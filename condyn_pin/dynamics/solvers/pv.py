@@ -52,9 +52,9 @@ class PV(Solver):
     Notes
     -----
     Needs ``condyn_pin_native``, which compiles Pinocchio 3.9's passes over the joints, and runs
-    beside any Pinocchio. Contacts with the world only: `LCABA` has loops. What is cured of 3.9's
-    own driver: it does not see that its factor does not exist, and drift control reads placements
-    and velocities that nobody computes.
+    beside any Pinocchio. Contacts with the world only: `LCABA` has loops. Defects of 3.9's own
+    driver that are worked around: it does not notice that a factorisation failed, and drift control
+    reads placements and velocities that are not computed.
 
     References
     ----------

@@ -42,8 +42,8 @@ class Reference(Solver):
         Singular values of Jw below this share of the largest belong to redundant rows, and so do
         those that rounding of J can make up, where bodies are light or far away.
     refinements : int
-        Corrections. Each gains the digits that the factors have left over conditioning; two reach
-        the rounding of the answer for every scene in the tests.
+        Corrections. Each gains the digits that conditioning leaves to the factors; two reach the
+        rounding of the answer for every scene in the tests.
 
     Raises
     ------

@@ -44,10 +44,10 @@ class SparseKKT(Solver):
     -----
     Cost O(n d^2 + m d^2 + m^2 d), d the depth of the tree. `Proximal` repeats this solve until mu
     no longer counts, all of it in C++, and is faster for that; this one shows what the iteration
-    buys. What is cured: Pinocchio 4 factorises another matrix unless each constraint's `calc` was
-    called, and neither version says that a pivot is zero. The first m entries of D are minus what
-    each row of J M^-1 J^T has that the rows after it do not; one that is nothing beside its row is
-    a redundant row.
+    buys. Defects that are worked around: Pinocchio 4 factorises another matrix unless each
+    constraint's `calc` was called, and neither version reports a zero pivot. The first m entries of
+    D are minus the part of each row of J M^-1 J^T that the rows after it do not span; where that is
+    rounding beside the row, it is redundant.
 
     SciPy's sparse LU is left out: on Talos's matrix, a third of it filled, it takes four times as
     long as LAPACK's dense factorisation, and eight times with the conversion.

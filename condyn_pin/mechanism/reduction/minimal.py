@@ -74,8 +74,8 @@ def minimal(
         Joints whose accelerations are asked for; by default the floating base and the motors
         that the motion moves, or all that it moves if it moves neither.
     solver : Solver, optional
-        What has to take the smaller scene, and is timed; by default that of `solve`. Proximal()
-        takes neither distances nor planar pins, DenseKKT() does.
+        The solver that has to take the smaller scene, and is timed; by default that of `solve`.
+        Proximal() takes neither distances nor planar pins, DenseKKT() does.
 
     Returns
     -------

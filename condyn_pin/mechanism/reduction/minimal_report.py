@@ -51,7 +51,7 @@ class Minimal:
     said : tuple of str
         What the solver says before and after: "ok", or why it was not timed.
     solver : Solver
-        What was timed, and has to take the smaller scene.
+        The solver that was timed, and that takes the smaller scene.
     errors : ReductionErrors
         Against the full scene, at random states that no simplification was tried at; at those of
         the motion if one was given.

@@ -93,7 +93,7 @@ class ReducedScene(Scene):
         return self._find(q_, v_) if self.found else (q_, v_)
 
     def reduce_torque(self, tau: ArrayLike) -> Array:
-        """Return the torques of the joints that are left; those on locked joints do nothing."""
+        """Return the torques (nv,) of the joints that are left; on locked ones they do nothing."""
         return finite("tau", tau, self.full.robot.nv)[self._places[1]]
 
     def summary(self, q: ArrayLike | None = None) -> Summary:

@@ -83,7 +83,7 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
         Place in ``tuple(RunStatus)``: 0 is finished. -1 where no worker got that far, which only
         the batch of a `WorkersLost` or an `Interrupted` has.
     reasons : (N,) array of str
-        Why each ended where it did; empty where it went to its end.
+        Why each ended early; empty where it did not.
     run_times : (N,) array
         Of each motion [s], while other processes used the machine too.
     samples : Samples or None

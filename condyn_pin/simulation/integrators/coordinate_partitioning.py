@@ -55,7 +55,7 @@ class CoordinatePartitioning(Integrator):
 
     @property
     def takes_stiff_damping(self) -> bool:
-        """False: it is explicit in the independent coordinates."""
+        """Whether it does: no, it is explicit in the independent coordinates."""
         return False
 
     def start(self, system: System, dt: float) -> Stepper:

@@ -14,7 +14,7 @@ from condyn_pin.simulation.system import System
 
 @dataclass(frozen=True)
 class ExplicitEuler(Integrator):
-    """The simplest method; oscillations gain energy at any dt.
+    """Explicit Euler, the simplest method: oscillations gain energy at any dt.
 
     v1 = v0 + dt a(t0, q0, v0),    q1 = integrate(q0, dt v0)
 
@@ -41,7 +41,7 @@ class ExplicitEuler(Integrator):
 
 @dataclass(frozen=True)
 class SemiImplicitEuler(Integrator):
-    """The step of most simulators.
+    """Semi-implicit Euler, the step of most simulators.
 
     v1 = v0 + dt a(t0, q0, v0),    q1 = integrate(q0, dt v1)
 
@@ -96,7 +96,7 @@ class SemiImplicitEuler(Integrator):
 
 @dataclass(frozen=True)
 class StormerVerlet(Integrator):
-    """The velocity form, with accelerations that may depend on the velocity.
+    """Velocity Verlet, with accelerations that may depend on the velocity.
 
     v_h = v0 + dt/2 a(t0, q0, v0),      q1 = q0 exp(dt v_h)
     v1  = v_h + dt/2 a(t1, q1, v_h + dt/2 a(t0, q0, v0))
@@ -131,7 +131,7 @@ class StormerVerlet(Integrator):
 
 @dataclass(frozen=True)
 class Leapfrog(Integrator):
-    """Order 2 with one solve per step, using the acceleration at the start of the previous step.
+    """Leapfrog: order 2 with one solve per step, by the acceleration of the step before.
 
     a0 = a(t0, q0, v0),    v_h = v0 + dt (a0 - a_before / 2),    q1 = integrate(q0, dt v_h)
     v1 = v0 + dt (3 a0 - a_before) / 2 = v_h + dt a0 / 2
@@ -171,12 +171,12 @@ class Leapfrog(Integrator):
 
 @dataclass(frozen=True)
 class RungeKutta4(Integrator):
-    """Four stages in the coordinates theta of the step, q = integrate(q0, theta).
+    """The classic Runge-Kutta method, in the coordinates theta of q = integrate(q0, theta).
 
     theta' = Jr(theta)^-1 v,    v' = a(t, integrate(q0, theta), v)
 
-    In these coordinates the classic method keeps its order 4 on free-flyers and balls, where
-    averaging the velocities of the stages would have order 2.
+    Four stages. In these coordinates it keeps its order 4 on free-flyers and balls, where averaging
+    the velocities of the stages would have order 2.
 
     References
     ----------

@@ -24,7 +24,8 @@ class EventLocated(Route):
 
     x+ = flow(dt - s) o impact o flow(s),    gap(s) = 0,    ds = -(J_n dq) / (J_n v)
 
-    What begins later by ds is over sooner by ds, and paths and torques of time are elsewhere.
+    If the impact comes ds later, the flow after it is ds shorter, and what depends on time, as
+    paths and torques may, is taken ds later.
 
     The step is cut where a gap closes. On both sides contacts keep what they are, open or at rest,
     by steps of `Moreau`; at the cut they rebound by Newton's law, with friction. The time of the

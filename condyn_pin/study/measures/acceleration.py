@@ -22,7 +22,7 @@ class AccelerationMeasure(Measure):
     """The error of a, relative to the larger of |a|_inf and gravity.
 
     Both ways to an answer are judged, `Workspace.acceleration` and `Workspace.solve`, and the
-    larger error counts: what is right on its first call only is found out.
+    larger error counts: an answer that is right on the first call only is caught.
     """
 
     name: ClassVar[str] = "acceleration"

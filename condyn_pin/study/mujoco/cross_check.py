@@ -44,7 +44,7 @@ class CrossCheck:
         Differences of the models, the root first, a sentence each: a body's mass, an armature, a
         place. Also those that do not show at this state.
     notes : tuple of str
-        What MuJoCo's model has beside, and was not compared.
+        What MuJoCo's model has besides, which was not compared.
     tolerance : float
         Error that counts as none: relative, of gaps [m, rad].
     """
