@@ -222,6 +222,21 @@ def test_a_motion_is_differentiated_by_what_it_was_given():
         trajectory_derivatives(batch)
 
 
+def test_a_motion_that_a_drift_scheme_moves_is_not_that_of_a_route():
+    """Its end was that of other steps, 1e-4 m off, and nothing said so."""
+    bar = robot("four_bar")
+    scene = cp.Scene(bar, bar.loops)
+    start = scene.sample(np.random.default_rng(0))
+
+    def motion(**more):
+        return cp.simulate(scene, *start, duration=0.05, dt=5e-3, integrator=HARD[0], **more)
+
+    assert np.abs(trajectory_derivatives(motion()).q - motion().q[-1]).max() < 1e-12
+    for drift in (cp.simulation.PostStabilization(), cp.simulation.Projection()):
+        with pytest.raises(cp.InvalidArgument, match="leave drift out, for Stewart-Trinkle closes"):
+            trajectory_derivatives(motion(drift=drift))
+
+
 def test_kappa_has_an_answer_where_feet_hit_the_floor_fast():
     """Solo12 at 10 rad/s: a path that ends short of an answer begins again further out."""
     scene, q = solo()
@@ -427,6 +442,58 @@ def test_a_located_impact_with_spin_and_friction():
         expected = slope(model, moved, 1e-5)
         off = np.concatenate(of.jvp(*along)) - expected
         assert np.abs(off).max() < 1e-7 * max(1.0, np.abs(expected).max())
+
+
+@functools.cache
+def plate() -> cp.Scene:
+    """A body that moves in a plane, above a floor there."""
+    model, still = pin.Model(), pin.SE3.Identity()
+    model.gravity.linear = np.array([0.0, -9.81, 0.0])
+    joint = model.addJoint(0, pin.JointModelPlanar(), still, "plate")
+    inertia = pin.Inertia(1.0, np.array([0.1, 0.05, 0.0]), 0.02 * np.eye(3))
+    model.appendBodyToJoint(joint, inertia, still)
+    corner = pin.SE3(np.eye(3), np.array([0.2, 0.0, 0.0]))
+    model.addFrame(pin.Frame("corner", joint, 0, corner, pin.FrameType.OP_FRAME))
+    floor = cp.constraints.Plane(normal=(0.0, 1.0, 0.0), height=-0.5)
+    contact = cp.FrictionalContact("corner", on=floor, friction=0.4)
+    return cp.Scene(cp.Robot("plate", model), contacts=[contact])
+
+
+def above_the_floor(gap: float, seed: int) -> np.ndarray:
+    """The plate, turned by up to a radian, its corner at a height."""
+    scene, q = plate(), pin.neutral(plate().robot.model)
+    q = pin.integrate(scene.robot.model, q, np.array([0, 0, np.random.default_rng(seed).random()]))
+    q[1] += gap - min(cp.dynamics.contact_gaps(scene, q).values())
+    return q
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_noise_however_small_finds_how_a_plane_body_turns(seed):
+    """Of turns of 1e-8 rad, as small noise makes them in a step, Pinocchio's difference loses."""
+    now = cp.step(plate(), above_the_floor(0.1, seed), [0.5, 0.3, 0.7], dt=DT)
+    of, noisy = now.derivatives(), now.derivatives(route=Randomised(20, 1e-5))
+    for name in ("dq_dq", "dq_dv", "dq_dtau"):
+        right = getattr(of, name)
+        assert np.abs(getattr(noisy, name) - right).max() < 1e-5 * np.abs(right).max()
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_the_time_of_an_impact_of_a_plane_body_that_turns_slowly(seed):
+    """Against differences of the ends, whose angle is that of their (cos, sin)."""
+    scene, q, h = plate(), above_the_floor(5e-4, seed), 1e-5
+    v = np.append(q[2] * np.array([0.1, -1.0]) + q[3] * np.array([-1.0, -0.1]), 0.1)
+
+    def end(x):
+        at = pin.integrate(scene.robot.model, q, x[:3])
+        now = cp.step(scene, at, v + x[3:], dt=DT, integrator=HARD[1])
+        return now.derivatives(route=EventLocated())
+
+    of, by = end(np.zeros(6)), []
+    assert of.modes["corner"] != "open"
+    for x in h * np.eye(6):
+        (c0, s0), (c1, s1) = end(-x).q[2:], end(x).q[2:]
+        by.append(np.arctan2(c0 * s1 - s0 * c1, c0 * c1 + s0 * s1) / (2 * h))
+    assert np.abs(np.hstack([of.dq_dq, of.dq_dv])[2] - by).max() < 1e-6
 
 
 def test_noise_finds_the_slope_where_the_step_is_smooth():

@@ -1,4 +1,4 @@
-"""Joints: where q and v hold them, which coordinates are lengths, and whose axes turn.
+"""Joints: where q and v hold them, steps between q, which are lengths, and whose axes turn.
 
 v_J = S(q) v
 """
@@ -6,6 +6,7 @@ v_J = S(q) v
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import atan2
 from typing import Any, Final
 
 import numpy as np
@@ -22,6 +23,9 @@ UNLIMITED: Final = float(np.finfo(float).max)
 _SLIDERS = (
     "JointModelPX", "JointModelPY", "JointModelPZ", "JointModelPrismatic", "JointModelTranslation",
 )  # fmt: skip
+
+# Those whose last coordinate is an angle that q holds as (cos, sin).
+_PAIRS = ("JointModelPlanar", "JointModelRUB", "JointModelRevoluteUnbounded")
 
 # Columns of S are unit axes, or lengths of levers: what changes them by less is rounding.
 _SAME = 1e-9
@@ -43,6 +47,24 @@ def lengths(joint: Any) -> tuple[bool, ...]:
     if joint.shortname() == "JointModelComposite":
         return tuple(length for part in joint.extract().joints for length in lengths(part))
     return (joint.shortname().startswith(_SLIDERS),) * int(joint.nv)
+
+
+def difference(
+    model: Any, q0: NDArray[np.float64], q1: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return the tangent step (nv,) from q0 to q1, also where it is small.
+
+    `pin.difference` takes a plane turn for none where rounding leaves its 2 cos above 2: of those
+    below 1e-8 rad some are lost, and of those between numbers off unit length larger ones.
+    """
+    step = np.array(pin.difference(model, q0, q1))
+    for joint in model.joints:
+        if joint.shortname().startswith(_PAIRS):
+            end = joint.idx_q + joint.nq
+            (c0, s0), (c1, s1) = (q[end - 2 : end].tolist() for q in (q0, q1))
+            angle = atan2(c0 * s1 - s0 * c1, c0 * c1 + s0 * s1)
+            step[joint.idx_v + joint.nv - 1] = angle
+    return step
 
 
 def turning(model: Any) -> tuple[int, ...]:

@@ -12,8 +12,8 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import difference
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.simulation.routes.active_set import ActiveSet, InModes
@@ -153,8 +153,8 @@ class LocatedStep:
         (q1, v1), (q0, v0) = (
             self._flow(cut._replace(length=cut.length + x), t, q, v) for x in (by, -by)
         )
-        moved = pin.difference(model, middle, q1) - pin.difference(model, middle, q0)
-        return np.asarray(moved) / (2 * by), (v1 - v0) / (2 * by)
+        moved = difference(model, middle, q1) - difference(model, middle, q0)
+        return moved / (2 * by), (v1 - v0) / (2 * by)
 
     def _struck_late(self, ended: Ended, t: float) -> Array:
         """Return how v behind an instant changes with its time (nv,): by s'' of driven rows."""
@@ -177,7 +177,7 @@ class LocatedStep:
         if not (is_of_time and ds.any()):
             return none, none
         (q1, v1), (q0, v0) = (part.ended(t + x, q, v, self._law) for x in (by, -by))
-        return np.asarray(pin.difference(system.model, q0, q1)) / (2 * by), (v1 - v0) / (2 * by)
+        return difference(system.model, q0, q1) / (2 * by), (v1 - v0) / (2 * by)
 
 
 def _composed(

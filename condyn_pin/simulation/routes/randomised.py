@@ -11,6 +11,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices, finite
+from condyn_pin._core.joints import difference
 from condyn_pin._core.parameters import Grid
 from condyn_pin.contact.modes import MODES
 from condyn_pin.errors import InvalidArgument
@@ -108,8 +109,7 @@ class Randomised(Route):
             for e in noise:
                 move = varied.basis @ e
                 (q_up, v_up), (q_down, v_down) = varied.end(move), varied.end(-move)
-                moved = pin.difference(model, centre[0], q_up)
-                moved = moved - pin.difference(model, centre[0], q_down)
+                moved = difference(model, centre[0], q_up) - difference(model, centre[0], q_down)
                 ends.append(np.concatenate((moved, v_up - v_down)) / 2)
             plane = np.linalg.lstsq(noise, np.array(ends), rcond=None)[0]  # (directions, 2 nv)
             slope = np.linalg.lstsq(varied.basis.T, plane, rcond=None)[0].T

@@ -199,18 +199,8 @@ def trajectory_derivatives(
     chosen = ActiveSet() if route is None else route
     if not isinstance(chosen, Route):
         raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
-    if not isinstance(motion, Trajectory):
-        raise InvalidArgument(
-            f"motion = {type(motion).__name__}: a Trajectory is needed; of a batch, one: batch[i]"
-        )
+    _check_motion(motion)
     run = motion.run
-    if not isinstance(run.integrator, ContactScheme):
-        raise InvalidArgument(
-            f"motion: it is by {run.integrator!r}; one by a scheme with contacts is needed, such "
-            "as StewartTrinkle()"
-        )
-    if len(motion.phases) > 1 or run.happened or run.status is not RunStatus.FINISHED:
-        raise InvalidArgument("motion: one that went to its end without events is needed")
     names = check_parameters(chosen, run.integrator, wrt, ("tau",))
     effects = run.effects
     scene = effects.applied_to(motion.scene).at(0.0)
@@ -225,6 +215,27 @@ def trajectory_derivatives(
     with np.errstate(all="ignore"):
         start = np.array(motion.q[0]), np.array(motion.v[0])
         return TrajectoryDerivatives(chosen, steps, count, start, names)
+
+
+def _check_motion(motion: Trajectory) -> None:
+    """Refuse a motion that steps of a route are not those of."""
+    if not isinstance(motion, Trajectory):
+        raise InvalidArgument(
+            f"motion = {type(motion).__name__}: a Trajectory is needed; of a batch, one: batch[i]"
+        )
+    run = motion.run
+    if not isinstance(run.integrator, ContactScheme):
+        raise InvalidArgument(
+            f"motion: it is by {run.integrator!r}; one by a scheme with contacts is needed, such "
+            "as StewartTrinkle()"
+        )
+    if len(motion.phases) > 1 or run.happened or run.status is not RunStatus.FINISHED:
+        raise InvalidArgument("motion: one that went to its end without events is needed")
+    if run.drift.corrects and motion.scene.rows:
+        raise InvalidArgument(
+            f"motion: drift = {run.drift!r} moved it behind each step; leave drift out, for "
+            f"{run.integrator.title} closes loops itself"
+        )
 
 
 def _check_applied(motion: Trajectory, applied: Applied) -> None:
