@@ -225,3 +225,14 @@ def test_what_it_does_not_take_is_refused_by_name() -> None:
         found = step_derivatives_batch(scene, *state, dt=DT, **about, executor=where)
         wanted = step_derivatives_batch(scene, *state, dt=DT, **about)
         assert_array_equal(found.dv, wanted.dv)
+
+
+def test_dry_friction_of_zero_is_left_to_python() -> None:
+    its = robot("four_bar")
+    nothing = cp.constraints.JointFriction("crank", torque=0.0)
+    scene, state = cp.Scene(its, contacts=[nothing]), (np.zeros((1, 3)), np.zeros((1, 3)))
+    with pytest.raises(UnsupportedBackend, match="'crank/friction': it takes dry friction of zero"):
+        step_derivatives_batch(scene, *state, dt=DT, **CORE)
+    where = cp.Native(threads=1, where_possible=True)
+    found = step_derivatives_batch(scene, *state, dt=DT, executor=where)
+    assert_array_equal(found.dv, step_derivatives_batch(scene, *state, dt=DT).dv)

@@ -795,6 +795,20 @@ def test_stops_and_dry_friction_of_joints(route):
     assert max(off) < 3e-8
 
 
+@pytest.mark.parametrize("speed", [0.0, 0.1])
+def test_dry_friction_of_zero_holds_nothing(speed):
+    """At rest it was taken to stick: v+ had no slope by torques, though v+ = v + dt tau / m."""
+    machine = body(pin.JointModelPX(), mass=2.0)
+    nothing = cp.constraints.JointFriction("joint", torque=0.0)
+    now = cp.step(cp.Scene(machine, contacts=[nothing]), [0.0], [speed], dt=DT)
+    of = now.derivatives()
+    assert of.dv_dtau == pytest.approx(np.full((1, 1), DT / 2.0))
+    assert of.dv_dv == pytest.approx(np.ones((1, 1)))
+    assert not of.one_sided
+    with pytest.raises(cp.InvalidArgument, match=r"'joint/friction' can give no force.*leave it"):
+        now.derivatives(route=Kappa())
+
+
 def test_forces_from_outside_turn_with_the_body():
     scene, q = solo()
     model, push = scene.robot.model, cp.AppliedForce("base_link", (3.0, 2.0, 1.0))

@@ -49,9 +49,7 @@ def lengths(joint: Any) -> tuple[bool, ...]:
     return (joint.shortname().startswith(_SLIDERS),) * int(joint.nv)
 
 
-def difference(
-    model: Any, q0: NDArray[np.float64], q1: NDArray[np.float64]
-) -> NDArray[np.float64]:
+def difference(model: Any, q0: NDArray[np.float64], q1: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the tangent step (nv,) from q0 to q1, also where it is small.
 
     `pin.difference` takes a plane turn for none where rounding leaves its 2 cos above 2: of those

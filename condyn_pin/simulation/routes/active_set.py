@@ -160,7 +160,7 @@ class InModes:
         for of_one in zip(modes, mu, l[t1], l[t2], l[n], s[t1], s[t2], s[n], strict=False):
             numbers += _of_a_cone(lifts, *of_one)
         if len(l) > 3 * k:
-            limits = problem.half_lines * [0.0] + problem.limits.tolist()
+            limits = problem.half_lines * [inf] + problem.limits.tolist()
             for of_one in zip(modes[k:], limits, l[3 * k :], s[3 * k :], strict=True):
                 numbers += _of_a_row(*of_one)
         return numbers
@@ -199,8 +199,13 @@ def _of_a_cone(
 
 
 def _of_a_row(mode: int, limit: float, l: float, s: float) -> tuple[float, float, float]:  # noqa: E741
-    """Return what is left of a stop or of dry friction, by sigma and by lam."""
-    return (s, 1.0, 0.0) if mode == STICK else (l + copysign(limit, s), 0.0, 1.0)
+    """Return what is left of a stop or of dry friction, by sigma and by lam.
+
+    A stop has no `limit`; dry friction of zero holds nothing.
+    """
+    if mode == STICK and limit:
+        return (s, 1.0, 0.0)
+    return (l + copysign(limit, s) if mode == SLIDE else l, 0.0, 1.0)
 
 
 def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Modes) -> float:
@@ -216,7 +221,7 @@ def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Modes) -> f
         off += [slow if mode == OPEN else pushed for mode, pushed, slow in of_lines]
         limits = (problem.limits * stiff / speed).tolist()
         of_dry = zip(codes[stops:], limits, x[dry], y[dry], strict=True)
-        off += [most - abs(l) if mode == STICK else abs(s) for mode, most, l, s in of_dry]  # noqa: E741
+        off += [_off_of_dry(*of_one) for of_one in of_dry]
     return min(off, default=inf)
 
 
@@ -230,3 +235,9 @@ def _off_of_a_cone(
     if not mu:
         return ln
     return min(ln, slip if mode == SLIDE else mu * ln - hypot(l1, l2))
+
+
+def _off_of_dry(mode: int, most: float, l: float, s: float) -> float:  # noqa: E741
+    if mode == SLIDE:
+        return abs(s)
+    return most - abs(l) if most else inf

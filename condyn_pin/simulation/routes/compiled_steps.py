@@ -37,6 +37,8 @@ def untaken_route(scene: Scene, route: Route, wrt: Sequence[str]) -> Iterator[st
     for bound in scene.contact_bounds:
         if bound.pairs:
             yield f"contact {bound.name!r}: it has no derivatives where shapes meet each other"
+        if any(not each.limit for each in bound.dry):
+            yield f"contact {bound.name!r}: it takes dry friction of zero to hold what is at rest"
     if type(route) is not ActiveSet:
         yield f"route = {route!r}: it has ActiveSet() alone"
     if "inertias" in wrt:

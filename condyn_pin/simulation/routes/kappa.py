@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.names import quoted
 from condyn_pin._core.parameters import Grid
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.errors import InvalidArgument
@@ -109,5 +110,12 @@ class Kappa(LawRoute):
 
     def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
         """Return the impulses of the smooth law, and the law linearised at them."""
+        if not problem.limits.all():
+            dry = problem.names[len(problem.names) - len(problem.limits) :]
+            names = [name for name, most in zip(dry, problem.limits, strict=True) if not most]
+            raise InvalidArgument(
+                f"route = {self!r}: {quoted(names)} can give no force, and has no inside to go "
+                "through; leave it out of the scene, where it does nothing"
+            )
         barrier = Barrier(problem, self.kappa, size)
         return barrier.law(barrier.solve())

@@ -199,9 +199,8 @@ def trajectory_derivatives(
     chosen = ActiveSet() if route is None else route
     if not isinstance(chosen, Route):
         raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
-    _check_motion(motion)
-    run = motion.run
-    names = check_parameters(chosen, run.integrator, wrt, ("tau",))
+    scheme, run = _scheme_of(motion), motion.run
+    names = check_parameters(chosen, scheme, wrt, ("tau",))
     effects = run.effects
     scene = effects.applied_to(motion.scene).at(0.0)
     applied = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
@@ -210,15 +209,15 @@ def trajectory_derivatives(
         Workspace(scene.bilateral), applied, springs=effects.springs, damping=effects.damping,
         contacts=scene.contact_bounds,
     )  # fmt: skip
-    steps = LinearSteps(scene, chosen.scheme(run.integrator), run.dt, system, wrt=names)
+    steps = LinearSteps(scene, chosen.scheme(scheme), run.dt, system, wrt=names)
     count = round(float(motion.t[-1] - motion.t[0]) / run.dt)
     with np.errstate(all="ignore"):
         start = np.array(motion.q[0]), np.array(motion.v[0])
         return TrajectoryDerivatives(chosen, steps, count, start, names)
 
 
-def _check_motion(motion: Trajectory) -> None:
-    """Refuse a motion that steps of a route are not those of."""
+def _scheme_of(motion: Trajectory) -> ContactScheme:
+    """Return the scheme of a motion; refuse one that is not by its steps alone."""
     if not isinstance(motion, Trajectory):
         raise InvalidArgument(
             f"motion = {type(motion).__name__}: a Trajectory is needed; of a batch, one: batch[i]"
@@ -236,6 +235,7 @@ def _check_motion(motion: Trajectory) -> None:
             f"motion: drift = {run.drift!r} moved it behind each step; leave drift out, for "
             f"{run.integrator.title} closes loops itself"
         )
+    return run.integrator
 
 
 def _check_applied(motion: Trajectory, applied: Applied) -> None:
