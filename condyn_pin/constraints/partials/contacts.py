@@ -9,8 +9,9 @@ the body, and all of it seen from the ground,
 
 the other way round where j moves the ground; what moves both is no change. A ball of radius r on a
 plane with normal n is touched at its middle less r n, which adds m_i m_j w_i x (w_j x r n). Stops
-and dry friction have rows that stay. Where shapes meet, and where the axes of a joint turn with its
-own q, rows are differenced:
+and dry friction have rows that stay; `meetings` has those of shapes that meet. Where the axes of a
+joint turn with its own q, and where shapes meet in a point without a derivative, rows are
+differenced:
 
     f'(0) d ~ sum_k w_k (f(k h d) - f(-k h d)) / h
 """
@@ -29,6 +30,7 @@ from condyn_pin.constraints.contacts.bound import BoundContact, Touch
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.contacts.placements import Placements
 from condyn_pin.constraints.contacts.touches import columns
+from condyn_pin.constraints.partials.meetings import MeetingTurning
 
 _WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 _H: Final = 2.0**-12  # [rad, m]: shapes do not meet elsewhere so soon; rounding leaves 1e-12
@@ -41,18 +43,23 @@ class ContactTurning:
         self._model, self._data = model, model.createData()
         self._candidates = Candidates(model, bounds)
         touches = [touch for bound in bounds for touch in bound.touches]
-        pairs = any(bound.pairs for bound in bounds)
-        self._over_planes: _OverPlanes | None = None
-        if touches and not pairs and not turning(model):
-            self._over_planes = _OverPlanes(model, touches)
-        self._moves = bool(touches) or pairs
+        pairs = [pair for bound in bounds for pair in bound.pairs]
+        closed = not turning(model)
+        self._over_planes = _OverPlanes(model, touches) if touches and closed else None
+        self._meetings = MeetingTurning(model, pairs) if pairs and closed else None
+        self._moves = bool(touches or pairs)
+        self._differences = self._moves and not closed
 
     def go(self, q: Array, J: Array) -> None:
         """Go to a configuration; J (rows, nv) are the rows of all candidates there."""
         self._q = q
+        if self._over_planes is None and self._meetings is None:
+            return
+        pin.computeJointJacobians(self._model, self._data, q)
         if self._over_planes is not None:
-            pin.computeJointJacobians(self._model, self._data, q)
             self._over_planes.go(self._data, J[: 3 * self._candidates.contact_points])
+        if self._meetings is not None:
+            self._differences = not self._meetings.go(self._data)
 
     def by_q(self, velocities: Sequence[Array], lam: Array) -> tuple[Array, Array]:
         """Return how rows turn: J w by q of each w, and J^T lam by q.
@@ -69,23 +76,34 @@ class ContactTurning:
         slips : (count, rows, nv) array
         pulls : (nv, nv) array
         """
-        n, m, W = self._model.nv, self._candidates.rows, np.array(velocities)
-        if not self._moves:
-            return np.zeros((len(W), m, n)), np.zeros((n, n))
-        if self._over_planes is None:
+        W = np.array(velocities)
+        if self._differences:
             return self._differenced(W, lam)
-        return self._with_still(self._over_planes.slips(W)), self._over_planes.pulls(lam)
+        pulls, first = (
+            np.zeros((self._model.nv, self._model.nv)),
+            3 * self._candidates.contact_points,
+        )
+        if self._over_planes is not None:
+            pulls += self._over_planes.pulls(lam)
+        if self._meetings is not None:
+            pulls += self._meetings.pulls(lam[first : first + self._meetings.size])
+        return self._slips(W), pulls
 
     def velocity_by_q(self, w: Array) -> Array:
         """Return J w by q (rows, nv), w (nv,) fixed."""
-        if self._over_planes is None:
+        if self._differences:
             return np.asarray(self.by_q((w,), np.zeros(self._candidates.rows))[0][0])
-        return np.asarray(self._with_still(self._over_planes.slips(w[None]))[0])
+        return np.asarray(self._slips(w[None])[0])
 
-    def _with_still(self, of_cones: Array) -> Array:
-        """Return the same with the rows of stops and dry friction, which stay."""
-        still = self._candidates.rows - of_cones.shape[1]
-        return np.pad(of_cones, ((0, 0), (0, still), (0, 0))) if still else of_cones
+    def _slips(self, W: Array) -> Array:
+        """Return J w by q of all rows; those of stops and dry friction stay."""
+        by_q, first = np.zeros((len(W), self._candidates.rows, self._model.nv)), 0
+        for part in (self._over_planes, self._meetings):
+            if part is not None:
+                slips = part.slips(W)
+                by_q[:, first : first + slips.shape[1]] = slips
+                first += slips.shape[1]
+        return by_q
 
     def _differenced(self, W: Array, lam: Array) -> tuple[Array, Array]:
         (count, n), m = W.shape, len(lam)
