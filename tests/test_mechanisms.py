@@ -403,7 +403,7 @@ def test_what_are_no_robots_is_refused():
         ({}, "robots by their names"),
         ([robot("pendulum")], "robots by their names"),
         ({"a": "pendulum"}, r"robots\['a'\] = 'pendulum'"),
-        ({"a": robot("pendulum"), "b": cp.Robot("b", other)}, r"robots\['b'\]: it falls with"),
+        ({"a": robot("pendulum"), "b": cp.Robot("b", other)}, r"robots\['b'\]: its gravity is"),
     ):
         with pytest.raises(cp.InvalidArgument, match=words):
             cp.model.together(robots)

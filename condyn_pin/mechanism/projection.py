@@ -173,8 +173,9 @@ def _check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per
     if beyond:
         name, by = worst(beyond)
         raise NotAssembled(
-            f"{name} keeps {by.text(per)}: its rows cannot all be satisfied at this q "
-            f"({check(scene, q, None)}); Scene.assemble closes loops, Scene.rank tells about rows"
+            f"{name} is left with {by.text(per)}: its rows cannot all be satisfied at this q "
+            f"({check(scene, q, None)}); Scene.assemble closes loops, and "
+            "Scene.rank names redundant rows"
         )
 
 

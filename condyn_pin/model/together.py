@@ -50,8 +50,8 @@ def together(robots: Mapping[str, Robot]) -> Robot:
     for name, robot in robots.items():
         if not np.array_equal(robot.model.gravity.vector, first.model.gravity.vector):
             raise InvalidArgument(
-                f"robots[{name!r}]: it falls with {robot.model.gravity.linear}, and "
-                f"{next(iter(robots))!r} with {first.model.gravity.linear}"
+                f"robots[{name!r}]: its gravity is {robot.model.gravity.linear}, and "
+                f"that of {next(iter(robots))!r} is {first.model.gravity.linear} [m/s^2]"
             )
     renames = {name: _prefixed(name) for name in robots}
     pairs = [(renames[name], robot) for name, robot in robots.items()]

@@ -100,12 +100,12 @@ def _check_solver(solver: Solver, plan: Plan) -> None:
     if plan.integrator.keeps_constraints:
         raise InvalidArgument(
             f"solver = {solver!r}: {plan.integrator.title} keeps hard constraints itself, and "
-            "nothing of it would be soft; use RungeKutta4() or another solver"
+            "would leave none of them soft; use RungeKutta4() or another solver"
         )
     if plan.drift.corrects:
         raise InvalidArgument(
-            f"drift = {plan.drift!r}: it closes what {solver.title} lets open, and nothing of it "
-            "would be soft; use NoDrift() or another solver"
+            f"drift = {plan.drift!r}: it closes what {solver.title} lets open, and would "
+            "leave nothing soft; use NoDrift() or another solver"
         )
 
 

@@ -181,7 +181,7 @@ class _WithSlopes(System):
                 return np.asarray(a)
             a = a + correct @ gap
         raise StepFailed(
-            f"solver = {self.workspace.solver!r}: what it lets give way is too soft for the "
+            f"solver = {self.workspace.solver!r}: its constraints are too soft for the "
             "derivatives of tau; use a solver of hard constraints, or no jacobian"
         )
 

@@ -104,7 +104,7 @@ def _steps(duration: float, dt: float) -> tuple[int, float]:
     dt = dt if abs(steps - ratio) < 1e-9 * ratio else duration / steps
     if not _SHORTEST <= dt <= _LONGEST:
         raise InvalidArgument(
-            f"dt = {dt:g}: its square is no number; a step between {_SHORTEST:g} and "
+            f"dt = {dt:g}: its square under- or overflows; a step between {_SHORTEST:g} and "
             f"{_LONGEST:g} s is needed"
         )
     return steps, dt

@@ -51,7 +51,7 @@ class FrictionalContact(Contact):
         What `on` carries, in its axes: a plane, or a shape round its origin. Two shapes have 1, 4
         (a capsule and a solid), 5 (capsules) or 8 (solids) points where they meet.
     friction : float
-        Coulomb's coefficient [1], 1e6 at most. There is no default: 0 is ice, 0.7 rubber on a dry
+        Coulomb's coefficient [1], 1000 at most. There is no default: 0 is ice, 0.7 rubber on a dry
         floor.
     restitution : float
         Newton's coefficient [1]: speed of separation over speed of approach.
@@ -61,7 +61,7 @@ class FrictionalContact(Contact):
     Raises
     ------
     InvalidArgument
-        If friction is missing, negative or above 1e6, restitution is not from 0 to 1, or the shape
+        If friction is missing, negative or above 1000, restitution is not from 0 to 1, or the shape
         or what it touches is none of these.
 
     Notes
@@ -94,9 +94,9 @@ class FrictionalContact(Contact):
         object.__setattr__(self, "friction", not_negative("friction", self.friction))
         if self.friction > tolerances.MOST_FRICTION:
             raise InvalidArgument(
-                f"friction = {self.friction:g}: {tolerances.MOST_FRICTION:g} is the most; above "
-                "it a slip too slow to count hides how fast bodies fall in; what never slides is a "
-                "PointContact in Scene(robot, constraints)"
+                f"friction = {self.friction:g}: {tolerances.MOST_FRICTION:g} is the most: beyond "
+                "that, sliding too slow to measure hides how fast bodies sink in; what never "
+                "slides is a PointContact in Scene(robot, constraints)"
             )
         restitution = float(finite("restitution", self.restitution, ()))
         if not 0 <= restitution <= 1:
