@@ -182,6 +182,11 @@ class Controller(OneThread):
             taken of the contacts that it has.
         tasks : sequence of Task, or Hierarchy, optional
             The same by default.
+
+        Raises
+        ------
+        InvalidArgument
+            If the scene is of another robot, or as for a new `Controller`.
         """
         check_scene(scene)
         if scene.robot is not self.scene.robot and scene.robot.model != self.scene.robot.model:
@@ -220,6 +225,11 @@ class Controller(OneThread):
         passive : (nv,) array_like, optional
             Torques that act anyway [N m, N], such as ``robot.passive_torque(q, v)``.
 
+        Returns
+        -------
+        ControlAnswer
+            With `tau`, `a`, `lam` and their proof; whatever its status, nothing is raised for it.
+
         Raises
         ------
         InvalidArgument
@@ -253,6 +263,11 @@ class Controller(OneThread):
             Time [s].
         passive : (nv,) array_like, optional
             As in `solve` [N m, N].
+
+        Returns
+        -------
+        QuadraticProgram
+            A copy: the next tick does not change it.
         """
         given, levels = self._python.assembled(*self._accepted(q, v, t, passive))
         given = Constraints(*(each.copy() for each in given))  # the next tick overwrites them

@@ -177,7 +177,7 @@ class Scene:
     def summary(self, q: ArrayLike | None = None) -> Summary:
         """Return rows, rank, redundant rows by name, mobility, and what is not used.
 
-        Everything is measured at q, or at the first posture with the loops closed.
+        Everything is measured at q (nq,) [rad, m], or at the first posture with the loops closed.
         """
         from condyn_pin.mechanism.summary import summarise
 
@@ -186,7 +186,7 @@ class Scene:
     def rank(self, q: ArrayLike | None = None) -> Rank:
         """Return rank, redundant rows, mobility and conditions at q; the nominal state by default.
 
-        q is taken as it is: `Rank.violation` says how far it is from being closed.
+        q (nq,) [rad, m] is taken as it is: `Rank.violation` says how far it is from being closed.
         """
         from condyn_pin.mechanism.rank import rank
 
@@ -240,7 +240,7 @@ class Scene:
         Parameters
         ----------
         q0 : (nq,) array_like
-            The guess.
+            The guess [rad, m]; quaternions x y z w.
         fixed : sequence of str
             Joints that keep their value.
         within_limits : bool
@@ -252,6 +252,11 @@ class Scene:
         throw : bool
             Raise if the status is not CLOSED. With False the same Assembly comes back, whatever its
             status.
+
+        Returns
+        -------
+        Assembly
+            Its `q` is closed; `branch` and `rank` say where.
 
         Raises
         ------
@@ -283,7 +288,7 @@ class Scene:
         return sample(self, rng, spread=spread, speed=speed, tries=tries)
 
     def check(self, q: ArrayLike, v: ArrayLike | None = None) -> Check:
-        """Return how far each loop is open at q, and which constraints v violates."""
+        """Return how far each loop is open at q (nq,), and which constraints v (nv,) violates."""
         from condyn_pin.mechanism.check import check
 
         return check(self, q, v)

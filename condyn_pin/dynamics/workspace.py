@@ -345,7 +345,8 @@ class Workspace(Memory):
     ) -> Derivatives:
         """Return how a and lam change with q, v and tau.
 
-        `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`.
+        `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`, and so are
+        the errors.
         """
         accuracy = self.solver.accuracy if accuracy is None else check_accuracy_of_a(accuracy)
         if forces is not _NO_FORCES:

@@ -125,7 +125,7 @@ class Robot:
 
     @cached_property
     def longest_link(self) -> float:
-        """The largest distance from a joint to the next one [m]."""
+        """The largest distance from a joint to its parent [m]."""
         return max(float(np.linalg.norm(p.translation)) for p in self.model.jointPlacements)
 
     @cached_property
@@ -152,11 +152,26 @@ class Robot:
         """Return the index in q of a hinge or a slider: ``q[robot.index_q("knee")]``.
 
         A joint with several numbers has no single index: `configuration` sets it by name.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such joint; the text lists the nearest names.
+        InvalidArgument
+            If the joint has several numbers in q.
         """
         return robot_joints.index(self, joint, "q")
 
     def index_v(self, joint: str) -> int:
-        """Return the index of a joint in v, a and tau: ``tau[robot.index_v("knee")]``."""
+        """Return the index of a joint in v, a and tau: ``tau[robot.index_v("knee")]``.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such joint; the text lists the nearest names.
+        InvalidArgument
+            If the joint has several numbers in v.
+        """
         return robot_joints.index(self, joint, "v")
 
     def configuration(
@@ -192,6 +207,11 @@ class Robot:
         """Return the value of each joint in q, by name: what `configuration` takes.
 
         Angles [rad], also of joints without limits; slides [m]; of other joints all numbers (k,).
+
+        Parameters
+        ----------
+        q : (nq,) array_like
+            Configuration [rad, m]; quaternions x y z w.
         """
         return robot_joints.joint_values(self, q)
 
@@ -203,7 +223,19 @@ class Robot:
         Parameters
         ----------
         values : mapping of str to float or array_like
-            Of each joint; of a free-flyer six, linear first.
+            Of each joint; of a free-flyer six, linear first, in its body frame.
+
+        Returns
+        -------
+        (nv,) array
+            In the units of what it is: of a tau [N m, N].
+
+        Raises
+        ------
+        UnknownName
+            If there is no such joint; the text lists the nearest names.
+        InvalidArgument
+            If a joint has another number of values, or one is not finite.
         """
         return robot_joints.joint_vector(self, values)
 
@@ -218,6 +250,13 @@ class Robot:
             Configuration [rad, m]; quaternions x y z w.
         frame : str
             One of `frames`.
+
+        Raises
+        ------
+        UnknownName, InvalidModel
+            As in `frame`.
+        InvalidArgument
+            If q has a wrong size, is not finite, or has an unnormalised quaternion.
         """
         return robot_joints.frame_pose(self, q, frame)
 
@@ -253,6 +292,13 @@ class Robot:
             Its origin in the parent frame [m].
         rotation : (3, 3) array_like, optional
             Its axes in the parent frame; the same axes by default.
+
+        Raises
+        ------
+        InvalidArgument
+            If the name is taken, or the rotation is none.
+        UnknownName
+            If there is no such parent frame.
         """
         model = model_with_frame(self, name, parent, translation, rotation)
         return replace(self, model=model)
@@ -306,6 +352,11 @@ class Robot:
 
         with f_s the tension of a spring-damper, n_s its direction, and J_s v the rate of its ends.
         Pinocchio reads stiffness and damping from the file and leaves them out of its dynamics.
+
+        Parameters
+        ----------
+        q, v : (nq,), (nv,) array_like
+            Configuration [rad, m] and velocity [rad/s, m/s].
         """
         q_, v_ = finite("q", q, self.nq), finite("v", v, self.nv)
         tau: Array = -np.asarray(self.model.damping, dtype=float) * v_
