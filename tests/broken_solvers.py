@@ -41,7 +41,7 @@ class Lying(Broken):
 
 
 class _Bribed:
-    gravity, unheard = 0.0, np.inf
+    gravity, negligible_dynamics_error = 0.0, np.inf
 
     def prove(self, dynamics, largest, tau):
         from condyn_pin.dynamics.residuals import Residuals

@@ -835,7 +835,7 @@ def test_the_verdict_of_the_core_is_that_of_python(label):
             size = max(largest[1], estimator.gravity)
             rounded = _rounding(workspace, q, found) / size
             assert found.error_bound == pytest.approx(wanted.bound, rel=1e-3, abs=rounded)
-            assert found.dynamics_error <= estimator.unheard * size
+            assert found.dynamics_error <= estimator.negligible_dynamics_error * size
             assert core.one(*state, 0.99 * found.error_bound) is None
             assert core.one(*state, 1.01 * found.error_bound) is not None
     assert 0 < left < 40
@@ -860,7 +860,7 @@ def _is_clear(workspace: cp.Workspace, q: np.ndarray, v: np.ndarray, tau: np.nda
     falls = nominal.pivots.may_fall and not nominal.pivots.holds(
         residuals.bound, workspace.equations.mass(q)
     )
-    small = residuals.dynamics <= nominal.estimator.unheard * size
+    small = residuals.dynamics <= nominal.estimator.negligible_dynamics_error * size
     return not doubtful and not falls and small and residuals.bound <= 1e-8
 
 

@@ -278,7 +278,7 @@ def test_a_slip_of_nothing_is_no_proof_where_j_is_rounding():
     factors = factorise(terms.M, np.array([[1.0, 0.0], [1.0, 1e-12]]), 0.0)
     estimator = ErrorEstimator(factors, P, gravity=9.81, weight=9.81)
     a, nothing = np.array([10.0, 10.0]), np.zeros(2)
-    assert estimator.unquestioned < 0.0
+    assert estimator.negligible_constraint_error < 0.0
     bound = estimator.missing(nothing, nothing, nothing, a)
     assert bound > 2.0**-52 * 10.0 / 1e-12
     proof, _ = estimator.prove(nothing, [0.0, 10.0, 0.0, 0.0, 0.0, 0.0], nothing, bound)
@@ -290,4 +290,4 @@ def test_machines_stay_above_their_rounding(label):
     """What rounding of J could make of singular values is far from those of machines."""
     nominal = all_scenes()[label].nominal
     assert 16 * nominal.estimator.blur < 1e-9 * nominal.singular_values[nominal.rank - 1]
-    assert nominal.estimator.unquestioned > 0.0
+    assert nominal.estimator.negligible_constraint_error > 0.0

@@ -21,7 +21,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.constraints.violation import ConstraintViolation, gap_of, velocity_of
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral, check_moment, check_scene
+from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene, check_time
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.soundness import singular_mass
 
@@ -52,7 +52,7 @@ def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
     """Return the terms of a scene at a state, at rest by default; O(n^3 + m^2 n)."""
     check_scene(scene)
     check_bilateral(scene)
-    check_moment(scene)
+    check_time(scene)
     equations = equations_of(scene)
     still = np.zeros(scene.robot.nv)
     q_, v_, _ = scene.robot.arguments.check(q, still if v is None else v, still)

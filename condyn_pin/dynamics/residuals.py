@@ -177,10 +177,10 @@ class ErrorEstimator:
         bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)
         bound += self.rounding
         doubtful = e is None and (
-            constraint > self.unquestioned * scale
+            constraint > self.negligible_constraint_error * scale
             or bound > tolerances.SOLVED
-            or max_a > self.no_machine
-            or max_lam > self.no_force * scale
+            or max_a > self.plausible_acceleration
+            or max_lam > self.plausible_force * scale
         )
         return Residuals(max_dynamics, constraint, violation, velocity, bound), doubtful
 
@@ -192,16 +192,16 @@ class ErrorEstimator:
         return self.largest_weight * float(self.weights.dot(torques)) * _EPS
 
     @cached_property
-    def no_machine(self) -> float:
-        """An acceleration that only a nearly singular M explains [m/s^2, rad/s^2].
+    def plausible_acceleration(self) -> float:
+        """The largest that needs no nearly singular M to explain it [m/s^2, rad/s^2].
 
         Ten times what the robot's weight, at a lever of one metre, gives to its lightest joint.
         """
         return 10.0 * self.largest_weight**2 * self.weight
 
     @cached_property
-    def no_force(self) -> float:
-        """A multiplier above the round-off threshold, relative to the size of a [N s^2/m].
+    def plausible_force(self) -> float:
+        """The largest multiplier that is not rounding, relative to the size of a [N s^2/m].
 
         A hundred times what the robot weighs: near a singular configuration lam grows as 1 / sigma,
         and a row that is rounding takes 1e17. Less where light joints are shaken by less.
@@ -210,7 +210,7 @@ class ErrorEstimator:
         return most * self.weight / (self.gravity or 1.0)
 
     @cached_property
-    def unquestioned(self) -> float:
+    def negligible_constraint_error(self) -> float:
         """The |s|_inf, relative to the size of a, that is never in doubt [1].
 
         Everything is where all rows are rounding, also a residual of nothing, and where joints
@@ -239,7 +239,7 @@ class ErrorEstimator:
         return tolerances.SOLVED * (self.gravity or 1.0) / scale if scale else 1.0
 
     @cached_property
-    def unheard(self) -> float:
+    def negligible_dynamics_error(self) -> float:
         """The |r|_inf, relative to the size of a, that is no error of forces [kg, kg m^2].
 
         A hundredth of FORCES, where one would do at the nominal state: no joint feels less inertia

@@ -23,7 +23,7 @@ def check_bilateral(scene: Scene) -> None:
         )
 
 
-def check_moment(scene: Scene) -> None:
+def check_time(scene: Scene) -> None:
     """Refuse driven constraints where nothing says at which time they are looked at."""
     if moving := [b.name for b in scene.bounds if b.drive and b.drive.time is None]:
         raise UnsupportedConstraint(
@@ -32,9 +32,9 @@ def check_moment(scene: Scene) -> None:
         )
 
 
-def moment_of(scene: Scene) -> float:
+def time_of(scene: Scene) -> float:
     """Return the time at which a scene is looked at [s]; 0 where nothing is driven."""
-    check_moment(scene)
+    check_time(scene)
     times = {b.drive.time or 0.0 for b in scene.bounds if b.drive} or {0.0}
     if len(times) > 1:
         raise UnsupportedConstraint(

@@ -100,7 +100,7 @@ class Verifier:
             J^T dlam = r + M e,    |J^T dlam|_inf <= |r|_inf + bound (|M| |a|_inf)_inf.
         """
         size = max(max_a, self._estimator.gravity)
-        if residuals.dynamics <= self._estimator.unheard * size:
+        if residuals.dynamics <= self._estimator.negligible_dynamics_error * size:
             return True
         torques = tau if load is None else tau + load.torque
         largest = largest_torque(self._workspace.equations.terms(q, v), torques, size)

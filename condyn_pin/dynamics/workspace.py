@@ -23,7 +23,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.choice import check_kinds, default_solver
 from condyn_pin.dynamics.memory import Memory
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral, check_moment, check_scene
+from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene, check_time
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.verifier import Verifier, failure
@@ -116,7 +116,7 @@ class Workspace(Memory):
         if not isinstance(drift, Baumgarte | None):
             raise InvalidArgument(f"drift = {drift!r}: Baumgarte(alpha, beta) or None is needed")
         check_bilateral(scene)
-        check_moment(scene)
+        check_time(scene)
         self.native = native
         super().__init__(scene, drift)
         equations = self.analysed(scene)
@@ -144,7 +144,7 @@ class Workspace(Memory):
                 f"scene: its robot {scene.robot.name!r} has another model; make a new Workspace"
             )
         check_bilateral(scene)
-        check_moment(scene)
+        check_time(scene)
         self._start(scene, self.analysed(scene))
 
     def _start(self, scene: Scene, equations: Equations | None) -> None:

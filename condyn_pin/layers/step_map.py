@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene, moment_of
+from condyn_pin.dynamics.scene_checks import check_scene, time_of
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.layers.layer_map import Pair
 from condyn_pin.layers.parameters import Made, Parameters
@@ -95,6 +95,6 @@ def check_steps(scene: Scene, dt: float, integrator: ContactScheme, route: Route
         raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
     if not float(finite("dt", dt, ())) > 0.0:
         raise InvalidArgument(f"dt = {dt!r}: a positive number is needed [s]")
-    moment_of(scene)  # refuses driven rows without a time
+    time_of(scene)  # refuses driven rows without a time
     check_scheme(scene, integrator)
     route.scheme(integrator)  # refuses what it cannot take

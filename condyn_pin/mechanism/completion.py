@@ -27,7 +27,7 @@ from condyn_pin._core.linalg.numerical_rank import rank_of
 from condyn_pin._core.names import counted
 from condyn_pin.constraints.violation import beyond_text
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_moment
+from condyn_pin.dynamics.scene_checks import check_time
 from condyn_pin.errors import InvalidArgument, NotAssembled, UnsupportedConstraint
 from condyn_pin.mechanism.assembling import check_held, limited, nominal_configuration
 from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
@@ -129,7 +129,7 @@ def complete_state(
         If a dead point lies on the way, whether or not the loops close beyond it.
     """
     robot, model, chains = scene.robot, scene.robot.model, chains_of(scene)
-    check_moment(scene)
+    check_time(scene)
     if belts := [b.name for b in scene.bounds if b.drive and not b.positioned]:
         raise UnsupportedConstraint(
             f"{', '.join(belts)}: rows on the velocity alone say nothing of where anything is; "

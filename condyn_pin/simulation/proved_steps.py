@@ -25,7 +25,7 @@ from condyn_pin.contact.judge import judged
 from condyn_pin.contact.load import contact_load
 from condyn_pin.contact.modes import MODES
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import moment_of
+from condyn_pin.dynamics.scene_checks import time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
@@ -41,7 +41,7 @@ class ProvedSteps:
     """Steps of one scene by one scheme and dt; not to be shared between threads."""
 
     def __init__(self, scene: Scene, dt: float, scheme: ContactScheme) -> None:
-        self._t = moment_of(scene)  # where the step begins [s]
+        self._t = time_of(scene)  # where the step begins [s]
         if not isinstance(scheme, ContactScheme):
             raise InvalidArgument(
                 f"integrator = {scheme!r}: a scheme with contacts is needed, such as "

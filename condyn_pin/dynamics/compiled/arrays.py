@@ -154,7 +154,12 @@ def of_solver(workspace: Workspace) -> dict[str, Any]:
 def of_verdict(by: ErrorEstimator) -> Array:
     """Return what answers are judged by, as `ErrorEstimator.prove` and `Verifier` do."""
     of_residuals = by.gravity, by.largest_weight, by.per_row, by.rounding
-    of_doubts = by.unquestioned, by.no_machine, by.no_force, by.unheard
+    of_doubts = (
+        by.negligible_constraint_error,
+        by.plausible_acceleration,
+        by.plausible_force,
+        by.negligible_dynamics_error,
+    )
     return np.array([*of_residuals, *of_doubts, tolerances.SOLVED, LOOSE, _LARGEST])
 
 

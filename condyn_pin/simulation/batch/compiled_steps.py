@@ -28,7 +28,7 @@ from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.dynamics.compiled.arrays import contiguous
 from condyn_pin.dynamics.compiled.contacts import of_contacts, untaken_contacts
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import moment_of
+from condyn_pin.dynamics.scene_checks import time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.simulation.batch.batch_step import ERRORS, STATUSES
@@ -143,7 +143,7 @@ def contacts_of(workspace: Workspace, contacts: tuple[Contact, ...]) -> Any:
 
 def paths_of(workspace: Workspace, dt: float) -> dict[str, Array]:
     """Return where driven rows are to be in a step from the time of a workspace, for the core."""
-    paths = DrivenPath(workspace, dt, 1, moment_of(workspace.scene))
+    paths = DrivenPath(workspace, dt, 1, time_of(workspace.scene))
     return {"driven": paths.rows, "path": paths.wanted}
 
 

@@ -29,7 +29,7 @@ from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import moment_of
+from condyn_pin.dynamics.scene_checks import time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
@@ -96,7 +96,7 @@ class LinearSteps:
     ) -> None:  # fmt: skip
         self.scene, self.scheme, self.wrt = scene, scheme, tuple(wrt)
         self.system = system or System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
-        model, self.begin = self.system.model, moment_of(scene)
+        model, self.begin = self.system.model, time_of(scene)
         self.partials = FloatingPartials(model)
         self.turning = ContactTurning(model, scene.contact_bounds)
         self.inertias = InertiaPartials(scene.robot.unedited) if "inertias" in wrt else None

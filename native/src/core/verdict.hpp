@@ -19,7 +19,8 @@ struct Sizes
 struct Verdict
 {
   double gravity, largest_weight, per_row, rounding; // what makes an error of residuals
-  double unquestioned, no_machine, no_force, unheard; // what is in doubt
+  // beyond which there is a doubt:
+  double negligible_constraint_error, plausible_acceleration, plausible_force, negligible_dynamics_error;
   double solved, loose, fastest; // of any scene: SOLVED, how far quaternions are off, a that is no machine's
 
   /// A bound on the error of a, relative to the larger of |a|_inf and gravity. `torques` (nv), all positive, are
@@ -38,8 +39,9 @@ struct Verdict
   bool is_clear(const Sizes & s, double bound, double pivots, double accuracy) const
   {
     const double scale = scale_of(s);
-    return !(s.constraint > unquestioned * scale) // which may be infinite
-           && s.a <= no_machine && s.a < fastest && s.lam <= no_force * scale && s.dynamics <= unheard * scale
+    return !(s.constraint > negligible_constraint_error * scale) // which may be infinite
+           && s.a <= plausible_acceleration && s.a < fastest && s.lam <= plausible_force * scale
+           && s.dynamics <= negligible_dynamics_error * scale
            && bound <= std::min(solved, accuracy) && bound <= solved * pivots;
   }
 
