@@ -10,6 +10,9 @@ from types import FrameType
 
 def main() -> None:
     """Run the command line; Ctrl-C ends it also while it is imported."""
+    for name in ("stdout", "stderr"):
+        if getattr(sys, name) is None:  # closed: what is said there goes nowhere
+            setattr(sys, name, os.fdopen(os.open(os.devnull, os.O_WRONLY), "w"))
     if signal.getsignal(signal.SIGINT) is signal.default_int_handler:  # not under nohup
         signal.signal(signal.SIGINT, _interrupt)
     from condyn_pin.cli.main import main as run

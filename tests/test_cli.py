@@ -305,6 +305,7 @@ MISTAKES = {
     "trade --tune": "name one robot",
     "simulate four_bar --save a.txt": ".npz",
     "simulate four_bar --gain 5": "add --drift baumgarte",
+    "simulate four_bar --friction 0.5": "four_bar has no ready-made contacts",
     "lab drift --dt 0": "--dt 0.0: a number > 0 [s]",
     "lab problem --n 3": "A01",
     "lab stress --seconds nan": "--seconds nan",
@@ -493,6 +494,17 @@ def test_a_full_disk_is_one_line(asked, unbuffered):
     assert result.returncode == 2
     assert result.stderr.startswith("condyn: ")
     assert len(result.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("closed", ["stdout", "stderr"])
+def test_what_is_closed_is_not_written_to(closed):
+    """As jobs of cron are started: the answer is that of the exit code."""
+    for asked, code in (("solvers", 0), ("show talo", 2)):
+        shell = f"{sys.executable} -m condyn_pin {asked} {1 if closed == 'stdout' else 2}>&-"
+        result = subprocess.run(["sh", "-c", shell], capture_output=True, text=True, check=False)
+        assert result.returncode == code
+        assert "Traceback" not in result.stderr
+        assert (code == 2 and closed == "stdout") == ("talos" in result.stderr)
 
 
 KEYS = {

@@ -9,6 +9,7 @@ from typing import Any, TypeVar, cast
 from condyn_pin._core.parameters import read_call
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.constraints.kinds import worded
 from condyn_pin.control.qp import QPS, QPSolver
 from condyn_pin.dynamics.scene import Scene
@@ -71,6 +72,17 @@ def pairs_in(option: str, texts: Sequence[str] | None, needed: str) -> dict[str,
             raise InvalidArgument(f"{option} {text}: {name} is given twice; give it once")
         found[name] = value
     return found
+
+
+def feet_of(robot: Robot, friction: float | None) -> tuple[FrictionalContact, ...]:
+    """Return the feet of a robot as contacts that may let go; none if no friction is given."""
+    feet = () if friction is None else robot.frictional_contacts(friction)
+    if friction is not None and not feet:
+        raise InvalidArgument(
+            f"--friction {friction:g}: {robot.name} has no ready-made contacts; name some in a "
+            "robot.toml"
+        )
+    return feet
 
 
 def _contact(robot: Robot, text: str) -> Constraint:

@@ -9,7 +9,6 @@ import typer
 
 from condyn_pin.cli import arguments as arg
 from condyn_pin.cli.output import check_written, say
-from condyn_pin.errors import InvalidArgument
 
 PANEL = "Look"
 
@@ -31,16 +30,12 @@ def export(
 ) -> None:
     """Write a robot in another format."""
     from condyn_pin._core.files.beside import write_text
-    from condyn_pin.cli.words import names_in, robot_of
+    from condyn_pin.cli.words import feet_of, names_in, robot_of
 
     check_written(mjcf)
     loaded = robot_of(robot, variant, floating)
-    contacts = () if friction is None else loaded.frictional_contacts(friction)
-    if friction is not None and not contacts:
-        raise InvalidArgument(
-            f"--friction {friction:g}: {loaded.name} has no ready-made contacts; name some in a "
-            "robot.toml"
-        )
-    text = loaded.to_mjcf(without=names_in(without), contacts=contacts, shapes=shapes)
+    text = loaded.to_mjcf(
+        without=names_in(without), contacts=feet_of(loaded, friction), shapes=shapes
+    )
     write_text(mjcf, text)
     say(f"written: {mjcf}")

@@ -45,7 +45,7 @@ def simulate(
 
     Ctrl-C keeps the motion so far.
     """
-    from condyn_pin.cli.words import drift_of, integrator_of, scene_of, solver_of
+    from condyn_pin.cli.words import drift_of, feet_of, integrator_of, scene_of, solver_of
     from condyn_pin.mechanism.put_down import put_down
     from condyn_pin.simulation.run import simulate as simulate_scene
 
@@ -53,8 +53,8 @@ def simulate(
     check_written(save, csv)
     scene = scene_of(robot, contacts, loops, variant, floating)
     q, v = scene.state(posture)
-    if friction is not None:
-        scene = replace(scene, contacts=scene.robot.frictional_contacts(friction))
+    if feet := feet_of(scene.robot, friction):
+        scene = replace(scene, contacts=feet)
         q = put_down(scene, q)
     found = simulate_scene(
         scene, q, v, duration=duration, dt=dt, record=record,
