@@ -28,8 +28,8 @@ class ControlLimits:
     Parameters
     ----------
     torque : bool
-        Whether motors keep to the effort limits of their joints; one that is not positive is none,
-        as files write it.
+        Whether motors keep to the effort limits of their joints; one that is not positive means
+        none, as in files.
     dt : float, optional
         How far joints look ahead to keep within position and velocity limits [s]; by default these
         do not count. Several control ticks: over a single one a joint would have to stop at once.

@@ -160,10 +160,10 @@ def push_bound(
 
     Notes
     -----
-    Costs 0.1 s: twenty postures and as many linear programs. The velocity products of the way there
-    are left out. The way ends where a leg is stretched: contacts that would have to let go there
-    are not let go. Springs in `rigid` throw off a foot that carries little; the bound stays, if the
-    foot comes down where it stood.
+    Costs 0.1 s: twenty postures and as many linear programs. Velocity products along the way are
+    neglected. It ends where a leg is stretched: contacts hold even if they would have to open
+    there. Springs in `rigid` may throw a lightly loaded foot off the floor; the bound holds if it
+    lands where it stood.
 
     References
     ----------

@@ -33,7 +33,7 @@ _PUSH = 0.02
 
 @dataclass(frozen=True)
 class HierarchyModel:
-    """One step down.
+    """One model of a hierarchy, made from the one above it.
 
     Parameters
     ----------
@@ -117,7 +117,7 @@ def model_hierarchy(name: str, *, effort: HierarchyEffort = FULL) -> HierarchyTa
     Raises
     ------
     UnknownName
-        If there is no such ladder.
+        If there is no such hierarchy.
 
     Notes
     -----

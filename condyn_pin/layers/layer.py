@@ -15,7 +15,7 @@ class Layer(Protocol):
     and backward k with their derivatives; nothing but the arrays is kept for it.
 
     **Numbers** have 64 bits and are on the CPU: constraints are solved to 1e-12, and arrays of 32
-    are refused (``.double()``; in jax ``jax.config.update("jax_enable_x64", True)``).
+    bits are refused (``.double()``; in jax ``jax.config.update("jax_enable_x64", True)``).
 
     **Configurations** are numbers, quaternions and (cos, sin) of any length: they are normalised,
     and the gradient by q has an entry for each of its numbers, none along what is normalised away.

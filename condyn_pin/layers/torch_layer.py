@@ -165,8 +165,8 @@ def torch_simulate(
     Notes
     -----
     Cost: the steps; backward all of them twice more, and what `Route.cost` says for each. Memory of
-    the sweep back: some sqrt(steps) states and the matrices of one step. What feeds back is a loop
-    over `torch_step`.
+    the sweep back: some sqrt(steps) states and the matrices of one step. For feedback, loop over
+    `torch_step`.
 
     References
     ----------

@@ -63,9 +63,9 @@ LOADS: Final = {"random": _random, "zero": _zero, "compensated": _compensated, "
 class SampledStates(States):
     """Random states of `Scene.sample`, under one load after the other.
 
-    A method is not as accurate under all of them: what is small of a is relative to gravity, and
-    what large random torques hide is seen where none acts. With contacts that may let go the robot
-    stands on the lowest of them: in motion it hits, slides and lets go.
+    A method is not equally accurate under all of them: errors are relative to the larger of |a| and
+    gravity, and large random torques hide some that show without any. With contacts that may let go
+    the robot stands on the lowest of them: in motion it hits, slides and lets go.
 
     Parameters
     ----------

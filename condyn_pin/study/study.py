@@ -47,7 +47,8 @@ class Study:
     Raises
     ------
     InvalidArgument
-        If an accuracy is none, or there is no measure, no scene, or no such solver.
+        If the accuracy is finer than doubles can have, or there is no measure, no scene, or no such
+        solver.
 
     Examples
     --------

@@ -136,8 +136,8 @@ def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration")
 
     Notes
     -----
-    Reads a file and writes the model as text to know it, which takes milliseconds: call it once,
-    not in a loop.
+    Reads a file, and writes the model as text to recognise it, which takes milliseconds: call it
+    once, not in a loop.
     """
     check_scene(scene)
     check_error(error)

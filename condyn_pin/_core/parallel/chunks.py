@@ -62,7 +62,7 @@ def map_chunks(
     Raises
     ------
     InvalidArgument
-        If the executor is none.
+        If `executor` cannot take work.
     WorkersLost
         If workers were lost and the executor cannot go on: a `ProcessPoolExecutor` is of no use
         after the loss of one worker. `Processes` starts new ones, and Dask does: there it is raised

@@ -48,7 +48,7 @@ class Processes(Executor):
     Raises
     ------
     InvalidArgument
-        If a number of workers or a way to start them is none.
+        If the number of workers is not positive, or the start method unknown.
     WorkersLost
         If a worker gets here while it imports the main script: it has no such guard.
     """

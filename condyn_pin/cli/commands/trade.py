@@ -43,8 +43,8 @@ Measure = Annotated[
 Swept = Annotated[
     str,
     typer.Option(
-        help="Comma-separated names of `condyn solvers`, of contact solvers or of routes, all "
-        "parameters turned; all by default.",
+        help="Comma-separated names of `condyn solvers`, of contact solvers or of routes, each "
+        "with the parameters worth a look; all by default.",
         autocompletion=arg.solver_names,
     ),
 ]

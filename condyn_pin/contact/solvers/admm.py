@@ -23,7 +23,7 @@ _LONGER = 4
 
 @dataclass(frozen=True)
 class ADMM(ContactSolver):
-    """Pinocchio's ADMM, normalised; one linear system if no contact slides, and others if it fails.
+    """Pinocchio's ADMM, normalised; one linear system if no contact slides; fallbacks if it fails.
 
     Parameters
     ----------
@@ -35,11 +35,12 @@ class ADMM(ContactSolver):
     anderson : int
         Memory of Anderson's acceleration, in steps. 4 takes a third of the iterations of 0 on
         robots; 10 saves nothing more, and fails more often: Pinocchio 4.1 counts steps back modulo
-        2^64, so that it remembers what it should where this is a power of two. Pinocchio 3 has
-        none.
+        2^64, which finds the right ones in its memory only if this is a power of two. Pinocchio 3
+        has none.
     polish : bool
         End with Newton's method, which takes the residual to 1e-16: for derivatives, where what
-        sticks and what slides has to be known. Else it is what is tried first where ADMM fails.
+        sticks and what slides has to be known. Without it, Newton's method is the first fallback
+        where ADMM fails.
 
     Raises
     ------

@@ -35,7 +35,7 @@ class Lemke(ContactSolver):
         Of each polygon, even. Friction is right along its corners; between them it is less, by
         1 - cos(pi / sides) at most, and up to pi / sides off the direction of slip.
     max_iterations : int
-        Pivots of a path, of at most three; half as many as there are directions are usual.
+        Pivots of each of at most three paths; half the number of directions is usual.
 
     Raises
     ------

@@ -61,8 +61,8 @@ class SemismoothNewton(ContactSolver):
     Parameters
     ----------
     max_iterations : int
-        Newton steps from each starting point. Solo12 on four feet takes two to five, forty are what
-        a stack of boxes with fifty contacts takes.
+        Newton steps from each starting point. Solo12 on four feet takes two to five, a stack of
+        boxes with fifty contacts forty.
 
     Raises
     ------
@@ -71,13 +71,13 @@ class SemismoothNewton(ContactSolver):
 
     Notes
     -----
-    Cost O(m^3) a step, a singular value decomposition. Where it stalls, as it does where friction
-    is large or locks bodies (Painleve), it starts again. In an ncp from polygons, by Lemke's
-    method, the next ones with more corners along the slips of the one before; from a fixed point:
-    with the slips |sigma_t| of the problem before in its g, an ncp is a ccp; and from what `PGS`
-    finds, contact by contact. In a ccp by the proximal point method: problems that cost more far
-    from the answer before, ten times less each time, and ten times more again where Newton's method
-    stalls.
+    Cost O(m^3) a step, a singular value decomposition. Where it stalls, as with large friction or
+    friction that locks bodies (Painlevé), it starts again. In an ncp: from the answer of Lemke's
+    method for polygons, with more corners along the sliding directions each time; from a fixed
+    point of ccps, each with the sliding speeds |sigma_t| of the one before in its g; and from what
+    `PGS` finds, contact by contact. In a ccp: by the proximal point method, with a penalty on the
+    distance from the answer before that falls tenfold each time, and rises tenfold where Newton's
+    method stalls.
 
     References
     ----------

@@ -29,10 +29,10 @@ class PGS(ContactSolver):
     Parameters
     ----------
     tolerance : float
-        On which Pinocchio's iteration stops, in units of the problem [1]. A hundredth of what the
-        natural residual is to be: it looks at how much the last round changed.
+        On which Pinocchio's iteration stops, in units of the problem [1]. A hundredth of the
+        natural residual that is wanted, because it is compared with the change in the last sweep.
     max_iterations : int
-        Rounds.
+        Sweeps.
     over_relaxation : float, optional
         omega [1]. The tangential step is by the smaller diagonal entry of a contact's block, so
         that omega has to be below 2 min(G_11, G_22) over the largest eigenvalue of that block, or
@@ -75,7 +75,7 @@ class PGS(ContactSolver):
             raise InvalidArgument(f"over_relaxation = {self.over_relaxation!r}: a number > 0")
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
-        """Return the impulses after the last round, from `guess` or from none."""
+        """Return the impulses after the last sweep, from `guess` or from none."""
         if not _pin_contacts.solves_contacts(True, len(problem.limits)):
             raise UnsupportedBackend(
                 "dry friction of joints by PGS needs Pinocchio 4; take SemismoothNewton()"

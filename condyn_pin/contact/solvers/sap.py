@@ -36,13 +36,13 @@ class SAP(ContactSolver):
 
     P is the projection on K in the metric of R, which has a closed form, and X x is the change of
     the velocity of the robot, G = X^T X. At the minimum G x = G lam. The function is convex and
-    once differentiable, so that every start comes to the one answer.
+    once differentiable, so that every start leads to the same answer.
 
     Parameters
     ----------
     max_iterations : int
-        Newton steps from each starting point. Ten are many where R is a hundredth of the diagonal
-        of G, as in MuJoCo and Drake; where it is a millionth, a hundred may be few.
+        Newton steps from each starting point. Ten are plenty where R is a hundredth of the diagonal
+        of G, as in MuJoCo and Drake; where it is a millionth, a hundred may be too few.
 
     Raises
     ------

@@ -25,7 +25,7 @@ class ProxQP(QPSolver):
         Absolute, of equations, inequalities and gradient [m/s^2]. 1e-6 finds the active set, and
         the polish the digits; at 1e-9 programs of Cassie that have an answer are called infeasible.
     max_iterations, max_inner : int
-        Outer and inner iterations. By ProxSuite's own limits a single program ran for 100 s.
+        Outer and inner iterations. With ProxSuite's own limits a single program ran for 100 s.
 
     Raises
     ------

@@ -23,7 +23,7 @@ def compass_walker(
 
         left + right = 0,
 
-    and where both legs are side by side: there it has to be lifted, which nobody models.
+    and where both legs are side by side: there it has to be lifted, which is not modelled.
 
     Parameters
     ----------

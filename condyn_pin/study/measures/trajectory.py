@@ -71,8 +71,8 @@ class MotionBench:
 class TrajectoryMeasure(Measure):
     """The error of q and v at the end of a motion, under the torques of the state, held constant.
 
-    Of q relative to the larger of the way that was made and that of a free fall, of v relative to
-    the larger of |v|_inf and the speed of a free fall; the larger of the two. The truth is the same
+    Of q relative to the larger of the distance moved and that of a free fall, of v relative to the
+    larger of |v|_inf and the speed of a free fall; the larger of the two. The truth is the same
     motion by an adaptive method of order 8 with tolerances of rounding, and without drift control.
     With contacts that may let go it is that of `Moreau` in 5000 steps: an error below some 1e-3 is
     not known, for every scheme that lets contacts close is of first order.

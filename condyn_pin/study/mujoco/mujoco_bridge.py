@@ -53,7 +53,7 @@ class MujocoBridge:
         Joints that are named otherwise in MuJoCo: our name to MuJoCo's. A joint without a name is
         ``BODY_joint`` there, after its body.
     without : sequence of str, optional
-        Joints of MuJoCo's model that the robot has not. They are held.
+        Joints of MuJoCo's model that the robot lacks. They are held.
 
     Raises
     ------
@@ -69,7 +69,7 @@ class MujocoBridge:
 
     Notes
     -----
-    Where joints stand, and what they carry, is not asked for: `compare` does that.
+    Placements and inertias are not checked: `compare` does that.
     """
 
     robot: Robot
