@@ -145,6 +145,50 @@ def test_redundant_rows_cannot_rebound_differently():
         cp.impact(scene, q, v, restitution={scene.names[0]: 0.5})
 
 
+@pytest.mark.parametrize("seed", range(3))
+def test_what_is_at_rest_already_has_nothing_to_rebound(seed):
+    """Its rounding was taken for rows that rebound differently."""
+    scene, q = many("talos corners")
+    v = cp.impact(scene, q, np.random.default_rng(seed).normal(size=scene.robot.nv)).v
+    met = cp.impact(scene, q, v, restitution={scene.names[0]: 0.5})
+    assert np.abs(met.v - v).max() < 1e-12
+
+
+def test_driven_rows_that_contradict_each_other_are_refused():
+    """Of 1 m/s and 2 m/s along one slide, 1.5 were returned without a word."""
+    slide = body_on_a_slide()
+    held = cp.constraints.HeldJoint("slide")
+
+    def pulled(*speeds: float) -> cp.Scene:
+        paths = [cp.constraints.Polynomial((0.0, speed)) for speed in speeds]
+        names = "one", "two"
+        drives = [
+            cp.constraints.Driven(held, path, name=name)
+            for path, name in zip(paths, names, strict=False)
+        ]
+        return cp.Scene(slide, drives).at(0.0)
+
+    still = np.zeros(1)
+    assert cp.impact(pulled(2.0, 2.0), still, still).v == pytest.approx([2.0])
+    with pytest.raises(cp.InvalidArgument, match=r"driven rows differ, 0\.5 m/s"):
+        cp.impact(pulled(1.0, 2.0), still, still)
+
+
+@pytest.mark.parametrize("size", [1e160, 1e200])
+def test_a_velocity_whose_energy_is_no_number_is_refused(size):
+    slide = body_on_a_slide()
+    scene = cp.Scene(slide, [cp.constraints.HeldJoint("slide")])
+    with pytest.raises(cp.InvalidArgument, match="v has numbers up to"):
+        cp.impact(scene, np.zeros(1), np.array([size]))
+
+
+def body_on_a_slide() -> cp.Robot:
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "slide")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), pin.SE3.Identity())
+    return cp.Robot("slide", model)
+
+
 def test_loops_stay_closed_while_feet_land():
     """Pinocchio's own impulse dynamics leaves the loops open: it ignores their second body."""
     scene = all_scenes()["cassie loops + contacts"]

@@ -17,10 +17,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.violation import worst
-from condyn_pin.dynamics.at_state import at_state, equations_of, gaps
+from condyn_pin.dynamics.at_state import at_state, equations_of, gaps, rounding
 from condyn_pin.dynamics.derivatives.kkt import turning_null_space
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
@@ -159,8 +159,8 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
     Raises
     ------
     InvalidArgument
-        If an argument has a wrong size or is not finite, a restitution is not between 0 and 1, or
-        different restitutions contradict each other or would add energy.
+        If an argument has a wrong size or is not finite, a restitution is not between 0 and 1,
+        different restitutions or driven rows contradict each other, or energy would be added.
     UnknownName
         If a name is that of no constraint.
 
@@ -181,13 +181,16 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
     rates = equations_of(scene).wanted[1]  # of rows that are driven
     wanted = rates - e * (J @ state.v - rates)
     after, lam = state.factors.solve(M @ state.v, wanted)
+    with np.errstate(over="ignore"):  # it is refused
+        before, left = (float(v @ M @ v) / 2 for v in (state.v, after))
+    check_overflow("v", state.v, np.array((before, left)))
     found = Impact(
         v=after,
         lam=lam,
         v_before=state.v,
         restitution=e,
-        energy_before=float(state.v @ M @ state.v) / 2,
-        energy_after=float(after @ M @ after) / 2,
+        energy_before=before,
+        energy_after=left,
         violation=float(np.abs(equations_of(scene).violation(state.q)).max(initial=0.0)),
         scene=scene,
         q=state.q,
@@ -210,15 +213,19 @@ def restitutions(scene: Scene, restitution: Restitution) -> Mapping[str, float]:
 
 
 def _check(found: Impact, J: Array, wanted: Array) -> None:
-    """Refuse restitutions that contradict each other, or would add energy."""
-    if len(set(found.restitution.tolist())) < 2:
+    """Refuse rows that contradict each other, and restitutions that would add energy."""
+    several = len(set(found.restitution.tolist())) > 1
+    if not (several or found.scene.is_driven):
         return
-    speed = float(np.abs(J @ found.v_before).max())
+    speed = float(max(np.abs(J @ found.v_before).max(), np.abs(wanted).max()))
+    nothing = max(rounding(found.scene, found.q, found.v_before).values())
     off = float(np.abs(J @ found.v - wanted).max())
-    if off > tolerances.SOLVED * speed:
+    if off > tolerances.SOLVED * speed + nothing:
+        what = (
+            "restitution: redundant rows rebound differently" if several else "driven rows differ"
+        )
         raise InvalidArgument(
-            f"restitution: redundant rows rebound differently, {off:.3g} m/s or rad/s apart; give "
-            "the constraints that share them one value"
+            f"{what}, {off:.3g} m/s or rad/s apart; give the constraints that share them one value"
         )
     adds = found.energy_lost < -tolerances.SOLVED * found.energy_before
     if adds and not found.scene.is_driven:
