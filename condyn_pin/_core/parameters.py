@@ -48,7 +48,7 @@ def check_iterations(max_iterations: int) -> None:
 
 
 def check_refinements(refinements: int) -> None:
-    """Refuse a number of corrections that is none."""
+    """Refuse a number of corrections that cannot be used."""
     if not is_whole(refinements) or not 0 <= refinements <= _MOST_REFINEMENTS:
         raise InvalidArgument(
             f"refinements = {shown(refinements)}: a whole number from 0 to {_MOST_REFINEMENTS}; "
@@ -157,7 +157,7 @@ def read_call(text: str) -> Call:
     Raises
     ------
     ValueError
-        If it is none.
+        If it is neither.
     """
     if len(text) > _LONGEST_CALL:
         raise ValueError("a text of this length")

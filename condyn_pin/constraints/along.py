@@ -37,7 +37,7 @@ def along_at(along: Along, t: float, rows: int, name: str) -> Array:
 def check_along(along: Along, rows: int, name: str, at: Sequence[float] = (0.0,)) -> None:
     """Refuse what is no path: a wrong size, or rates that its own differences contradict.
 
-    It is looked at at some times [s]; twice at each, for a path may have a kink.
+    It is checked at some times [s], twice at each, because a path may have a kink.
     """
     if not callable(along):
         raise InvalidArgument(

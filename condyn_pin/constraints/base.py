@@ -190,7 +190,7 @@ class Constraint(ABC):
 
     @property
     def by_points_called(self) -> str:
-        """What studies call the same by points; empty where there is none."""
+        """What studies call its equivalent by points; empty if it has none."""
         return ""
 
     def anchored_at(self, c1: Any, c2: Any) -> Constraint:
@@ -198,7 +198,7 @@ class Constraint(ABC):
         return self
 
     def by_points(self, robot: Any) -> tuple[Any, tuple[Constraint, ...]]:
-        """Return the same by points, and the robot with frames for them; itself if there is none.
+        """Return its equivalent by points, and the robot with frames for them; itself without one.
 
         The rows are more, and say the same.
         """

@@ -76,7 +76,7 @@ def lemke(A: Array, b: Array, max_pivots: int) -> Complementary:
 
 
 def _missed(A: Array, b: Array, z: Array) -> float:
-    """Return |min(z, A z + b)|_inf, relative to |b|: a z that rounding has made large is none."""
+    """Return |min(z, A z + b)|_inf, relative to |b|: a z made large by rounding is no solution."""
     size = float(np.abs(b).max(initial=0.0))
     return float(np.abs(np.minimum(z, A @ z + b)).max(initial=0.0)) / (size or 1.0)
 

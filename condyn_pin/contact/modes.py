@@ -24,7 +24,7 @@ Modes = NDArray[np.int_]
 MODES: Final = ("open", "stick", "slide")
 OPEN, STICK, SLIDE = range(3)
 
-# Velocity along a row that is none, relative to |g|: ten times what a solved problem leaves.
+# Velocity along a row that counts as zero, relative to |g|: ten times what a solved problem leaves.
 MOVES: Final = 10 * tolerances.CONTACT_SOLVED
 
 

@@ -193,7 +193,7 @@ def _symmetric(G: Array) -> Array:
 
 
 def _kept(name: str, value: ArrayLike, shape: tuple[int, ...], most: float = HUGE) -> Array:
-    """Return a copy that nobody writes to, of numbers that are finite and not too large."""
+    """Return a read-only copy of numbers that are finite and not too large."""
     array = finite(name, value, shape)
     largest = float(np.abs(array).max(initial=0.0))
     if largest > most:

@@ -16,7 +16,7 @@ _USUAL = Proximal()
 
 
 def default_solver(scene: Scene) -> Solver:
-    """Return the solver for those who name none.
+    """Return the default solver.
 
     `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `NullSpace` if there
     are redundant rows besides.

@@ -38,7 +38,7 @@ class Memory(OneThread):
         self._arguments = scene.robot.arguments
 
     def analysed(self, scene: Scene) -> Equations | None:
-        """Analyse a scene that was not; return the equations that it took, for who needs them."""
+        """Analyse a scene, unless it was; return the equations made for that, to be used again."""
         if "nominal" in vars(scene) or at_any_time(scene) is not scene:
             return None
         equations = Equations(self.model, scene.bounds)

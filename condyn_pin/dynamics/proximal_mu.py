@@ -124,7 +124,7 @@ class MuAtState:
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """What `settings` decides by, for who does it elsewhere: the compiled core."""
+        """What `settings` decides by, for the compiled core, which does the same."""
         (usual, usual_share, _), (few, few_share, _) = self._usual, self._few
         return (
             self._accuracy, usual, few, usual_share, few_share,

@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from condyn_pin.dynamics.compiled.core import CompiledCore
     from condyn_pin.dynamics.derivatives.base import Derivatives
 
-# No acceleration of a machine: what is larger is looked at entry by entry.
+# No acceleration of a machine: larger ones are checked entry by entry.
 LARGEST: Final = 1e100
 SMALLEST: Final = -1e100
 
@@ -308,7 +308,7 @@ class Workspace(Memory):
     def _answered(
         self, state: State, forces: Sequence[AppliedForce], accuracy: float, throw: bool
     ) -> Solution:
-        """Return `solve` of arguments that were accepted, for who is at work in it alone."""
+        """Return `solve` of accepted arguments; the caller has the workspace to itself."""
         q, v, tau = state
         self._solved_by = get_ident()
         start = perf_counter()

@@ -57,7 +57,7 @@ def to_mjcf(
 
 
 def _kept(robot: Robot, without: Iterable[str]) -> tuple[Constraint, ...]:
-    """Return the loops to write, after a look at their kinds."""
+    """Return the loops to write; kinds that MuJoCo lacks are refused."""
     if isinstance(without, str) or not isinstance(without, Iterable):
         raise InvalidArgument(f"without = {without!r}: a list of names of loops is needed")
     left_out = tuple(without)

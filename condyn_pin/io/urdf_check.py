@@ -20,7 +20,7 @@ _SCALAR: Final = ("revolute", "continuous", "prismatic")
 
 
 def checked(robot: Element, *, floating: bool, mimic: bool) -> Element:
-    """Return a copy of a URDF with what Pinocchio reads, after a look at all of it.
+    """Return a copy of a URDF with what Pinocchio reads, all of it checked.
 
     Parameters
     ----------
@@ -70,7 +70,7 @@ def _named(robot: Element, tag: str) -> dict[str, Element]:
 
 
 def _root(links: Mapping[str, Element], joints: Mapping[str, Element]) -> str:
-    """Return the link on which the tree stands, after a look at the tree."""
+    """Return the root link; refuse what is no tree."""
     parent_of: dict[str, str] = {}
     for name, joint in joints.items():
         parent, child = (_end(joint, end, links) for end in ("parent", "child"))

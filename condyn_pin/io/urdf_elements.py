@@ -1,4 +1,4 @@
-"""Links and joints of a URDF, copied out with every number looked at."""
+"""Links and joints of a URDF, copied out with every number checked."""
 
 from __future__ import annotations
 

@@ -46,7 +46,7 @@ def open_xml(path: str | PathLike[str], tag: str = "") -> Element:
             raise ValueError(f"it has more than {_MOST_ELEMENTS} elements")
     except OSError as error:
         raise InvalidModel(f"cannot be opened: {error.strerror or error}") from error
-    # LookupError: an encoding that nobody knows
+    # LookupError: an unknown encoding
     except (ElementTree.ParseError, LookupError, ValueError) as error:
         raise InvalidModel(f"cannot be read as XML: {error}") from error
     if tag and root.tag != tag:
@@ -111,7 +111,7 @@ def not_read(
     ----------
     root : Element
     elements : mapping of str to container of str
-        Tag to the tags that are read below it; what is below others is not looked at.
+        Tag to the tags that are read below it; what is below others is ignored.
     attributes : mapping of str to container of str
         Tag to the attributes that are read; of other tags, none are counted.
     """

@@ -5,7 +5,7 @@ step as optimal control has it. Verbs: `torch_solve`, `torch_step`, `torch_simul
 jax, and `crocoddyl_action`. `Layer` says what all layers have in common; `tangent_gradient` makes
 of a gradient by the numbers of q what ``pin.integrate`` steps along.
 
-It must not know how motions are looked at, nor how they are compared.
+It must not know how motions are viewed, nor how they are compared.
 """
 
 import lazy_loader

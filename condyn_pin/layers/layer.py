@@ -28,7 +28,7 @@ class Layer(Protocol):
 
     **First derivatives** only. torch: both modes, `torch.func.vmap`, `grad`, `jvp`, `jacrev`. jax:
     `jit`, `vmap`, `grad`, and but for whole motions `jvp` and `jacfwd`; shapes and dtypes
-    are looked at when jax traces. Within `jit` and `vmap` a call is a callback to the CPU, and what
+    are checked when jax traces. Within `jit` and `vmap` a call is a callback to the CPU, and what
     is raised there about numbers is the last line of jax's own error; elsewhere it is raised as it
     is.
 

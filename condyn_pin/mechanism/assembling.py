@@ -57,7 +57,7 @@ def assemble(
 
 @one_blas_thread
 def nominal_configuration(scene: Scene) -> Array:
-    """Return where a scene is looked at by default: its nominal state, closed at its time."""
+    """Return the configuration that is the default: the nominal state, closed at its time."""
     q = scene.nominal.q
     if not scene.is_driven:
         return q

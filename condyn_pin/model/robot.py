@@ -296,7 +296,7 @@ class Robot:
         Raises
         ------
         InvalidArgument
-            If the name is taken, or the rotation is none.
+            If the name is taken, or `rotation` is no rotation.
         UnknownName
             If there is no such parent frame.
         """

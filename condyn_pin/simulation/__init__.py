@@ -3,7 +3,7 @@
 Nouns: `Integrator`, a family a file in `integrators/`; the drift schemes in `drift/`; `Event`;
 `Trajectory`, and many of them in `batch/`. Verbs: `simulate`, `switch`, and those for batches.
 
-It must not know how motions are looked at, nor how they are compared.
+It must not know how motions are viewed, nor how they are compared.
 """
 
 import lazy_loader

@@ -16,7 +16,7 @@ LOST: Final = 1e10
 
 
 def is_lost(v: Array) -> bool:
-    """Whether a velocity is none of a machine."""
+    """Whether a velocity is beyond that of any machine."""
     speed = float(np.abs(v).max(initial=0.0))
     return not (isfinite(speed) and speed < LOST)
 

@@ -107,5 +107,5 @@ def _quaternion(x: float, y: float, z: float) -> tuple[float, float, float, floa
 
 
 def _finite(angle: float) -> float:
-    """Return an angle, NaN if it is none: sin and cos of infinity are errors of Python."""
+    """Return an angle, NaN if it is infinite: Python raises for sin and cos of infinity."""
     return angle if isfinite(angle) else nan

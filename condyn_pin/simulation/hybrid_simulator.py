@@ -44,7 +44,7 @@ _MOST = 100
 
 
 class HybridSimulator:
-    """A run on its way: where it is (t, q, v), its present phase, and what it has left behind.
+    """A run in progress: its state (t, q, v), its present phase, and its samples so far.
 
     It owns q and v. A `phase` of another run of this plan has its memory used again.
     """
@@ -78,7 +78,7 @@ class HybridSimulator:
         self.phase.end(self.t, self.q, self.v)
 
     def _run_free(self, tick: Callable[[int], None] | None) -> None:
-        """Take the steps where no event can happen: nothing is looked at in between."""
+        """Take the steps where no event can happen: nothing is checked in between."""
         take, turn, recorder = self.phase.stepper.take, self.phase.turn, self.phase.recorder
         every, dt, rows = self.plan.every, self.plan.dt, recorder.rows
         t, q, v = self.t, self.q, self.v
@@ -107,7 +107,7 @@ class HybridSimulator:
                 tick(k + 1)
 
     def missed(self) -> tuple[str, ...]:
-        """Return what there is to say of the events that did not happen."""
+        """Return a sentence for each event that did not happen."""
         names, values = {event.name for event in self.happened}, self._watch.values
         return tuple(
             f"{event.name} did not happen: {event.missed(values[event.name], self._asked)}"

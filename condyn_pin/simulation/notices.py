@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 # closes at a critical rate grows first by what its velocity brings.
 _LARGER = 2.0
 
-# Samples of a phase that are looked at. A solver that does not converge misses at most of them.
+# Samples of a phase that are checked. A solver that does not converge misses at most of them.
 _LOOKS = 20
 
 

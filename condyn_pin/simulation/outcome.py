@@ -153,8 +153,8 @@ def _short(value: Any) -> str:
 def uninterrupted(motion: Trajectory) -> Trajectory:
     """Return a motion that others are made of, unless Ctrl-C ended it: that stops the whole.
 
-    `simulate` keeps what it has and returns, which is right for who looks at the motion, and
-    wrong for who compares it with others: a part of one is no measurement.
+    `simulate` keeps what it has and returns, which is right for viewing the motion, and
+    wrong for comparing it with others: a part of one is no measurement.
     """
     if motion.status is RunStatus.INTERRUPTED:
         raise KeyboardInterrupt

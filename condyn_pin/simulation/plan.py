@@ -153,7 +153,7 @@ def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:
 
 
 def default_integrator(scene: Scene, events: Sequence[Event]) -> Integrator:
-    """Return the integrator for those who name none: contacts that may let go take their own."""
+    """Return the default integrator: contacts that may let go take one of their own."""
     scenes = (scene, *(event.scene for event in events if event.scene))
     return StewartTrinkle() if any(each.contacts for each in scenes) else RungeKutta4()
 
@@ -178,7 +178,7 @@ def _check_contacts(scene: Scene, integrator: Integrator, events: Sequence[Event
 def default_drift(
     scene: Scene, integrator: Integrator, solver: Solver | None, events: Sequence[Event]
 ) -> Drift:
-    """Return the drift scheme for those who name none.
+    """Return the default drift scheme.
 
     One that has no gains to choose and costs no solve. Of a gap it leaves the square; moving the
     bodies then leaves J v a little off: below 1e-9 m and 1e-3 m/s on Cassie's loops with 1 ms.
@@ -192,7 +192,7 @@ def default_drift(
 
 
 def default_solver(scene: Scene) -> Solver:
-    """Return the solver for those who name none: that of `solve`, without iterations in vain.
+    """Return the default solver: that of `solve`, without iterations that change nothing.
 
     Three iterations are enough where loops are closed. A step leaves them a little open; then rows
     that are redundant come to life and ask for a lam that grows with every iteration up to the

@@ -1,7 +1,7 @@
 """Arrays of an npz that may come from a stranger: only those asked for, their sizes checked first.
 
 numpy's own reader takes what the file says: a header of a few bytes can ask for any amount of
-memory, and members that nobody asked for are expanded too.
+memory, and members that were not asked for are expanded too.
 """
 
 from __future__ import annotations

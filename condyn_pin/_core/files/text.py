@@ -18,7 +18,7 @@ _SHOWN: Final = 60  # characters of a line in an error
 
 
 def read_bytes(path: str | PathLike[str]) -> bytes:
-    """Return a file; OSError or ValueError if there is none, or it is no file of words."""
+    """Return a file; OSError or ValueError if there is none, or it is no text file."""
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):  # a device without an end
         raise ValueError("it is not a file")

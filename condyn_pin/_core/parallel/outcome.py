@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.html import facts, notes, page
 
-# The status of a row that nobody has worked on.
+# The status of a row that was not worked on.
 MISSING: Final = -1
 
 _SHOWN: Final = 10

@@ -117,7 +117,7 @@ class Rows:
             ) from error
 
     def _chunks(self, count: int) -> list[slice]:
-        """Return the rows of each chunk: the last ones few, as nobody works while the last ends."""
+        """Return the rows of each chunk: the last ones few, as all wait for the last one."""
         chunks, start = [], 0
         least = min(_part(count, _SHARES), _part(self.most, _SMALLER))
         while start < count:
@@ -139,7 +139,7 @@ class Rows:
             transport.work, len(chunks), lambda i, place: transport.send(chunks[i], place),
             self.executor, transport.places,
         )  # fmt: skip
-        with closing(results):  # an interrupt cancels what nobody has begun
+        with closing(results):  # an interrupt cancels what has not begun
             for i, found in results:
                 for k, text in transport.receive(chunks[i], found).items():
                     words[chunks[i].start + k] = text

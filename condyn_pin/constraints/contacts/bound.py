@@ -70,7 +70,7 @@ class Dry(NamedTuple):
 
 
 class Solid(NamedTuple):
-    """A shape on a joint, for who draws it."""
+    """A shape on a joint, to be drawn."""
 
     joint: int
     placement: Any  # pin.SE3 on that joint

@@ -25,7 +25,7 @@ from condyn_pin.errors import InvalidArgument
 class Drive:
     """What moves driven rows: c = s(t), J v = s'(t), J a + gamma = s''(t).
 
-    `along` returns the three at a time; `time` is the one at which the constraint is looked at, and
+    `along` returns the three at a time; `time` is the one at which the constraint is evaluated, and
     None where that has not been said.
     """
 

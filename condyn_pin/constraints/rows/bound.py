@@ -203,7 +203,7 @@ class PinocchioConstraint:
         cls, b: Bound, size: int, d1: Array | None = None, d2: Array | None = None
     ) -> PinocchioConstraint:
         """Return a point or a frame, shifted by d1 in the axes of c1 and by d2 in those of c2."""
-        # where a contact is unanchored, c2 is not looked at
+        # where a contact is unanchored, c2 is not read
         one, two = (
             placement if d is None else placement * pin.SE3(np.eye(3), d)
             for placement, d in ((b.placement1, d1), (b.placement2, d2))

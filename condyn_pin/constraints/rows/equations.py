@@ -87,7 +87,7 @@ class Equations(ConstraintRows):
         return Terms(M, h, more_than(least, J), gamma, self.a_ref())
 
     def parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
-        """Return M, h, J and gamma for who looks at the rank of J himself; owned by the caller."""
+        """Return M, h, J and gamma, the rank of J unchecked; owned by the caller."""
         if not self.m:  # in the axes of the world: it leaves the Jacobians of all joints behind
             M = _crba(self.model, self.data, q, _WORLD)
             return M, _bias(self.model, self.data, q, v), *self._no_rows

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 class Balls:
     """All 3-row loops at once: R1^T times the difference of both ends in the world.
 
-    `ends` are those of one state, or of many, whose forces nobody asks for.
+    `ends` are those of one state, or of many, whose forces are not needed.
     """
 
     def __init__(self, ends: PointEnds | ManyEnds, bounds: Sequence[Bound]) -> None:

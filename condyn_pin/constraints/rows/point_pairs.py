@@ -40,7 +40,7 @@ ONE: Final = 1e-9
 # would count for more, and contradict the others.
 _APART: Final = 0.1
 
-# Singular value of rows, relative to the largest, that is none: above what that rounding leaves.
+# Singular value of rows, relative to the largest, that counts as zero: above rounding.
 _NONE: Final = 1e-6
 
 

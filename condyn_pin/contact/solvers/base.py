@@ -5,7 +5,7 @@
 2. Set `title`, `cost`, `use` (when to take it), and `laws`, those that it solves. The class
    registers itself under its lower-case name in `CONTACT_SOLVERS`.
 3. Write `attempt(problem, guess)`. It returns an `Attempt`: impulses, iterations, and which methods
-   had a part. It need not look whether it succeeded: `solve_contact` proves every answer, by the
+   had a part. It need not check whether it succeeded: `solve_contact` proves every answer, by the
    same formulas. What cannot be answered is returned as the best that was found. One that is not
    `exact` says whether it `answered` its own problem: residuals cannot tell. NaN may come out, and
    becomes a status.

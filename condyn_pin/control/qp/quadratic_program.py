@@ -128,7 +128,7 @@ class QPResult(NamedTuple):
     x, z : (n,), (r,) array
         Answer, and multipliers of the inequalities; they tell which rows are active.
     verdict : {"solved", "infeasible", "failed"}
-        What the solver itself says; nobody has checked it yet.
+        What the solver itself says; it is not checked yet.
     iterations : int
     """
 

@@ -2,7 +2,7 @@
 
 What the core answers is what Python would: the same Pinocchio, the same numbers, and the proof by
 the same equations. Where the proof of a state leaves a doubt, or the iteration ends at nothing,
-the state is answered by Python: what is hard is looked at in one place only.
+the state is answered by Python: hard cases are handled in one place only.
 """
 
 from __future__ import annotations
@@ -98,7 +98,7 @@ class CompiledCore:
     def one(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, accuracy: float) -> Solution | None:
         """Return the solution of one state; None where it is left to Python.
 
-        Arrays that are right already are looked at in the core alone.
+        Arrays that are right already are checked in the core alone.
         """
         out = np.empty(self._size)
         try:

@@ -140,7 +140,7 @@ def _check_agreement(
     """Refuse derivatives of a from mu that those from 2 mu do not agree with.
 
     Those by tau are for torques in proportion to M_jj^1/2, as each joint feels them. What they
-    accelerate are the motions that the rows leave: those by q and v are looked at along them. Sums
+    accelerate are the motions that the rows leave: those by q and v are compared along them. Sums
     over the columns count, for rounding along one redundant row is the same in all of them.
     """
     nominal, n = workspace.scene.nominal, len(solution.a)

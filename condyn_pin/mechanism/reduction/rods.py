@@ -125,7 +125,7 @@ def is_rod(scene: Scene, joint: str) -> bool:
 
 
 def _rod(scene: Scene, joint: str) -> _Rod:
-    """Return what is to be known of a rod, or say why the body is none."""
+    """Return the ends and mass of a rod, or say why the body is no rod."""
     robot, model = scene.robot, scene.robot.model
     check_passive(robot, joint)
     number = model.getJointId(joint)

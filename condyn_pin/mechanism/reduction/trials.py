@@ -23,7 +23,7 @@ _Key = TypeVar("_Key", bound=Hashable)
 class Trial:
     """A solver tried on a scene: "ok" and what to time, or why a time would say nothing.
 
-    The call goes from one state to the next, and does not look at its arguments: scenes that are
+    The call goes from one state to the next, and does not check its arguments: scenes that are
     compared do not share their states.
     """
 

@@ -112,7 +112,7 @@ _runners = Kept[_Runner]()
 
 
 def _start(workspace: Workspace, q: Array, v: Array, plan: Plan) -> tuple[Array, Array]:
-    """Return a first state; what is clearly closed is not looked at twice."""
+    """Return a first state; what is clearly closed is not checked twice."""
     q_, v_ = normalised(workspace.model, "q", q), v.copy()
     with np.errstate(all="ignore"):  # what overflows is clearly not closed
         gap = max(workspace.equations.open_by(q_, v_))

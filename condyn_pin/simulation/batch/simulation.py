@@ -34,7 +34,7 @@ from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.plan import Plan, default_solver
 from condyn_pin.simulation.torques import Torque, TorqueJacobian
 
-# Samples that are looked at where none is to be kept, at most, and how many steps are between two
+# Samples that are checked where none is to be kept, at most, and how many steps are between two
 # of them, at least: gaps and energies change slowly, and a look costs half a step.
 _LOOKS: Final = 50
 _APART: Final = 10
@@ -86,7 +86,7 @@ def simulate_batch(
         As in `simulate`.
     record : int, optional
         Keep every `record`-th sample, in 8 (1 + nq + 3 nv + m) bytes each: 1.2 kB of Cassie on its
-        loops. By default none is: every tenth is looked at, or fifty of each motion.
+        loops. By default none is: every tenth is checked, or fifty of each motion.
     executor, chunk, progress
         As in `solve_batch`; a chunk takes about a tenth of a second by default.
 

@@ -75,9 +75,9 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
     q, v : (N, nq), (N, nv) array
         Where it ended.
     violation, constraint_velocity : (N,) array
-        The largest abs(c(q)) [m, rad] and abs(J v) [m/s, rad/s] among the samples looked at.
+        The largest abs(c(q)) [m, rad] and abs(J v) [m/s, rad/s] among the samples checked.
     energy_error : (N,) array
-        The largest energy that came or went without work, among the samples looked at [J]. Work is
+        The largest energy that came or went without work, among the samples checked [J]. Work is
         integrated over them: where torques or damping act, ``record=1`` makes it accurate.
     statuses : (N,) int8 array
         Place in ``tuple(RunStatus)``: 0 is finished. -1 where no worker got that far, which only
@@ -135,7 +135,7 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
         Raises
         ------
         InvalidArgument
-            If the file is missing, or is none of a batch of motions.
+            If the file is missing, or is not one of a batch of motions.
         """
         from condyn_pin.simulation.batch.files import load
 

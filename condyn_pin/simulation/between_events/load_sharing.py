@@ -24,7 +24,7 @@ from condyn_pin.simulation.between_events.contact_terms import ContactTerms
 from condyn_pin.simulation.between_events.margins import margins
 from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics
 
-# A margin, relative to the largest force, that is none: an event is found to rounding of its time.
+# A margin, relative to the largest force, that is zero: an event is found to rounding of its time.
 AT_ITS_END = 1e-6
 
 # Directions in the ground to begin with, and how often more are added.

@@ -41,10 +41,10 @@ _SLOWED = 0.25
 # A slip is slow where its direction follows the forces faster than in this share of a segment.
 _SLOW = 0.5
 
-# Force across a slip, relative to friction, that is none.
+# Force across a slip, relative to friction, that counts as zero.
 _STRAIGHT = 1e-9
 
-# A speed across a slip that is none [m/s], relative to the speed of the robot where it is faster:
+# A speed across a slip that is zero [m/s], relative to the speed of the robot where it is faster:
 # by how much a slow one may be off the direction in which friction balances the forces, and one
 # that was to end along a line. What the rates at which slips turn are found to, relative to the
 # slip, or to the robot where that is more.

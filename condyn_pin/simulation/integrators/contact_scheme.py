@@ -240,7 +240,7 @@ def closing_by(near: Near) -> AskedBy:
 
 
 def sizes_of_gaps() -> tuple[float, float, float, float]:
-    """Return what gaps are compared with, for who steps elsewhere.
+    """Return what gaps are compared with, for steps taken elsewhere.
 
     How near contacts are that take part [m], the share of a penetration that a step takes back, how
     deep one is that stays, and what touches [m, rad].

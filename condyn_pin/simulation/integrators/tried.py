@@ -43,7 +43,7 @@ class Taken(NamedTuple):
 def answered(posed: Posed, solver: ContactSolver) -> Tried:
     """Return a step with impulses that meet its contact problem, or the best that were found.
 
-    Redundant contacts are looked at before the solver tries all else that it has, which may take a
+    Redundant contacts are checked before the solver tries all else that it has, which may take a
     thousand times as long, and again where that has not helped.
     """
     problem, accuracy = posed.problem, tolerances.CONTACT_SOLVED

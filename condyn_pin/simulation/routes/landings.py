@@ -20,7 +20,7 @@ from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
 
-# A gap that is closed [m, rad], and a velocity along the normal that is none [m/s, rad/s].
+# A gap that is closed [m, rad], and a velocity along the normal that counts as zero [m/s, rad/s].
 TOUCHES: Final = 1e-9
 RESTS: Final = 1e-7
 
