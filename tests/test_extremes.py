@@ -149,7 +149,7 @@ def test_units_change_no_answer(solver, label, units):
 
 def with_choices(solver, scene):
     """Return a solver with the parameters that it chooses on a scene by the numbers there."""
-    enough = scene.nominal.estimator.enough / 10
+    enough = scene.nominal.estimator.tolerated_constraint_error / 10
     if isinstance(solver, cp.dynamics.ConjugateGradient | cp.dynamics.MinimumResidual):
         return replace(solver, tolerance=enough)
     if isinstance(solver, cp.LCABA):

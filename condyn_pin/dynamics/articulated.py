@@ -71,4 +71,4 @@ class ArticulatedSolver(Solver):
         """Return the |J a + gamma - a_ref|_inf that ends the iterations [m/s^2]."""
         if self.absolute_accuracy is not None:
             return self.absolute_accuracy
-        return workspace.scene.nominal.estimator.enough / 10
+        return workspace.scene.nominal.estimator.tolerated_constraint_error / 10

@@ -57,7 +57,7 @@ class MatrixFreeSolver(Solver):
         """Return the |a_ref - gamma - J a - mu lam|_inf that ends the iterations [m/s^2]."""
         if self.tolerance is not None:
             return self.tolerance
-        return workspace.scene.nominal.estimator.enough / 10
+        return workspace.scene.nominal.estimator.tolerated_constraint_error / 10
 
 
 def inverse_delassus(nominal: NominalAnalysis) -> Array:

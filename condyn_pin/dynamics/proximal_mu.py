@@ -79,7 +79,7 @@ def default_accuracy(nominal: NominalAnalysis, mu: float) -> float:
     """
     estimator, (_, smallest) = nominal.estimator, nominal.delassus_spectrum
     moved = estimator.largest_weight * smallest**0.5 * mu / (smallest + mu)
-    enough = max(tolerances.SOLVED / 10.0, estimator.shaking) * (estimator.gravity or 1.0)
+    enough = max(tolerances.SOLVED / 10.0, estimator.force_rounding) * (estimator.gravity or 1.0)
     free = nominal.independent and not nominal.rounded
     usual = (_USUAL if free else _USUAL_REDUNDANT) * nominal.weight
     return max(min(usual, enough / moved), _FINEST * nominal.weight) if moved > 0.0 else usual

@@ -55,7 +55,7 @@ from condyn_pin._core.linalg.minimum_norm import MinimumNorm
 _EPS = float(np.finfo(np.float64).eps)
 _UNIT = _EPS / 2  # of one rounding
 
-# Relative errors below this are not worth a look at what rounding of tau does.
+# Relative errors below this need no account of what rounding of tau does.
 _NEAR_ROUNDING = tolerances.SOLVED
 
 # Where sigma is not so many times the rounding of J, rows may count or not: state by state.
@@ -122,7 +122,7 @@ class ErrorEstimator:
 
     @property
     def rounding(self) -> float:
-        """What no answer can be better than: eps cond(D M D)."""
+        """The error that no answer can be below: eps cond(D M D) [1]."""
         return self.factors.mass.rounding
 
     @cached_property
@@ -131,12 +131,12 @@ class ErrorEstimator:
         return self.factors.blur(self.cancellation)
 
     @cached_property
-    def slipping(self) -> float:
-        """What rounding of J a is, relative to the largest of a."""
+    def constraint_rounding(self) -> float:
+        """Rounding of J a, relative to the largest of a [1]."""
         return _EPS * float(self.cancellation.sum(axis=1).max(initial=0.0))
 
     @cached_property
-    def shaking(self) -> float:
+    def force_rounding(self) -> float:
         """What rounding of J^T lam does to a, relative to gravity, where a row has the weight."""
         felt = float(self.weights.max() * self.weights.dot(self.cancellation.max(0, initial=0.0)))
         return _EPS * felt * self.weight / (self.gravity or 1.0)
@@ -206,7 +206,8 @@ class ErrorEstimator:
         A hundred times what the robot weighs: near a singular configuration lam grows as 1 / sigma,
         and a row that is rounding takes 1e17. Less where light joints are shaken by less.
         """
-        most = min(_HEAVY, tolerances.SOLVED / self.shaking) if self.shaking else _HEAVY
+        rounding = self.force_rounding
+        most = min(_HEAVY, tolerances.SOLVED / rounding) if rounding else _HEAVY
         return most * self.weight / (self.gravity or 1.0)
 
     @cached_property
@@ -216,12 +217,12 @@ class ErrorEstimator:
         Everything is where all rows are rounding, also a residual of nothing, and where joints
         are so light that rounding of J^T lam shakes them.
         """
-        if self.shaking > tolerances.SOLVED:
+        if self.force_rounding > tolerances.SOLVED:
             return -1.0
         if len(self.cancellation) and not _CLEAR * self.blur < self.sigma < inf:
             return -1.0
         scale = self.largest_weight * self.per_row
-        if scale * self.slipping > tolerances.SOLVED / 10:  # a slip of nothing says nothing
+        if scale * self.constraint_rounding > tolerances.SOLVED / 10:  # s = 0 says nothing
             return -1.0
         return tolerances.SOLVED / 1000 / self.gain if self.gain else inf
 
@@ -233,7 +234,7 @@ class ErrorEstimator:
         return float(np.abs(moved).sum(axis=1).max())
 
     @property
-    def enough(self) -> float:
+    def tolerated_constraint_error(self) -> float:
         """The largest |s|_inf that the tolerance allows at gravity's scale [m/s^2]."""
         scale = self.largest_weight * self.per_row
         return tolerances.SOLVED * (self.gravity or 1.0) / scale if scale else 1.0
