@@ -15,6 +15,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.errors import InvalidArgument, InvalidModel
 
+Given = tuple[ArrayLike, ArrayLike, ArrayLike]  # q, v and tau as they are handed in
+State = tuple[Array, Array, Array]  # and as they are accepted
+
 # Limits of the squared norm of a unit part of q.
 LOW: Final = 1.0 - 2 * tolerances.QUATERNION
 HIGH: Final = 1.0 + 2 * tolerances.QUATERNION
@@ -73,7 +76,7 @@ class Arguments:
             if not LOW < cos * cos + sin * sin < HIGH:
                 raise ValueError
 
-    def accept(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
+    def accept(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> State:
         """Return the arguments as float arrays of the right size, or raise InvalidArgument.
 
         Arrays that are right already pass in half a microsecond, without a look at their
@@ -96,7 +99,7 @@ class Arguments:
                 return q, v, tau
         return self.check(q, v, tau)
 
-    def check(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> tuple[Array, Array, Array]:
+    def check(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> State:
         """Return the arguments converted, after looking at every number of them.
 
         Raises

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import State, normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import factorise
@@ -44,16 +44,10 @@ class Verifier:
         self._turns_by_numbers = bool(workspace.scene.robot.arguments.units)
 
     def verify(
-        self,
-        q: Array,
-        v: Array,
-        tau: Array,
-        a: Array,
-        accuracy: float,
-        solve_time: float,
-        load: Load | None = None,
+        self, state: State, a: Array, accuracy: float, solve_time: float, load: Load | None
     ) -> Solution:
         """Return the solution of a method that returned `a` just now."""
+        q, v, tau = state
         equations, estimator = self._workspace.equations, self._estimator
         lam = self._method.lam()
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
@@ -66,11 +60,11 @@ class Verifier:
             doubtful = not self._pivots.holds(residuals.bound, equations.mass(q))
         if doubtful and isfinite(residuals.bound):
             try:
-                residuals = self._careful_proof(q, v, tau, a, lam, load)
+                residuals = self._careful_proof(state, a, lam, load)
             except InvalidModel:  # M is not positive definite to working precision
                 singular, residuals = True, residuals._replace(bound=inf)
         if residuals.bound <= accuracy and self._forces_hold(
-            q, v, tau, residuals, largest[1], accuracy, load
+            state, residuals, largest[1], accuracy, load
         ):
             status = _OK
         elif singular:
@@ -84,14 +78,7 @@ class Verifier:
         )
 
     def _forces_hold(
-        self,
-        q: Array,
-        v: Array,
-        tau: Array,
-        residuals: Residuals,
-        max_a: float,
-        accuracy: float,
-        load: Load | None,
+        self, state: State, residuals: Residuals, max_a: float, accuracy: float, load: Load | None
     ) -> bool:
         """Whether J^T lam is right to FORCES, or where a may be rougher to ten times as much.
 
@@ -102,6 +89,7 @@ class Verifier:
         size = max(max_a, self._estimator.gravity)
         if residuals.dynamics <= self._estimator.negligible_dynamics_error * size:
             return True
+        q, v, tau = state
         torques = tau if load is None else tau + load.torque
         largest = largest_torque(self._workspace.equations.terms(q, v), torques, size)
         allowed = tolerances.FORCES * max(accuracy / tolerances.SOLVED, 1.0)
@@ -128,14 +116,13 @@ class Verifier:
         )
 
     @one_blas_thread
-    def _careful_proof(
-        self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None
-    ) -> Residuals:
+    def _careful_proof(self, state: State, a: Array, lam: Array, load: Load | None) -> Residuals:
         """Return the proof by the factors of the state itself, and by the rounding of J^T lam.
 
         Quaternions are normalised, so that what is left of them in an answer is seen.
         """
         equations, nominal = self._workspace.equations, self._estimator
+        q, v, tau = state
         q = normalised(equations.model, "q", q)
         terms = equations.terms(q, np.zeros(self._workspace.model.nv))
         P = equations.cancellation(q)

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import FLOAT, HIGH, LOW, unpack_quaternion
+from condyn_pin._core.arguments import FLOAT, HIGH, LOW, Given, State, unpack_quaternion
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.one_thread import alone, in_use
 from condyn_pin._core.parameters import check_accuracy_of_a
@@ -39,9 +39,6 @@ LARGEST: Final = 1e100
 SMALLEST: Final = -1e100
 
 _OK = Status.OK
-
-Given = tuple[ArrayLike, ArrayLike, ArrayLike]  # q, v, tau as they were handed in
-State = tuple[Array, Array, Array]  # and as they were accepted
 
 # The default, known by its identity: what else is handed in may have no truth value.
 _NO_FORCES: Final[tuple[AppliedForce, ...]] = ()
@@ -322,10 +319,10 @@ class Workspace(Memory):
             for i in self.roots:
                 if not SMALLEST < a.item(i) < LARGEST:  # the status says it, so numpy need not
                     with np.errstate(all="ignore"):
-                        solution = verify(q, v, tau, a, accuracy, took, load)
+                        solution = verify(state, a, accuracy, took, load)
                     break
             else:
-                solution = verify(q, v, tau, a, accuracy, took, load)
+                solution = verify(state, a, accuracy, took, load)
         if solution.status is not _OK:
             self._arguments.check(q, v, tau)  # what is not finite may be the input's fault
             if throw:

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from condyn_pin._core.arguments import State
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
 from condyn_pin.constraints.applied_force import AppliedForce
@@ -31,7 +32,6 @@ if TYPE_CHECKING:
 
 _OK: Final = Status.OK
 
-State = tuple[Array, Array, Array]
 Outputs = dict[str, NDArray[Any]]
 
 

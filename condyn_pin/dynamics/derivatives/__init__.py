@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.arguments import Given
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.one_thread import alone
@@ -22,7 +23,7 @@ from condyn_pin.errors import unknown_name
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.solution import Solution
-    from condyn_pin.dynamics.workspace import Given, Workspace
+    from condyn_pin.dynamics.workspace import Workspace
 
 # By the name that `derivatives` takes.
 METHODS: dict[str, Callable[[Workspace, Solution, Array, Array], Derivatives]] = {
