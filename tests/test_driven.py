@@ -336,7 +336,7 @@ def test_what_takes_no_path_says_so(driven, bar):
             call()
     with pytest.raises(cp.InvalidArgument, match="motion begins at t = 0"):
         cp.simulate(driven.at(0.1), q, v, duration=0.1)
-    with pytest.raises(cp.errors.NotAssembled, match="crank slips"):
+    with pytest.raises(cp.errors.NotAssembled, match=r"crank has \|J v\| ="):
         cp.simulate(driven, q, still, duration=0.1)
     with pytest.raises(cp.InvalidArgument, match="driven, such as"):
         Driven(driven.constraints[-1], PATH)
@@ -474,7 +474,7 @@ def test_a_motor_that_is_driven_too_has_the_place_and_the_velocity_of_its_path()
     t, (s, rate, _) = 0.3, np.ravel(PATH(0.3))
     found = complete_state(scene.at(t), [home + s, 0.1])
     assert found.v == pytest.approx(complete_state(free, [home + s, 0.1], [rate, 0.0]).v, abs=1e-12)
-    with pytest.raises(cp.InvalidArgument, match=r"left_motor.* beside its path"):
+    with pytest.raises(cp.InvalidArgument, match=r"left_motor.* would leave its path"):
         complete_state(scene.at(t), [home + s, 0.1], [0.0, 0.0])
     with pytest.raises(cp.errors.NotAssembled, match="left_motor is open"):
         complete_state(scene.at(t), [home + s + 0.1, 0.1])

@@ -178,12 +178,12 @@ def _velocity(scene: Scene, follower: Follower, q: Array, G: Array, v_A: Array |
         if np.abs(missing).max() > tolerances.FORCES * fast:  # motors are moved too
             v_A = np.linalg.pinv(J @ G, rcond=tolerances.DEAD_POINT) @ missing
     v = v + G @ v_A
-    slips = np.abs(J @ v - rates)
-    if slips.max() > tolerances.FORCES * max(fast, np.abs(v).max()):
-        row = scene.row_names[follower.closer.rows[int(slips.argmax())]]
+    off = np.abs(J @ v - rates)
+    if off.max() > tolerances.FORCES * max(fast, np.abs(v).max()):
+        row = scene.row_names[follower.closer.rows[int(off.argmax())]]
         raise InvalidArgument(
-            f"v_actuated: {row} would be at {slips.max():.3g} m/s or rad/s beside its path: a "
-            "driven row moves the motors too; leave v_actuated out, or give what fits"
+            f"v_actuated: {row} would leave its path by {off.max():.3g} m/s or rad/s: it moves the "
+            "motors too; leave v_actuated out, or give velocities that fit"
         )
     return v
 

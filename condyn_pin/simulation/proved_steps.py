@@ -81,7 +81,7 @@ class ProvedSteps:
         posed, ended, found, natural, work, _ = self._steps.last
         lam = self._steps.impulses()
         contact = judged(posed.problem, found, natural, tolerances.CONTACT_SOLVED, took)
-        dynamics, slip = self._errors(posed, ended, a, lam / self._dt)
+        dynamics, constraint = self._errors(posed, ended, a, lam / self._dt)
         equations, candidates = self._system.equations, self._system.contacts
         self._system.at(self._t + self._dt)
         if self._scene.is_driven:
@@ -95,7 +95,7 @@ class ProvedSteps:
             q=q1, v=v1, lam=lam, gaps=dict(zip(candidates.names, gaps.tolist(), strict=False)),
             modes=dict(zip(candidates.names, modes, strict=True)), contact=contact,
             dynamics_error=dynamics, dynamics_limit=self._dynamics_limit(posed, ended, a),
-            constraint_error=slip, violation=violation,
+            constraint_error=constraint, violation=violation,
             penetration=float(np.maximum(-gaps, 0.0).max(initial=0.0)),
             energy_lost=0.0 - work.contact, correction_work=work.correction,
             algorithmic_work=work.algorithmic, driven_work=work.driven,
@@ -122,8 +122,8 @@ class ProvedSteps:
         left, _ = equations.residuals(at, posed.mean, tau + push.torque, a, lam[:rows], push)
         wanted = 0.5 * self._dt * equations.target(at, v)
         # a - gained is -w x u of floating bodies
-        slip = np.abs(equations.gaps(at, ended + 0.5 * self._dt * (a - gained))[1] - wanted)
-        return self._dt * float(np.abs(left).max()), float(slip.max(initial=0.0))
+        missed = np.abs(equations.gaps(at, ended + 0.5 * self._dt * (a - gained))[1] - wanted)
+        return self._dt * float(np.abs(left).max()), float(missed.max(initial=0.0))
 
     def _dynamics_limit(self, posed: Posed, ended: Array, a: Array) -> float:
         """Return the largest error of the balance of momentum that is right [N s, N m s]."""

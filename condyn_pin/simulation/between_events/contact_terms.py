@@ -49,7 +49,7 @@ class ContactTerms:
         Of cones and half-lines [m, rad].
     J, drift : (rows, nv), (rows,) array
         J_c and Jdot_c v of all candidates.
-    slip : (rows,) array
+    sigma : (rows,) array
         J_c v [m/s, rad/s].
     path : (3, m) array
         s, s' and s'' of what is driven; zero of all other constraints.
@@ -66,7 +66,7 @@ class ContactTerms:
         self.gaps, self.J = candidates.evaluate(data, q)
         pin.forwardKinematics(system.model, data, q, v, np.zeros(len(v)))
         self.drift = candidates.drift(data)
-        self.slip = self.J.dot(v)
+        self.sigma = self.J.dot(v)
         self._check_finite(self.tau, self.h, self.drift, self.gamma)
 
     def _check_finite(self, *parts: Array) -> None:
@@ -91,7 +91,7 @@ class ContactTerms:
     @property
     def closing(self) -> Array:
         """D gap/dt of cones and half-lines [m/s, rad/s]."""
-        return np.asarray(self.slip[self._system.contacts.normals])
+        return np.asarray(self.sigma[self._system.contacts.normals])
 
     @property
     def touches(self) -> NDArray[np.bool_]:
@@ -111,7 +111,7 @@ class ContactTerms:
     @cached_property
     def tangent(self) -> Array:
         """Slip of the cones along t1 and t2 (cones, 2) [m/s]."""
-        return np.asarray(self.slip[: 3 * self._system.contacts.cones].reshape(-1, 3)[:, :2])
+        return np.asarray(self.sigma[: 3 * self._system.contacts.cones].reshape(-1, 3)[:, :2])
 
     @cached_property
     def speed(self) -> Array:
@@ -127,7 +127,7 @@ class ContactTerms:
     def dry(self) -> Array:
         """Velocities along dry friction [rad/s, m/s], zero where they are none."""
         count = self._system.contacts.intervals
-        v = self.slip[len(self.slip) - count :]
+        v = self.sigma[len(self.sigma) - count :]
         return np.where(np.abs(v) > _STILL * self.fastest, v, 0.0)
 
     def forced(self, rows: Indices) -> Condensed:

@@ -73,7 +73,7 @@ def margins(
         np.where((dynamics.of_cones == STICK) & rough, stick, inf),
         np.where(dynamics.of_dry == STICK, candidates.limits - np.abs(held.lam[dry]), inf),
         np.where((dynamics.of_cones == SLIDE) & rough, slip, inf),
-        np.where(dynamics.of_dry == SLIDE, dynamics.sense * terms.slip[dry], inf),
+        np.where(dynamics.of_dry == SLIDE, dynamics.sense * terms.sigma[dry], inf),
     )
 
 

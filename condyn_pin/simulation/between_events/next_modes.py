@@ -167,7 +167,7 @@ class NextModes:
         begin = None if guess is None else guess[rows]
         impulse[rows], natural = self._answer(problem, begin)
         v = now.velocity(impulse[rows])
-        work = 0.5 * float(impulse.dot(terms.slip + terms.J.dot(v)))
+        work = 0.5 * float(impulse.dot(terms.sigma + terms.J.dot(v)))
         driven = float(now.constraint_impulses(impulse[rows]).dot(terms.path[1]))
         return Struck(v, impulse, work, driven), natural
 

@@ -160,7 +160,7 @@ class Segments:
 
         The state in the middle is that of the cubic through both ends and their slopes.
         """
-        start, end = now.held.lam.dot(now.terms.slip), made.held.lam.dot(made.terms.slip)
+        start, end = now.held.lam.dot(now.terms.sigma), made.held.lam.dot(made.terms.sigma)
         if not made.h or not (len(dynamics.sliding) or (dynamics.of_dry == SLIDE).any()):
             return 0.0
         system, h, (terms, look1) = self._system, made.h, (now.terms, made.terms)
@@ -168,5 +168,5 @@ class Segments:
         theta = theta / 2 + h / 8 * (terms.v - system.rate(theta, look1.v))
         v = (terms.v + look1.v) / 2 + h / 8 * (now.held.a - made.held.a)
         middle = ContactTerms(system, terms.t + h / 2, system.integrate(terms.q, theta), v)
-        power = dynamics.solve(middle).lam.dot(middle.slip)
+        power = dynamics.solve(middle).lam.dot(middle.sigma)
         return h / 6 * float(start + 4 * power + end)

@@ -125,7 +125,7 @@ class Transition:
         normals = self._system.contacts.normals
         rate, leaving = held.rate[normals], terms.touches & ~terms.rests
         back = leaving & (2 * terms.closing < -self._shortest * rate)
-        off = float(np.abs(terms.slip[dynamics.still]).max(initial=0.0))
+        off = float(np.abs(terms.sigma[dynamics.still]).max(initial=0.0))
         if not back.any() and off <= _ROUNDED * terms.fastest:
             return terms.v
         return terms.held(terms.v, np.concatenate((dynamics.still, normals[back])))
