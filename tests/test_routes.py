@@ -23,6 +23,7 @@ from condyn_pin.simulation import (
     Softened,
     trajectory_derivatives,
 )
+from condyn_pin.simulation.routes.base import linear_steps
 
 DT = 1e-3
 NEWTON = cp.contact.SemismoothNewton()
@@ -848,10 +849,8 @@ def test_the_curved_paths_of_two_balls():
     assert max(errors) < 1e-6
 
 
-@pytest.mark.parametrize("friction", [0.0, 0.5])
-@pytest.mark.parametrize("seed", [4, 5])
-def test_a_step_whose_contacts_are_taken_at_its_end(seed, friction):
-    """A box that tumbles at 100 rad/s lands on a corner, or on two."""
+def tumbling(seed: int, friction: float) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """A box that tumbles at 100 rad/s lands on a corner, or on two: such steps are taken again."""
     box = cp.model.free_box(mass=1.0, size=(0.2, 0.3, 0.1))
     shape = cp.constraints.Box(0.2, 0.3, 0.1)
     scene = cp.Scene(box, contacts=[cp.FrictionalContact("box", shape, friction=friction)])
@@ -859,11 +858,37 @@ def test_a_step_whose_contacts_are_taken_at_its_end(seed, friction):
     q = pin.integrate(box.model, q, np.concatenate([np.zeros(3), rng.normal(size=3)]))
     q[2] += 1e-3 - min(cp.dynamics.contact_gaps(scene, q).values())
     v = np.concatenate([rng.normal(size=3), 80 * rng.normal(size=3)])
+    return scene, q, v
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("seed", [4, 5])
+def test_a_step_whose_contacts_are_taken_at_its_end(seed, friction):
+    scene, q, v = tumbling(seed, friction)
     now = cp.step(scene, q, v, dt=DT)
     assert set(now.modes.values()) > {"open"}
     assert now.dynamics_error < 1e-14
     errors = misses(scene, q, v, np.zeros(6), HARD[0], ActiveSet(), (1e-6, 1e-4, 1e-2))
     assert max(errors) < 1e-8
+
+
+@pytest.mark.parametrize(
+    ("scheme", "seed", "friction", "kappa"),
+    [(HARD[0], 25, 0.5, 1.0), (CONVEX[0], 18, 0.05, 1e-2), (CONVEX[0], 24, 0.1, 1e-4)],
+)
+def test_smooth_routes_go_along_the_paths_of_the_scheme(scheme, seed, friction, kappa):
+    """The law of the scheme has found the path along which a step is taken again."""
+    scene, q, v = tumbling(seed, friction)
+    assert len(attempts(scene, q, v, scheme)) > 1
+    errors = misses(scene, q, v, np.zeros(6), scheme, Kappa(kappa), (1e-6, 1e-4, 1e-2))
+    assert max(errors) < 1e-7
+
+
+def attempts(scene, q, v, scheme):
+    """The attempts of a step."""
+    steps = linear_steps(scene, scheme, DT)
+    steps.steps.attempt(0.0, q, v)
+    return steps.steps.last.tried
 
 
 def weighing(scene: cp.Scene, change: np.ndarray) -> cp.Scene:

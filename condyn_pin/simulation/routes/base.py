@@ -11,9 +11,9 @@ make of kinks and jumps.
    that of the scheme, write `step` too, and `scheme` if it takes steps of another one; `parameters`
    if it has derivatives by others than the scheme takes.
 4. A route that only has another law of the contacts inherits from `LawRoute`, and writes only
-   `law(problem, lam, natural, size)`: impulses, and the law linearised at them (`Law`). All else,
-   how the problem changes with q, v and tau and how the end of the step follows, is that of
-   `LinearSteps`.
+   `law(problem, lam, natural, size)`: impulses, and the law linearised at them (`Law`); and `path`
+   if that is not the law of the scheme. All else, how the problem changes with q, v and tau and how
+   the end of the step follows, is that of `LinearSteps`.
 5. It reads nothing that an earlier call left behind.
 """
 
@@ -126,12 +126,17 @@ class LawRoute(Route, ABC):
             (m g dt) (g dt) of the robot and the step [J].
         """
 
+    def path(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
+        """Return the law by which the scheme found the paths that it takes a step again along."""
+        return self.law(problem, lam, natural, size)
+
     def at(
         self, steps: LinearSteps, t: float, q: Array, v: Array, taken: Taken | None = None
     ) -> StepDerivatives:
         """Return the end of a step of `steps` from a state, and how it changes."""
         with np.errstate(all="ignore"):  # what is not finite is refused
-            ended = steps.end(t, q, v, partial(self.law, size=steps.size), taken)
+            law, path = (partial(of, size=steps.size) for of in (self.law, self.path))
+            ended = steps.end(t, q, v, law, taken, path)
             return differentiated(self, steps, ended)
 
     def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:

@@ -15,6 +15,7 @@ from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
 from condyn_pin.simulation.integrators.moreau import Moreau
+from condyn_pin.simulation.routes.active_set import ActiveSet
 from condyn_pin.simulation.routes.barrier import Barrier
 from condyn_pin.simulation.routes.base import LawRoute
 from condyn_pin.simulation.routes.law import Law
@@ -119,3 +120,7 @@ class Kappa(LawRoute):
             )
         barrier = Barrier(problem, self.kappa, size)
         return barrier.law(barrier.solve())
+
+    def path(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
+        """Return the law of the scheme itself, which knows nothing of kappa."""
+        return ActiveSet().law(problem, lam, natural, size)

@@ -135,10 +135,14 @@ class LinearSteps:
         """The same without gravity."""
         return Linearisation(weightless(self.system.model), self.scene.bilateral.bounds)
 
-    def end(self, t: float, q: Array, v: Array, law: _Law, taken: Taken | None = None) -> Ended:
+    def end(
+        self, t: float, q: Array, v: Array, law: _Law, taken: Taken | None = None,
+        path: _Law | None = None,
+    ) -> Ended:  # fmt: skip
         """Return the end of a step from a state, with its derivatives by a `law` of contacts.
 
-        `taken` is the step, if it is at hand.
+        `taken` is the step, if it is at hand, and `path` the law of its attempts before the last,
+        along which it was taken again: that of the end if none is given.
         """
         if taken is None:
             self.steps.attempt(t, q, v)
@@ -146,7 +150,8 @@ class LinearSteps:
         along: Array | None = None
         self.system.at(self.steps.looks_at(t))
         for posed, _, attempt, natural in taken.tried:
-            found = law(posed.problem, attempt.lam, natural)
+            of = law if path is None or posed is taken.posed else path
+            found = of(posed.problem, attempt.lam, natural)
             v1 = posed.condensed.velocity(found.lam)
             dv1 = self._velocity(posed, found, v1, along)
             along = dv1 if along is None else next_path(posed, along, dv1)
