@@ -682,6 +682,17 @@ def test_levels_that_agree_are_all_done():
     assert np.allclose(normal_forces(out), WEIGHT / 4, atol=1e-3)
 
 
+def test_a_level_that_is_decided_takes_nothing_from_those_below():
+    """Feet and trunk decide the joints: what rounding leaves of their rows has any direction."""
+    scene, q, v = solo()
+    body, joints = STAND[:2], STAND[2:]
+    wanted = ContactForce("FL_FOOT", (0.0, 0.0, 7.0))
+    for levels in ((body, [wanted]), (body, joints, [wanted]), (joints, body, [wanted])):
+        out = Controller(scene, Hierarchy(*levels), cones=OCTAGON).solve(q, v)
+        assert out.status.ok
+        assert np.abs(out.errors[wanted.name]).max() < 1e-4
+
+
 def test_an_arm_without_contacts_has_levels_too():
     """Three hinges in a plane: the tip first, and what is left for the last joint."""
     arm = cp.model.chain(3)

@@ -18,6 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
@@ -35,14 +36,14 @@ Costs = Callable[[], tuple[Array, Array]]
 
 # Multipliers, as a share of the largest, of rows that stay active for the levels below: a level at
 # its best in a corner leaves nothing of it, and rounding would make that a contradiction.
-_STRICTLY = 1e-3
+STRICTLY: Final = 1e-3
 
 # What rows at their bounds may give for the levels below [m/s^2], so that a corner has an inside:
 # 1e-10 of gravity, a hundredth of what counts as no force.
-_SLACK = 1e-9
+SLACK: Final = 1e-9
 
-# Rows of inequalities that the levels above have decided: what is left of them is rounding.
-_DECIDED = 1e-9
+# Rows that the levels above have decided: what is left of them is rounding. Relative, of tasks.
+DECIDED: Final = 1e-9
 
 
 @dataclass(frozen=True, init=False, repr=False)
@@ -120,8 +121,8 @@ class Cascade:
                 return (x if len(answers) > 1 else None), answers  # what those above have, stays
             x = x + Z @ found.answer.x
             z = np.abs(found.answer.z)
-            strictly = z > _STRICTLY * z.max(initial=0.0)
-            Z = Z @ null_space(np.vstack((level.rows.of(Z), inner.C[strictly]))).T
+            strictly = z > STRICTLY * z.max(initial=0.0)
+            Z = Z @ null_space(np.vstack((_undecided(level, Z), inner.C[strictly]))).T
         return x, answers
 
     def _at_once(
@@ -154,12 +155,20 @@ def _within(
     g = WG.T @ (level.rows.of(x) - level.rows.b) + regularisation * (Z.T @ x)
     lower, upper = given.lower - Cx, given.upper - Cx
     # what the levels above left at a bound is there but for rounding
-    lower[(lower > -_SLACK) & (lower < 10 * _SLACK)] = -_SLACK
-    upper[(upper < _SLACK) & (upper > -10 * _SLACK)] = _SLACK
-    decided = (np.linalg.norm(CZ, axis=1) < _DECIDED) & (lower <= 0) & (upper >= 0)
+    lower[(lower > -SLACK) & (lower < 10 * SLACK)] = -SLACK
+    upper[(upper < SLACK) & (upper > -10 * SLACK)] = SLACK
+    decided = (np.linalg.norm(CZ, axis=1) < DECIDED) & (lower <= 0) & (upper >= 0)
     lower[decided], upper[decided] = -np.inf, np.inf
     none = np.zeros((0, Z.shape[1]))
     return QuadraticProgram(H, g, none, np.zeros(0), CZ, lower, upper)
+
+
+def _undecided(level: Level, Z: Array) -> Array:
+    """Return the rows of a level over s; zero where the levels above have decided them."""
+    GZ = level.rows.of(Z)
+    left, whole = np.linalg.norm(GZ, axis=1), np.linalg.norm(level.rows.G, axis=1)
+    GZ[left <= DECIDED * whole] = 0.0  # rounding has any direction
+    return GZ
 
 
 def _start(given: Constraints) -> tuple[Array, Array]:
