@@ -1,13 +1,13 @@
 """Time of a control tick: assembly, program, proof; beside each solver on the same program.
 
-    python benchmarks/control.py [--ticks 500] [--springs]
+    python benchmarks/control.py [--ticks 500] [--springs | --levels]
 
 States move from tick to tick, as under a controller. Writes benchmarks/results/control.csv; "tick"
 is all of `Controller.solve`, "program" what answers the program, and the columns of solvers are
 their own time on it, with the memory that they keep. Times are medians [us]. "core" is the tick in
 the compiled core, if it is there, and "core, share" the median of what it takes of Python's, both
-called in turn; "core differs" says by how much torques do. Where there are loops,
-the same solvers are timed in turn on the program that keeps them,
+called in turn; "core differs" says by how much torques do, "by the core" how many ticks are its
+own. Where there are loops, the same solvers are timed in turn on the program that keeps them,
 
     x = (a, lam / m),    equations of joints without a motor,    J a = r  of loops and contacts,
 
@@ -21,7 +21,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import perf_counter
 from typing import Any
@@ -63,7 +63,7 @@ CASES = {
 }  # fmt: skip
 
 
-def measured(name: str, ticks: int) -> list[dict[str, object]]:
+def measured(name: str, ticks: int, labels: Sequence[str]) -> list[dict[str, object]]:
     """Return the rows of one robot: weighted, weighted with cones active, and strict."""
     known, variant, cone, base = CASES[name]
     made = cp.load_robot(known, variant=variant) if variant else cp.load_robot(known)
@@ -73,12 +73,13 @@ def measured(name: str, ticks: int) -> list[dict[str, object]]:
     push = [CenterOfMass(a=(6.0, 0.0, 0.0), weight=100), *rest]
     wished = {"standing": stand, "pushing": push, "levels": Hierarchy(*[[t] for t in stand])}
     rows = []
-    for label, tasks in wished.items():
-        controller = Controller(scene, tasks, cones=cone)
+    for label in labels:
+        controller = Controller(scene, wished[label], cones=cone)
         states = _states(scene, ticks)
         row = _ticks(f"{name}, {label}", controller, states)
         if label != "levels":
-            row |= _solvers(controller, states) | _in_core(controller, states)
+            row |= _solvers(controller, states)
+        row |= _in_core(controller, states)
         rows.append(row)
         if made.loops and label != "levels":
             rows[-1] |= _loops_kept(controller, states)
@@ -136,20 +137,23 @@ def _in_core(
 ) -> dict:
     """Return what ticks take in the compiled core, called in turn with those in Python."""
     try:
-        core = Controller(python.scene, python.tasks, cones=python._cones, native=True, **options)
+        cones = python._settings.cones
+        core = Controller(python.scene, python.tasks, cones=cones, native=True, **options)
     except cp.errors.MissingExtra:
         return {}
-    pairs, differs = [], 0.0
+    pairs, differs, answered = [], 0.0, 0
     for state in states:
         of_python, (mine,) = _timed(python.solve, [state])
         of_core, (yours,) = _timed(core.solve, [state])
         pairs.append((of_core[0], of_python[0]))
         differs = max(differs, np.abs(yours.tau - mine.tau).max() / np.abs(mine.tau).max())
+        answered += yours.path == ("compiled core",)
     times = np.array(pairs)
     return {
         "core": _us(times[:, 0].tolist()),
         "core, share": round(float(np.median(times[:, 0] / times[:, 1])), 3),
         "core differs": f"{differs:.0e}",
+        "by the core": answered,
     }
 
 
@@ -238,12 +242,19 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--ticks", type=int, default=500)
     parser.add_argument("--csv", type=Path, default=RESULTS)
-    parser.add_argument("--springs", action="store_true", help="that row alone, not written")
+    alone = parser.add_mutually_exclusive_group()
+    alone.add_argument("--springs", action="store_true", help="that row alone, not written")
+    alone.add_argument("--levels", action="store_true", help="those rows alone, not written")
     arguments = parser.parse_args()
-    rows = [] if arguments.springs else [r for n in CASES for r in measured(n, arguments.ticks)]
-    rows.append(on_springs(arguments.ticks))
-    columns = list(dict.fromkeys(name for row in rows for name in row))
+    labels = ["levels"] if arguments.levels else ["standing", "pushing", "levels"]
+    few = arguments.springs or arguments.levels
+    rows = []
     if not arguments.springs:
+        rows = [row for name in CASES for row in measured(name, arguments.ticks, labels)]
+    if not arguments.levels:
+        rows.append(on_springs(arguments.ticks))
+    columns = list(dict.fromkeys(name for row in rows for name in row))
+    if not few:
         write_csv(arguments.csv, machine(), columns, rows)
     return int(any(row["not ok"] for row in rows))
 

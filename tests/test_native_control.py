@@ -30,7 +30,6 @@ from condyn_pin.control import (
     ControlLimits,
     ControlStatus,
     FrameTask,
-    Hierarchy,
     JointTask,
     Orientation,
     Posture,
@@ -308,7 +307,6 @@ def test_what_it_does_not_take_is_refused_by_name_or_done_by_python():
         held = dict.fromkeys(("FR_FOOT", "HL_FOOT", "HR_FOOT"), OCTAGON)
         for tasks, cones, reason in (
             ([Own(), Posture()], OCTAGON, "task 'Own': it has no rows for this Own"),
-            (Hierarchy(*([each] for each in tasks_of("solo12"))), OCTAGON, "of a Hierarchy"),
             ([ContactForce("FL_FOOT")], held, "contact that has no cone"),
         ):
             with pytest.raises(UnsupportedBackend, match=reason):

@@ -18,7 +18,7 @@ Native: TypeAlias = bool | Literal["where possible"]
 
 # Of the arrays that are handed over; a module of another one was built from another version.
 PROTOCOL: Final = 10
-TICK_PROTOCOL: Final = 2
+TICK_PROTOCOL: Final = 3
 
 BUILD: Final = "pip install ./native, in a checkout of condyn_pin, builds it in some minutes"
 

@@ -77,7 +77,8 @@ class Controller(OneThread):
     native : bool or "where possible"
         Whether ticks are done by the compiled core: terms, program, answer and proof. The answers
         are the same, in less time. What the core does not take is refused if True, and else left to
-        Python; so is any tick whose rows contradict each other.
+        Python; so is any tick whose rows contradict each other, or whose levels leave something to
+        rounding.
 
     Raises
     ------
@@ -88,8 +89,8 @@ class Controller(OneThread):
     UnknownName
         If a name does not exist.
     UnsupportedBackend
-        If the core does not take something of a controller that is to be `native`: a hierarchy,
-        tasks or constraints that it has no rows for.
+        If the core does not take something of a controller that is to be `native`: tasks or
+        constraints that it has no rows for.
     MissingExtra
         If the package of the solver, or the core, is not installed.
 

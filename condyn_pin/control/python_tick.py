@@ -30,8 +30,8 @@ class PythonTick:
 
     Attributes
     ----------
-    polished : Polished or None
-        The last answer with its active set; of a hierarchy that of its last level.
+    polished : list of Polished or None
+        The last answer of each level with its active set, of those that were asked for.
     """
 
     def __init__(
@@ -42,7 +42,7 @@ class PythonTick:
         self._cones, self._actuation = cones, actuation
         self._cascade, self._arguments = cascade, arguments
         self._still = np.zeros(scene.robot.nv)
-        self.polished: Polished | None = None
+        self.polished: list[Polished | None] = []
 
     @one_blas_thread
     def solve(self, q: Array, v: Array, t: float, passive: Array) -> ControlAnswer:
@@ -51,7 +51,7 @@ class PythonTick:
         start = perf_counter()
         x, answers = self._cascade.solve(given, levels, lambda: self._costs(given))
         elapsed = perf_counter() - start
-        self.polished = answers[-1].answer
+        self.polished = [each.answer for each in answers]
         return ControlAnswer(
             *verdict(self._program, given, x, answers),
             path=tuple(step for each in answers for step in each.path),

@@ -2,12 +2,13 @@
 
 What the core answers is what Python would: the same program, which has one answer, and the proof by
 the same equations. What it does not answer beyond doubt is done by Python: rows that contradict
-each other, ranks at their edge, numbers that are not finite. Hard cases are looked at in one place.
+each other, ranks at their edge, levels that leave it to rounding which rows those below them have,
+numbers that are not finite. Hard cases are looked at in one place.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -31,7 +32,7 @@ _PATH = ("compiled core",)
 
 
 class CompiledTick:
-    """The tick of one controller, with the active set of the last one."""
+    """The tick of one controller, with the active set of the last one in each level."""
 
     def __init__(
         self, program: Program, scene: Scene, cones: Cones, actuation: Actuation,
@@ -49,7 +50,7 @@ class CompiledTick:
         self._references = tick_arrays.References(
             [bound.compiled for _, bound in tasks if bound.compiled], program.equations
         )
-        self._sides = np.zeros(len(program.inequalities), np.int8)
+        self._sides = np.zeros((len(program.levels), len(program.inequalities)), np.int8)
         n, m, r = scene.robot.nv, scene.rows, len(program.rigid)
         self._parts = tuple(np.cumsum([0, n, n, n, m, r]).tolist())
         self._errors = dict(_rows([(task.name, len(bound.names)) for task, bound in tasks]))
@@ -60,9 +61,9 @@ class CompiledTick:
 
         The swing of joints that are taken for rigid is in `v`, and left out there.
         """
-        out, sides = np.empty(self._size), self._sides
-        kkt, dynamics, constraints, *sizes, count, changes, seconds = self._core.solve(
-            q, v, passive, self._references.at(t), sides, out
+        out = np.empty(self._size)
+        kkt, dynamics, constraints, *sizes, answered, changes, seconds = self._core.solve(
+            q, v, passive, self._references.at(t), self._sides.reshape(-1), out
         )
         size, torque, unreached = sizes
         reached = tolerances.SOLVED * max(size, tolerances.GRAVITY) + unreached
@@ -75,7 +76,8 @@ class CompiledTick:
             return None
         at_v, at_a, at_tau, at_lam, at_rigid, at_errors = self._parts
         errors = out[at_errors:]
-        active = active_rows(self._program, sides.nonzero()[0], sides > 0) if count else ()
+        sides = self._sides[answered - 1]
+        active = active_rows(self._program, sides.nonzero()[0], sides > 0) if sides.any() else ()
         return ControlAnswer(
             tau=out[at_tau:at_lam],
             a=out[at_a:at_tau],
@@ -97,12 +99,13 @@ class CompiledTick:
             v=out[at_v:at_a],
         )
 
-    def begin_from(self, answer: Polished | None) -> None:
-        """Begin the next tick from the active set of an answer by Python."""
+    def begin_from(self, answers: Sequence[Polished | None]) -> None:
+        """Begin the next tick from the active sets of an answer by Python, level after level."""
         self._sides[:] = 0
-        if answer:
-            self._sides[answer.at_lower] = -1
-            self._sides[answer.at_upper] = 1
+        for sides, answer in zip(self._sides, answers, strict=False):
+            if answer:
+                sides[answer.at_lower] = -1
+                sides[answer.at_upper] = 1
 
 
 def _rows(sizes: list[tuple[str, int]]) -> Iterator[tuple[str, slice]]:

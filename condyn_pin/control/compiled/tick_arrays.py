@@ -16,6 +16,7 @@ from condyn_pin.constraints.rows.compiled_rows import STILL, placement
 from condyn_pin.contact.friction_cone import FrictionCone
 from condyn_pin.contact.wrench_cone import WrenchCone
 from condyn_pin.control.compiled_task import CompiledTask
+from condyn_pin.control.hierarchy import DECIDED, SLACK, STRICTLY
 from condyn_pin.dynamics.compiled.arrays import of_model, of_rows, untaken_rows
 
 if TYPE_CHECKING:
@@ -36,8 +37,6 @@ def tasks_of(program: Program) -> list[tuple[Task, BoundTask]]:
 
 def untaken(program: Program) -> Iterator[str]:
     """Yield what the core does not take of a controller, in words."""
-    if len(program.levels) > 1:
-        yield "tasks: its levels are one, and those of a Hierarchy are several"
     yield from untaken_rows(program.equations.model, program.equations.bounds)
     for cone in program.cones.turning:
         if type(cone.cone) not in (FrictionCone, WrenchCone):
@@ -61,11 +60,15 @@ def of_program(program: Program, regularisation: float) -> dict[str, Any]:
     equations, cones = program.equations, program.cones
     model = of_model(equations.model)
     del model["damping"]  # of `passive`, which the caller knows
-    numbers = [program.mass, regularisation, tolerances.RANK, tolerances.PARALLEL, CLEAR]
+    numbers = [
+        program.mass, regularisation, tolerances.RANK, tolerances.PARALLEL, CLEAR, equations.least,
+        STRICTLY, SLACK, DECIDED,
+    ]  # fmt: skip
     return {
         **model,
         **of_rows(equations.bounds, equations.drift),
         **_of_tasks(program),
+        "levels": [len(stack.rows) for stack in program.levels],
         **_of_cones(program),
         **_of_bounds(program),
         "held": cones.held.tolist(),
@@ -75,7 +78,7 @@ def of_program(program: Program, regularisation: float) -> dict[str, Any]:
         "rigid": program.rigid.argmax(axis=1).tolist() if len(program.rigid) else [],
         "limited": program.limited.tolist(),
         "torque": program.most,
-        "numbers": np.array([*numbers, equations.least]),
+        "numbers": np.array(numbers),
     }
 
 

@@ -5,7 +5,7 @@
 namespace condyn
 {
 Tick::Tick(Scene scene, TickSpec spec)
-: scene_(std::move(scene)), spec_(std::move(spec)), program_(scene_, spec_), proof_(scene_)
+: scene_(std::move(scene)), spec_(std::move(spec)), program_(scene_, spec_), cascade_(spec_), proof_(scene_)
 {
   if (!spec_.driven.empty())
     scene_.wanted.setZero(scene_.rows, 3);
@@ -19,7 +19,7 @@ void Tick::drive(const double * along)
 }
 
 TickSizes Tick::operator()(
-  const VectorXd & q, const VectorXd & v, const VectorXd & passive, const double * numbers, std::vector<Side> & sides)
+  const VectorXd & q, const VectorXd & v, const VectorXd & passive, const double * numbers, std::vector<Sides> & sides)
 {
   using Clock = std::chrono::steady_clock;
   TickSizes sizes{};
@@ -28,12 +28,12 @@ TickSizes Tick::operator()(
   if (!program_.at(q, v, passive, numbers))
     return sizes;
   const auto begun = Clock::now();
-  sizes.kkt = active_set_.solve(program_.qp, sides, spec_.kkt);
+  sizes.kkt = cascade_.solve(program_.qp, program_.wishes, sides);
   sizes.seconds = std::chrono::duration<double>(Clock::now() - begun).count();
-  sizes.changes = active_set_.changes;
+  sizes.changes = cascade_.changes, sizes.answered = cascade_.answered;
   if (!(sizes.kkt <= spec_.kkt))
     return sizes;
-  program_.recover(active_set_.x, a, tau, lam, rigid);
+  program_.recover(cascade_.x, a, tau, lam, rigid);
   errors = program_.errors(a, lam);
   VectorXd applied = tau + passive;
   for (std::size_t i = 0; i < spec_.rigid.size(); ++i)

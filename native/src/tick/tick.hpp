@@ -1,6 +1,6 @@
 // One control tick: terms, program, answer and its proof.
 #pragma once
-#include "active_set.hpp"
+#include "cascade.hpp"
 #include "proof.hpp"
 #include "tick_program.hpp"
 
@@ -10,7 +10,8 @@ namespace condyn
 struct TickSizes
 {
   double kkt, dynamics, constraints, a, torque, unreached;
-  int changes; // of the active set
+  int changes; // of the active sets
+  int answered; // levels
   double seconds; // of the program alone
 };
 
@@ -21,10 +22,10 @@ public:
   Tick(const Tick &) = delete; // its parts hold references to its scene
 
   /// Infinite sizes where Python has to look. `numbers` are the references of all tasks, and then those of rows that
-  /// are driven. `sides` are those to begin from, and then those of the answer.
+  /// are driven. `sides` of each level are those to begin from, and then those of the answer.
   TickSizes operator()(
     const VectorXd & q, const VectorXd & v, const VectorXd & passive, const double * numbers,
-    std::vector<Side> & sides);
+    std::vector<Sides> & sides);
 
   const Scene & scene() const { return scene_; }
   const TickSpec & spec() const { return spec_; }
@@ -40,7 +41,7 @@ private:
   Scene scene_;
   const TickSpec spec_;
   TickProgram program_;
-  ActiveSet active_set_;
+  Cascade cascade_;
   Proof proof_;
 };
 } // namespace condyn

@@ -48,7 +48,11 @@ bool TickProgram::at(const VectorXd & q, VectorXd v, const VectorXd & passive, c
   if (!turn_cones())
     return false;
   qp.split = force_.rows();
-  write_objective();
+  write_along();
+  if (spec_.levels.size() > 1)
+    write_wishes();
+  else
+    write_objective();
   write_equations();
   write_inequalities();
   return true;
@@ -105,15 +109,32 @@ void TickProgram::eliminate()
   take(h, spec_.motors, torque_0_), take(h, others_, law_0_);
 }
 
-void TickProgram::write_objective()
+void TickProgram::write_along()
 {
-  const Eigen::Index n = torque_.cols(), k = qp.split, m = touch_.rows();
-  qp.H.setZero(n, n), qp.g.setZero(n);
-  along_.resize(k, spec_.task_rows);
+  along_.resize(qp.split, spec_.task_rows);
   if (holds_)
     along_.noalias() = (tasks_.J * elimination_.N).transpose();
   else
     along_ = tasks_.J.transpose();
+}
+
+void TickProgram::write_wishes()
+{
+  const Eigen::Index n = torque_.cols(), k = qp.split, m = touch_.rows();
+  wishes.G.setZero(n, spec_.task_rows), wishes.weights.resize(spec_.task_rows);
+  wishes.G.topRows(k) = along_;
+  wishes.G.middleRows(k, m) = spec_.mass * tasks_.F.transpose();
+  wishes.b = tasks_.b;
+  if (holds_)
+    wishes.b -= tasks_.J * a_0_;
+  for (const auto & task : spec_.tasks)
+    wishes.weights.segment(task.first, task.size).setConstant(task.weight);
+}
+
+void TickProgram::write_objective()
+{
+  const Eigen::Index n = torque_.cols(), k = qp.split, m = touch_.rows();
+  qp.H.setZero(n, n), qp.g.setZero(n);
   auto H_z = qp.H.topLeftCorner(k, k);
   for (const auto & task : spec_.tasks)
   {

@@ -7,6 +7,7 @@
 #include "elimination.hpp"
 #include "quadratic_program.hpp"
 #include "task_rows.hpp"
+#include "wishes.hpp"
 
 namespace condyn
 {
@@ -22,7 +23,8 @@ public:
   /// J a + drift - a_wanted of all tasks, or F lam - f_wanted.
   VectorXd errors(const VectorXd & a, const VectorXd & lam) const;
 
-  QuadraticProgram qp;
+  QuadraticProgram qp; // without an objective where there are several levels
+  Wishes wishes; // of those
   double unreached = 0; // how far contacts with redundant rows are from what they demand
   const TickTerms & terms() const { return terms_; }
 
@@ -34,7 +36,9 @@ private:
   /// The equations of motion over x.
   void eliminate();
   void write_equations();
+  void write_along();
   void write_objective();
+  void write_wishes();
   void write_inequalities();
   void write_accelerations(Eigen::Index first);
   bool turn_cones();

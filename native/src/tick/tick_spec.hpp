@@ -52,7 +52,8 @@ struct AccelerationLimits
 
 struct TickSpec
 {
-  std::vector<Task> tasks;
+  std::vector<Task> tasks; // level after level, and then those that are equations
+  std::vector<int> levels; // rows of each
   int task_rows = 0, numbers = 0; // of all tasks: rows, and numbers of references
   std::vector<int> held, touching, driven; // rows of the scene
   std::vector<int> motors, rigid; // entries of v
@@ -65,5 +66,7 @@ struct TickSpec
   double rank, parallel; // tolerances: RANK, PARALLEL
   double kkt; // residual of an answer that counts
   double least; // |J|^2 of a J that is more than rounding
+  // of a hierarchy: multipliers that keep a row active, what it may give then, and what is left of rows that are decided
+  double strictly, slack, decided;
 };
 } // namespace condyn

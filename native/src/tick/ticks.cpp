@@ -84,8 +84,23 @@ void read_cones(
   }
 }
 
+/// Levels: how many rows each has, those of equations behind them.
+void check_levels(const TickSpec & spec)
+{
+  want(!spec.levels.empty(), "number of levels");
+  int rows = 0;
+  for (int size : spec.levels)
+  {
+    want(0 <= size && size <= spec.task_rows - rows, "rows of a level");
+    rows += size;
+  }
+  for (const auto & task : spec.tasks)
+    want(task.hard ? task.first >= rows : task.first + task.size <= rows, "rows of a level");
+}
+
 void check(const TickSpec & spec, const Scene & scene)
 {
+  check_levels(spec);
   want_below(spec.held, scene.rows, "rows that are held");
   want_below(spec.touching, scene.rows, "rows of contacts");
   want_below(spec.driven, scene.rows, "rows that are driven");
@@ -105,7 +120,7 @@ void check(const TickSpec & spec, const Scene & scene)
 }
 
 /// One tick into arrays of Python: v, a, tau, lam, torques of rigid joints and errors one after the other. `sides` are
-/// those to begin from, and then those of the answer.
+/// those to begin from, and then those of the answer, level after level.
 nb::tuple solve(
   Tick & tick, const List & q, const List & v, const List & passive, const List & numbers,
   const Array<signed char, 1> & sides, const Array<double, 1> & out)
@@ -114,20 +129,21 @@ nb::tuple solve(
   const std::size_t nv = tick.scene().model.nv;
   const std::size_t rows = spec.limited.size() + spec.accelerations.columns.size() + spec.cones.rows();
   want(q.size() == std::size_t(tick.scene().model.nq) && v.size() == nv && passive.size() == nv, "q, v or passive");
-  want(numbers.size() == spec.numbers + 3 * spec.driven.size() && sides.size() == rows, "references or sides");
+  want(numbers.size() == spec.numbers + 3 * spec.driven.size(), "references");
+  want(sides.size() == rows * spec.levels.size(), "sides");
   want(out.size() == 3 * nv + tick.scene().rows + spec.rigid.size() + spec.task_rows, "answer");
-  std::vector<Side> at(rows);
-  for (std::size_t i = 0; i < rows; ++i)
-    at[i] = Side(std::clamp<int>(sides.data()[i], at_lower, at_upper));
+  std::vector<Sides> at(spec.levels.size(), Sides(rows));
+  for (std::size_t i = 0; i < sides.size(); ++i)
+    at[i / rows][i % rows] = Side(std::clamp<int>(sides.data()[i], at_lower, at_upper));
   const TickSizes s = tick(vector(q), vector(v), vector(passive), numbers.data(), at);
   if (s.kkt <= spec.kkt)
   {
-    std::copy(at.begin(), at.end(), sides.data());
+    for (std::size_t i = 0; i < at.size(); ++i)
+      std::copy(at[i].begin(), at[i].end(), sides.data() + i * rows);
     Out(out.data(), out.size()) << tick.v(), tick.a, tick.tau, tick.lam, tick.rigid, tick.errors;
   }
-  const auto active = at.size() - std::count(at.begin(), at.end(), between);
   return nb::make_tuple(
-    s.kkt, s.dynamics, s.constraints, s.a, s.torque, s.unreached, int(active), s.changes, s.seconds);
+    s.kkt, s.dynamics, s.constraints, s.a, s.torque, s.unreached, s.answered, s.changes, s.seconds);
 }
 } // namespace
 
@@ -137,13 +153,13 @@ NB_MODULE(_tick, m)
 {
   using namespace condyn;
   using namespace nanobind::literals;
-  m.attr("protocol") = 2; // of the arrays: what condyn_pin hands over has to be of the same
+  m.attr("protocol") = 3; // of the arrays: what condyn_pin hands over has to be of the same
   nb::class_<Tick>(m, "Tick")
     .def("__init__",
          [](Tick * self, const std::vector<std::string> & kinds, const Integers & parents, const Table & joints,
             const List & gravity, const List & armature, const IntegerTable & constraints,
             const Table & of_constraints, const List & drift, const Indices & driven, const IntegerTable & tasks,
-            const Table & of_tasks, const Indices & task_columns, const Indices & held, const Indices & touching,
+            const Table & of_tasks, const Indices & task_columns, const Indices & levels, const Indices & held, const Indices & touching,
             const Table & cones, const IntegerTable & turning, const Table & floors, const std::vector<Table> & A,
             const std::vector<Table> & to_wrench, const Indices & motors, const Indices & rigid,
             const Indices & limited, const List & torque, const Indices & bounded, const List & most,
@@ -151,21 +167,22 @@ NB_MODULE(_tick, m)
             const List & highest, const List & numbers) {
            Scene scene = read_rows({kinds, parents, joints, gravity, armature, constraints, of_constraints, drift});
            TickSpec spec;
+           spec.levels = levels;
            spec.held = held, spec.touching = touching, spec.driven = driven;
            spec.motors = motors, spec.rigid = rigid;
            spec.limited = limited, spec.torque = vector(torque);
            spec.accelerations = {bounded, vector(most), vector(speed), dt, at_q, at_v, vector(lowest), vector(highest)};
-           want(numbers.size() == 6, "numbers");
+           want(numbers.size() == 9, "numbers");
            const double * x = numbers.data();
            spec.mass = x[0], spec.regularisation = x[1], spec.rank = x[2], spec.parallel = x[3], spec.kkt = x[4];
-           spec.least = x[5];
+           spec.least = x[5], spec.strictly = x[6], spec.slack = x[7], spec.decided = x[8];
            read_tasks(spec, scene, tasks, of_tasks, task_columns);
            read_cones(spec, scene, cones, turning, floors, A, to_wrench);
            check(spec, scene);
            new (self) Tick(std::move(scene), std::move(spec));
          },
          nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,
-         "of_constraints"_a, "drift"_a, "driven"_a, "tasks"_a, "of_tasks"_a, "task_columns"_a, "held"_a, "touching"_a,
+         "of_constraints"_a, "drift"_a, "driven"_a, "tasks"_a, "of_tasks"_a, "task_columns"_a, "levels"_a, "held"_a, "touching"_a,
          "cones"_a, "turning"_a, "floors"_a, "A"_a, "to_wrench"_a, "motors"_a, "rigid"_a, "limited"_a, "torque"_a,
          "bounded"_a, "most"_a, "speed"_a, "dt"_a, "at_q"_a, "at_v"_a, "lowest"_a, "highest"_a, "numbers"_a)
     .def("solve", &solve, "q"_a, "v"_a, "passive"_a, "numbers"_a, "sides"_a, "out"_a);
