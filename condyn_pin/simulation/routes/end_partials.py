@@ -15,6 +15,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.closings import Closing
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.routes.balance_partials import stiffness_partial
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.routes.linear_steps import LinearSteps
@@ -48,7 +49,7 @@ def moved(
 def _closed(
     steps: LinearSteps, part: Closing, dq: Array, at: Array, d_at: Array, *, whole: bool
 ) -> Array:
-    """Return dq behind moves x = M^-1 J_b^T y, M and J_b of `at`.
+    """Return dq behind moves x = M^-1 J_b^T y, M and J_b of `at`; M has implicit springs in it.
 
     c = 0 at the end of the `whole` way; a move that others follow has J_b x = -c where it begins.
     Rows without a place have J_b x = 0.
@@ -59,6 +60,8 @@ def _closed(
     y = factors.U[:, :r] @ ((factors.V.T @ (factors.L.T @ x)) / factors.S[:r])
     of = steps.weightless.at(at, np.zeros(n), x, y)
     left = of.rhs[:, :n] @ d_at
+    if system.passive.between is not None:
+        left[:n] -= stiffness_partial(steps, at, x) @ d_at
     if steps.inertias:
         left[:n, steps.columns.inertias] -= steps.inertias.momenta(at, x)
     turned, along = factors.solve_mass(left[:n]), np.asarray(dtrtrs(factors.L.T, factors.V)[0])
