@@ -28,11 +28,9 @@ from condyn_pin._core.tolerances import CONTACT_SOLVED
 from condyn_pin.constraints import Ball, Box, Capsule, Convex, FrictionalContact, Point
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.residuals import natural_residual
-from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.model import free_box, together
-from condyn_pin.simulation import contact_problem, step_batch, step_derivatives_batch
+from condyn_pin.simulation import contact_problem, step_batch
 from condyn_pin.simulation.batch import steps
-from condyn_pin.simulation.routes import many_steps
 
 pytestmark = needs_native
 
@@ -258,17 +256,3 @@ def test_long_steps_end_where_shapes_meet_there():
     assert_array_equal(found.statuses, wanted.statuses)
     assert_allclose(found.v, wanted.v, rtol=0, atol=1e-9)
     assert found.codes.any()
-
-
-def test_derivatives_are_refused_by_name_or_those_of_python(monkeypatch):
-    start = heap()
-    asked = start.scene, start.q[None], start.v[None]
-    about = {"dt": DT, "integrator": EXACT}
-    with pytest.raises(UnsupportedBackend, match="no derivatives where shapes meet"):
-        step_derivatives_batch(*asked, **about, **CORE)
-    wanted = step_derivatives_batch(*asked, **about)
-    where = cp.Native(threads=1, where_possible=True)
-    with by_python(monkeypatch, many_steps.DerivativesKernel, "_row") as rows:
-        found = step_derivatives_batch(*asked, **about, executor=where)
-    assert rows
-    assert_array_equal(found.dv, wanted.dv)

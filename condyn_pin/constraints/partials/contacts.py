@@ -33,7 +33,7 @@ from condyn_pin.constraints.contacts.touches import columns
 from condyn_pin.constraints.partials.meetings import MeetingTurning
 
 _WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
-_H: Final = 2.0**-12  # [rad, m]: shapes do not meet elsewhere so soon; rounding leaves 1e-12
+_H: Final = 2.0**-12  # [rad, m]: rounding leaves 1e-12
 
 
 class ContactTurning:

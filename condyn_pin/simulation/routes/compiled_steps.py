@@ -35,8 +35,6 @@ from condyn_pin.simulation.routes.linear_steps import falls, rows_with_a_place
 def untaken_route(scene: Scene, route: Route, wrt: Sequence[str]) -> Iterator[str]:
     """Yield what the core does not take of a route to derivatives, in words."""
     for bound in scene.contact_bounds:
-        if bound.pairs:
-            yield f"contact {bound.name!r}: it has no derivatives where shapes meet each other"
         if any(not each.limit for each in bound.dry):
             yield f"contact {bound.name!r}: it takes dry friction of zero to hold what is at rest"
     if type(route) is not ActiveSet:

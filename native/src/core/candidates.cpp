@@ -58,6 +58,11 @@ Candidates::Place Candidates::place(const ContactPoint & t, const Data & data)
   return {plane.rotation(), p - t.radius * n, n.dot(p - plane.translation()) - t.radius};
 }
 
+Candidates::Place Candidates::place(const Meeting & at)
+{
+  return {Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), at.normal).toRotationMatrix(), at.point, at.gap};
+}
+
 void Candidates::heights(const Data & data, VectorXd & gaps) const
 {
   gaps.resize(over_planes());

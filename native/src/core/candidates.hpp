@@ -48,6 +48,8 @@ public:
   int with_gaps() const { return cones() + int(stops.size()); }
   int count() const { return with_gaps() + int(dry.size()); }
   int rows() const { return 3 * cones() + int(stops.size() + dry.size()); }
+  /// Joints that carry the two sides of a cone, the body and its ground.
+  const std::pair<int, int> & sides(int cone) const { return sides_[cone]; }
   int size(int candidate) const { return candidate < cones() ? 3 : 1; }
   int first(int candidate) const { return candidate < cones() ? 3 * candidate : 2 * cones() + candidate; }
   /// The row along which the gap of a candidate changes.
@@ -81,6 +83,7 @@ public:
     double gap;
   };
   static Place place(const ContactPoint & touch, const Data & data);
+  static Place place(const Meeting & at);
 
 private:
   void add_cone(const Model & model, int joint, int ground);
@@ -96,9 +99,10 @@ private:
       const Meetings found = pair.meet(data);
       for (int k = 0, there = int(found.size()); k < pair.places(); ++k)
       {
-        const Meeting & at = found[std::min(k, there - 1)];
-        const auto E = Eigen::Quaterniond::FromTwoVectors(Vector3d::UnitZ(), at.normal).toRotationMatrix();
-        tell(cone++, Place{E, at.point, k < there ? at.gap : INFINITY});
+        Place at = place(found[std::min(k, there - 1)]);
+        if (k >= there)
+          at.gap = INFINITY;
+        tell(cone++, at);
       }
     }
   }

@@ -1,4 +1,5 @@
 #include "contact_turning.hpp"
+#include <algorithm>
 
 namespace condyn
 {
@@ -15,9 +16,9 @@ ContactTurning::ContactTurning(const Model & model, const Candidates & candidate
         moved[model.idx_vs[i] + k] = 1;
     return moved;
   };
-  for (const auto & touch : candidates.touches)
+  for (int i = 0; i < candidates.cones(); ++i)
   {
-    const auto body = above(touch.joint), ground = above(touch.ground);
+    const auto body = above(candidates.sides(i).first), ground = above(candidates.sides(i).second);
     movers_.emplace_back();
     for (int j = 0; j < model.nv; ++j)
       if (body[j] || ground[j])
@@ -25,31 +26,74 @@ ContactTurning::ContactTurning(const Model & model, const Candidates & candidate
   }
 }
 
-std::vector<int> ContactTurning::columns(int point) const
+std::vector<int> ContactTurning::columns(int cone) const
 {
   std::vector<int> found;
-  for (const Mover & mover : movers_[point])
+  for (const Mover & mover : movers_[cone])
     found.push_back(mover.column);
   return found;
 }
 
-void ContactTurning::go(const Data & data, const std::vector<int> & points)
+bool ContactTurning::go(const Data & data, const std::vector<int> & cones)
 {
   S_ = data.J;
   now_.clear();
-  for (int i : points)
+  for (int i : cones)
   {
+    if (i >= candidates_.over_planes())
+      break;
     const ContactPoint & touch = candidates_.touches[i];
     const Candidates::Place at = Candidates::place(touch, data);
-    const Vector3d radial = touch.radius * at.E.col(2);
-    now_.push_back({touch.joint, touch.ground, at.E.transpose(), at.point, at.point + radial, radial, &movers_[i]});
+    const Vector3d middle = at.point + touch.radius * at.E.col(2);
+    now_.push_back({touch.joint, touch.ground, at.E.transpose(), at.point, middle, touch.radius, false, {},
+                    &movers_[i]});
   }
+  int first = candidates_.over_planes();
+  for (const Pair & pair : candidates_.pairs)
+  {
+    if (!meet(first, pair, data, cones))
+      return false;
+    first += pair.places();
+  }
+  return true;
 }
 
-/// With V_0 the velocity of what carries the joint of a coordinate, v_P and w_b those of the body at P and its
-/// turning, and w_g that of the ground, a coordinate that moves one of the two has
+/// Adds those of the cones, the first one of a pair given, where its shapes meet; false where one has no derivative.
+bool ContactTurning::meet(int first, const Pair & pair, const Data & data, const std::vector<int> & cones)
+{
+  const SE3 one = pair.one(data), two = pair.two(data);
+  const bool are_balls = pair.are_balls(one, two);
+  const Shape A = pair.shape.placed(one), B = pair.ground_shape.placed(two);
+  const double radius = are_balls ? A.reach : A.radius, other = are_balls ? B.reach : B.radius;
+  int cone = first;
+  for (const Meeting & at : pair.meet(data))
+  {
+    const Vector3d a = at.point + radius * at.normal;
+    const double between = at.gap + radius + other;
+    const auto how = are_balls ? of_balls(at.normal, between) : sliding(A, B, a, at.normal, between);
+    if (!how)
+      return false;
+    if (std::binary_search(cones.begin(), cones.end(), cone))
+      now_.push_back({pair.joint, pair.ground, Candidates::place(at).E.transpose(), at.point, a, radius, true, *how,
+                      &movers_[cone]});
+    ++cone;
+  }
+  return true;
+}
+
+ContactTurning::Rates ContactTurning::Touching::by_body(const Vector3d & linear, const Vector3d & angular) const
+{
+  const Vector3d v_a = linear + angular.cross(a);
+  if (!slides)
+    return {v_a, Vector3d::Zero()};
+  const Vector3d n = d.row(2), turned = how.U * angular.cross(n) + how.R * v_a;
+  return {v_a - how.U.transpose() * (v_a - how.between * turned) - radius * turned, n.cross(turned)};
+}
+
+/// With V_0, V_b and V_g the twists of what carries the joint of a coordinate, of the body and of the ground, and all
+/// of it seen from what the ground does, a coordinate that moves one of the two has
 ///
-///   d . (V_0l' - P x V_0a' - v_P x S_a - w_b x (radius n x S_a) - w_g x (S_l + S_a x p)),    V_0' = V_0 x S
+///   d . (V_l' + V_a' x P + V_a x P' - (n x n') x (V_l + V_a x P)),    V = V_b - V_g,    V' = (V_0 - V_b) x S
 void ContactTurning::slips(const VectorXd & w, MatrixXd & by_q)
 {
   twists_[0].setZero();
@@ -60,18 +104,18 @@ void ContactTurning::slips(const VectorXd & w, MatrixXd & by_q)
   for (std::size_t i = 0; i < now_.size(); ++i)
   {
     const Touching & t = now_[i];
-    const Vector3d w_b = twists_[t.joint].tail<3>(), w_g = twists_[t.ground].tail<3>();
-    const Vector3d v_P = twists_[t.joint].head<3>() + w_b.cross(t.P);
+    const Vector6d V = twists_[t.joint] - twists_[t.ground];
+    const Vector3d V_a = V.tail<3>(), slip = V.head<3>() + V_a.cross(t.P);
     for (const Mover & mover : *t.movers)
     {
       if (mover.body == mover.ground)
         continue;
       const Vector3d S_l = S_.col(mover.column).head<3>(), S_a = S_.col(mover.column).tail<3>();
-      const auto & V_0 = twists_[model_.parents[joint_of_[mover.column]]];
-      const Vector3d carried_a = V_0.tail<3>().cross(S_a);
-      const Vector3d carried_l = V_0.tail<3>().cross(S_l) + V_0.head<3>().cross(S_a);
-      const Vector3d turned = carried_l + carried_a.cross(t.P) - v_P.cross(S_a) - w_b.cross(t.radial.cross(S_a))
-        - w_g.cross(Vector3d(S_l + S_a.cross(t.p)));
+      const Vector6d off = twists_[model_.parents[joint_of_[mover.column]]] - twists_[t.joint];
+      const Vector3d off_l = off.head<3>(), off_a = off.tail<3>();
+      const Vector3d carried_l = off_a.cross(S_l) + off_l.cross(S_a), carried_a = off_a.cross(S_a);
+      const Rates moved = t.by_body(S_l, S_a);
+      const Vector3d turned = carried_l + carried_a.cross(t.P) + V_a.cross(moved.P) + slip.cross(moved.axes);
       by_q.block<3, 1>(3 * i, mover.column).noalias() = mover.moves() * (t.d * turned);
     }
   }
@@ -92,11 +136,15 @@ void ContactTurning::pulls(const VectorXd & lam, Eigen::Ref<MatrixXd> by_q) cons
     {
       const Vector3d S_l = S_.col(by.column).head<3>(), S_a = S_.col(by.column).tail<3>();
       felt.col(by.column).head<3>() += by.moves() * f, felt.col(by.column).tail<3>() += by.moves() * moment;
-      Vector3d P_moved = Vector3d::Zero(), f_turned = P_moved;
-      if (by.body)
-        P_moved += S_l + S_a.cross(t.p);
+      Vector3d P_moved = Vector3d::Zero(), axes_moved = P_moved;
+      if (by.body != by.ground)
+      {
+        const Rates moved = t.by_body(S_l, S_a);
+        P_moved = by.moves() * moved.P, axes_moved = by.moves() * moved.axes;
+      }
       if (by.ground)
-        P_moved += t.radial.cross(S_a), f_turned = S_a.cross(f);
+        P_moved += S_l + S_a.cross(t.P), axes_moved += S_a;
+      const Vector3d f_turned = axes_moved.cross(f);
       const Vector3d turned = P_moved.cross(f) + t.P.cross(f_turned);
       for (const Mover & on : *t.movers)
         if (on.body != on.ground)

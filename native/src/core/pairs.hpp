@@ -17,15 +17,22 @@ struct Pair
 
   int places() const { return most_meetings(shape, ground_shape); }
 
+  SE3 one(const Data & data) const { return data.oMi[joint] * placement; }
+  SE3 two(const Data & data) const { return data.oMi[ground] * ground_placement; }
+  /// Whether shapes at two places are taken for balls.
+  bool are_balls(const SE3 & one, const SE3 & two) const
+  {
+    return (one.translation() - two.translation()).norm() > 2.0 * (shape.reach + ground_shape.reach);
+  }
+
   /// Where they meet, from placements; one at least, and no more than there are places.
   Meetings meet(const Data & data) const
   {
-    const SE3 one = data.oMi[joint] * placement, two = data.oMi[ground] * ground_placement;
-    const Length apart(one.translation() - two.translation());
-    const double reach = shape.reach + ground_shape.reach;
-    if (apart.length > 2.0 * reach)
-      return {{apart.length - reach, one.translation() - shape.reach * apart.along, apart.along}};
-    return meetings(shape.placed(one), ground_shape.placed(two));
+    const SE3 at = one(data), beside = two(data);
+    if (!are_balls(at, beside))
+      return meetings(shape.placed(at), ground_shape.placed(beside));
+    const auto [distance, normal] = Length(at.translation() - beside.translation());
+    return {{distance - shape.reach - ground_shape.reach, at.translation() - shape.reach * normal, normal}};
   }
 };
 } // namespace condyn

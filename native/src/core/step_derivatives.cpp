@@ -78,7 +78,8 @@ bool StepDerivatives::touched()
   f_.rightCols(n) += step.free_.M;
   if (cones)
   {
-    turning_.go(linearisation_.data, std::vector<int>(posed.chosen.begin(), posed.chosen.begin() + cones));
+    if (!turning_.go(linearisation_.data, std::vector<int>(posed.chosen.begin(), posed.chosen.begin() + cones)))
+      return false;
     turning_.slips(posed.v1, after_);
     turning_.slips(step.free_.v, before_);
     turning_.pulls(posed.lam, f_.leftCols(n));

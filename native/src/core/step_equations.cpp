@@ -1,5 +1,6 @@
 // The equations of a step with contacts, linearised: df, ds and e of `StepDerivatives`.
 #include "step_derivatives.hpp"
+#include <algorithm>
 
 namespace condyn
 {
@@ -61,23 +62,27 @@ void StepDerivatives::ask()
   turn_towards_end();
 }
 
-/// Adds to e how normals bend: their gaps are those at the end of a step along v.
+/// Adds to e how normals of planes bend: their gaps are those at the end of a step along v.
 void StepDerivatives::turn_towards_end()
 {
   const ContactSteps & step = steps_;
   const auto & posed = step.touching_;
-  const int n = scene_.model.nv, cones = posed.problem.cones();
+  const int n = scene_.model.nv;
+  const auto begin = posed.chosen.begin(), end = begin + posed.problem.cones();
+  const int over_planes = int(std::lower_bound(begin, end, step.candidates.over_planes()) - begin);
+  if (!over_planes)
+    return;
   const double dt = step.plan_.dt;
   VectorXd there = step.q;
   step.floating_.integrate(mechanics_, step.free_.q, dt * step.free_.v, there);
   mechanics_.jacobians(there);
-  MatrixXd ends(cones, n);
-  for (int i = 0; i < cones; ++i)
+  MatrixXd ends(over_planes, n);
+  for (int i = 0; i < over_planes; ++i)
     step.candidates.normal_row(posed.chosen[i], mechanics_.data, ends.row(i));
   MatrixXd by_start = ends, by_move = ends;
   moved_partials_.by_start(dt * step.free_.v).postmultiply(by_start);
   moved_partials_.by_move(dt * step.free_.v).postmultiply(by_move);
-  for (int i = 0; i < cones; ++i)
+  for (int i = 0; i < over_planes; ++i)
   {
     const int row = 3 * i + 2;
     e_.row(row).head(n) += (by_start.row(i) - posed.J_c.row(row)) / dt - before_.row(row);
