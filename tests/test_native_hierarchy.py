@@ -122,15 +122,32 @@ def compare(
 @pytest.mark.parametrize("levels", [stand, strict, all_forces, forces])
 def test_random_states_are_answered_as_by_python(name, levels):
     answered, _ = compare(name, levels(name), states_of(name, 20, 0.05))
-    assert answered > 15
+    assert answered > (4 if levels is all_forces else 15)
 
 
 @pytest.mark.parametrize("name", SAME)
 @pytest.mark.parametrize("levels", [stand, strict, forces])
 def test_limits_that_a_level_meets_hold_for_those_below(name, levels):
-    """Thrown about until feet and motors give no more; where many rows meet, Python is asked."""
+    """Thrown about until feet and motors give no more; in corners, as of soles, Python is asked."""
     answered, limited = compare(name, levels(name), states_of(name, 20, 0.5))
-    assert answered >= limited >= {"solo12": 5, "talos": 1, "cassie": 5}[name]
+    assert answered >= limited >= {"solo12": 3, "talos": 0, "cassie": 0}[name]
+
+
+def test_corners_in_which_others_could_be_active_are_left_to_python():
+    """A foot without force: which faces of its cone stay equations hangs on which were found."""
+    scene, cone = made("solo12")
+    rng = np.random.default_rng(0)
+    states = [scene.sample(rng, spread=0.05, speed=1.0) for _ in range(119)][-9:]
+    push = CenterOfMass(a=(6.0, 0.0, -2.0))
+    tasks = Hierarchy([push], [Orientation(BASES["solo12"]), Posture(weight=0.1)])
+    python, core = pair(scene, tasks, cone)
+    paths = set()
+    for q, v in states:
+        mine, yours = python.solve(q, v), core.solve(q, v)
+        paths.add(yours.path == IN_CORE)
+        if yours.path == IN_CORE:
+            assert_same(mine, yours, SAME["solo12"])
+    assert paths == {True, False}
 
 
 def arm(*, levels: list[list], joints: int = 3, **options):

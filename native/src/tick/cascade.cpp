@@ -104,7 +104,7 @@ bool Cascade::leave_slack()
 bool Cascade::narrow(const Eigen::Ref<const MatrixXd> & G, const ActiveSet & level)
 {
   std::vector<int> active;
-  if (!strictly_active(level.z, active))
+  if (has_other_multipliers(level) || !strictly_active(level.z, active))
     return false;
   kept_.resize(Z_.cols(), G_.cols() + active.size());
   kept_.leftCols(G_.cols()) = G_;
@@ -113,8 +113,6 @@ bool Cascade::narrow(const Eigen::Ref<const MatrixXd> & G, const ActiveSet & lev
   if (!drop_decided(G))
     return false;
   if (!null_.by_pivots(kept_, spec_.rank) && !null_.by_singular_values(kept_, spec_.rank, decade))
-    return false;
-  if (shares_multipliers(level))
     return false;
   Z_ = Z_ * null_.basis();
   return true;
@@ -150,16 +148,22 @@ bool Cascade::drop_decided(const Eigen::Ref<const MatrixXd> & G)
   return true;
 }
 
-bool Cascade::shares_multipliers(const ActiveSet & level) const
+bool Cascade::has_other_multipliers(const ActiveSet & level)
 {
   const VectorXd Cs = inner_.C.transpose() * level.x;
+  std::vector<int> met;
+  bool more = false; // than the active ones, which are independent
   for (Eigen::Index i = 0; i < Cs.size(); ++i)
   {
     const double room = std::min(Cs[i] - inner_.lower[i], inner_.upper[i] - Cs[i]);
-    if (!level.z[i] && room < at_bound * spec_.slack
-        && (null_.basis().transpose() * inner_.C.col(i)).norm() > spec_.decided)
-      return true;
+    if (level.z[i] || room < at_bound * spec_.slack)
+      met.push_back(int(i)), more = more || !level.z[i];
   }
-  return false;
+  if (!more)
+    return false;
+  MatrixXd rows(inner_.C.rows(), met.size());
+  for (std::size_t i = 0; i < met.size(); ++i)
+    rows.col(i) = inner_.C.col(met[i]);
+  return !null_.by_pivots(rows, spec_.rank) || null_.rank() < rows.cols();
 }
 } // namespace condyn

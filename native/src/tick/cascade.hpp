@@ -42,8 +42,8 @@ private:
   /// Leaves out rows of tasks that the levels above have decided: what rounding leaves of them has any direction. False
   /// where that is in doubt.
   bool drop_decided(const Eigen::Ref<const MatrixXd> & G);
-  /// Whether a row is at a bound without being active, and can still move: others may be active in its place.
-  bool shares_multipliers(const ActiveSet & level) const;
+  /// Whether rows at their bounds depend on each other: others may be active in the place of those that are.
+  bool has_other_multipliers(const ActiveSet & level);
 
   const TickSpec & spec_;
   std::vector<ActiveSet> levels_;
