@@ -27,6 +27,7 @@ from test_native_pairs import (
 )
 from test_native_step_derivatives import ROUNDED, assert_same
 
+import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Capsule
 from condyn_pin.simulation import step_derivatives_batch
@@ -112,3 +113,14 @@ def test_points_in_doubt_are_left_to_python(monkeypatch):
     wanted = step_derivatives_batch(scene, Q, V, **ABOUT)
     assert_array_equal(found.dv[0], wanted.dv[0])
     assert_same(found, wanted)
+
+
+def test_threads_return_the_same_bits():
+    group = beside(shin_on_a_step, 0.15)
+    one, three = (
+        step_derivatives_batch(*group, **ABOUT, executor=cp.Native(threads=threads))
+        for threads in (1, 3)
+    )
+    assert one.codes.any()
+    assert_array_equal(one.dq, three.dq)
+    assert_array_equal(one.dv, three.dv)
