@@ -14,6 +14,7 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
+from condyn_pin.contact import ContactProblem
 from condyn_pin.simulation import (
     ROUTES,
     ActiveSet,
@@ -303,6 +304,17 @@ def test_what_is_about_to_slip_is_one_sided():
         of = cp.step(falls, at, v, dt=DT, integrator=cp.Moreau()).derivatives()
         assert of.modes == {"ball": "open"}
         assert of.one_sided == sided
+
+
+def test_a_smooth_problem_without_an_answer_is_named():
+    """A contact that jams along a line; on the way Newton's matrix is singular."""
+    rng = np.random.default_rng(0)
+    for _ in range(149):
+        along = rng.normal(size=3)
+        g, mu = along * rng.normal() * 3, rng.choice([0.3, 0.8, 1.5])
+    problem = ContactProblem(np.outer(along, along), g, np.array([mu]))
+    with pytest.raises(cp.errors.SolveFailed, match="another kappa may have an answer"):
+        Kappa(1e-3).law(problem, np.zeros(3), 1.0, 1.0)
 
 
 @pytest.mark.parametrize("kappa", [1e-2, 1e-4])

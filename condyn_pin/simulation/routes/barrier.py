@@ -166,7 +166,10 @@ class Barrier:
         for _ in range(_STEPS):
             if least <= (_ROUNDING * min(1.0, k) if last else 1e-2 * k):
                 return x
-            step = np.asarray(np.linalg.solve(self._derivative(x, sigma), -left), dtype=np.float64)
+            try:
+                step = np.asarray(np.linalg.solve(self._derivative(x, sigma), -left))
+            except np.linalg.LinAlgError:  # no way goes on from here
+                break
             share = min(1.0, _INSIDE * self._way(x, step))
             for _ in range(30):
                 there = x + share * step
