@@ -289,12 +289,24 @@ def test_what_no_layer_takes_is_named():
     (by_q,) = torch.autograd.grad(a.sum(), q, create_graph=True)
     with pytest.raises(cp.InvalidArgument, match="first derivatives only"):
         by_q.sum().backward()
+    with pytest.raises(cp.InvalidArgument, match=r"v is sparse: v\.to_dense\(\)"):
+        layer(q, v.detach().to_sparse(), tau)
+    with pytest.raises(cp.InvalidArgument, match=r"is_grads_batched .* take torch\.func\.jacrev"):
+        torch.autograd.grad(layer(q, v, tau)[0], q, torch.eye(3).double(), is_grads_batched=True)
     with pytest.raises(cp.InvalidArgument, match="jax_enable_x64"):
         cp.layers.jax_solve(scene)(*(np.float32(each) for each in state(scene)))
     with pytest.raises(cp.InvalidArgument, match="the last axis has to be 3 long"):
         cp.layers.jax_solve(scene)(np.zeros(2), np.zeros(3), np.zeros(3))
     with pytest.raises(cp.InvalidArgument, match="zero has no direction"):
         cp.layers.tangent_gradient(limb("spherical"), np.zeros(6), np.zeros(6))
+
+
+def test_a_view_that_torch_negates_when_it_is_read():
+    layer, (q, v, tau) = cp.layers.torch_solve(scenes()["four-bar"]), state(scenes()["four-bar"])
+    negated = torch.complex(torch.tensor(q), -torch.tensor(v)).conj().imag
+    assert negated.is_neg()
+    found, (q, v, tau) = layer(torch.tensor(q), negated, torch.tensor(tau)), tensors((q, v, tau))
+    assert torch.equal(found[0], layer(q, v, tau)[0])
 
 
 @functools.cache

@@ -104,7 +104,13 @@ class _Slopes(torch.autograd.Function):  # type: ignore[misc]
 
 
 def _numbers(tensor: Tensor) -> Array:
-    return np.asarray(tensor.detach().numpy())
+    try:
+        return np.asarray(tensor.numpy(force=True))  # also of views that torch negates when read
+    except RuntimeError as error:  # of the batches of an older vmap of torch
+        raise InvalidArgument(
+            f"a layer cannot read this tensor ({str(error).splitlines()[0]}); in place of "
+            "is_grads_batched and vectorize=True take torch.func.jacrev or torch.func.vmap"
+        ) from error
 
 
 def _in_front(info: Any, in_dims: tuple[Any, ...], tensors: tuple[Tensor, ...]) -> list[Tensor]:
@@ -123,6 +129,8 @@ def _check(name: str, tensor: Any) -> None:
             f"{name} is {str(tensor.dtype).removeprefix('torch.')}: 64 bits are needed, for "
             f"constraints are solved to 1e-12; {name}.double() has them"
         )
+    if tensor.layout is not torch.strided:
+        raise InvalidArgument(f"{name} is sparse: {name}.to_dense() is needed")
     if tensor.device.type != "cpu":
         raise InvalidArgument(
             f"{name} is on {tensor.device}: Pinocchio computes on the CPU; {name}.cpu() is there"
