@@ -93,13 +93,25 @@ def of_model(model: Any) -> dict[str, Any]:
 
 
 def of_springs(robot: Robot) -> dict[str, Any]:
-    """Return the springs of the joints: stiffness and reference, and where q and v hold each."""
+    """Return the springs: of joints stiffness and reference, and where q and v hold each.
+
+    Between frames the joints that these are on, their origins there, and what acts along the line.
+    """
     chosen = [spring for spring in robot.springs if spring.stiffness]
     at_q, at_v = indices(robot.model, [spring.joint for spring in chosen])
     numbers = [[spring.stiffness, spring.reference] for spring in chosen]
+    acting = [each for each in robot.spring_dampers if each.stiffness or each.damping]
+    ends = [(robot.frame(each.frame_a), robot.frame(each.frame_b)) for each in acting]
+    joints = [[joint for joint, _ in pair] for pair in ends]
+    lines = [
+        [*a.translation, *b.translation, each.stiffness, each.damping, each.rest_length]
+        for ((_, a), (_, b)), each in zip(ends, acting, strict=True)
+    ]
     return {
         "springs": np.array(numbers, float).reshape(-1, 2),
         "of_springs": np.column_stack([at_q, at_v]).astype(np.int32),
+        "between": np.array(joints, np.int32).reshape(-1, 2),
+        "of_between": np.array(lines, float).reshape(-1, 9),
     }
 
 

@@ -14,7 +14,7 @@ from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
-from condyn_pin.simulation.batch.compiled_motions import put_motions
+from condyn_pin.simulation.batch.compiled_motions import MEASURED, put_motions
 from condyn_pin.simulation.batch.compiled_steps import contacts_of, states_of, step_plan
 from condyn_pin.simulation.batch.driven_path import driven_path_of
 from condyn_pin.simulation.breakdown import LOST, is_lost
@@ -64,7 +64,7 @@ class SteppedMotions:
             python = python or _Steps(self, workspace)
             for i in stopped:
                 python.take(ways, int(i), tau[i])
-        put_motions(outputs, np.flatnonzero(ways.done), ways.found, tau, workspace)
+        put_motions(outputs, np.flatnonzero(ways.done), ways.found, tau)
         return np.flatnonzero(ways.done == 0)
 
 
@@ -77,7 +77,7 @@ class _Ways:
         count, model, kept = len(q), workspace.model, len(range(0, of.steps, of.every)) + 1
         self.q, self.v, self.works = q, v, np.zeros((count, 4))
         self.step, self.done = np.zeros((2, count), np.int32)
-        widths = {"q": model.nq, "v": model.nv, "measures": 4, "work": 4}
+        widths = {"q": model.nq, "v": model.nv, "measures": MEASURED, "work": 4}
         self.found = {name: np.zeros((count, kept, size)) for name, size in widths.items()}
         self.found["t"] = np.zeros((count, kept))
         for name in ("a", "lam", "contact"):  # where samples are asked for
@@ -138,7 +138,9 @@ class _Steps:
         found["t"][i, row], found["q"][i, row], found["v"][i, row] = t, q, v
         found["work"][i, row] = work
         measured = self._gauge.measure(np.array([t]), q[None], v[None])
-        found["measures"][i, row] = [float(each[0]) for each in measured]
+        passive = self._system.passive
+        acting = passive.energy(q), passive.dissipation(q[None], v[None])[0]
+        found["measures"][i, row] = [*(float(each[0]) for each in measured), *acting]
         if found["a"].shape[1]:
             found["a"][i, row], found["lam"][i, row] = a, self._steps.lam()
             found["contact"][i, row] = touch_of(

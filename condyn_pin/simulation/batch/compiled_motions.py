@@ -33,7 +33,6 @@ from condyn_pin.simulation.integrators.midpoint import ImplicitMidpoint, Linearl
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.measures import Energy, work
 from condyn_pin.simulation.outcome import RunStatus
-from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.plan import Plan
 
 # Integrators by their number there.
@@ -44,6 +43,10 @@ _INTEGRATORS: Final[dict[Integrator, int]] = {
     ImplicitMidpoint(): 3,
     RungeKutta4(): 4,
 }
+
+# Numbers of a sample: violation, slip, kinetic and potential energy, that of springs, and what
+# damping takes [m, m/s, J, J, J, W].
+MEASURED: Final = 6
 
 
 def untaken(plan: Plan, forces: bool) -> Iterator[str]:
@@ -61,8 +64,6 @@ def untaken(plan: Plan, forces: bool) -> Iterator[str]:
         yield f"integrator = {plan.integrator!r}: it has {known}"
     if not isinstance(plan.drift, NoDrift | Baumgarte | PostStabilization):
         yield f"drift = {plan.drift!r}: it has NoDrift, Baumgarte and PostStabilization"
-    if plan.scene.robot.spring_dampers:
-        yield "the robot has springs between frames"
 
 
 def untaken_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
@@ -106,7 +107,7 @@ class MovedRows:
             "v": np.zeros((count, kept, nv)),
             "a": np.zeros((count, answers, nv)),
             "lam": np.zeros((count, answers, workspace.scene.rows)),
-            "measures": np.zeros((count, kept, 4)),
+            "measures": np.zeros((count, kept, MEASURED)),
         }
         done = np.zeros(count, np.int32)
         corrects = self.drift.every if isinstance(self.drift, PostStabilization) else 0
@@ -121,13 +122,11 @@ class MovedRows:
         )  # fmt: skip
         if drives.rows.size:
             found["driven"] = drives.power(found["lam"], self.every)
-        put_motions(outputs, np.flatnonzero(done), found, tau, workspace)
+        put_motions(outputs, np.flatnonzero(done), found, tau)
         return np.flatnonzero(done == 0)
 
 
-def put_motions(
-    outputs: Arrays, ok: NDArray[np.intp], found: dict[str, Any], tau: Array, workspace: Workspace
-) -> None:
+def put_motions(outputs: Arrays, ok: NDArray[np.intp], found: dict[str, Any], tau: Array) -> None:
     """Put the motions that went to their end into their rows.
 
     `found` has their samples: t, q, v, a, lam and measures, the power of what is driven, and of
@@ -139,11 +138,10 @@ def put_motions(
     t, q, v, measures = (found[name] for name in ("t", "q", "v", "measures"))
     outputs["t"][ok], outputs["q"][ok], outputs["v"][ok] = t[:, -1], q[:, -1], v[:, -1]
     outputs["statuses"][ok] = tuple(RunStatus).index(RunStatus.FINISHED)
-    violation, slip, kinetic, potential = np.moveaxis(measures, 2, 0)
+    violation, slip, kinetic, potential, springs, damping = np.moveaxis(measures, 2, 0)
     outputs["violation"][ok] = violation.max(axis=1)
     outputs["constraint_velocity"][ok] = slip.max(axis=1)
-    passive = Passive.of(workspace.scene.robot)
-    power = np.einsum("ni,nki->kn", tau[ok], v), -passive.dissipation(q, v).T
+    power = np.einsum("ni,nki->kn", tau[ok], v), -damping.T
     of_events_and_drives = np.zeros((2, *kinetic.T.shape))
     of_contacts = np.zeros((3, *kinetic.T.shape))
     if "work" in found:
@@ -151,7 +149,7 @@ def put_motions(
     elif "driven" in found:
         of_events_and_drives[1] = work(t[0], found["driven"].T)
     energy = Energy(
-        kinetic.T, potential.T, passive.energy(q).T, *(work(t[0], each) for each in power),
+        kinetic.T, potential.T, springs.T, *(work(t[0], each) for each in power),
         *of_events_and_drives, *of_contacts,
     )  # fmt: skip
     outputs["energy_error"][ok] = np.abs(energy.error).max(axis=0)

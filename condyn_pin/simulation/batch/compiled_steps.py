@@ -48,8 +48,6 @@ def untaken_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
         yield f"integrator = {integrator!r}: with contacts it has StewartTrinkle alone"
     elif type(integrator.contact) not in (ADMM, SemismoothNewton):
         yield f"contact = {integrator.contact!r}: it has ADMM and SemismoothNewton"
-    if scene.robot.spring_dampers:
-        yield "the robot has springs between frames"
     yield from untaken_contacts(scene)
 
 

@@ -6,12 +6,9 @@ namespace condyn
 {
 double ContactSteps::energy(const VectorXd & q, const VectorXd & v)
 {
-  double four[4], springs = 0;
-  measure(q, v, four);
-  const Passive & passive = scene_.passive;
-  for (Eigen::Index s = 0; s < passive.k.size(); ++s)
-    springs += passive.k[s] * std::pow(q[passive.at_q[s]] - passive.rest[s], 2) / 2;
-  return four[2] + four[3] + springs;
+  double numbers[measured];
+  measure(q, v, numbers);
+  return numbers[2] + numbers[3] + numbers[4];
 }
 
 VectorXd ContactSteps::impulses()
@@ -68,7 +65,8 @@ void ContactSteps::push_along_path(const VectorXd & of_contacts, VectorXd & tau)
 double ContactSteps::momentum_left(const VectorXd & lam)
 {
   const VectorXd of_contacts = lam.tail(candidates.rows());
-  VectorXd tau = free_.tau - free_.inertia.cwiseProduct((touching_.v1 - free_.v) / plan_.dt);
+  const VectorXd gained = (touching_.v1 - free_.v) / plan_.dt;
+  VectorXd tau = free_.tau - free_.inertia.cwiseProduct(gained) - free_.of_springs * gained;
   if (touching_.along_path)
     push_along_path(of_contacts, tau);
   mechanics_.move(free_.q, free_.mean, still_);
@@ -108,10 +106,10 @@ void ContactSteps::errors(double * eight)
   eight[5] = 0.0 - work[0], eight[6] = work[1], eight[7] = work[2];
 }
 
-void ContactSteps::measure(const VectorXd & q, const VectorXd & v, double * four)
+void ContactSteps::measure(const VectorXd & q, const VectorXd & v, double * numbers)
 {
   mechanics_.move(q, v, still_);
   rows_.evaluate(scene_, mechanics_.data, q, v, still_);
-  write_measures(scene_.model, mechanics_.data, rows_, v, four);
+  write_measures(scene_, mechanics_.data, rows_, q, v, numbers);
 }
 } // namespace condyn

@@ -26,7 +26,7 @@ public:
       put(to_.contact, row, contact);
     }
     steps_.at(way.step);
-    steps_.measure(way.q, way.v, to_.measures.data() + 4 * at);
+    steps_.measure(way.q, way.v, to_.measures.data() + measured * at);
   }
 
 private:

@@ -14,7 +14,7 @@ constexpr int closings_at_most = 10; // as `_CLOSINGS`
 ContactSteps::ContactSteps(const Scene & scene, const Candidates & candidates, int rank)
 : candidates(candidates), given_(scene), scene_(scene), mechanics_(scene_.model), rows_(scene_.rows)
 , floating_(scene_.model), chart_(scene_.model), still_(VectorXd::Zero(scene.model.nv))
-, free_(scene_, floating_, mechanics_, rows_, rank), factor_there_(scene_.model)
+, free_(scene_, floating_, mechanics_, rows_, rank), factor_there_(scene_.model, ties(scene_))
 , on_joint_(scene.model.njoints, Force::Zero())
 {
   ends_.resize(scene.model.nq), q.resize(scene.model.nq);

@@ -43,8 +43,8 @@ public:
   /// Natural residual, what is left of the balance of momentum [N s] and of J_b v+ [m/s], violation,
   /// penetration, energy lost, correction work and algorithmic work [J].
   void errors(double * eight);
-  /// Violation, slip, kinetic and potential energy at a state.
-  void measure(const VectorXd & q, const VectorXd & v, double * four);
+  /// What is said of a sample, at a state.
+  void measure(const VectorXd & q, const VectorXd & v, double * numbers);
 
   const Candidates & candidates;
 

@@ -131,7 +131,7 @@ void Contacts::simulate(
   };
   want(ways.step.size() == n && ways.work.shape(0) == n && ways.work.shape(1) == 4, "steps or work");
   want(motions.t.shape(0) == n && motions.t.shape(1) == kept && fits(motions.work, kept, 4), "t or work");
-  want(fits(motions.q, kept, nq) && fits(motions.v, kept, nv) && fits(motions.measures, kept, 4), "samples");
+  want(fits(motions.q, kept, nq) && fits(motions.v, kept, nv) && fits(motions.measures, kept, measured), "samples");
   want(answers == 0 || answers == kept, "a");
   want(!answers || (fits(motions.a, kept, nv) && fits(motions.lam, kept, scene_.rows + candidates_.rows())
                     && fits(motions.contact, kept, 4 + candidates_.count() + !plan.path.rows.empty())),

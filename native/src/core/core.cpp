@@ -1,4 +1,5 @@
 #include "core.hpp"
+#include "measures.hpp"
 #include "threads.hpp"
 
 namespace condyn
@@ -185,7 +186,7 @@ void Core::simulate(
     return x.shape(0) == n && x.shape(1) == rows && x.shape(2) == width;
   };
   want(motions.t.shape(0) == n && motions.t.shape(1) == kept, "t");
-  want(fits(motions.q, kept, nq) && fits(motions.v, kept, nv) && fits(motions.measures, kept, 4), "samples");
+  want(fits(motions.q, kept, nq) && fits(motions.v, kept, nv) && fits(motions.measures, kept, measured), "samples");
   want(fits(motions.a, answers, nv) && fits(motions.lam, answers, scene_.rows), "samples of answers");
   want(motions.done.size() == n && motions.times.size() == n, "done or times");
   prepare(threads);
@@ -202,7 +203,7 @@ void Core::simulate(
       const Samples samples{
         motions.t.data() + i * kept, motions.q.data() + i * kept * nq, motions.v.data() + i * kept * nv,
         motions.a.data() + i * answers * nv, motions.lam.data() + i * answers * scene_.rows,
-        motions.measures.data() + i * kept * 4};
+        motions.measures.data() + i * kept * measured};
       const auto begun = std::chrono::steady_clock::now();
       motions.done.data()[i] = own.mover->run(plan, own.q, own.v, own.tau, samples, stop);
       motions.times.data()[i] = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();

@@ -38,9 +38,11 @@ const VectorXd & Direct::acceleration(const VectorXd & q, const VectorXd & v, co
 bool Direct::factorise(const VectorXd & q)
 {
   pinocchio::crba(model, data, q, pinocchio::Convention::WORLD);
+  M_ = data.M;
+  if (springs.w.size())
+    M_ += springs.matrix();
   write_jacobian(scene, data, moved_, J_);
-  return scene.method == Method::independent ? factors_.factorise_independent(data.M, J_)
-                                             : factors_.factorise(data.M, J_);
+  return scene.method == Method::independent ? factors_.factorise_independent(M_, J_) : factors_.factorise(M_, J_);
 }
 
 double Direct::pivots_left()

@@ -31,7 +31,7 @@ private:
   MinimumNorm factors_;
   VectorXd a_, lam_;
   const VectorXd zero_;
-  MatrixXd J_;
+  MatrixXd M_, J_;
   MatrixXd nearest_; // M^-1 J^T G^+ (nv, m) at `made_at_`, which `close` uses again nearby
   VectorXd made_at_;
 };

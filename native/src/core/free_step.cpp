@@ -10,7 +10,7 @@ constexpr double held_share = 1e-22; // as `_HELD`
 
 FreeStep::FreeStep(const Scene & scene, const Floating & floating, Mechanics & mechanics, Rows & rows, int rank)
 : scene_(scene), floating_(floating), mechanics_(mechanics), rows_(rows), rank_(rank)
-, still_(VectorXd::Zero(scene.model.nv)), factor_(scene.model)
+, springs_(scene), still_(VectorXd::Zero(scene.model.nv)), factor_(scene.model, ties(scene))
 {
   for (const auto & k : scene.constraints)
     moved_.emplace_back(scene.model, k);
@@ -26,6 +26,11 @@ void FreeStep::begin(const StepPlan & plan, const VectorXd & applied)
   inertia = plan.dt * passive.d + plan.dt * plan.dt * stiffness;
 }
 
+bool FreeStep::factorise(const MatrixXd & M, const SpringInertia & springs, TreeFactor & factor) const
+{
+  return springs.w.size() ? factor.factorise(M + springs.matrix(), inertia) : factor.factorise(M, inertia);
+}
+
 bool FreeStep::pose(const VectorXd & q0, const VectorXd & v0)
 {
   const Passive & passive = scene_.passive;
@@ -34,7 +39,10 @@ bool FreeStep::pose(const VectorXd & q0, const VectorXd & v0)
   for (Eigen::Index s = 0; s < passive.k.size(); ++s)
     tau[passive.at_v[s]] -= passive.k[s] * (q[passive.at_q[s]] - passive.rest[s]);
   mechanics_.mass(q, M);
-  if (!factor_.factorise(M, inertia))
+  springs_.at(mechanics_.data);
+  springs_.pull(v, plan_.dt, tau);
+  of_springs = springs_.inertia(plan_.dt);
+  if (!factorise(M, of_springs, factor_))
     return false;
   h = mechanics_.bias(q, v);
   blocked.rank = 0;
@@ -61,7 +69,8 @@ bool FreeStep::factorise_at(const VectorXd & there, TreeFactor & factor, Blocked
 {
   MatrixXd inertias, rows;
   mechanics_.mass(there, inertias);
-  if (!factor.factorise(inertias, inertia))
+  springs_.at(mechanics_.data);
+  if (!factorise(inertias, springs_.inertia(plan_.dt), factor))
     return false;
   mechanics_.jacobians(there);
   write_jacobian(scene_, mechanics_.data, moved_, rows);

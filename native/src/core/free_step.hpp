@@ -7,6 +7,7 @@
 #include "floating.hpp"
 #include "jacobian.hpp"
 #include "rows.hpp"
+#include "springs.hpp"
 #include "step_plan.hpp"
 #include "tree_factor.hpp"
 
@@ -45,11 +46,13 @@ public:
   MatrixXd M; // without what springs and damping add
   VectorXd tau, h; // torques with those of springs and damping, and h(q, v)
   VectorXd stiffness, inertia; // K, and dt D + dt^2 K, which S^T S has on its diagonal
+  SpringInertia of_springs; // dt D + dt^2 K of those between frames
   VectorXd free; // S v_free
   Blocked blocked;
   VectorXd momentum, held, path; // V^T (S v + S^-T p), h of V h, and the part of h that is of s'
 
 private:
+  bool factorise(const MatrixXd & M, const SpringInertia & springs, TreeFactor & factor) const;
   void block(const VectorXd & gamma);
   void whiten(MatrixXd rows, const TreeFactor & factor, Blocked & blocked) const;
 
@@ -59,6 +62,7 @@ private:
   Rows & rows_;
   int rank_;
   std::vector<Moved> moved_; // of each constraint
+  Springs springs_;
   StepPlan plan_{};
   VectorXd applied_, still_;
   TreeFactor factor_;

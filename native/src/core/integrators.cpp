@@ -53,6 +53,8 @@ bool Mover::improve(const VectorXd & q, const VectorXd & v)
   at(now_ + 1);
   torque(middle_q_, middle_v_, 0.0);
   tau_ += inertia_.cwiseProduct(a_middle_);
+  if (!springs_.none())
+    tau_ += of_springs_ * a_middle_;
   return solve(middle_q_, middle_v_, a_middle_, Inertia::heavy);
 }
 

@@ -5,7 +5,7 @@
 
 namespace condyn
 {
-/// The coordinates that move a side of a constraint, and which.
+/// The coordinates that move a side of a constraint or of a spring, and which.
 struct Moved
 {
   std::vector<int> columns;
@@ -13,9 +13,13 @@ struct Moved
 
   Moved(const Model & model, const Constraint & k)
   {
-    if (k.kind == Kind::coupling)
-      return;
-    const auto by1 = above(model, k.joint1), by2 = above(model, k.joint2);
+    if (k.kind != Kind::coupling)
+      *this = Moved(model, k.joint1, k.joint2);
+  }
+
+  Moved(const Model & model, int joint1, int joint2)
+  {
+    const auto by1 = above(model, joint1), by2 = above(model, joint2);
     for (int j = 0; j < model.nv; ++j)
       if (by1[j] || by2[j])
         columns.push_back(j), one.push_back(by1[j]), two.push_back(by2[j]);

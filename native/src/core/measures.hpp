@@ -2,13 +2,20 @@
 #pragma once
 #include "largest.hpp"
 #include "rows.hpp"
+#include <algorithm>
+#include <cmath>
 
 namespace condyn
 {
-/// Writes violation, slip, kinetic and potential energy [m, m/s, J, J], after forward kinematics with (q, v)
-/// and the rows at it.
-inline void write_measures(const Model & model, const Data & data, const Rows & rows, const VectorXd & v, double * four)
+constexpr int measured = 6; // numbers of a sample
+
+/// Writes violation, slip, kinetic and potential energy, that of springs [m, m/s, J], and what damping takes [W], after
+/// forward kinematics with (q, v) and the rows at it.
+inline void write_measures(
+  const Scene & scene, const Data & data, const Rows & rows, const VectorXd & q, const VectorXd & v, double * numbers)
 {
+  const Model & model = scene.model;
+  const Passive & passive = scene.passive;
   double kinetic = v.cwiseAbs2().dot(model.armature) / 2, potential = 0;
   for (int i = 1; i < model.njoints; ++i)
   {
@@ -16,6 +23,15 @@ inline void write_measures(const Model & model, const Data & data, const Rows & 
     kinetic += Y.vtiv(data.v[i]) / 2;
     potential -= Y.mass() * (data.oMi[i].act(Y.lever())).dot(model.gravity.linear());
   }
-  four[0] = largest(rows.c), four[1] = largest(rows.velocity), four[2] = kinetic, four[3] = potential;
+  double springs = 0, damping = v.cwiseAbs2().dot(passive.d);
+  for (Eigen::Index s = 0; s < passive.k.size(); ++s)
+    springs += passive.k[s] * std::pow(q[passive.at_q[s]] - passive.rest[s], 2) / 2;
+  for (const SpringDamper & each : passive.between)
+  {
+    const Line line(each, data);
+    springs += energy(each, line), damping += dissipation(each, line, data);
+  }
+  const double all[measured] = {largest(rows.c), largest(rows.velocity), kinetic, potential, springs, damping};
+  std::copy_n(all, measured, numbers);
 }
 } // namespace condyn

@@ -1,4 +1,5 @@
 #include "minimum_norm.hpp"
+#include "springs.hpp"
 #include <cmath>
 #include <limits>
 
@@ -13,7 +14,7 @@ const double nothing_below = 1e-9, something_above = 1e-5;
 } // namespace
 
 MinimumNorm::MinimumNorm(const Scene & scene)
-: scene_(scene), factor_(scene.model), nothing_(VectorXd::Zero(scene.model.nv))
+: scene_(scene), factor_(scene.model, ties(scene)), nothing_(VectorXd::Zero(scene.model.nv))
 {}
 
 bool MinimumNorm::factorise(const MatrixXd & M, const MatrixXd & J)

@@ -24,7 +24,7 @@ NB_MODULE(_core, m)
   m.attr("pinocchio") = PINOCCHIO_VERSION;
   m.attr("simd") = Eigen::SimdInstructionSetsInUse();
   m.attr("arch") = CONDYN_ARCH;
-  m.attr("protocol") = 10; // of the arrays: what condyn_pin hands over has to be of the same
+  m.attr("protocol") = 11; // of the arrays: what condyn_pin hands over has to be of the same
   using namespace nanobind::literals;
   nb::class_<Core>(m, "Core")
     .def("__init__",
@@ -33,15 +33,16 @@ NB_MODULE(_core, m)
             const Table & of_constraints, const IntegerTable & plain, const Table & of_plain, const Table & to_scene,
             const List & drift, const List & weights, const List & verdict, double open_squared, int method, const List & proximal,
             const List & rank, const List & damping, const Table & springs, const IntegerTable & of_springs,
-            const Integers & watched, const List & nominal_pivots, const Table & wanted) {
+            const IntegerTable & between, const Table & of_between, const Integers & watched,
+            const List & nominal_pivots, const Table & wanted) {
            new (self) Core({{kinds, parents, joints, gravity, armature, constraints, of_constraints, drift}, plain,
                             of_plain, to_scene, weights, verdict, open_squared, method, proximal, rank, damping, springs,
-                            of_springs, watched, nominal_pivots, wanted});
+                            of_springs, between, of_between, watched, nominal_pivots, wanted});
          },
          nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,
          "of_constraints"_a, "plain"_a, "of_plain"_a, "to_scene"_a, "drift"_a, "weights"_a, "verdict"_a, "open_squared"_a,
-         "method"_a, "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a, "watched"_a, "nominal_pivots"_a,
-         "wanted"_a)
+         "method"_a, "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a, "between"_a, "of_between"_a,
+         "watched"_a, "nominal_pivots"_a, "wanted"_a)
     .def(
       "solve",
       [](Core & core, const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a,

@@ -2,6 +2,7 @@
 #include "anchors.hpp"
 #include "answers.hpp"
 #include "measures.hpp"
+#include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/joint-configuration.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
 
@@ -9,7 +10,7 @@ namespace condyn
 {
 Mover::Mover(const Scene & scene)
 : scene_(scene), solver_(solver_of(scene_)), data_(scene_.model), rows_(scene_.rows), chart_(scene_.model)
-, q1_(scene_.model.nq)
+, springs_(scene_), q1_(scene_.model.nq)
 {
   const Model & model = scene_.model;
   for (int i = 1; i < model.njoints; ++i)
@@ -52,14 +53,14 @@ bool Mover::begin(VectorXd & q, VectorXd & v)
 {
   const Passive & passive = scene_.passive;
   const bool semi = plan_.integrator == Integrator::semi_implicit;
-  const double ahead = semi ? plan_.dt : plan_.dt / 2;
-  inertia_ = ahead * passive.d;
+  ahead_ = semi ? plan_.dt : plan_.dt / 2;
+  inertia_ = ahead_ * passive.d;
   VectorXd stiffness = VectorXd::Zero(passive.d.size());
   for (Eigen::Index s = 0; s < passive.k.size(); ++s)
     stiffness[passive.at_v[s]] += passive.k[s];
-  inertia_ += ahead * ahead * stiffness;
+  inertia_ += ahead_ * ahead_ * stiffness;
   heavy_ = scene_.model.armature + inertia_;
-  const bool anything = passive.d.any() || passive.k.any();
+  const bool anything = passive.d.any() || passive.k.any() || !springs_.none();
   first_ = semi && anything ? Inertia::heavy : Inertia::plain;
   drag_ = semi && anything ? plan_.dt : 0.0;
   known_ = begun_ = false;
@@ -90,7 +91,17 @@ bool Mover::follows(const VectorXd & q, const VectorXd & v)
   return largest(rows_.c) <= plan_.out_of_reach;
 }
 
-/// The torques applied with those of springs and damping: -(d + drag k) v - k (q - rest).
+/// Looks at the springs between frames.
+void Mover::look(const VectorXd & q)
+{
+  if (springs_.none())
+    return;
+  pinocchio::computeJointJacobians(scene_.model, data_, q);
+  springs_.at(data_);
+  of_springs_ = springs_.inertia(ahead_);
+}
+
+/// The torques applied with those of springs and damping: -(d + drag k) v - k (q - rest), and between frames.
 void Mover::torque(const VectorXd & q, const VectorXd & v, double drag)
 {
   const Passive & passive = scene_.passive;
@@ -108,11 +119,15 @@ void Mover::torque(const VectorXd & q, const VectorXd & v, double drag)
   for (Eigen::Index s = 0; s < passive.k.size(); ++s)
     pull[passive.at_v[s]] += passive.k[s] * (q[passive.at_q[s]] - passive.rest[s]);
   tau_ = applied_ - pull;
+  look(q);
+  springs_.pull(v, drag, tau_);
 }
 
 void Mover::weigh(Inertia inertia)
 {
   solver_->model.armature = inertia == Inertia::heavy ? heavy_ : scene_.model.armature;
+  if (!springs_.none())
+    solver_->springs = inertia == Inertia::heavy ? of_springs_ : SpringInertia();
 }
 
 bool Mover::solve(const VectorXd & q, const VectorXd & v, VectorXd & a, Inertia inertia)
@@ -143,6 +158,7 @@ bool Mover::correct(VectorXd & q, VectorXd & v)
   known_ = solver_->closes_by_its_factor();
   if (known_ && !acceleration(q, v, a_, drag_, first_))
     return false;
+  look(q);
   weigh(first_); // the last solve may have been that of a step's middle
   if (!solver_->close(q, v, dq_, dv_))
     return false;
@@ -172,7 +188,7 @@ bool Mover::sample(int row, double t, const VectorXd & q, const VectorXd & v, bo
   }
   pinocchio::forwardKinematics(model, data_, q, v);
   rows_.evaluate(scene_, data_, q, v, v);
-  write_measures(model, data_, rows_, v, samples_.measures + 4 * std::size_t(row));
+  write_measures(scene_, data_, rows_, q, v, samples_.measures + measured * std::size_t(row));
   return true;
 }
 } // namespace condyn

@@ -6,7 +6,8 @@
 //     implicit               iterations to the last digit
 //   Runge-Kutta 4          in the coordinates theta of a step, q (+) theta, theta' = Jr(theta)^-1 v
 //
-// Springs and damping at the end of a step are inertia, h D + h^2 K (`condyn_pin/simulation/implicit.py`).
+// Springs and damping at the end of a step are inertia, h D + h^2 K (`condyn_pin/simulation/implicit.py`); of those
+// between frames that is a matrix, which the solver is handed.
 // One Newton step back to the constraints, the least in the metric of M:
 //
 //   q (+) dq,    v + dv,    [dq, dv] = -M^-1 J^T G^+ [c, J v]
@@ -46,7 +47,7 @@ struct MotionPlan
 struct Samples
 {
   double *t, *q, *v, *a, *lam; // a and lam may be null
-  double * measures; // violation, slip, kinetic and potential energy of each
+  double * measures; // of each, as `write_measures` has them
 };
 
 /// One thread's memory for motions of a scene.
@@ -77,6 +78,7 @@ private:
   bool acceleration(const VectorXd & q, const VectorXd & v, VectorXd & a, double drag, Inertia inertia);
   void weigh(Inertia inertia);
   bool solve(const VectorXd & q, const VectorXd & v, VectorXd & a, Inertia inertia);
+  void look(const VectorXd & q);
   void torque(const VectorXd & q, const VectorXd & v, double drag);
   void move(VectorXd & q, const VectorXd & along);
 
@@ -85,11 +87,14 @@ private:
   Data data_;
   Rows rows_;
   Chart chart_;
+  Springs springs_;
+  SpringInertia of_springs_; // where they were looked at last
   std::vector<int> roots_; // where v begins for each joint on the world
 
   MotionPlan plan_;
   Samples samples_;
   VectorXd dq_, dv_, applied_, tau_, heavy_, inertia_, a_, a_middle_, middle_q_, middle_v_, along_, q1_;
+  double ahead_ = 0; // of what is inertia [s]
   double drag_ = 0; // what springs ahead add to the damping [s]
   Inertia first_ = Inertia::plain; // of the solve that a step begins with
   int now_ = 0; // half steps behind which a step begins

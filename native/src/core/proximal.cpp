@@ -1,12 +1,20 @@
 #include "proximal.hpp"
 #include "pivots.hpp"
 #include <pinocchio/algorithm/constrained-dynamics.hpp>
+#include <cmath>
 
 namespace condyn
 {
+namespace
+{
+constexpr int solves_at_most = 50; // of `freed`, most often 3, up to this change
+constexpr double no_change = 1e-15;
+} // namespace
+
 Proximal::Proximal(const Scene & scene)
 : Solver(scene), constraints(scene.plain), lam(VectorXd::Zero(scene.plain_rows))
 , settings_(scene.proximal.absolute, scene.proximal.relative, scene.proximal.mu, scene.proximal.limit)
+, mu_(scene.proximal.mu)
 {
   for (auto & c : constraints)
   {
@@ -20,18 +28,53 @@ Proximal::Proximal(const Scene & scene)
 
 const VectorXd & Proximal::acceleration(const VectorXd & q, const VectorXd & v, const VectorXd & tau)
 {
+  answer(q, v, tau);
+  if (!springs.w.size())
+    return data.ddq;
+  const MatrixXd & U = springs.U;
+  const VectorXd free = U * data.ddq;
+  MatrixXd G = U * freed(U.transpose());
+  G.diagonal() += springs.w.cwiseInverse();
+  answer(q, v, tau - U.transpose() * G.partialPivLu().solve(free));
+  return data.ddq;
+}
+
+void Proximal::answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau)
+{
   pinocchio::constraintDynamics(model, data, q, v, tau, constraints, datas, settings_);
   iterations = settings_.iter;
-  reweighted_ = false;
+  mu_ = settings_.mu;
   if (scene.proximal.patient && !(settings_.relative_residual <= settings_.relative_accuracy))
     if (auto finer = better())
     {
       pinocchio::constraintDynamics(model, data, q, v, tau, constraints, datas, *finer);
       iterations += finer->iter;
-      reweighted_ = true;
+      mu_ = finer->mu;
     }
   lam = data.lambda_c;
-  return data.ddq;
+}
+
+/// P f of some forces (nv, k), by the factor that the last answer left:
+///
+///   [[-mu 1, J], [J^T, M]] [y_(k+1); x] = [-mu y_k; f]
+MatrixXd Proximal::freed(const MatrixXd & forces)
+{
+  const int m = scene.plain_rows;
+  MatrixXd given = MatrixXd::Zero(m + model.nv, forces.cols()), found = given;
+  given.bottomRows(model.nv) = forces;
+  double before = INFINITY;
+  for (int k = 0; k < solves_at_most; ++k)
+  {
+    const MatrixXd last = found;
+    found = given;
+    data.constraint_chol.solveInPlace(found);
+    const double change = (found - last).bottomRows(model.nv).norm();
+    if (!m || !(change < before) || change <= no_change * found.norm())
+      break;
+    before = change;
+    given.topRows(m) = -mu_ * found.topRows(m);
+  }
+  return found.bottomRows(model.nv);
 }
 
 std::optional<pinocchio::ProximalSettings> Proximal::better()
@@ -81,9 +124,9 @@ bool Proximal::close(const VectorXd &, const VectorXd &, VectorXd & dq, VectorXd
     gaps_.col(1).segment(row, spec.rows) = datas[k].contact_velocity_error.toVector().head(spec.rows);
     row += spec.rows;
   }
-  if (reweighted_)
+  if (mu_ != settings_.mu)
     data.constraint_chol.compute(model, data, constraints, datas, settings_.mu);
-  reweighted_ = false;
+  mu_ = settings_.mu;
   data.constraint_chol.solveInPlace(gaps_);
   dq = -gaps_.col(0).tail(model.nv), dv = -gaps_.col(1).tail(model.nv);
   return true;

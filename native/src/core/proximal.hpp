@@ -2,6 +2,11 @@
 //
 //   lam_(k+1) = lam_k + (G + mu I)^-1 (b - G lam_k),    G = J M^-1 J^T
 //
+// Springs on top of M, U^T w U, take U^T f with f = w U a; a falls with f as G = U P U^T says, P the inverse inertia
+// that the constraints leave:
+//
+//   U a = U a_0 - G f,    (1 / w + G) f = U a_0
+//
 // `condyn_pin/dynamics/solvers/proximal.py` and `proximal_mu.py` say why; the numbers come from there.
 #pragma once
 #include "solver.hpp"
@@ -23,7 +28,9 @@ public:
   bool close(const VectorXd & q, const VectorXd & v, VectorXd & dq, VectorXd & dv) override;
 
 private:
+  void answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau);
   std::optional<pinocchio::ProximalSettings> better();
+  MatrixXd freed(const MatrixXd & forces);
 
   std::vector<Rigid> constraints;
   std::vector<RigidData> datas;
@@ -31,6 +38,6 @@ private:
   MatrixXd gaps_;
 
   pinocchio::ProximalSettings settings_;
-  bool reweighted_ = false; // whether the factor in `data` is that of another weight
+  double mu_; // of the factor in `data`
 };
 } // namespace condyn

@@ -1,6 +1,7 @@
 // A scene, made of plain arrays: no object of Python's Pinocchio crosses the border.
 #pragma once
 #include "constraint.hpp"
+#include "spring.hpp"
 #include "verdict.hpp"
 #include <string>
 
@@ -40,12 +41,13 @@ struct ProximalPlan
   double weak, strong, least, harmless;
 };
 
-/// tau = -d v - k (q - rest), the sum of all springs on a coordinate.
+/// tau = -d v - k (q - rest), the sum of all springs on a coordinate, and those between frames.
 struct Passive
 {
   VectorXd d; // by coordinate
   VectorXd k, rest; // by spring
   std::vector<int> at_q, at_v; // where q and v hold its joint
+  std::vector<SpringDamper> between;
 };
 
 /// What Python knows of the rows of a scene at its nominal state.

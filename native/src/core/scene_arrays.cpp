@@ -65,8 +65,23 @@ ProximalPlan proximal_plan(const List & numbers)
   return {x[0], x[1], x[2], int(x[3]), bool(x[4]), x[5], int(x[6]), int(x[7]), x[8], x[9], x[10], x[11], x[12], x[13]};
 }
 
-Passive passive_of(const SceneArrays & x, int nq, int nv)
+std::vector<SpringDamper> spring_dampers(const IntegerTable & ints, const Table & numbers, int joints)
 {
+  want(ints.shape(0) == numbers.shape(0) && ints.shape(1) == 2 && numbers.shape(1) == 9, "springs between frames");
+  std::vector<SpringDamper> specs;
+  for (std::size_t i = 0; i < ints.shape(0); ++i)
+  {
+    const int * k = ints.data() + 2 * i;
+    const double * x = row(numbers, i).data(); // origins 3 each, stiffness, damping, rest length
+    want(0 <= k[0] && k[0] < joints && 0 <= k[1] && k[1] < joints, "joint of a spring");
+    specs.push_back({k[0], k[1], Vector3d(x), Vector3d(x + 3), x[6], x[7], x[8]});
+  }
+  return specs;
+}
+
+Passive passive_of(const SceneArrays & x, const Model & model)
+{
+  const int nq = model.nq, nv = model.nv;
   want(int(x.damping.size()) == nv && x.springs.shape(0) == x.of_springs.shape(0), "damping, springs");
   want(x.springs.shape(1) == 2 && x.of_springs.shape(1) == 2, "springs");
   Passive passive;
@@ -79,6 +94,7 @@ Passive passive_of(const SceneArrays & x, int nq, int nv)
     want(0 <= at_q && at_q < nq && 0 <= at_v && at_v < nv, "place of a spring");
     passive.at_q.push_back(at_q), passive.at_v.push_back(at_v);
   }
+  passive.between = spring_dampers(x.between, x.of_between, model.njoints);
   return passive;
 }
 
@@ -125,7 +141,7 @@ Scene read_scene(const SceneArrays & x)
   scene.nominal_pivots = vector(x.nominal_pivots);
   for (int i : scene.watched)
     want(0 <= i && i < scene.model.nv, "pivots");
-  scene.passive = passive_of(x, scene.model.nq, scene.model.nv);
+  scene.passive = passive_of(x, scene.model);
   add_constraints(scene, constraint_specs(x.constraints, x.of_constraints), plain_specs(x.plain, x.of_plain));
   const std::size_t driven = x.wanted.shape(1);
   want(x.wanted.shape(0) == 3 && (driven == 0 || driven == std::size_t(scene.rows)), "wanted");

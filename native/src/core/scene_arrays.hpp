@@ -28,6 +28,8 @@ struct SceneArrays : RowArrays
   List proximal, rank, damping;
   Table springs;
   IntegerTable of_springs;
+  IntegerTable between; // joints of springs between frames
+  Table of_between;
   Integers watched;
   List nominal_pivots;
   Table wanted; // (3, rows), or (3, 0) where no row is driven

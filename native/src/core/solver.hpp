@@ -1,6 +1,6 @@
 // Solver: how a thread answers states of a scene.
 #pragma once
-#include "scene.hpp"
+#include "springs.hpp"
 
 namespace condyn
 {
@@ -31,6 +31,7 @@ public:
 
   const Scene & scene;
   Model model; // its own: integrators change the armature
+  SpringInertia springs; // on top of M, by integrators too
   Data data;
   int iterations = 0;
 

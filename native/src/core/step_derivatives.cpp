@@ -18,7 +18,8 @@ Scene without_gravity(const Scene & scene)
 StepDerivatives::StepDerivatives(ContactSteps & steps)
 : steps_(steps), scene_(steps.scene_), weightless_(without_gravity(scene_)), mechanics_(scene_.model)
 , linearisation_(scene_), of_moves_(weightless_), moved_partials_(scene_.model)
-, turning_(scene_.model, steps.candidates), no_loads_(scene_.model, {}), carried_(scene_.model)
+, turning_(scene_.model, steps.candidates), no_loads_(scene_.model, {}), springs_(scene_)
+, carried_(scene_.model)
 {
   for (const auto & k : scene_.constraints)
   {
@@ -27,6 +28,8 @@ StepDerivatives::StepDerivatives(ContactSteps & steps)
   }
   for (int i = 0; i < steps.candidates.cones(); ++i)
     carried_.tie(turning_.columns(i));
+  for (const auto & columns : ties(scene_))
+    carried_.tie(columns);
 }
 
 bool StepDerivatives::operator()(const Readings & readings)
@@ -38,9 +41,7 @@ bool StepDerivatives::operator()(const Readings & readings)
   project();
   dv.setZero(n, 3 * n + cones);
   law_.read(step.touching_.problem, step.touching_.lam, slides * readings.polished);
-  if (!step.touching_.lam.size())
-    untouched();
-  else if (!touched())
+  if (!(step.touching_.lam.size() ? touched() : untouched()))
     return false;
   read_margin(readings.falls);
   move();
@@ -74,7 +75,8 @@ bool StepDerivatives::touched()
   if (!law_.linearise(posed.problem, by_g, by_friction))
     return false;
   linearise(step.free_.v, posed.v1, steps_.impulses().head(scene_.rows));
-  balance(step.free_.v);
+  if (!balance(step.free_.v, posed.v1))
+    return false;
   f_.rightCols(n) += step.free_.M;
   if (cones)
   {
@@ -113,7 +115,7 @@ MatrixXd StepDerivatives::solved(const MatrixXd & f, const MatrixXd & s) const
 }
 
 /// Where nothing touches: h at the mean of v and of v+ with h at v.
-void StepDerivatives::untouched()
+bool StepDerivatives::untouched()
 {
   ContactSteps & step = steps_;
   const int n = scene_.model.nv, m = scene_.rows;
@@ -129,19 +131,22 @@ void StepDerivatives::untouched()
   }
   linearise(step.free_.v, first, l_b);
   MatrixXd f(n, 3 * n), s = MatrixXd::Zero(m, 3 * n);
-  balance(step.free_.v);
+  if (!balance(step.free_.v, first))
+    return false;
   f << f_, dt * MatrixXd::Identity(n, n);
   f.middleCols(n, n) += step.free_.M;
   s.leftCols(2 * n) = slip(first);
   const MatrixXd dfirst = solved(f, s);
   linearise(step.free_.mean, step.touching_.v1, step.impulses().head(m));
-  balance(step.free_.mean);
+  if (!balance(step.free_.mean, step.touching_.v1))
+    return false;
   const MatrixXd by_mean = 0.5 * f_.rightCols(n);
   f.leftCols(n) = f_.leftCols(n), f.middleCols(n, n) = step.free_.M + by_mean;
   f.noalias() += by_mean * dfirst;
   if (m) // rows with the first h, and this v+
     s.leftCols(n) -= linearisation_.turning(step.touching_.v1 - first);
   dv.leftCols(3 * n) = solved(f, s);
+  return true;
 }
 
 // ------------------------------------------------------------------------------------------------
@@ -179,7 +184,15 @@ bool StepDerivatives::close(const Readings & readings)
   MatrixXd by_start(n, n), by_x(n, n);
   mechanics_.integrate_partials(begin, x, by_start, by_x);
   dq = (by_start * dq).eval();
-  const MatrixXd turned = inverse_ * of_moves_.r().leftCols(n);
+  MatrixXd left = of_moves_.r().leftCols(n);
+  if (!springs_.none()) // they are part of M, and turn: what x adds to their slopes
+  {
+    MatrixXd at_rest = MatrixXd::Zero(n, n);
+    springs_.add_slopes(VectorXd::Zero(n), step.plan_.dt, linearisation_.data, at_rest);
+    springs_.add_slopes(x, step.plan_.dt, linearisation_.data, left);
+    left -= at_rest;
+  }
+  const MatrixXd turned = inverse_ * left;
   dq.leftCols(n) += by_x * turned;
   mechanics_.jacobians(step.q);
   MatrixXd J;

@@ -47,13 +47,13 @@ public:
 private:
   void project();
   void linearise(const VectorXd & mean, const VectorXd & v1, const VectorXd & l_b);
-  void balance(const VectorXd & mean);
+  bool balance(const VectorXd & mean, const VectorXd & v1);
   MatrixXd slip(const VectorXd & v1);
   void ask();
   void turn_towards_end();
   MatrixXd solved(const MatrixXd & f, const MatrixXd & s) const;
   bool touched();
-  void untouched();
+  bool untouched();
   void move();
   bool close(const Readings & readings);
   void read_margin(double falls);
@@ -67,6 +67,7 @@ private:
   ContactTurning turning_;
   ContactLaw law_;
   Loads no_loads_;
+  Springs springs_;
   std::vector<Moved> moved_; // of each constraint
   Carried carried_;
   MatrixXd inverse_, Z_, Y_, YR_, P_; // M^-1 with what springs and damping add, and as above

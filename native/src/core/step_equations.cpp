@@ -16,8 +16,9 @@ void StepDerivatives::linearise(const VectorXd & mean, const VectorXd & v1, cons
 }
 
 /// Of the balance of momentum (nv, 2 nv): by q, and by the velocity of h. By the velocity before it is M more: what
-/// springs and damping add to that, dt D + dt^2 K, they take from the torques.
-void StepDerivatives::balance(const VectorXd & mean)
+/// springs and damping add to that, dt D + dt^2 K, they take from the torques. False where those between frames have no
+/// slopes.
+bool StepDerivatives::balance(const VectorXd & mean, const VectorXd & v1)
 {
   const ContactSteps & step = steps_;
   const int n = scene_.model.nv;
@@ -25,6 +26,8 @@ void StepDerivatives::balance(const VectorXd & mean)
   f_ = dt * linearisation_.r();
   f_.leftCols(n).diagonal() -= dt * step.free_.stiffness;
   moved_partials_.turning(mean).add_product(step.free_.M, dt, f_.rightCols(n));
+  springs_.at(linearisation_.data);
+  return springs_.add_slopes(v1, dt, linearisation_.data, f_.leftCols(n));
 }
 
 /// Of the constraints (rows, 2 nv), linearised at the velocity before: J_b (2 v+ / dt - w x u) + gamma = 0.

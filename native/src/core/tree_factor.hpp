@@ -2,10 +2,14 @@
 //
 //   S_ki = (M_ki - sum_r S_rk S_ri) / S_kk,    r from k + 1 to the last coordinate that k carries
 //
-// S_ki is zero unless i carries k (Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5).
+// S_ki is zero unless i carries k (Featherstone, Rigid Body Dynamics Algorithms, 2008, section 6.5). What ties branches
+// makes the tree longer: it is then that of elimination (Liu, The role of elimination trees, 1990).
 #pragma once
 #include "pinocchio.hpp"
+#include <algorithm>
 #include <cmath>
+#include <iterator>
+#include <set>
 
 namespace condyn
 {
@@ -18,17 +22,32 @@ class TreeFactor
   auto column(int k) const { return S_.col(k).segment(k + 1, below_[k]); }
 
 public:
-  explicit TreeFactor(const Model & model) : S_(MatrixXd::Zero(model.nv, model.nv))
+  /// `ties` are groups of coordinates, ascending, that M is full between beside those of each branch.
+  explicit TreeFactor(const Model & model, const std::vector<std::vector<int>> & ties = {})
+  : S_(MatrixXd::Zero(model.nv, model.nv)), carriers_(model.nv, -1), below_(model.nv, 0)
   {
+    std::vector<std::set<int>> before(model.nv); // with which each one shares an entry, and those that elimination adds
+    const auto tie = [&before](const std::vector<int> & columns) {
+      for (std::size_t c = 1; c < columns.size(); ++c)
+        before[columns[c]].insert(columns[c - 1]);
+    };
     for (int j = 1; j < model.njoints; ++j)
     {
-      int end = 0;
-      for (auto carried : model.subtrees[j])
-        end = std::max(end, model.idx_vs[carried] + model.nvs[carried]);
       const int parent = int(model.parents[j]);
       int carrier = parent ? model.idx_vs[parent] + model.nvs[parent] - 1 : -1;
       for (int k = model.idx_vs[j]; k < model.idx_vs[j] + model.nvs[j]; carrier = k++)
-        carriers_.push_back(carrier), below_.push_back(end - k - 1);
+        if (carrier >= 0)
+          tie({carrier, k});
+    }
+    for (const auto & columns : ties)
+      tie(columns);
+    for (int k = size() - 1; k >= 0; --k)
+    {
+      if (before[k].empty())
+        continue;
+      const int carrier = *before[k].rbegin();
+      before[carrier].insert(before[k].begin(), std::prev(before[k].end()));
+      carriers_[k] = carrier, below_[carrier] = std::max(below_[carrier], k + below_[k] - carrier);
     }
   }
 
