@@ -227,12 +227,15 @@ def test_what_it_does_not_take_is_refused_by_name() -> None:
         assert_array_equal(found.dv, wanted.dv)
 
 
-def test_dry_friction_of_zero_is_left_to_python() -> None:
+@pytest.mark.parametrize("speed", [0.0, 0.1])
+def test_dry_friction_of_zero_holds_nothing(speed: float) -> None:
+    """At rest it was taken to stick: v+ had no slope by torques."""
     its = robot("four_bar")
-    nothing = cp.constraints.JointFriction("crank", torque=0.0)
-    scene, state = cp.Scene(its, contacts=[nothing]), (np.zeros((1, 3)), np.zeros((1, 3)))
-    with pytest.raises(UnsupportedBackend, match="'crank/friction': it takes dry friction of zero"):
-        step_derivatives_batch(scene, *state, dt=DT, **CORE)
-    where = cp.Native(threads=1, where_possible=True)
-    found = step_derivatives_batch(scene, *state, dt=DT, executor=where)
-    assert_array_equal(found.dv, step_derivatives_batch(scene, *state, dt=DT).dv)
+    scene = cp.Scene(its, contacts=[cp.constraints.JointFriction("crank", torque=0.0)])
+    state = np.zeros((1, 3)), np.full((1, 3), speed)
+    found = step_derivatives_batch(scene, *state, dt=DT, **CORE)
+    wanted = step_derivatives_batch(scene, *state, dt=DT)
+    assert np.abs(wanted.dv_dtau).max() > DT
+    for name in ("dv_dq", "dv_dv", "dv_dtau"):
+        assert_allclose(getattr(found, name), getattr(wanted, name), rtol=1e-9, atol=1e-12)
+    assert_array_equal(found.one_sided, wanted.one_sided)

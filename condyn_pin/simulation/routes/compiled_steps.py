@@ -16,7 +16,6 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact.solution import ContactStatus
-from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.batch.batch_step import STATUSES
 from condyn_pin.simulation.batch.compiled_steps import (
@@ -32,11 +31,8 @@ from condyn_pin.simulation.routes.base import Route
 from condyn_pin.simulation.routes.linear_steps import falls, rows_with_a_place
 
 
-def untaken_route(scene: Scene, route: Route, wrt: Sequence[str]) -> Iterator[str]:
+def untaken_route(route: Route, wrt: Sequence[str]) -> Iterator[str]:
     """Yield what the core does not take of a route to derivatives, in words."""
-    for bound in scene.contact_bounds:
-        if any(not each.limit for each in bound.dry):
-            yield f"contact {bound.name!r}: it takes dry friction of zero to hold what is at rest"
     if type(route) is not ActiveSet:
         yield f"route = {route!r}: it has ActiveSet() alone"
     if "inertias" in wrt:

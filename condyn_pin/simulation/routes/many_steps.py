@@ -103,7 +103,7 @@ def step_derivatives_batch(
     inputs = starts_of_steps(scene, Q, V, TAU, dt, integrator)
     names = check_parameters(route, integrator, wrt)
     about, recipe = (tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral)
-    reasons = (*untaken_steps(scene, integrator), *untaken_route(scene, route, names))
+    reasons = (*untaken_steps(scene, integrator), *untaken_route(route, names))
     kernel, executor, chunk = workers(
         executor, DifferentiatedRows(*about), DerivativesKernel(StepKernel(*about), route, names),
         reasons=reasons, untaken=lambda: untaken(recipe.workspace()), chunk=chunk, most=_STEPS,

@@ -50,12 +50,18 @@ bool ContactLaw::slides(const ContactProblem & problem, int cone) const
   return modes[cone] == slide || (modes[cone] == stick && problem.friction[cone] == 0.0);
 }
 
+/// A stop that touches, or dry friction that sticks; friction of zero holds nothing.
+bool ContactLaw::holds(const ContactProblem & problem, int row, int contact) const
+{
+  return modes[contact] == stick && (row < problem.dry() || problem.limits[row - problem.dry()] > 0.0);
+}
+
 bool ContactLaw::linearise(const ContactProblem & problem, MatrixXd & by_g, MatrixXd & by_friction) const
 {
   const int m = problem.rows(), cones = problem.cones();
   MatrixXd A = problem.G, B = MatrixXd::Zero(m, m + cones); // by_sigma G + by_lam, and [by_sigma, by_friction]
-  const auto holds = [&](int row, bool held) {
-    if (held)
+  const auto fix = [&](int row, bool velocity) { // that, or the impulse
+    if (velocity)
       B(row, row) = 1;
     else
       A.row(row).setZero(), A(row, row) = 1;
@@ -66,7 +72,7 @@ bool ContactLaw::linearise(const ContactProblem & problem, MatrixXd & by_g, Matr
     if (!slides(problem, i))
     {
       for (int k = r; k < r + 3; ++k)
-        holds(k, modes[i] == stick);
+        fix(k, modes[i] == stick);
       continue;
     }
     const double mu = problem.friction[i], slip = std::hypot(sigma_[r], sigma_[r + 1]), pressed = lam_[r + 2];
@@ -80,7 +86,7 @@ bool ContactLaw::linearise(const ContactProblem & problem, MatrixXd & by_g, Matr
     B.block<2, 1>(r, m + i) = pressed * s;
   }
   for (int r = problem.lines(), contact = cones; r < m; ++r, ++contact)
-    holds(r, modes[contact] == stick);
+    fix(r, holds(problem, r, contact));
   MatrixXd X;
   if (!least(A, B, X))
     return false;
@@ -111,8 +117,11 @@ double ContactLaw::margin(const ContactProblem & problem) const
   int contact = problem.cones();
   for (int r = problem.lines(); r < problem.dry(); ++r)
     off(modes[contact++] == open ? y[r] : x[r]);
-  for (int r = problem.dry(); r < problem.rows(); ++r)
-    off(modes[contact++] == stick ? problem.limits[r - problem.dry()] * unit - std::abs(x[r]) : std::abs(y[r]));
+  for (int r = problem.dry(); r < problem.rows(); ++r, ++contact)
+    if (modes[contact] == slide)
+      off(std::abs(y[r]));
+    else if (holds(problem, r, contact))
+      off(problem.limits[r - problem.dry()] * unit - std::abs(x[r]));
   return least;
 }
 } // namespace condyn

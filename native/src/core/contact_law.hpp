@@ -29,6 +29,7 @@ public:
 
 private:
   bool slides(const ContactProblem & problem, int cone) const;
+  bool holds(const ContactProblem & problem, int row, int contact) const;
 
   VectorXd lam_, sigma_;
 };
