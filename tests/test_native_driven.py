@@ -29,6 +29,7 @@ from condyn_pin.constraints import (
 from condyn_pin.dynamics.compiled import arrays
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.errors import UnsupportedBackend
+from condyn_pin.simulation.batch.compiled_motions import MEASURED
 from condyn_pin.simulation.batch.driven_path import DrivenPath
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
@@ -291,7 +292,7 @@ def test_paths_that_do_not_fit_are_refused_at_the_border():
         found = {
             "t": np.zeros((1, 2)), "q": np.zeros((1, 2, 3)), "v": np.zeros((1, 2, 3)),
             "a": np.zeros((1, 2, 3)), "lam": np.zeros((1, 2, scene.rows)),
-            "measures": np.zeros((1, 2, 4)),
+            "measures": np.zeros((1, 2, MEASURED)),
         }  # fmt: skip
         done = np.zeros(1, np.int32)
         of.simulate(

@@ -529,7 +529,7 @@ def test_a_run_goes_on_from_its_own_end() -> None:
     assert half.constraint_velocity[-1] > 1e-4  # else there is nothing to allow
     assert np.array_equal(rest.q[-1], whole.q[-1])
     fast = half.v[-1] + np.random.default_rng(0).normal(size=len(v))
-    with pytest.raises(cp.errors.NotAssembled, match="slips"):
+    with pytest.raises(cp.errors.NotAssembled, match=r"\|J v\| = "):
         cp.simulate(scene, half.q[-1], fast, duration=0.05, dt=1e-3)
 
 
