@@ -127,6 +127,18 @@ def test_energies_have_them(label: str) -> None:
         assert_allclose(one.energy.damping, two.energy.damping, rtol=0, atol=1e-8)
 
 
+def test_threads_return_the_same_bits() -> None:
+    about = {"duration": 0.02, "dt": DT, "integrator": cp.simulation.LinearlyImplicitMidpoint()}
+    state = starts(sprung(all_scenes()["four_bar loops"]), count=8)
+    one, three = (
+        cp.simulate_batch(*state, **about, executor=cp.Native(threads=threads))
+        for threads in (1, 3)
+    )
+    assert one.ok
+    for name in ("q", "v", "energy_error"):
+        assert_array_equal(getattr(one, name), getattr(three, name))
+
+
 # ------------------------------------------------------------------------------------------------
 # Steps with contacts
 

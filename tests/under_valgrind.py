@@ -51,6 +51,8 @@ SHORT = {
         "test_native.py::test_threads_change_no_bit",
         "test_native_contact.py::test_threads_and_other_bits",
         "test_native_pairs.py::test_threads_do_not_share_what_they_find",
+        "test_native_pair_derivatives.py::test_threads_return_the_same_bits",
+        "test_native_springs.py::test_threads_return_the_same_bits",
         "test_native_step_derivatives.py::test_threads_return_the_same_bits",
     ),
 }
