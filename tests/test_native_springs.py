@@ -17,7 +17,7 @@ from test_applied_forces import chain_on
 from test_native import DRIFTS, STEPS, assert_moved_alike, assert_moved_like_python, near
 from test_native_contact import CORE, DT, EXACT, assert_same_steps, on_feet, only_the_core
 from test_native_contact import cassie as cassie_on_points
-from test_native_step_derivatives import assert_same, both
+from test_native_step_derivatives import assert_same, beginning_to_fall, both
 from test_spring_dampers import SPRINGS
 
 import condyn_pin as cp
@@ -157,14 +157,7 @@ def loops_on_points() -> tuple[cp.Scene, np.ndarray, np.ndarray, np.ndarray]:
     """Cassie on points, as it begins to fall."""
     scene, q, v, tau = cassie_on_points()
     scene = sprung(scene)
-    rng, states = np.random.default_rng(3), [(q, v)]
-    for _ in range(2):
-        moved = cp.simulate(
-            scene, q, v, tau + 5.0 * rng.normal(size=len(tau)), duration=0.02, dt=DT
-        )
-        states += [*zip(moved.q[10:], moved.v[10:], strict=True)]
-    Q, V = (np.array(x) for x in zip(*states, strict=True))
-    Q[1:, 2] -= 1e-4
+    Q, V = beginning_to_fall(scene, q, v, tau, times=2)
     return scene, Q, V, tau
 
 

@@ -140,17 +140,24 @@ def test_a_leg_that_stands_on_another_one() -> None:
     assert_same(found, wanted)
 
 
-def test_loops_are_condensed_and_closed() -> None:
-    scene, q, v, tau = cassie()
-    rng = np.random.default_rng(3)
-    states = [(q, v)]
-    for _ in range(3):
+def beginning_to_fall(
+    scene: cp.Scene, q: np.ndarray, v: np.ndarray, tau: np.ndarray, times: int
+) -> tuple[np.ndarray, np.ndarray]:
+    """Where robots are that stand, and then fall under some torques, a little into the floor."""
+    rng, states = np.random.default_rng(3), [(q, v)]
+    for _ in range(times):
         moved = cp.simulate(
             scene, q, v, tau + 5.0 * rng.normal(size=len(tau)), duration=0.02, dt=DT
         )
         states += [*zip(moved.q[10:], moved.v[10:], strict=True)]
     Q, V = (np.array(x) for x in zip(*states, strict=True))
     Q[1:, 2] -= 1e-4
+    return Q, V
+
+
+def test_loops_are_condensed_and_closed() -> None:
+    scene, q, v, tau = cassie()
+    Q, V = beginning_to_fall(scene, q, v, tau, times=3)
     found, wanted = both(scene, Q, V, np.tile(tau, (len(Q), 1)))
     assert wanted.ok
     assert_same(found, wanted, rounded=1e-8)  # loops as they are there: 1 / 1.3e-5

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.bound import Pair
@@ -51,6 +52,7 @@ class Pairs:
         self._reaches = np.array([pair.shape.reach + pair.ground_shape.reach for pair in pairs])
         self._at = np.full((3, self._placements.size), np.nan)
         self._found: tuple[Array, Array, Array] = np.zeros(0), np.zeros((0, 3)), np.zeros((0, 3, 3))
+        self._far = np.zeros(len(pairs), bool)
 
     def gaps(self, data: Any) -> Array:
         """Return the signed distances (k,) [m]; reads data.oMi."""
@@ -64,6 +66,11 @@ class Pairs:
         """Return t1, t2, n of each place as columns (k, 3, 3)."""
         return self._evaluated(data)[2]
 
+    def are_balls(self, data: Any) -> NDArray[np.bool_]:
+        """Return which pairs are so far apart that the balls round their shapes meet instead."""
+        self._evaluated(data)
+        return self._far
+
     def jacobian(self, data: Any) -> Array:
         """Return the rows t1, t2, n of each place (3 k, nv); reads data.oMi and data.J."""
         _, points, axes = self._evaluated(data)
@@ -76,11 +83,11 @@ class Pairs:
         if not np.array_equal(now, self._at):
             middles = now.dot(self._middles).T.reshape(-1, 2, 3)
             apart, normals = lengths_of(middles[:, 0] - middles[:, 1])
-            far = apart > 2.0 * self._reaches
+            self._far = apart > 2.0 * self._reaches
             found = [
                 _as_balls(pair, middle[0], normal, gap) if away else _closely(pair, data)
                 for pair, middle, normal, gap, away in zip(
-                    self._pairs, middles, normals, apart - self._reaches, far, strict=True
+                    self._pairs, middles, normals, apart - self._reaches, self._far, strict=True
                 )
             ]
             filled = map(_filled, found, (pair.points for pair in self._pairs))

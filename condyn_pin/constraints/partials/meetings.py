@@ -24,6 +24,7 @@ from condyn_pin.constraints.contacts.bound import Pair
 from condyn_pin.constraints.contacts.pairs import Pairs
 from condyn_pin.constraints.contacts.touches import columns
 from condyn_pin.constraints.partials.features import Sliding, of_balls, sliding
+from condyn_pin.constraints.rows.rolling import skews
 
 
 class MeetingTurning:
@@ -55,20 +56,19 @@ class MeetingTurning:
         self._S = S = data.J.reshape(6, -1).copy()
         self._P, self._E = self._places.points(data), self._places.axes(data)
         gaps, n = self._places.gaps(data), self._E[:, :, 2]
-        parts = zip(
-            self._pairs, *(np.split(x, self._first[1:]) for x in (gaps, self._P, n)), strict=True
-        )
-        found = [of for pair, *places in parts for of in _slidings(data, pair, *places)]
+        places = (np.split(x, self._first[1:]) for x in (gaps, self._P, n))
+        parts = zip(self._pairs, self._places.are_balls(data).tolist(), *places, strict=True)
+        found = [of for part in parts for of in _slidings(data, *part)]
         ways = [of for of, _ in found if of is not None]
         if len(ways) < len(found):
             return False
         U, R, G = (np.array(part) for part in zip(*ways, strict=True))
         r = np.array([skin for _, skin in found])
         G, r, a = G[:, None, None], r[:, None, None], self._P + r[:, None] * n
-        v_a = S[:3] - _skew(a) @ S[3:]
-        turned = R @ v_a - U @ _skew(n) @ S[3:]  # n'
+        v_a = S[:3] - skews(a) @ S[3:]
+        turned = R @ v_a - U @ skews(n) @ S[3:]  # n'
         self._P_moved = v_a - U.transpose(0, 2, 1) @ (v_a - G * turned) - r * turned
-        self._E_turned = _skew(n) @ turned
+        self._E_turned = skews(n) @ turned
         self._has_point = np.isfinite(gaps)
         return True
 
@@ -85,8 +85,8 @@ class MeetingTurning:
         linear = _cross(off[:, 3:], S[:3]) + _cross(off[:, :3], S[3:])
         angular = _cross(off[:, 3:], S[3:])
         u = V[:, :3] + np.cross(V[:, 3:], P)
-        by_q = linear - _skew(P) @ angular + _skew(V[:, 3:]) @ self._P_moved
-        by_q += _skew(u) @ self._E_turned
+        by_q = linear - skews(P) @ angular + skews(V[:, 3:]) @ self._P_moved
+        by_q += skews(u) @ self._E_turned
         by_q = E.transpose(0, 2, 1) @ (self._moves * by_q)
         by_q[~self._has_point] = 0.0
         return np.asarray(by_q.reshape(self.size, -1))
@@ -95,9 +95,9 @@ class MeetingTurning:
         """Return J^T lam by q (nv, nv)."""
         S, P, m = self._S, self._P, self._moves
         f = (self._E @ lam.reshape(-1, 3, 1))[:, :, 0]
-        P_moved = self._grounds * (S[:3] - _skew(P) @ S[3:]) + m * self._P_moved
-        f_turned = -_skew(f) @ (self._grounds * S[3:] + m * self._E_turned)
-        moment_turned = _skew(P) @ f_turned - _skew(f) @ P_moved
+        P_moved = self._grounds * (S[:3] - skews(P) @ S[3:]) + m * self._P_moved
+        f_turned = -skews(f) @ (self._grounds * S[3:] + m * self._E_turned)
+        moment_turned = skews(P) @ f_turned - skews(f) @ P_moved
         by_q = np.einsum("ki,ai,kaj->ij", m[:, 0], S[:3], f_turned)
         by_q += np.einsum("ki,ai,kaj->ij", m[:, 0], S[3:], moment_turned)
         force, moment = m[:, 0].T.dot(f), m[:, 0].T.dot(np.cross(P, f))  # that columns feel
@@ -110,14 +110,11 @@ _NOWHERE: Final = Sliding(np.zeros((3, 3)), np.zeros((3, 3)), 0.0)
 
 
 def _slidings(
-    data: Any, pair: Pair, gaps: Array, points: Array, normals: Array
+    data: Any, pair: Pair, are_balls: bool, gaps: Array, points: Array, normals: Array
 ) -> Iterator[tuple[Sliding | None, float]]:
     """Yield how each place of a pair moves, None where that is in doubt, and the skin of A [m]."""
-    one = data.oMi[pair.joint] * pair.placement
-    two = data.oMi[pair.ground] * pair.ground_placement
-    A, B = pair.shape.placed(one), pair.ground_shape.placed(two)
-    apart = float(np.linalg.norm(one.translation - two.translation))
-    are_balls = apart > 2.0 * (A.reach + B.reach)
+    A = pair.shape.placed(data.oMi[pair.joint] * pair.placement)
+    B = pair.ground_shape.placed(data.oMi[pair.ground] * pair.ground_placement)
     r, other = (A.reach, B.reach) if are_balls else (A.radius, B.radius)
     for gap, point, n in zip(gaps, points, normals, strict=True):
         between = float(gap) + r + other
@@ -127,15 +124,6 @@ def _slidings(
             yield of_balls(n, between), r
         else:
             yield sliding(A, B, point + r * n, n, between), r
-
-
-def _skew(vectors: Array) -> Array:
-    """Return [x] with [x] y = x x y of each x (k, 3, 3)."""
-    found = np.zeros((len(vectors), 3, 3))
-    x, y, z = vectors.T
-    found[:, 0, 1], found[:, 0, 2], found[:, 1, 2] = -z, y, -x
-    found[:, 1, 0], found[:, 2, 0], found[:, 2, 1] = z, -y, x
-    return found
 
 
 def _cross(a: Array, b: Array) -> Array:
