@@ -29,6 +29,16 @@ ROTATION: Final = 1e-9
 # size of the robot; a state written to a file with twelve digits is still accepted.
 CLOSED: Final = 1e-10
 
+# Violation from which on a state counts as open [m, rad]: the gap tells redundant rows from others
+# there (`constraints.rows.redundancy`). Loops that were assembled, or are kept closed in motion,
+# are at 1e-15 to 1e-12, and REFERENCE_RANK is rounding beside them.
+OPEN: Final = 0.1 * CLOSED
+
+# Length of the move that closes the loops, over the smallest pivot that is kept [1]: the distance
+# to where the rank falls. Below 0.1, a was off by up to 20 % in 95 of 100 states, above 0.5 by all
+# of itself: there no acceleration belongs to the state.
+DOUBT: Final = 0.1
+
 # Violation at which a path that is driven counts as one that the loops cannot follow, and a step as
 # one that they cannot be closed behind [m, rad]: what drift leaves open in a run that is worth
 # looking at is far below, and what leads out of reach opens them by as much within milliseconds.

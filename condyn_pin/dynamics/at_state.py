@@ -18,6 +18,7 @@ from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Load, Loads
 from condyn_pin.constraints.rows.cancellation import ROUNDED
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.redundancy import LeftOut
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.constraints.violation import ConstraintViolation, gap_of, velocity_of
 from condyn_pin.dynamics.scene import Scene
@@ -35,7 +36,16 @@ def equations_of(scene: Scene) -> Equations:
     What they return is yours; what they refer to is overwritten by their next use.
     """
     scene.robot.check_unedited()
-    return _equations.of(scene, None, lambda: Equations(scene.robot.model, scene.bounds))
+    return _equations.of(scene, None, lambda: _equations_told(scene))
+
+
+def _equations_told(scene: Scene) -> Equations:
+    """New equations of a scene that find the redundancy of its rows when it is needed first."""
+    equations = Equations(scene.robot.model, scene.bounds)
+    equations.redundancy = lambda: (
+        scene.nominal.redundancy if scene.nominal.looks_independent else None
+    )
+    return equations
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,6 +69,23 @@ def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
     terms = finite_terms(equations, q_, v_)
     factors = factorise(terms.M, terms.J, tolerances.RANK, why=singular_mass(equations.model, q_))
     return State(q_.copy(), v_.copy(), terms, factors)
+
+
+def left_out_at(scene: Scene, q: Array) -> LeftOut:
+    """Combinations of rows that are left out at q; on closed loops those that are redundant."""
+    c, J = equations_of(scene).position_level(q)
+    closed = np.abs(c).max(initial=0.0) <= tolerances.OPEN
+    return scene.nominal.redundancy.left_out(J, np.zeros(len(c)) if closed else c)
+
+
+def moves_back(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:
+    """J^+ c and J^+ J v (nv,), in the metric of M, with the rows that are kept."""
+    equations = equations_of(scene)
+    (c, J), left = equations.position_level(q), left_out_at(scene, q)
+    kept = left.kept(J)
+    factors = factorise(equations.mass(q), kept, 0.0).at_most(left.rank)
+    rate = kept @ v - left.kept(equations.wanted[1])
+    return -factors.closing(left.kept(c)), -factors.closing(rate)
 
 
 def load_on(scene: Scene, q: Array, forces: Sequence[AppliedForce]) -> Load:

@@ -8,29 +8,45 @@ Refinement. The residuals of an answer are solved for with the factor that it ca
 They are recomputed by Newton-Euler and forward kinematics. So the damping mu and what the factor
 lost to rounding are both made up for; each correction leaves a share mu / (sigma + mu).
 
+Open loops. Rows that are redundant where the loops are closed look independent beside that, and
+Pinocchio's iteration believes them. With N the combinations that are left out at the precision of
+the state (`condyn_pin.constraints.rows.redundancy`), P = 1 - N N^T, and its answer (a, l),
+
+    (P G P + alpha N N^T) x = P (a_ref - gamma - J a + G N N^T l),
+    lam = P l + x,    a <- a + M^-1 J^T (lam - l),
+
+all from the factor that is there: G = J M^-1 J^T without its damping, and M^-1 J^T y with
+K [y'; M^-1 J^T y] = [(G + mu) y; 0]. On closed loops whose J v is not 0 the rows contradict each
+other along N: a does not change, and lam keeps P l.
+
 Approximated kinds. A hinge as two points and a planar pin as a ball are exact where the loop is
-closed. Where it is open by a gap g, or J v is not 0, their J and gamma differ by about g omega.
-Pinocchio's solve leaves both errors behind; where they are more than an assembled loop has, the
-equations of the scene are solved as they are.
+closed. Where it is open by a gap g, or J v is not 0, their J and gamma differ by about g omega. Hot
+loops have the answer of these rows, which is that of the closed machine to the first order as well;
+`solve` has that of the scene's own rows (`NullSpace`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from dataclasses import replace
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.solvers.base import BoundSolver
+from condyn_pin._core.linalg.mass_factor import lapack
+from condyn_pin.constraints.rows.redundancy import Redundancy
+from condyn_pin.dynamics.solvers.base import BoundSolver, Singular
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
 
-# Violation [m] and velocity [m/s] from which on a loop counts as open; those of a loop that
-# was assembled, or is kept closed in motion, are at 1e-15 to 1e-12.
-_OPEN_SQUARED: Final = (0.1 * tolerances.CLOSED) ** 2
+# Squares of violations [m] and velocities [m/s] from which on a loop counts as open.
+OPEN_SQUARED: Final = tolerances.OPEN**2
 
 
 class Refinement:
@@ -58,8 +74,49 @@ class Refinement:
         return a
 
 
+def consistent_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSolver:
+    """A method that leaves out redundant rows where loops are open, from one that does not.
+
+    Open loops are solved by `NullSpace`. Where J v is not 0, forces lose what moves nothing.
+    """
+    exact = cache(lambda: NullSpace(tolerances.REFERENCE_RANK).start(workspace))
+    method, moving_at = closed, np.zeros(0)
+
+    def acceleration(q: Array, v: Array, tau: Array) -> Array:
+        nonlocal method, moving_at
+        gap, rate = workspace.equations.open_by(q, v)
+        method = exact() if gap > tolerances.OPEN else closed
+        moving_at = q.copy() if method is closed and rate > tolerances.OPEN else np.zeros(0)
+        return method.acceleration(q, v, tau)
+
+    def lam() -> Array:
+        lam = method.lam()
+        if not moving_at.size:
+            return lam
+        J = workspace.equations.jacobian(moving_at)
+        return workspace.scene.nominal.redundancy.left_out(J, np.zeros(len(lam))).kept(lam)
+
+    return BoundSolver(acceleration, lam, lambda: method.iterations())
+
+
+def without_idle_rows(method: BoundSolver, idle: NDArray[np.bool_]) -> BoundSolver:
+    """A method without forces along rows that are zero at every configuration.
+
+    Where J v is not 0 such a row may miss a gamma that no acceleration meets, and damping makes a
+    force of it.
+    """
+
+    def lam() -> Array:
+        found = method.lam()
+        found[idle] = 0.0
+        return found
+
+    exact = method.exact and without_idle_rows(method.exact, idle)
+    return replace(method, lam=lam, exact=exact)
+
+
 def exact_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSolver:
-    """Return a method that is exact on open loops too, from that by the rows that Pinocchio has."""
+    """A method with the scene's own rows where Pinocchio's, which stand for them, differ."""
     dense: list[BoundSolver] = []  # started at the first state that needs it
     method = closed
     run, squares = closed.acceleration, [(gap.dot, gap) for gap in _gaps(workspace)]
@@ -68,7 +125,7 @@ def exact_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSolver:
         nonlocal method
         a = run(q, v, tau)
         for square, gap in squares:
-            if square(gap) > _OPEN_SQUARED:
+            if square(gap) > OPEN_SQUARED:
                 if not dense:
                     dense.append(NullSpace(tolerances.REFERENCE_RANK).start(workspace))
                 method = dense[0]
@@ -80,7 +137,7 @@ def exact_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSolver:
 
 
 def _gaps(workspace: Workspace) -> list[Array]:
-    """Return views of c and J v in Pinocchio's memory, of the rows that stand for others."""
+    """Views of c and J v in Pinocchio's memory, of the rows that stand for others."""
     gaps = []
     pairs = zip(
         workspace.pinocchio_constraints.constraints, workspace.constraint_datas, strict=True
@@ -92,3 +149,114 @@ def _gaps(workspace: Workspace) -> list[Array]:
             gaps.append(data.contact_placement_error.vector[: native.size])
         gaps.append(data.contact_velocity_error.vector[: native.size])
     return gaps
+
+
+class OpenRows:
+    """The rows that are kept at open states, solved by the factor of `pin.constraintDynamics`.
+
+    Attributes
+    ----------
+    gaps : list of pairs
+        c of each constraint that has a position, with its own product: views of Pinocchio's memory.
+    is_open : bool
+        The last answer is that of kept rows; who has another sets it back.
+    """
+
+    def __init__(self, workspace: Workspace) -> None:
+        natives, nominal = workspace.pinocchio_constraints, workspace.scene.nominal
+        models, datas = workspace.constraint_models, workspace.constraint_datas
+        self._workspace, self._nominal = workspace, nominal
+        self._data, self._cholesky = workspace.data, _pin.constraint_cholesky(workspace.data)
+        self._jacobian = _pin.constraints_jacobian(workspace.model, workspace.data, models, datas)
+        self.gaps: list[tuple[Callable[[Array], float], Array]] = []
+        self._moving: list[Array] = []
+        self._c: list[Array] = []
+        for native, data in zip(natives.constraints, datas, strict=True):
+            gap = data.contact_placement_error.vector[: native.size]
+            if native.anchored:
+                self.gaps.append((gap.dot, gap))
+            self._c.append(gap if native.anchored else np.zeros(native.size))
+            self._moving.append(data.contact_velocity_error.vector[: native.size])
+        self._m = sum(map(len, self._c))
+        self._right = np.zeros(self._m + workspace.model.nv)
+        self._last: tuple[Array, Array, Array, float] = np.zeros(0), np.zeros(0), np.zeros(0), 0.0
+        self._lam = np.zeros(0)
+        self.is_open = False
+
+    @cached_property
+    def _of_natives(self) -> Redundancy:
+        """The redundancy of Pinocchio's rows."""
+        to_scene, found = self._workspace.pinocchio_constraints.to_scene, self._nominal.redundancy
+        if to_scene is None:
+            return found
+        # s' = E s: a row of Pinocchio's is as large as the scales of the rows that it is made of
+        sizes = (np.abs(to_scene.T) / found.R).max(axis=1)
+        return replace(found, R=1.0 / np.where(sizes > 0.0, sizes, sizes.max()))
+
+    @cached_property
+    def _from_natives(self) -> Array | None:
+        """E^+ (m, m'): rows of the scene from Pinocchio's; None where they are the same."""
+        to_scene = self._workspace.pinocchio_constraints.to_scene
+        return None if to_scene is None else np.asarray(np.linalg.pinv(to_scene.T))
+
+    def answer(self, a: Array, mu: float) -> Array:
+        """Accelerations a (nv,) with the kept rows, from those with all, damped by mu [1/kg]."""
+        J, c = self._jacobian(), np.concatenate(self._c)
+        N = self._of_natives.left_out(J, c).N
+        wanted = self._data.primal_rhs_contact[: self._m]
+        self._last, self.is_open = (J, c, N, mu), True
+        a, self._lam = self._kept(a, self._data.lambda_c, wanted)
+        return a
+
+    def refined(self, q: Array, v: Array, tau: Array, a: Array) -> Array:
+        """Accelerations a (nv,) of an open state after a correction by recomputed residuals."""
+        workspace, m = self._workspace, self._m
+        r, s = workspace.equations.residuals(q, v, tau, a, self.forces())
+        s = workspace.pinocchio_velocity(s)
+        steps = self._cholesky.solve(np.concatenate([s, r])).ravel()
+        da, dlam = self._kept(-steps[m:], steps[:m], -s)
+        self._lam = self._lam + dlam
+        return a + da
+
+    def _kept(self, a: Array, lam: Array, wanted: Array) -> tuple[Array, Array]:
+        """(a, lam) with P (J a - wanted) = 0 and N^T lam = 0, from what the damped factor gave."""
+        J, _, N, mu = self._last
+        m, N_T = self._m, N.T
+        along = N.dot(N_T.dot(lam))
+        G = self._cholesky.getInverseOperationalSpaceInertiaMatrix()
+        G.flat[:: m + 1] -= mu
+        missing = wanted - J.dot(a) + G.dot(along)
+        # P G P + alpha N N^T: the rows that are left out get the size of the others
+        W = 0.5 * N.dot(N_T.dot(G.dot(N))) - G.dot(N)
+        W += N * (0.5 * G.item(0))
+        kept = N.dot(W.T)
+        kept += kept.T
+        kept += G
+        _, x, info = lapack().dposv(kept, missing - N.dot(N_T.dot(missing)), 0, 1, 1)
+        if info:
+            raise Singular
+        x -= along
+        self._right[:m] = G.dot(x) + mu * x
+        return a + self._cholesky.solve(self._right).ravel()[m:], lam + x
+
+    def forces(self, lam: Array | None = None) -> Array:
+        """Forces (m,) of the scene's rows, without a part that moves nothing.
+
+        `lam` are those of Pinocchio's rows on closed loops, by default of its last answer.
+        """
+        if self.is_open:
+            J, c, _, _ = self._last
+            return self._smallest(J, c, self._lam)
+        lam = self._data.lambda_c.copy() if lam is None else lam
+        if self._from_natives is None and not any(
+            rate.dot(rate) > OPEN_SQUARED for rate in self._moving
+        ):
+            return lam
+        return self._smallest(self._jacobian(), np.zeros(len(lam)), lam)
+
+    def _smallest(self, J: Array, c: Array, lam: Array) -> Array:
+        """Forces (m,) of the scene's rows, the smallest, from those of Pinocchio's."""
+        back, left = self._from_natives, self._nominal.redundancy.left_out
+        if back is None:
+            return left(J, c).kept(lam)
+        return left(back.dot(J), back.dot(c)).kept(self._workspace.scene_forces(lam))

@@ -55,7 +55,7 @@ class Memory(OneThread):
         for made_on_demand in ("_made", "equations", "linearisation", "loads", "compiled"):
             self.__dict__.pop(made_on_demand, None)
         if equations is not None:
-            self.equations = equations
+            self.equations = self._told(equations)
 
     @property
     def data(self) -> Any:
@@ -102,7 +102,13 @@ class Memory(OneThread):
     @cached_property
     def equations(self) -> Equations:
         """The equations of the scene, in memory of their own that no solver writes to."""
-        return Equations(self.model, self.bounds, self.drift)
+        return self._told(Equations(self.model, self.bounds, self.drift))
+
+    def _told(self, equations: Equations) -> Equations:
+        """Equations that know the redundancy of the scene's rows, if any look independent."""
+        nominal = self.scene.nominal
+        equations.redundancy = (lambda: nominal.redundancy) if nominal.looks_independent else None
+        return equations
 
     @cached_property
     def linearisation(self) -> Linearisation:

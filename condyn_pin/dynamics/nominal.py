@@ -11,6 +11,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
@@ -28,6 +29,7 @@ from condyn_pin.constraints.rows.pinocchio_constraints import (
     PinocchioConstraints,
     pinocchio_constraints,
 )
+from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.residuals import ErrorEstimator
@@ -88,6 +90,8 @@ class NominalAnalysis:
         Independent rows; degrees of freedom that are left, nv minus the rank.
     dependent : bool
         Whether there are redundant rows.
+    idle : (m,) array of bool
+        Rows that are zero at every configuration, as the one across the plane of a planar loop.
     rounded : bool
         Whether rows that are zero are so but for rounding, as in a slanted plane's loop.
     gravity, weight : float
@@ -110,9 +114,10 @@ class NominalAnalysis:
         self.rank = self.factors.rank
         self.mobility, self.dependent = robot.nv - self.rank, self.rank < scene.rows
         # independent rows do not all but vanish a thousandth of a radian away
-        self._lively, self.rounded = scene.rows, False
+        self.idle, self.rounded = np.zeros(scene.rows, dtype=bool), False
         if self.dependent:
-            self._lively, self.rounded = _lively_rows(equations, self.q, self.cancellation)
+            self.idle, self.rounded = _idle_rows(equations, self.q, self.cancellation)
+        self._lively = scene.rows - int(np.count_nonzero(self.idle))
         self.gravity = float(np.linalg.norm(robot.model.gravity.linear))
         self.weight = robot.mass * (self.gravity or 1.0)
         read_only((self.q, self.terms, self.factors, self.factors.weights, self.cancellation))
@@ -134,6 +139,19 @@ class NominalAnalysis:
         Those that Pinocchio takes as two points do not: a row too many.
         """
         return self.rank == self._lively and not pinocchio_constraints_of(self._scene).approximated
+
+    @property
+    def looks_independent(self) -> bool:
+        """Rows that are redundant where the loops are closed look independent beside that."""
+        return self.rank < self._lively
+
+    @cached_property
+    @one_blas_thread
+    def redundancy(self) -> Redundancy:
+        """Redundancy of the rows, for states that leave the loops open."""
+        rows = Equations(self._scene.robot.unedited, self._scene.bounds)
+        rank = None if self.looks_independent else self.rank
+        return Redundancy.of(rows, self.q, self.cancellation, rank, self.closed)
 
     @property
     def condition(self) -> float:
@@ -235,15 +253,15 @@ def _mass_factor(robot: Robot, q: Array, M: Array) -> MassFactor:
     return found
 
 
-def _lively_rows(equations: Equations, q: Array, P: Array) -> tuple[int, bool]:
-    """Return how many rows are more than rounding where the loops are a little open.
+def _idle_rows(equations: Equations, q: Array, P: Array) -> tuple[NDArray[np.bool_], bool]:
+    """Rows (m,) that are no more than rounding where the loops are a little open.
 
-    Of a planar loop two; of a loop in space all three, even where one of them is redundant. And
-    whether any of the others is not exactly zero.
+    Of a planar loop one; of a loop in space none, even where one of them is redundant. And whether
+    any of them is not exactly zero.
     """
     apart = _APART * np.random.default_rng(0).normal(size=equations.model.nv)
     q = pin.integrate(equations.model, q, apart)
     J = equations.parts(q, np.zeros(equations.model.nv))[2]
     sizes = np.linalg.norm(more_than(least_of(P), J), axis=1)
-    lively = sizes > ROUNDED * np.linalg.norm(P, axis=1)
-    return int(np.count_nonzero(lively)), bool(sizes[~lively].any())
+    idle = sizes <= ROUNDED * np.linalg.norm(P, axis=1)
+    return idle, bool(sizes[idle].any())

@@ -5,18 +5,26 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
+from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import State
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.constraints.rows.redundancy import LeftOut
 from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.dynamics.residuals import Residuals
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
+
+
+# Rows that miss less, as a share of the largest, are not named.
+_NAMED: Final = 0.1
 
 
 class Status(Enum):
@@ -61,8 +69,13 @@ class Status(Enum):
         )
 
 
-class StateError(NamedTuple):
-    """How far a state is from satisfying the constraints.
+class _Gaps(NamedTuple):
+    position: float  # |c(q)|_inf [m, rad]
+    velocity: float  # |J v|_inf [m/s, rad/s]
+
+
+class StateError(_Gaps):
+    """Distance of a state from its constraints.
 
     Attributes
     ----------
@@ -70,17 +83,40 @@ class StateError(NamedTuple):
         |c(q)|_inf [m, rad].
     velocity : float
         |J v|_inf [m/s, rad/s].
+    q, v : (nv,) array
+        J^+ c and J^+ J v, in the metric of M, with the rows that are kept: the machine moved back
+        by them satisfies its constraints to second order [rad, m; rad/s, m/s].
     """
 
-    position: float  # |c(q)|_inf [m, rad]
-    velocity: float  # |J v|_inf [m/s, rad/s]
+    _solution: Solution
+
+    @cached_property
+    def _moves(self) -> tuple[Array, Array]:
+        from condyn_pin.dynamics.at_state import moves_back
+
+        solution = self._solution
+        return moves_back(solution.scene, solution.q, solution.v)
+
+    @property
+    def q(self) -> Array:
+        """J^+ c (nv,): how far the configuration is off [rad, m]."""
+        return self._moves[0]
+
+    @property
+    def v(self) -> Array:
+        """J^+ J v (nv,): how far the velocity is off [rad/s, m/s]."""
+        return self._moves[1]
 
 
 @dataclass(frozen=True, eq=False, repr=False, init=False)
 class Solution:
     """Accelerations and constraint forces at one state, with three errors recomputed.
 
-    M a + h = tau + J^T lam + sum J_f^T f,  J a + gamma = a_ref
+    M a + h = tau + J^T lam + sum J_f^T f,    P (J a + gamma - a_ref) = 0,    lam = P lam
+
+    P = 1 - N N^T leaves out combinations of rows that are redundant where the loops are closed; on
+    closed loops J a + gamma = a_ref. An answer that is ok satisfies these at the state given, and
+    is that of the machine moved back by `state_error`, to first order. lam is the smallest one.
 
     Attributes
     ----------
@@ -92,16 +128,16 @@ class Solution:
         The residuals, recomputed by Newton-Euler and forward kinematics, whatever the solver was;
         the properties below name them.
     status : Status
-        OK if `error_bound` is within the accuracy that was asked for (1e-8 by default), and J^T lam
-        within ten times that, relative to the largest torque on a joint.
+        OK if `error_bound` is within the accuracy that was asked for (1e-8 by default), J^T lam
+        within ten times that, relative to the largest torque on a joint, and `doubt` below 0.1.
     iterations : int
         Iterations of the solver; 1 for a direct method.
     solve_time : float
         Time of the solve without the proof [s].
     scene : Scene
         What was solved.
-    q : (nq,) array
-        The configuration [rad, m].
+    q, v, tau : (nq,), (nv,), (nv,) array
+        The state, and the torques [rad, m; rad/s, m/s; N m, N].
     applied : tuple of AppliedForce
         The forces from outside that were applied.
     """
@@ -114,7 +150,10 @@ class Solution:
     solve_time: float  # [s]
     scene: Scene
     q: Array
+    v: Array
+    tau: Array
     applied: tuple[AppliedForce, ...] = ()
+    _missed: Array | None = None
 
     proof = renamed("residuals")
 
@@ -127,14 +166,16 @@ class Solution:
         iterations: int,
         solve_time: float,
         scene: Scene,
-        q: Array,
+        state: State,
         applied: tuple[AppliedForce, ...] = (),
+        missed: Array | None = None,
     ) -> None:
         # the guarded assignments of a frozen dataclass take twice as long
         its = self.__dict__
         its["a"], its["lam"], its["residuals"], its["status"] = a, lam, residuals, status
         its["iterations"], its["solve_time"] = iterations, solve_time
-        its["scene"], its["q"], its["applied"] = scene, q, applied
+        its["scene"], its["applied"], its["_missed"] = scene, applied, missed
+        its["q"], its["v"], its["tau"] = state
 
     @property
     def dynamics_error(self) -> float:
@@ -148,8 +189,74 @@ class Solution:
 
     @property
     def state_error(self) -> StateError:
-        """|c(q)|_inf and |J v|_inf: what the given state itself leaves open."""
-        return StateError(self.residuals.violation, self.residuals.velocity)
+        """Distance of the state from its constraints: |c(q)|_inf, |J v|_inf, and the moves."""
+        found = StateError(self.residuals.violation, self.residuals.velocity)
+        found._solution = self
+        return found
+
+    @property
+    def doubt(self) -> float:
+        """Length of the move that closes the loops, over the distance to a singular posture [1].
+
+        Both in radians, and lengths in sizes of the loop; 0 on closed loops. From 0.1 on a is not
+        determined at the precision of the state.
+        """
+        return self._kept.doubt
+
+    @cached_property
+    def _kept(self) -> LeftOut:
+        """The combinations of rows that are left out, on closed loops those that are redundant."""
+        from condyn_pin.dynamics.at_state import left_out_at
+
+        return left_out_at(self.scene, self.q)
+
+    @property
+    def rank(self) -> int:
+        """Independent rows that are kept at this state."""
+        return self._kept.rank
+
+    @cached_property
+    def left_out(self) -> tuple[str, ...]:
+        """Rows that can go without changing the answer, as ``constraint.axis``."""
+        return redundant_rows(self._kept.N, self.scene.row_names)
+
+    @property
+    def rest(self) -> dict[str, float]:
+        """N N^T (J a + gamma - a_ref) by row [m/s^2, rad/s^2]: what no acceleration satisfies.
+
+        Rows that contradict each other, because loops are open or J v is not 0; those with less
+        than a tenth of the largest are not among them.
+        """
+        if self._missed is None:
+            return {}
+        missed = self._missed
+        largest = float(np.abs(missed).max(initial=0.0))
+        names = self.scene.row_names
+        return {
+            name: float(part)
+            for name, part in zip(names, missed, strict=True)
+            if abs(part) > max(_NAMED * largest, tolerances.OPEN)
+        }
+
+    def closed(self) -> Solution:
+        """Return the answer of the machine moved back onto its constraints.
+
+        At q (-) `state_error.q` and v - `state_error.v`, which is off by the square of these.
+        Half of the distance between both answers and all of it bound what the error of the state
+        does to a, away from singular postures.
+
+        Raises
+        ------
+        InvalidArgument
+            If the state is not finite.
+        """
+        from condyn_pin._core._pin import pin
+        from condyn_pin.dynamics.verbs import solve
+
+        error = self.state_error
+        q = np.array(pin.integrate(self.scene.robot.model, self.q, -error.q))
+        forces = self.applied
+        return solve(self.scene, q, self.v - error.v, self.tau, forces=forces, throw=False)
 
     @property
     def error_bound(self) -> float:

@@ -14,6 +14,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.constraints.loads import Load
+from condyn_pin.constraints.rows.redundancy import LeftOut
 from condyn_pin.constraints.rows.terms import largest_torque
 from condyn_pin.constraints.violation import ConstraintViolation, worst
 from condyn_pin.dynamics.at_state import gaps
@@ -41,6 +42,7 @@ class Verifier:
         self._scene = workspace.scene
         nominal = workspace.scene.nominal
         self._estimator, self._pivots = nominal.estimator, nominal.pivots
+        self._dependent = nominal.dependent
         self._turns_by_numbers = bool(workspace.scene.robot.arguments.units)
 
     def verify(
@@ -51,8 +53,11 @@ class Verifier:
         equations, estimator = self._workspace.equations, self._estimator
         lam = self._method.lam()
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
+        off = largest[2] > tolerances.OPEN or (self._dependent and largest[3] > tolerances.OPEN)
+        left = self._left_out(q, largest[2]) if off else None
         residuals, doubtful = estimator.prove(dynamics, largest, _torques(tau, load))
-        singular = False
+        doubtful = doubtful or off
+        singular, rest = False, None
         # rotations by a loose quaternion are none: the residuals agree with an answer that is off
         if self._turns_by_numbers and not pin.isNormalized(self._workspace.model, q, LOOSE):
             doubtful = True
@@ -60,11 +65,14 @@ class Verifier:
             doubtful = not self._pivots.holds(residuals.bound, equations.mass(q))
         if doubtful and isfinite(residuals.bound):
             try:
-                residuals = self._careful_proof(state, a, lam, load)
+                residuals, rest = self._careful_proof(state, a, lam, load, left)
             except InvalidModel:  # M is not positive definite to working precision
                 singular, residuals = True, residuals._replace(bound=inf)
-        if residuals.bound <= accuracy and self._forces_hold(
-            state, residuals, largest[1], accuracy, load
+        determined = left is None or left.doubt < tolerances.DOUBT
+        if (
+            determined
+            and residuals.bound <= accuracy
+            and self._forces_hold(state, residuals, largest[1], accuracy, load)
         ):
             status = _OK
         elif singular:
@@ -73,9 +81,16 @@ class Verifier:
             status = Status.INACCURATE if isfinite(residuals.bound) else Status.NOT_FINITE
         iterations = self._method.iterations()
         applied = load.forces if load else ()
+        state = q.copy(), v.copy(), tau.copy()
         return Solution(
-            a, lam, residuals, status, iterations, solve_time, self._scene, q.copy(), applied
+            a, lam, residuals, status, iterations, solve_time, self._scene, state, applied, rest
         )
+
+    def _left_out(self, q: Array, gap: float) -> LeftOut:
+        """Combinations of rows that are left out at q, whose loops are open by a gap."""
+        c, J = self._workspace.equations.position_level(q)
+        closed = gap <= tolerances.OPEN
+        return self._scene.nominal.redundancy.left_out(J, np.zeros(len(c)) if closed else c)
 
     def _forces_hold(
         self, state: State, residuals: Residuals, max_a: float, accuracy: float, load: Load | None
@@ -95,8 +110,9 @@ class Verifier:
         allowed = tolerances.FORCES * max(accuracy / tolerances.SOLVED, 1.0)
         return residuals.dynamics <= (allowed - residuals.bound) * largest
 
-    def failed(self, q: Array, v: Array, solve_time: float, load: Load | None) -> Solution:
+    def failed(self, state: State, solve_time: float, load: Load | None) -> Solution:
         """Return the solution of a method that met a singular matrix."""
+        q, v, tau = state
         nothing = np.zeros(self._workspace.model.nv)
         lam = np.zeros(self._scene.rows)
         with np.errstate(all="ignore"):  # what overflows was said already
@@ -111,31 +127,40 @@ class Verifier:
             self._method.iterations(),
             solve_time,
             self._scene,
-            q.copy(),
+            (q.copy(), v.copy(), tau.copy()),
             load.forces if load else (),
         )
 
     @one_blas_thread
-    def _careful_proof(self, state: State, a: Array, lam: Array, load: Load | None) -> Residuals:
-        """Return the proof by the factors of the state itself, and by the rounding of J^T lam.
+    def _careful_proof(
+        self, state: State, a: Array, lam: Array, load: Load | None, left: LeftOut | None
+    ) -> tuple[Residuals, Array | None]:
+        """Proof by the factors of the state itself, and by the rounding of J^T lam.
 
-        Quaternions are normalised, so that what is left of them in an answer is seen.
+        Quaternions are normalised, so that what is left of them in an answer is seen. Of rows that
+        are left out the second array has what they miss.
         """
         equations, nominal = self._workspace.equations, self._estimator
         q, v, tau = state
         q = normalised(equations.model, "q", q)
-        terms = equations.terms(q, np.zeros(self._workspace.model.nv))
-        P = equations.cancellation(q)
-        factors = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK).above_rounding(P)
+        terms, P = equations.terms(q, np.zeros(self._workspace.model.nv)), equations.cancellation(q)
+        J = terms.J if left is None else left.kept(terms.J)
+        factors = factorise(terms.M, J, tolerances.REFERENCE_RANK).above_rounding(P)
         estimator = ErrorEstimator(factors, P, nominal.gravity, nominal.weight)
         r, s = equations.residuals(q, v, tau, a, lam, load)
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
+        rest = None
+        if left is not None:
+            rest = left.rest(s)
+            s = s - rest
+            largest[4] = float(np.abs(s).max(initial=0.0))
         # a row that does not count carries no force: where one was found along it, it is missing
         missing = estimator.missing(r + terms.J.T @ factors.left_out(lam), s, v, a)
         residuals, _ = estimator.prove(dynamics, largest, _torques(tau, load), missing)
         scale = max(largest[1], nominal.gravity)
         rounded = estimator.rounding_of(np.abs(lam) @ P)
-        return residuals._replace(bound=hypot(residuals.bound, rounded / scale if scale else 0.0))
+        bound = hypot(residuals.bound, rounded / scale if scale else 0.0)
+        return residuals._replace(bound=bound), rest
 
 
 def _torques(tau: Array, load: Load | None) -> Array:

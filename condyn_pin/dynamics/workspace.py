@@ -21,6 +21,7 @@ from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.choice import check_kinds, default_solver
+from condyn_pin.dynamics.corrections import consistent_where_open, without_idle_rows
 from condyn_pin.dynamics.memory import Memory
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene, check_time
@@ -148,7 +149,13 @@ class Workspace(Memory):
         check_kinds(scene, self.solver)
         self.hold(scene, equations)
         self.bound = self.solver.start(self)  # also what a simulation calls in a step
-        self._verifier = Verifier(self, self.bound)
+        differs = scene.nominal.looks_independent or self.pinocchio_constraints.approximated
+        if differs and not self.solver.takes_open:
+            self.bound = consistent_where_open(self, self.bound)
+        elif scene.nominal.idle.any():
+            self.bound = without_idle_rows(self.bound, scene.nominal.idle)
+        self._exact = self.bound.exact or self.bound
+        self._verifier = Verifier(self, self._exact)
         self.core = self._compiled_or_none() if self.native else None
 
     def _compiled_or_none(self) -> CompiledCore | None:
@@ -311,9 +318,9 @@ class Workspace(Memory):
         start = perf_counter()
         load = self.loads.at(q, forces) if forces else None
         try:
-            a = self.bound.acceleration(q, v, tau + load.torque if load else tau)
+            a = self._exact.acceleration(q, v, tau + load.torque if load else tau)
         except Singular:
-            solution = self._verifier.failed(q, v, perf_counter() - start, load)
+            solution = self._verifier.failed(state, perf_counter() - start, load)
         else:
             took, verify = perf_counter() - start, self._verifier.verify
             for i in self.roots:

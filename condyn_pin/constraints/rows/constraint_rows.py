@@ -8,12 +8,13 @@ gamma - s'', so that all of them are to be zero, as those of rows at rest are.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.along import along_at
@@ -21,6 +22,7 @@ from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.cancellation import Cancellation, least_of, more_than
 from condyn_pin.constraints.rows.groups import Groups
 from condyn_pin.constraints.rows.point_ends import PointEnds
+from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
 
 # bound once: they are called for every answer, whose proof is to cost little more than they do
 _forward_kinematics, _joint_jacobians = pin.forwardKinematics, pin.computeJointJacobians
@@ -43,8 +45,11 @@ class ConstraintRows:
     answer : bytes
         What tells which answer was evaluated last (`answer_key`), while its groups and wrenches
         stand.
+    redundancy : callable, optional
+        Finds the redundancy of the rows, or None where all rows count that are not zero.
     """
 
+    redundancy: Callable[[], Redundancy | None] | None = None
     _c: Array
     _velocity: Array
     _acceleration: Array
@@ -144,6 +149,27 @@ class ConstraintRows:
         least = self.least  # before data holds the state
         self.motion(q, self._still, self._still)
         return self._c.copy(), more_than(least, self._raw_jacobian())
+
+    def left_out(self, J: Array, c: Array) -> LeftOut | None:
+        """Combinations of rows that are left out where rows are J, open by c; None if closed."""
+        if self.redundancy is None or not np.abs(c).max(initial=0.0) > tolerances.OPEN:
+            return None
+        found = self.redundancy()
+        return found.left_out(J, c) if found else None
+
+    def left_out_at(self, q: Array) -> LeftOut | None:
+        """Combinations of rows that are left out at q."""
+        return None if self.redundancy is None else self.left_out(*self.position_level(q)[::-1])
+
+    def consistent_jacobian(self, q: Array) -> Array:
+        """J (m, nv) without the combinations that are left out at q."""
+        return self.consistent_position_level(q)[1]
+
+    def consistent_position_level(self, q: Array) -> tuple[Array, Array]:
+        """C(q) (m,) and J (m, nv) without the combinations that are left out at q."""
+        c, J = self.position_level(q)
+        left = self.left_out(J, c)
+        return (c, J) if left is None else (left.kept(c), left.kept(J))
 
     def gaps(self, q: Array, v: Array) -> tuple[Array, Array]:
         """Return c(q) and J v (m,)."""

@@ -86,6 +86,14 @@ class Equations(ConstraintRows):
         M, h, J, gamma = self.parts(q, v)
         return Terms(M, h, more_than(least, J), gamma, self.a_ref())
 
+    def consistent_terms(self, q: Array, v: Array) -> Terms:
+        """M, h, J, gamma and a_ref without the combinations of rows that are left out at q."""
+        terms = self.terms(q, v)
+        if self.redundancy is None:
+            return terms
+        left = self.left_out(terms.J, self.violation(q))
+        return terms if left is None else terms.kept(left)
+
     def parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M, h, J and gamma, the rank of J unchecked; owned by the caller."""
         if not self.m:  # in the axes of the world: it leaves the Jacobians of all joints behind

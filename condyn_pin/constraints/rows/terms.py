@@ -11,6 +11,7 @@ from condyn_pin._core.arrays import Array, check_overflow
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.equations import Equations
+    from condyn_pin.constraints.rows.redundancy import LeftOut
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,6 +43,11 @@ class Terms:
     def __init__(self, M: Array, h: Array, J: Array, gamma: Array, a_ref: Array) -> None:
         # at once: the guarded assignments of a frozen dataclass take twice as long
         self.__dict__.update(M=M, h=h, J=J, gamma=gamma, a_ref=a_ref)
+
+    def kept(self, left: LeftOut) -> Terms:
+        """The terms without some combinations of rows."""
+        J, gamma, a_ref = (left.kept(part) for part in (self.J, self.gamma, self.a_ref))
+        return Terms(self.M, self.h, J, gamma, a_ref)
 
 
 def largest_torque(terms: Terms, tau: Array, size: float) -> float:

@@ -105,7 +105,7 @@ class CompiledCore:
             said = self._solve(q, v, tau, accuracy, out)
         except (TypeError, ValueError):
             said = self._solve(*self._converted(q, v, tau), accuracy, out)
-        return said and self._solution(out, *said)
+        return said and self._solution(out, tau, *said)
 
     def derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, accuracy: float
@@ -116,20 +116,22 @@ class CompiledCore:
             clear = self._differentiate(q, v, tau, accuracy, out, blocks)
         except (TypeError, ValueError):
             clear = self._differentiate(*self._converted(q, v, tau), accuracy, out, blocks)
-        return CompiledDerivatives(self, out, blocks) if clear else None
+        return CompiledDerivatives(self, out, blocks, _owned(tau)) if clear else None
 
-    def solution(self, out: Array) -> Solution:
+    def solution(self, out: Array, tau: Array) -> Solution:
         """Return what the core has written of one state beside its derivatives."""
         *residuals, iterations, seconds = out[self._ends[-1] :].tolist()
-        return self._solution(out, residuals, int(iterations), seconds)
+        return self._solution(out, tau, residuals, int(iterations), seconds)
 
     def _solution(
-        self, out: Array, residuals: Iterable[float], iterations: int, seconds: float
-    ) -> Solution:
-        a, lam, q, _ = self._ends
+        self, out: Array, tau: ArrayLike, residuals: Iterable[float], iterations: int,
+        seconds: float,
+    ) -> Solution:  # fmt: skip
+        a, lam, q, v = self._ends
+        state = out[lam:q], out[q:v], _owned(tau)
         return Solution(
             out[:a], out[a:lam], Residuals._make(residuals), _OK, iterations, seconds, self._scene,
-            out[lam:q],
+            state,
         )  # fmt: skip
 
     def velocity(self, out: Array) -> Array:
@@ -161,3 +163,8 @@ class CompiledCore:
         )  # fmt: skip
         outputs["statuses"][:] = 0
         return np.flatnonzero(clear == 0)
+
+
+def _owned(tau: ArrayLike) -> Array:
+    """Torques (nv,) that the caller cannot write to."""
+    return np.array(tau, dtype=float)

@@ -22,8 +22,8 @@ class CompiledDerivatives(KktDerivatives):
     Each matrix is one view of what the core wrote, where those of the base class are two.
     """
 
-    def __init__(self, core: CompiledCore, answer: Array, matrices: Array) -> None:
-        self._core, self._answer, self._matrices = core, answer, matrices
+    def __init__(self, core: CompiledCore, answer: Array, matrices: Array, tau: Array) -> None:
+        self._core, self._answer, self._matrices, self._tau = core, answer, matrices, tau
         self._workspace, (self._equations, self._linearisation) = core.workspace, core.equations
         _, size, self._n = matrices.shape
         self._m, self._v = size - self._n, core.velocity(answer)
@@ -31,7 +31,7 @@ class CompiledDerivatives(KktDerivatives):
     @cached_property
     def solution(self) -> Solution:  # type: ignore[override]
         """The answer."""
-        return self._core.solution(self._answer)
+        return self._core.solution(self._answer, self._tau)
 
     @property
     def da_dq(self) -> Array:

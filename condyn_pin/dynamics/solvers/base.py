@@ -16,8 +16,10 @@
 5. `lam()` returns an owned array: the forces of the last call, with M a + h = tau + J^T lam for the
    J of the scene. Pinocchio's own lam is that of `workspace.pinocchio_constraints`;
    `workspace.scene_forces` turns it into the scene's.
-6. A solver sees rows, not kinds: `workspace.equations` has M, h, J and gamma of whatever the scene
-   contains. `workspace.constraint_models` has Pinocchio's objects, of 3 and 6 rows only: a solver
+6. A solver sees rows, not kinds: `workspace.equations.consistent_terms` has M, h, J and gamma of
+   whatever the scene contains, without combinations of rows that are redundant where loops are
+   closed. A solver that does without them sets `takes_open = False`, and is not called there.
+   `workspace.constraint_models` has Pinocchio's objects, of 3 and 6 rows only: a solver
    that uses them sets `takes_every_kind = False` and is never started on kinds without such an
    equivalent. Kinds that are imitated, such as a hinge by two points, bring a row too many: with
    `takes_approximated = False` it is not started on those either, and with `takes_world_first =
@@ -73,12 +75,15 @@ class BoundSolver:
         Returns how many iterations the last acceleration took.
     yields : (m,) array, optional
         Of rows that give way: what a unit of force moves [1/kg, 1/(kg m^2)].
+    exact : BoundSolver, optional
+        The method of `solve`, if hot loops have rows that differ from the scene's where it is open.
     """
 
     acceleration: Callable[[Array, Array, Array], Array]
     lam: Callable[[], Array]
     iterations: Callable[[], int]
     yields: Array | None = None
+    exact: BoundSolver | None = None
 
 
 def free_force(tau: Array, h: Array, out: Array | None = None) -> Array:
@@ -112,6 +117,7 @@ class Solver(ABC):
     takes_approximated: ClassVar[bool] = True  # or only kinds that Pinocchio has
     takes_world_first: ClassVar[bool] = True  # or only a moving body as the first of the two
     takes_loops: ClassVar[bool] = True  # or only what holds a body at the world
+    takes_open: ClassVar[bool] = True  # or only closed loops, where redundant rows are so
     exact: ClassVar[bool] = True  # whether it solves the two equations, or others near them
 
     sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look

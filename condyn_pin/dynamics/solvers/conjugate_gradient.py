@@ -62,6 +62,7 @@ class ConjugateGradient(MatrixFreeSolver):
     title: ClassVar[str] = "Conjugate gradient"
     cost: ClassVar[str] = "O(n + m^2) an iteration, about as many iterations as independent rows"
     use: ClassVar[str] = "any rows on models so large that no matrix is to be factorised"
+    takes_open: ClassVar[bool] = False
 
     def start(self, workspace: Workspace) -> BoundSolver:
         """Return the iteration bound to the memory of `workspace`."""

@@ -69,7 +69,7 @@ class DelassusCholesky(Solver):
         @one_blas_thread
         @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
-            terms = workspace.equations.terms(q, v)
+            terms = workspace.equations.consistent_terms(q, v)
             factors = range_space(terms.M, terms.J, mu)
             if factors is None:
                 raise Singular

@@ -110,6 +110,11 @@ class DenseKKT(Solver):
             M[:], h, J[:], gamma[:] = equations.parts(q, v)
             if drift:
                 gamma[:] -= equations.a_ref()
+            left = None
+            if equations.redundancy is not None:
+                left = equations.left_out(J, equations.violation(q))
+            if left is not None:
+                J[:], gamma[:] = left.kept(J), left.kept(gamma)
             free_force(tau, h, force)
             np.multiply(K, scale, factored)
             np.multiply(sides, scales, answers)
@@ -117,8 +122,9 @@ class DenseKKT(Solver):
             if info > 0 or not probed.dot(probed) < LARGEST:
                 raise Singular
             for _ in corrections:
-                left = equations.residuals(q, v, tau, d_n * y_n, d_m * y_m)
-                y[:] -= dsytrs(factor, pivots, np.concatenate(left) * d, lower=1)[0].ravel()
+                r, s = equations.residuals(q, v, tau, d_n * y_n, d_m * y_m)
+                missing = np.concatenate((r, s if left is None else left.kept(s)))
+                y[:] -= dsytrs(factor, pivots, missing * d, lower=1)[0].ravel()
             return d_n * y_n
 
         return BoundSolver(acceleration, lambda: d_m * y_m, lambda: 1 + len(corrections))

@@ -73,7 +73,7 @@ class GaussPrinciple(Solver):
         @one_blas_thread
         @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
-            terms = workspace.equations.terms(q, v)
+            terms = workspace.equations.consistent_terms(q, v)
             try:
                 factors = factorise(terms.M, terms.J, rank_tolerance, least)
             except InvalidModel as error:

@@ -65,6 +65,7 @@ class MinimumResidual(MatrixFreeSolver):
     title: ClassVar[str] = "MINRES"
     cost: ClassVar[str] = "O(n + m^2) an iteration, two to four iterations an independent row"
     use: ClassVar[str] = "to compare with; any rows, the whole matrix applied and never formed"
+    takes_open: ClassVar[bool] = False
 
     max_iterations: int = 1000
 

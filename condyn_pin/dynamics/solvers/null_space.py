@@ -77,7 +77,7 @@ class NullSpace(Solver):
         @one_blas_thread
         @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
-            terms = workspace.equations.terms(q, v)
+            terms = workspace.equations.consistent_terms(q, v)
             split = _Split(terms, rank_tolerance, least)
             x = free_force(tau, terms.h)
             a = split.acceleration(x, terms.a_ref - terms.gamma)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
@@ -21,7 +21,12 @@ from condyn_pin._core.parameters import (
     check_proximal,
     check_refinements,
 )
-from condyn_pin.dynamics.corrections import Refinement, exact_where_open
+from condyn_pin.dynamics.corrections import (
+    OPEN_SQUARED,
+    OpenRows,
+    Refinement,
+    exact_where_open,
+)
 from condyn_pin.dynamics.proximal_mu import FEW, MuAtState, default_accuracy, default_mu
 from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
 
@@ -167,32 +172,32 @@ class Proximal(Solver):
         settings = _pin.proximal_settings(self.absolute_accuracy, accuracy, mu, limit)
         workspace.proximal_settings = settings
         at_state = cache(lambda: self.mu_at_state(workspace))
-        native = _pinocchios(workspace, accuracy, at_state if patient else None)
-        run, lam, iterations = native.acceleration, native.lam, native.iterations
-        method = native
+        approximated = bool(workspace.pinocchio_constraints.approximated)
+        rows = OpenRows(workspace) if approximated or nominal.looks_independent else None
+        method = _pinocchios(workspace, accuracy, at_state if patient else None, rows)
         if refinements:
-            refinement = Refinement(workspace, refinements)
-            method = BoundSolver(
-                lambda q, v, tau: refinement.correct(q, v, tau, run(q, v, tau), lam()),
-                lambda: workspace.scene_forces(refinement.lam),
-                lambda: iterations() + refinements,
-            )
-        elif workspace.pinocchio_constraints.to_scene is not None:
-            method = BoundSolver(run, lambda: workspace.scene_forces(lam()), iterations)
-        approximated = workspace.pinocchio_constraints.approximated
-        return exact_where_open(workspace, method) if approximated else method
+            method = _refined(workspace, method, refinements, rows)
+        if approximated:
+            return replace(method, exact=exact_where_open(workspace, method))
+        return replace(method, exact=_refined_where_open(method, rows)) if rows else method
 
 
 def _pinocchios(
-    workspace: Workspace, accuracy: float, at_state: Callable[[], MuAtState] | None
+    workspace: Workspace,
+    accuracy: float,
+    at_state: Callable[[], MuAtState] | None,
+    rows: OpenRows | None,
 ) -> BoundSolver:
-    """Return `pin.constraintDynamics` with the settings of the workspace, and its own lam.
+    """`pin.constraintDynamics` with the settings of the workspace.
 
-    Where the last step of lam is above `accuracy` [N], what `at_state` returns finds better ones.
+    Where the last step of lam is above `accuracy` [N], what `at_state` returns finds better ones;
+    `rows` have the answer where loops are open.
     """
     settings, solve = workspace.proximal_settings, pin.constraintDynamics
     model, data = workspace.model, workspace.data
     models, datas = workspace.constraint_models, workspace.constraint_datas
+    gaps = rows.gaps if rows else []
+    scene_forces = workspace.scene_forces
 
     def acceleration(q: Array, v: Array, tau: Array) -> Array:
         return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
@@ -200,6 +205,11 @@ def _pinocchios(
     def persistent(q: Array, v: Array, tau: Array) -> Array:
         a = solve(model, data, q, v, tau, models, datas, settings)
         workspace.proximal_settings = settings
+        for square, gap in gaps:
+            if square(gap) > OPEN_SQUARED:
+                return rows.answer(a, settings.mu)  # type: ignore[union-attr]
+        if rows:
+            rows.is_open = False
         step = settings.relative_residual
         better = None if step <= accuracy or at_state is None else at_state().settings(step)
         if better is None:
@@ -208,13 +218,45 @@ def _pinocchios(
         return solve(model, data, q, v, tau, models, datas, better)  # type: ignore[no-any-return]
 
     def lam() -> Array:
-        return np.array(data.lambda_c)
+        if rows is None:
+            return scene_forces(np.array(data.lambda_c))
+        return rows.forces()
 
     def iterations() -> int:
         last = workspace.proximal_settings
         return int(settings.iter) + (0 if last is settings else int(last.iter))
 
-    return BoundSolver(persistent if at_state else acceleration, lam, iterations)
+    return BoundSolver(persistent if at_state or rows else acceleration, lam, iterations)
+
+
+def _refined(
+    workspace: Workspace, method: BoundSolver, times: int, rows: OpenRows | None
+) -> BoundSolver:
+    """The method with corrections of its answers on closed loops."""
+    refinement, run, data = Refinement(workspace, times), method.acceleration, workspace.data
+
+    def acceleration(q: Array, v: Array, tau: Array) -> Array:
+        a = run(q, v, tau)
+        if rows and rows.is_open:
+            return a
+        return refinement.correct(q, v, tau, a, np.array(data.lambda_c))
+
+    def lam() -> Array:
+        if rows is None:
+            return workspace.scene_forces(refinement.lam)
+        return rows.forces(refinement.lam)
+
+    return BoundSolver(acceleration, lam, lambda: method.iterations() + times)
+
+
+def _refined_where_open(method: BoundSolver, rows: OpenRows) -> BoundSolver:
+    """The method with a correction of its answers on open loops."""
+
+    def acceleration(q: Array, v: Array, tau: Array) -> Array:
+        a = method.acceleration(q, v, tau)
+        return rows.refined(q, v, tau, a) if rows.is_open else a
+
+    return replace(method, acceleration=acceleration)
 
 
 def _refinements(nominal: NominalAnalysis) -> int:

@@ -69,6 +69,7 @@ class PV(Solver):
     takes_redundant: ClassVar[bool] = True
     takes_every_kind: ClassVar[bool] = False
     takes_world_first: ClassVar[bool] = False
+    takes_open: ClassVar[bool] = False
     takes_loops: ClassVar[bool] = False
     sweeps: ClassVar[tuple[Grid, ...]] = (
         {"mu": WEIGHTS, "max_iterations": (1, 20)},

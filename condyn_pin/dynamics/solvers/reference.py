@@ -83,7 +83,8 @@ class Reference(Solver):
         @quietly  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
-            a, latest[:] = self.solve(equations.terms(q, v), tau, equations.cancellation(q))
+            terms = equations.consistent_terms(q, v)
+            a, latest[:] = self.solve(terms, tau, equations.cancellation(q))
             return a
 
         return BoundSolver(acceleration, latest.copy, lambda: 1 + self.refinements)

@@ -64,6 +64,7 @@ class SparseKKT(Solver):
     takes_redundant: ClassVar[bool] = False
     takes_every_kind: ClassVar[bool] = False
     takes_approximated: ClassVar[bool] = False
+    takes_open: ClassVar[bool] = False
     sweeps: ClassVar[tuple[Grid, ...]] = ({"mu": WEIGHTS},)
 
     mu: float = 0.0  # [1/kg]

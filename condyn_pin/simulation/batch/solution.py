@@ -25,7 +25,7 @@ from condyn_pin.errors import WorkersLost
 STATUSES: Final = tuple(Status)
 
 # The arrays with one row per state.
-_ROWS: Final = ("q", "a", "lam", "residuals", "statuses", "iterations", "solve_times")
+_ROWS: Final = ("q", "v", "tau", "a", "lam", "residuals", "statuses", "iterations", "solve_times")
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -37,8 +37,8 @@ class BatchSolution(Outcome, Batch[Solution]):
     Attributes
     ----------
     scene : Scene
-    q : (N, nq) array
-        Configurations, one row per state.
+    q, v, tau : (N, nq), (N, nv), (N, nv) array
+        Configurations, velocities and torques, one row per state.
     a : (N, nv) array
         Joint accelerations [rad/s^2, m/s^2].
     lam : (N, m) array
@@ -66,6 +66,8 @@ class BatchSolution(Outcome, Batch[Solution]):
 
     scene: Scene
     q: Array
+    v: Array
+    tau: Array
     a: Array
     lam: Array
     residuals: Array
@@ -151,7 +153,7 @@ class BatchSolution(Outcome, Batch[Solution]):
             int(self.iterations[i]),
             float(self.solve_times[i]),
             self.scene,
-            self.q[i],
+            (self.q[i], self.v[i], self.tau[i]),
             self._applied(i),
         )
 

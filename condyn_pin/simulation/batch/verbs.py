@@ -7,9 +7,10 @@ from concurrent.futures import Executor
 from functools import partial
 from time import perf_counter
 
+import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.arrays import read_only
 from condyn_pin._core.parallel.chunks import Progress, silent
 from condyn_pin._core.parallel.memory import Arrays, Kind
 from condyn_pin._core.parallel.native import Native
@@ -114,7 +115,7 @@ def solve_batch(
         untaken=lambda: untaken(recipe.workspace()), chunk=chunk, most=2000,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 1000, progress)
-    batch = partial(_batch, scene, inputs["q"], applied, start)
+    batch = partial(_batch, scene, inputs, applied, start)
     return rows.fill(count, inputs | more, _of_solution(scene), batch)
 
 
@@ -176,7 +177,7 @@ def derivatives_batch(
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 100, progress)
     kinds = _of_solution(scene) | _of_derivatives(scene)
-    batch = partial(_derivatives, scene, inputs["q"], applied, start)
+    batch = partial(_derivatives, scene, inputs, applied, start)
     return rows.fill(count, inputs | more, kinds, batch)
 
 
@@ -208,18 +209,20 @@ def _of_derivatives(scene: Scene) -> dict[str, Kind]:
 
 
 def _batch(
-    scene: Scene, q: Array, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
+    scene: Scene, inputs: Arrays, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
 ) -> BatchSolution:
     """Return the outputs as a value."""
     parts = {name: outputs[name] for name in _of_solution(scene)}
-    return BatchSolution(
-        scene, read_only(q.copy()), **parts, seconds=perf_counter() - start, applied=applied
-    )
+    q, v, tau = (inputs[name] for name in ("q", "v", "tau"))
+    tau = np.broadcast_to(tau, (len(q), scene.robot.nv))
+    q, v, tau = (read_only(each.copy()) for each in (q, v, tau))
+    seconds = perf_counter() - start
+    return BatchSolution(scene, q, v, tau, **parts, seconds=seconds, applied=applied)
 
 
 def _derivatives(
-    scene: Scene, q: Array, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
+    scene: Scene, inputs: Arrays, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
 ) -> BatchDerivatives:
-    solution = _batch(scene, q, applied, start, outputs)
+    solution = _batch(scene, inputs, applied, start, outputs)
     blocks = {name: outputs[name] for name in BLOCKS}
     return BatchDerivatives(solution, **blocks, seconds=solution.seconds)

@@ -1,0 +1,315 @@
+"""Redundancy: combinations of rows that say nothing new where the loops are closed.
+
+Rows of closed machines depend on each other *on* the constraints. Beside them the combination that
+was redundant becomes a row of its own, with a singular value as large as the gap. Let the move dq
+close the loops, and let J(q (-) dq) have rank r. Then (Weyl)
+
+    sigma_(r+1)(J(q)) <= |J(q) - J(q (-) dq)|:
+
+what is no larger than what closing changes J by says nothing. With rows and moves in units in which
+turning by 1 rad and sliding by one size of the loop are the same, closing changes J by about |dq|,
+whatever the machine (1.4 |dq| in the median of 268; benchmarks/noise.py). So
+
+    A = R J D,    (R = 1/l for lengths, 1 for angles; D = l for slides, 1 for turns)
+    A^T P = Q T,  pivots d_k = |T_kk|,    y = T^-T P^T R c,
+
+and k combinations count as long as d_k > 2 |y_1..k|, the length of the move that closes the loops
+with them; never fewer than at closed states. The others are the singular subspace of A,
+
+    N = orth(R P [x; 1]),    T_11^T (T_11 x + T_12) = x (T_12^T (T_11 x + T_12) + T_22^T T_22),
+
+and what is left out of the equations of motion:
+
+    M a + h = tau + J^T lam,    (1 - N N^T) (J a + gamma - a_ref) = 0,    N^T lam = 0.
+
+At closed states N is the left null space of J, and these are the equations as they stand.
+
+References
+----------
+Golub, Van Loan. Matrix Computations, 5.4 (pivoted QR) and 7.6 (invariant subspaces).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cache, cached_property
+from math import inf
+from typing import TYPE_CHECKING, Final, NamedTuple
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array, Indices, read_only
+from condyn_pin._core.linalg.mass_factor import lapack
+
+if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.constraint_rows import ConstraintRows
+
+_EPS: Final = float(np.finfo(float).eps)
+
+# Pivots of combinations that are redundant were at most 1.5 times the closing move, those of others
+# at least 14 times at 1e-4 rad, on 268 machines.
+_TIMES_THE_MOVE: Final = 2.0
+
+# Configurations at which sizes of loops are measured, and how far they are moved [rad, m].
+_LOOKS, _APART = 4, 0.3
+
+# Levers that are rounding [m].
+_NO_LEVER: Final = 1e-9
+
+# Closed states at which the rank is counted, besides the nominal one: moved by so much [rad, l]
+# along the motion that is left, and closed by Newton's steps.
+_NEARBY, _MOVED, _NEWTON_STEPS = 2, 0.2, 12
+
+# T_22 as a share of d_k whose square is rounding beside 1: [x; 1] is the singular subspace then.
+# Where it is not, steps towards it end when one turns it by less than _TURNED: each is smaller than
+# the one before by that square, and what is left out is itself as small as the gap.
+_SMALL: Final = 1e-8
+_TURNED: Final = 1e-10
+_TURNS: Final = 30
+
+
+class LeftOut(NamedTuple):
+    """Combinations of rows that are left out at one state.
+
+    Attributes
+    ----------
+    N : (m, m - rank) array
+        Orthonormal combinations of the rows as they are.
+    rank : int
+        Independent rows that are kept.
+    doubt : float
+        Length of the closing move over the last pivot: from 0.1 on a is not determined [1].
+    """
+
+    N: Array
+    rank: int
+    doubt: float
+
+    def kept(self, s: Array) -> Array:
+        """Rows s (m,) or (m, k) without the combinations that are left out: (1 - N N^T) s."""
+        if not self.N.shape[1]:
+            return s
+        return np.asarray(s - self.N.dot(self.N.T.dot(s)))
+
+    def rest(self, s: Array) -> Array:
+        """Part of the rows s (m,) along the combinations that are left out: N N^T s."""
+        return np.asarray(self.N.dot(self.N.T.dot(s)))
+
+
+@dataclass(frozen=True, eq=False)
+class Redundancy:
+    """The redundancy of the rows of one scene.
+
+    Attributes
+    ----------
+    R : (m,) array
+        Scales of rows: 1/l for lengths [1/m], 1 for angles.
+    D : (nv,) array
+        Scales of moves: l for slides [m], 1 for turns.
+    floor : int
+        Rank at closed states: fewer rows never count.
+    least : float
+        Pivots that rounding of J makes up.
+    """
+
+    R: Array
+    D: Array
+    floor: int
+    least: float
+
+    @classmethod
+    def of(
+        cls, rows: ConstraintRows, q: Array, P: Array, rank: int | None, closed: bool
+    ) -> Redundancy:
+        """Redundancy of the rows of a scene, from its nominal state.
+
+        Parameters
+        ----------
+        rows : ConstraintRows
+        q : (nq,) array
+            The nominal state.
+        P : (m, nv) array
+            Sizes that J is a difference of, at q.
+        rank : int or None
+            The rank at closed states, if that is known.
+        closed : bool
+            Whether the loops are closed at q.
+        """
+        R, D = _scales(rows, q)
+        least = tolerances.BLURRED * _EPS * float(np.linalg.norm(R[:, None] * P * D))
+        found = cls(R, D, 0 if rank is None else rank, least)
+        if rank is None and closed:
+            ranks = [found.left_out(J, 0.0 * c).rank for c, J in found._closed_states(rows, q)]
+            found = cls(R, D, max(ranks), least)
+        return found
+
+    def left_out(self, J: Array, c: Array) -> LeftOut:
+        """Combinations of rows that are left out where the rows are J (m, nv), open by c (m,)."""
+        return _Pivoted(self, J, c).left_out
+
+    def closing_move(self, J: Array, c: Array) -> Array:
+        """Move dq (nv,) that closes the kept rows, J dq = -c, least in the scaled units."""
+        return _Pivoted(self, J, c).closing_move
+
+    @cached_property
+    def scales(self) -> Array:
+        """D R^T (nv, m): what entries of J^T are multiplied by, as LAPACK has them."""
+        return np.asfortranarray(np.outer(self.D, self.R))
+
+    def _closed_states(self, rows: ConstraintRows, q: Array) -> list[tuple[Array, Array]]:
+        """C and J at closed states: the nominal one, and others along the motion that is left."""
+        found, rng = [rows.position_level(q)], np.random.default_rng(0)
+        for _ in range(_NEARBY):
+            at = _Pivoted(self, found[0][1], np.zeros(len(self.R)))
+            near = pin.integrate(rows.model, q, at.free_move(rng.normal(size=len(self.D)), _MOVED))
+            for _ in range(_NEWTON_STEPS):
+                c, J = rows.position_level(near)
+                if np.abs(self.R * c).max() <= tolerances.CLOSED:
+                    found.append((c, J))
+                    break
+                near = pin.integrate(rows.model, near, self.closing_move(J, c))
+        return found
+
+
+class _Pivoted:
+    """QR factorisation of the scaled rows at one state, and how many of them count."""
+
+    def __init__(self, of: Redundancy, J: Array, c: Array) -> None:
+        self._of, self._m, self._lapack = of, len(J), lapack()
+        # arguments by place: by name they take half as long again
+        T, order, self._reflectors, _, _ = self._lapack.dgeqp3(J.T * of.scales, 3 * (len(J) + 1), 1)
+        self._T = T
+        self._order = order - 1  # LAPACK counts from one
+        self._gaps = (of.R * c)[self._order]
+        self.rank = k = self._usual or self._counted
+        self._y = self._closes(k)
+        self.doubt = float(np.sqrt(self._y.dot(self._y))) / abs(T.item(k - 1, k - 1)) if k else 0.0
+
+    @property
+    def _usual(self) -> int:
+        """The floor, if no more rows count and so many are more than rounding; 0 if not."""
+        T, k = self._T, self._of.floor
+        if not (0 < k < min(T.shape) and abs(T.item(k - 1, k - 1)) > self._rounding):
+            return 0
+        y = self._closes(k)
+        return k if T.item(k, k) ** 2 <= _TIMES_THE_MOVE**2 * y.dot(y) else 0
+
+    @property
+    def _counted(self) -> int:
+        """Pivots that are larger than twice the move that closes so many rows, or the floor."""
+        d = np.abs(self._T.diagonal())
+        alive = int(np.count_nonzero(d > self._rounding))
+        moves = np.sqrt(np.cumsum(self._closes(alive) ** 2))
+        counts = d[:alive] > _TIMES_THE_MOVE * moves
+        k = alive if counts.all() else int(np.argmin(counts))
+        return max(k, min(self._of.floor, alive))
+
+    @property
+    def _rounding(self) -> float:
+        return max(tolerances.REFERENCE_RANK * abs(float(self._T.item(0, 0))), self._of.least)
+
+    def _closes(self, k: int) -> Array:
+        """Y (k,) = T^-T P^T R c: the move that closes k rows, along those of Q."""
+        if not k:
+            return np.zeros(0)
+        return self._lapack.dtrtrs(self._T[:k, :k], self._gaps[:k], 0, 1)[0]  # type: ignore[no-any-return]
+
+    @property
+    def left_out(self) -> LeftOut:
+        """Combinations of rows that are left out."""
+        m, k = self._m, self.rank
+        if k == m:
+            return LeftOut(np.zeros((m, 0)), k, self.doubt)
+        Z = np.empty((m, m - k), order="F")
+        Z[:k], Z[k:] = self._dependence, _unit(m - k)
+        Z[self._order] = Z.copy()
+        Z *= self._of.R[:, None]
+        packed, tau, _, _ = self._lapack.dgeqrf(Z, m, 1)
+        return LeftOut(self._lapack.dorgqr(packed, tau, m, 1)[0], k, self.doubt)
+
+    @property
+    def _dependence(self) -> Array:
+        """X (k, m - k) of the singular subspace [x; 1], by a fixed point from T_11 x = -T_12."""
+        m, k, T, solve = self._m, self.rank, self._T, self._lapack.dtrtrs
+        if not k:
+            return np.zeros((0, m))
+        T11 = T[:k, :k].copy("F")
+        T12 = T[:k, k:]
+        x: Array
+        x = x0 = -solve(T11, T12)[0]
+        if not (k < len(T) and abs(T.item(k, k)) > _SMALL * abs(T.item(k - 1, k - 1))):
+            return x
+        T22 = T[k:m, k:] * _upper(m - k)[: len(T) - k]
+        turned, off = T22.T.dot(T22), inf
+        H22 = turned
+        for _ in range(_TURNS):
+            u = solve(T11, x.dot(turned), 0, 1)[0]  # T_11 (x - x0)
+            better = x0 + solve(T11, u)[0]
+            change = float(abs(better - x).max())
+            if not change < off:  # values too close to tell subspaces apart
+                break
+            x, off, turned = better, change, H22 + T12.T.dot(u)
+            if change < _TURNED:
+                break
+        return x
+
+    @property
+    def closing_move(self) -> Array:
+        """Dq (nv,) = -D Q_1 y."""
+        x = np.zeros(len(self._of.D))
+        x[: self.rank] = -self._y[: self.rank]
+        return self._of.D * self._turned(x)
+
+    def free_move(self, x: Array, size: float) -> Array:
+        """Dq (nv,) along which no row changes: the part of x there, of this size [rad, l]."""
+        x = x.copy()
+        x[: self.rank] = 0.0
+        largest = float(np.abs(x).max(initial=0.0))
+        return self._of.D * self._turned(x * (size / largest) if largest else x)
+
+    def _turned(self, x: Array) -> Array:
+        """Q x (nv,)."""
+        columns = self._T[:, : len(self._reflectors)]
+        turned = self._lapack.dormqr("L", "N", columns, self._reflectors, x[:, None], len(x))[0]
+        return np.asarray(turned[:, 0])
+
+
+@cache
+def _unit(k: int) -> Array:
+    return read_only(np.eye(k))
+
+
+@cache
+def _upper(k: int) -> Array:
+    return read_only(np.triu(np.ones((k, k))))
+
+
+def _scales(rows: ConstraintRows, q: Array) -> tuple[Array, Array]:
+    """R (m,) and D (nv,), by the size l of each loop.
+
+    l is the largest lever of a turn on a row that is a length, over some configurations. One number
+    a loop, not one a column: a spin about a rod has no lever, but turns what hangs on it by 1 rad.
+    """
+    model, rng = rows.model, np.random.default_rng(0)
+    moves = [_APART * rng.normal(size=model.nv) if look else 0.0 for look in range(_LOOKS)]
+    states = [pin.integrate(model, q, move + np.zeros(model.nv)) for move in moves]
+    levers = np.max([np.abs(rows.position_level(state)[1]) for state in states], axis=0)
+    twists = pin.computeJointJacobians(model, model.createData(), q).reshape(6, -1)
+    turns = np.linalg.norm(twists[3:], axis=0) > 0.0
+    R = np.ones(rows.m)
+    sizes: list[float] = []
+    slides: list[Indices] = []  # rows that are lengths, and that no turn moves
+    for bound in rows.bounds:
+        of_lengths = np.arange(bound.rows.start, bound.rows.stop)[~bound.turns(model)]
+        size = float(levers[np.ix_(of_lengths, turns)].max(initial=0.0))
+        if size > _NO_LEVER:
+            R[of_lengths] = 1.0 / size
+            sizes.append(size)
+        else:
+            slides.append(of_lengths)
+    usual = float(np.median(sizes)) if sizes else 1.0
+    for of_lengths in slides:
+        R[of_lengths] = 1.0 / usual
+    return R, np.where(turns, 1.0, usual)
