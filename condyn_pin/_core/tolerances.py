@@ -34,6 +34,9 @@ CLOSED: Final = 1e-10
 # are at 1e-15 to 1e-12, and REFERENCE_RANK is rounding beside them.
 OPEN: Final = 0.1 * CLOSED
 
+# Geometry of models that are built in Python: products of rotations and placements, rounded.
+ROUNDED_GEOMETRY: Final = 1e-11
+
 # Length of the move that closes the loops, over the smallest pivot that is kept [1]: the distance
 # to where the rank falls. Below 0.1, a was off by up to 20 % in 95 of 100 states, above 0.5 by all
 # of itself: there no acceleration belongs to the state.

@@ -143,7 +143,7 @@ class NominalAnalysis:
     @property
     def looks_independent(self) -> bool:
         """Rows that are redundant where the loops are closed look independent beside that."""
-        return self.rank < self._lively
+        return self.rank < self._lively and self._scene.robot.precision > 0.0
 
     @cached_property
     @one_blas_thread

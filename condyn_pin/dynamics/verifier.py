@@ -42,7 +42,10 @@ class Verifier:
         self._scene = workspace.scene
         nominal = workspace.scene.nominal
         self._estimator, self._pivots = nominal.estimator, nominal.pivots
-        self._dependent = nominal.dependent
+        # gaps and velocities of rows from which on a state is off its constraints
+        exact = workspace.scene.robot.precision == 0.0
+        self._open = inf if exact else tolerances.OPEN
+        self._moving = self._open if nominal.dependent else inf
         self._turns_by_numbers = bool(workspace.scene.robot.arguments.units)
 
     def verify(
@@ -53,7 +56,7 @@ class Verifier:
         equations, estimator = self._workspace.equations, self._estimator
         lam = self._method.lam()
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
-        off = largest[2] > tolerances.OPEN or (self._dependent and largest[3] > tolerances.OPEN)
+        off = largest[2] > self._open or largest[3] > self._moving
         left = self._left_out(q, largest[2]) if off else None
         residuals, doubtful = estimator.prove(dynamics, largest, _torques(tau, load))
         doubtful = doubtful or off

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, finite, read_only
@@ -66,6 +67,10 @@ class Robot:
         Path of the file that it was read from, where `view` finds its shapes.
     spring_dampers : sequence of SpringDamper, optional
         Springs and dampers between two frames. They act as `springs` do.
+    precision : float, optional
+        Precision of the geometry [rad, and lengths in sizes of a loop]. Rows that count by no more
+        at every closed state are redundant. By default rounding; 0 takes every row at its word, at
+        open states too, and no status doubts a state.
 
     Raises
     ------
@@ -87,6 +92,7 @@ class Robot:
     licence: str = ""
     description: str = ""
     spring_dampers: Sequence[SpringDamper] = ()
+    precision: float = tolerances.ROUNDED_GEOMETRY
 
     def __post_init__(self) -> None:
         check_origin(self.name, self.model)

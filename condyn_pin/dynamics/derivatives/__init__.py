@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import Given
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
@@ -69,11 +70,14 @@ def _by_python(
     if method == "kkt" and linearisation.takes_the_model:
         equations.recursion = linearisation  # once for the proof and for the derivatives
     try:
-        solution = workspace._answered(state, forces, accuracy, workspace.solver.exact)
+        solution = workspace._answered(state, forces, accuracy, False)
     finally:
         equations.recursion = None
-    if solution.status is not Status.OK and not np.isfinite(solution.a).all():
-        raise failure(workspace, solution)
+    if solution.status is not Status.OK:
+        # far from closed loops a may belong to no state, but its derivatives belong to it
+        in_doubt = solution.doubt >= tolerances.DOUBT and solution.error_bound <= accuracy
+        if not np.isfinite(solution.a).all() or (workspace.solver.exact and not in_doubt):
+            raise failure(workspace, solution)
     # much is formed when it is asked for first, and the caller may have gone on in these arrays
     return METHODS[method](workspace, solution, state[1].copy(), state[2].copy())
 
