@@ -150,7 +150,7 @@ class NominalAnalysis:
     def redundancy(self) -> Redundancy:
         """Redundancy of the rows, for states that leave the loops open."""
         rows = Equations(self._scene.robot.unedited, self._scene.bounds)
-        rank = None if self.looks_independent else self.rank
+        rank = None if self.rank < self._lively else self.rank
         return Redundancy.of(rows, self.q, self.cancellation, rank, self.closed)
 
     @property

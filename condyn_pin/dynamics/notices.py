@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.violation import worst
+from condyn_pin.dynamics.at_state import equations_of, gaps
 from condyn_pin.dynamics.force import Sites, pulling
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.errors import InvalidArgument, InvalidModel
@@ -15,15 +18,21 @@ from condyn_pin.model.soundness import massless_motion
 # Forces, as a multiple of the weight, that deserve a look at the singular values.
 _HEAVY: Final = 1e3
 
+# Doubt from which on a notice states how a state was answered: a is off by some 1e-2 of itself.
+_NOTICED: Final = 1e-2
+
 
 def notices_of(solution: Solution, sites: Sites) -> tuple[str, ...]:
     """Return what there is to say of an answer, whose constraints act at these sites."""
-    return pulling(solution.forces, sites) + _wrong_forces(solution) + _doubts(solution)
+    off = _off_the_constraints(solution) if np.isfinite(solution.a).all() else ()
+    return pulling(solution.forces, sites) + _wrong_forces(solution) + off + _doubts(solution, off)
 
 
 def _wrong_forces(solution: Solution) -> tuple[str, ...]:
     """Return that it is the forces which keep an answer from being ok."""
     if solution.status is not Status.INACCURATE or not solution.error_bound <= tolerances.SOLVED:
+        return ()
+    if solution.doubt >= tolerances.DOUBT:
         return ()
     return (
         f"a is right to {solution.error_bound:.1e}, the forces are not: the equation of a joint is "
@@ -32,7 +41,42 @@ def _wrong_forces(solution: Solution) -> tuple[str, ...]:
     )
 
 
-def _doubts(solution: Solution) -> tuple[str, ...]:
+def _off_the_constraints(solution: Solution) -> tuple[str, ...]:
+    """Notice of a state that leaves loops open, or whose velocity contradicts the rows."""
+    scene, doubt, rest = solution.scene, solution.doubt, solution.rest
+    gap = worst(gaps(scene, equations_of(scene).violation(solution.q))) if doubt else None
+    if gap and doubt >= tolerances.DOUBT:
+        return (
+            f"closing the loops ({gap[1]} at {gap[0]}) leads {doubt:.2g} of the way to a singular "
+            "posture: no a belongs to this state at its precision; Scene.assemble(q) closes them",
+        )
+    missed = ", ".join(f"{row} by {abs(by):.2g}" for row, by in rest.items())
+    if gap and (doubt >= _NOTICED or missed):
+        joint, by = _largest(scene.robot.model, solution.state_error.q)
+        text = (
+            f"loops are open by {gap[1]} ({gap[0]}): answered as the machine that is closed by "
+            f"moves of at most {by:.2g} rad or m ({joint})"
+        )
+        if missed:
+            text += f"; left out as redundant there: {missed} m/s^2 or rad/s^2"
+        return (text,)
+    if missed:
+        joint, by = _largest(scene.robot.model, solution.state_error.v)
+        return (
+            f"velocities contradict the constraints: rows are missed ({missed} m/s^2 or rad/s^2); "
+            f"mechanism.project_velocity takes off at most {by:.2g} rad/s or m/s ({joint})",
+        )
+    return ()
+
+
+def _largest(model: Any, move: Array) -> tuple[str, float]:
+    """Joint that a move (nv,) moves most, and by how much."""
+    i = int(np.abs(move).argmax())
+    joint = next(j for j in model.joints if j.idx_v <= i < j.idx_v + j.nv)
+    return model.names[joint.id], float(abs(move[i]))
+
+
+def _doubts(solution: Solution, off: tuple[str, ...]) -> tuple[str, ...]:
     """Return what `Scene.rank` says where it is singular, or the answer is not as it should be."""
     scene, ok = solution.scene, solution.status.ok
     if not ok:
@@ -45,9 +89,13 @@ def _doubts(solution: Solution) -> tuple[str, ...]:
     heavy = np.abs(solution.lam).max(initial=0.0) > _HEAVY * nominal.weight
     scale = max(float(np.abs(solution.a).max()), nominal.estimator.gravity)
     # of contradicting rows the best a is still unique, and may be ok
-    unmet = solution.constraint_error > tolerances.SOLVED * scale
+    missed = max(map(abs, solution.rest.values()), default=0.0)
+    unmet = max(solution.constraint_error, missed) > tolerances.SOLVED * scale
+    explained = bool(off) and (ok or solution.doubt >= tolerances.DOUBT)
     try:
         at = scene.rank(solution.q)
-        return at.notes if heavy or unmet or not ok or at.singular else ()
     except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of
         return ()
+    if heavy or at.singular or at.conflict or (not explained and (unmet or not ok)):
+        return at.notes
+    return ()

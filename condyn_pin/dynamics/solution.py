@@ -184,7 +184,10 @@ class Solution:
 
     @property
     def constraint_error(self) -> float:
-        """|J a + gamma - a_ref|_inf [m/s^2, rad/s^2], by forward kinematics."""
+        """|P (J a + gamma - a_ref)|_inf [m/s^2, rad/s^2], by forward kinematics.
+
+        `rest` has what the rows miss that are left out.
+        """
         return self.residuals.constraint
 
     @property
@@ -196,10 +199,11 @@ class Solution:
 
     @property
     def doubt(self) -> float:
-        """Length of the move that closes the loops, over the distance to a singular posture [1].
+        """How far closing the loops leads towards a singular posture [1].
 
-        Both in radians, and lengths in sizes of the loop; 0 on closed loops. From 0.1 on a is not
-        determined at the precision of the state.
+        The move that closes them, or what it changes J by if that is less, over the smallest pivot
+        of J that is kept: all in radians, and lengths in sizes of the loop; 0 on closed loops.
+        From 0.1 on a is not determined at the precision of the state.
         """
         return self._kept.doubt
 

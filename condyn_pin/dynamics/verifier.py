@@ -91,9 +91,8 @@ class Verifier:
 
     def _left_out(self, q: Array, gap: float) -> LeftOut:
         """Combinations of rows that are left out at q, whose loops are open by a gap."""
-        c, J = self._workspace.equations.position_level(q)
         closed = gap <= tolerances.OPEN
-        return self._scene.nominal.redundancy.left_out(J, np.zeros(len(c)) if closed else c)
+        return self._scene.nominal.redundancy.at(self._workspace.equations, q, closed)
 
     def _forces_hold(
         self, state: State, residuals: Residuals, max_a: float, accuracy: float, load: Load | None

@@ -33,6 +33,9 @@ from condyn_pin.mechanism.closed_chains import chains_of, factors_at
 _NEARLY_SINGULAR = 1e-4  # of the singular values
 _EPS = float(np.finfo(float).eps)
 
+# A part of a gap that no motion removes, to first order, as a share of it.
+_CURVED = 0.1
+
 # Rows with less of a singular vector, as a share of its largest entry, are not named.
 _NAMED = 0.1
 
@@ -129,10 +132,7 @@ class Rank:
     def _notes(self) -> Iterator[str]:
         if not self.closed:
             name, gap = worst(self.violation)
-            yield (
-                f"{name} is open by {gap}: redundant rows of an open loop have singular values of "
-                "that size and can be counted as independent; assemble it first"
-            )
+            yield f"{name} is open by {gap}: Scene.assemble closes it"
         if self.conflict:
             size = max(self.conflict.values())
             yield (
@@ -178,7 +178,7 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     robot.check_unedited()
     q_ = nominal_configuration(scene) if q is None else normalised(model, "q", q)
     chains, equations = chains_of(scene), equations_of(scene)
-    terms = equations.terms(q_, np.zeros(model.nv))
+    terms = equations.consistent_terms(q_, np.zeros(model.nv))
     share = tolerances.ISOLATED if chains.isolated else tolerances.RANK
     factors = factors_at(equations, q_, terms, share)
     S, r = factors.S, factors.rank
@@ -203,10 +203,14 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
 
 
 def _conflict(null: Array, c: Array, names: Sequence[str]) -> dict[str, float]:
-    """Return the part of c that lies in the null space of J^T, by rows."""
+    """Part of c that lies in the null space of J^T, by rows.
+
+    A part that is small beside the gap may be its square, which the next step towards closed loops
+    takes away.
+    """
     part = np.abs(null @ (null.T @ c))
-    largest = float(part.max(initial=0.0))
-    if largest <= tolerances.CLOSED:
+    largest, gap = float(part.max(initial=0.0)), float(np.abs(c).max(initial=0.0))
+    if largest <= max(tolerances.CLOSED, _CURVED * gap):
         return {}
     rows = np.flatnonzero(part > _NAMED * largest).tolist()
     return {names[i]: float(part[i]) for i in rows}

@@ -135,19 +135,37 @@ class Redundancy:
         rank : int or None
             The rank at closed states, if that is known.
         closed : bool
-            Whether the loops are closed at q.
+            Whether the loops are closed at q. Where they cannot be, every row counts that is more
+            than rounding: there is no closed machine, and nothing is redundant on it.
         """
         R, D = _scales(rows, q)
         least = tolerances.BLURRED * _EPS * float(np.linalg.norm(R[:, None] * P * D))
-        found = cls(R, D, 0 if rank is None else rank, least)
-        if rank is None and closed:
-            ranks = [found.left_out(J, 0.0 * c).rank for c, J in found._closed_states(rows, q)]
-            found = cls(R, D, max(ranks), least)
-        return found
+        if rank is None:
+            rank = rows.m
+            if closed:
+                any_rank = cls(R, D, 0, least)
+                states = any_rank._closed_states(rows, q)
+                rank = max(any_rank.left_out(J, 0.0 * c).rank for c, J in states)
+        return cls(R, D, rank, least)
 
     def left_out(self, J: Array, c: Array) -> LeftOut:
         """Combinations of rows that are left out where the rows are J (m, nv), open by c (m,)."""
         return _Pivoted(self, J, c).left_out
+
+    def at(self, rows: ConstraintRows, q: Array, closed: bool) -> LeftOut:
+        """Combinations of rows that are left out at q, where loops may count as closed.
+
+        Where the move that closes them is long, `doubt` is measured: by how much A changes on it,
+        over the last pivot. A contact that slides to its anchor is far from it, and in no doubt.
+        """
+        c, J = rows.position_level(q)
+        left = self.left_out(J, 0.0 * c if closed else c)
+        if left.rank and left.doubt >= tolerances.DOUBT:
+            there = pin.integrate(rows.model, q, self.closing_move(J, c))
+            change = np.linalg.norm((rows.position_level(there)[1] - J).T * self.scales, 2)
+            pivot = _Pivoted(self, J, c).last
+            left = left._replace(doubt=min(left.doubt, float(change) / pivot))
+        return left
 
     def closing_move(self, J: Array, c: Array) -> Array:
         """Move dq (nv,) that closes the kept rows, J dq = -c, least in the scaled units."""
@@ -159,7 +177,7 @@ class Redundancy:
         return np.asfortranarray(np.outer(self.D, self.R))
 
     def _closed_states(self, rows: ConstraintRows, q: Array) -> list[tuple[Array, Array]]:
-        """C and J at closed states: the nominal one, and others along the motion that is left."""
+        """Gaps and J at closed states: the nominal one, and others along the free motion."""
         found, rng = [rows.position_level(q)], np.random.default_rng(0)
         for _ in range(_NEARBY):
             at = _Pivoted(self, found[0][1], np.zeros(len(self.R)))
@@ -185,7 +203,8 @@ class _Pivoted:
         self._gaps = (of.R * c)[self._order]
         self.rank = k = self._usual or self._counted
         self._y = self._closes(k)
-        self.doubt = float(np.sqrt(self._y.dot(self._y))) / abs(T.item(k - 1, k - 1)) if k else 0.0
+        self.last = abs(float(T.item(k - 1, k - 1))) if k else inf
+        self.doubt = float(np.sqrt(self._y.dot(self._y))) / self.last
 
     @property
     def _usual(self) -> int:
