@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 from math import hypot, inf, isfinite, nan
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import State, normalised
+from condyn_pin._core.arguments import State
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import factorise
@@ -29,10 +28,6 @@ if TYPE_CHECKING:
 
 _OK = Status.OK
 
-# | |quaternion| - 1 | that no proof need see. Accelerations of light bodies are off by hundreds of
-# times as much, relative; integration leaves 1e-16.
-LOOSE: Final = 1e-12
-
 
 class Verifier:
     """What proves the answers of one method in one workspace."""
@@ -46,7 +41,6 @@ class Verifier:
         exact = workspace.scene.robot.precision == 0.0
         self._open = inf if exact else tolerances.OPEN
         self._moving = self._open if nominal.dependent else inf
-        self._turns_by_numbers = bool(workspace.scene.robot.arguments.units)
 
     def verify(
         self, state: State, a: Array, accuracy: float, solve_time: float, load: Load | None
@@ -61,9 +55,6 @@ class Verifier:
         residuals, doubtful = estimator.prove(dynamics, largest, _torques(tau, load))
         doubtful = doubtful or off
         singular, rest = False, None
-        # rotations by a loose quaternion are none: the residuals agree with an answer that is off
-        if self._turns_by_numbers and not pin.isNormalized(self._workspace.model, q, LOOSE):
-            doubtful = True
         if not doubtful and self._pivots.may_fall:
             doubtful = not self._pivots.holds(residuals.bound, equations.mass(q))
         if doubtful and isfinite(residuals.bound):
@@ -139,12 +130,10 @@ class Verifier:
     ) -> tuple[Residuals, Array | None]:
         """Proof by the factors of the state itself, and by the rounding of J^T lam.
 
-        Quaternions are normalised, so that what is left of them in an answer is seen. Of rows that
-        are left out the second array has what they miss.
+        Of rows that are left out the second array has what they miss.
         """
         equations, nominal = self._workspace.equations, self._estimator
         q, v, tau = state
-        q = normalised(equations.model, "q", q)
         terms, P = equations.terms(q, np.zeros(self._workspace.model.nv)), equations.cancellation(q)
         J = terms.J if left is None else left.kept(terms.J)
         factors = factorise(terms.M, J, tolerances.REFERENCE_RANK).above_rounding(P)

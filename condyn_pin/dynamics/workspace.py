@@ -13,7 +13,17 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import FLOAT, HIGH, LOW, Given, State, unpack_quaternion
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import (
+    FLOAT,
+    HIGH,
+    LOOSE,
+    LOW,
+    NOT_LOOSE,
+    Given,
+    State,
+    unpack_quaternion,
+)
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.one_thread import alone, in_use
 from condyn_pin._core.parameters import check_accuracy_of_a
@@ -40,6 +50,8 @@ LARGEST: Final = 1e100
 SMALLEST: Final = -1e100
 
 _OK = Status.OK
+
+_LOW, _HIGH = NOT_LOOSE
 
 # The default, known by its identity: what else is handed in may have no truth value.
 _NO_FORCES: Final[tuple[AppliedForce, ...]] = ()
@@ -221,10 +233,14 @@ class Workspace(Memory):
             raise in_use()
         self._user = self._solved_by = me
         try:
+            loose = bool(self._pairs)
             for offset in self._quaternions:
                 x, y, z, w = unpack_quaternion(q, offset)
-                if not LOW < x * x + y * y + z * z + w * w < HIGH:
-                    raise ValueError
+                square = x * x + y * y + z * z + w * w
+                if not _LOW < square < _HIGH:
+                    if not LOW < square < HIGH:
+                        raise ValueError
+                    loose = True
             if self._pairs:
                 self._arguments.check_pairs(q)
             # Pinocchio ignores byte order: another dtype is another number. To ask whether it is
@@ -232,6 +248,8 @@ class Workspace(Memory):
             same = q.dtype is v.dtype is tau.dtype is FLOAT
             if not (same or q.dtype == v.dtype == tau.dtype == FLOAT):
                 raise ValueError
+            if loose:
+                q = self._tightened(q)
             a = self.bound.acceleration(q, v, tau)
             for i in self.roots:
                 if not SMALLEST < a.item(i) < LARGEST:
@@ -241,6 +259,12 @@ class Workspace(Memory):
             return self.careful_acceleration(q, v, tau)
         finally:
             self._user = user
+
+    def _tightened(self, q: Array) -> Array:
+        """A configuration whose quaternions and (cos, sin) have norm 1, or q if they do."""
+        if pin.isNormalized(self.model, q, LOOSE):
+            return q
+        return np.array(pin.normalize(self.model, q))
 
     @alone
     def _pushed_acceleration(
@@ -314,6 +338,9 @@ class Workspace(Memory):
     ) -> Solution:
         """Return `solve` of accepted arguments; the caller has the workspace to itself."""
         q, v, tau = state
+        if self._arguments.units:
+            q = self._tightened(q)
+            state = q, v, tau
         self._solved_by = get_ident()
         start = perf_counter()
         load = self.loads.at(q, forces) if forces else None

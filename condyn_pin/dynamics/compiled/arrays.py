@@ -13,6 +13,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import LOOSE
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes, indices
 from condyn_pin.constraints.rows.compiled_rows import placement
@@ -20,7 +21,6 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 from condyn_pin.dynamics.solvers.proximal import Proximal
-from condyn_pin.dynamics.verifier import LOOSE
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.applied_force import AppliedForce
