@@ -41,9 +41,9 @@ class Lying(Broken):
 
 
 class _Bribed:
-    gravity, negligible_dynamics_error = 0.0, np.inf
+    gravity, negligible_dynamics_error, leaning = 0.0, np.inf, ()
 
-    def prove(self, dynamics, largest, tau):
+    def prove(self, dynamics, largest, tau, lean=0.0):
         from condyn_pin.dynamics.residuals import Residuals
 
         return Residuals(0.0, 0.0, 0.0, 0.0, 0.0), False

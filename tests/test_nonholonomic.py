@@ -831,6 +831,19 @@ def test_a_coin_that_lies_flat_is_sent_to_a_solver_that_takes_it():
     assert cp.solve(scene, flat, np.zeros(6), np.zeros(6), solver=cp.dynamics.NullSpace()).status.ok
 
 
+@pytest.mark.parametrize("lean", [1e-3, 1e-6, 1e-9])
+def test_bounds_know_that_rounding_turns_a_wheel_that_lies_nearly_flat(lean):
+    """Its direction is e x n over its length: eps / lean off, and residuals have the same one."""
+    disc = cp.model.rolling_disc(radius=0.1)
+    scene = cp.Scene(disc, [cp.constraints.RollingWheel("centre", 0.1)])
+    angle = np.pi / 4 - lean / 2
+    q = np.array([0.0, 0.0, 0.1 * lean, np.sin(angle), 0.0, 0.0, np.cos(angle)])
+    solver = cp.dynamics.NullSpace()
+    solution = cp.solve(scene, q, np.zeros(6), np.ones(6), solver=solver, throw=False)
+    assert solution.error_bound > 1e-16 / lean
+    assert solution.status.ok == (lean > 1e-7)
+
+
 def test_integrability_is_one_of_scenes():
     with pytest.raises(cp.InvalidArgument, match="scene = NoneType: a Scene is needed"):
         mechanism.is_integrable(None)

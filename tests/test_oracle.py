@@ -171,3 +171,95 @@ def test_what_rounding_of_the_rows_spoils_is_not_ok(seed):
         scale = max(float(np.abs(found.a).max()), 9.81)
         error = min(float(max(abs(a - found.a))) for a in right) / scale
         assert error < 1e-8 or not found.status.ok, name
+
+
+# --- bounds
+
+
+def rod_at(length: float, seed: int, beside: tuple[cp.constraints.Constraint, ...] = ()):
+    """The machine of every joint at a state where a rod of some length has just that."""
+    rng = np.random.default_rng(seed)
+    model = pin.Model(every_joint().model)
+    q = pin.integrate(model, pin.neutral(model), rng.normal(size=model.nv))
+    data = model.createData()
+    pin.framesForwardKinematics(model, data, q)
+    along = rng.normal(size=3)
+    end = data.oMf[model.getFrameId("hand")].translation + length * along / np.linalg.norm(along)
+    foot = model.frames[model.getFrameId("foot")].parentJoint
+    place = pin.SE3(np.eye(3), data.oMi[foot].actInv(end))
+    model.addFrame(pin.Frame("near", foot, 0, place, pin.FrameType.OP_FRAME))
+    scene = cp.Scene(
+        cp.Robot("rod", model), [cp.Loop("hand", "near", "rod", length=length), *beside]
+    )
+    return scene, (q, rng.normal(size=model.nv), 10.0 * rng.normal(size=model.nv))
+
+
+@pytest.mark.parametrize("length", [1e-1, 1e-3, 1e-5, 1e-7, 1e-11, 1e-16])
+@pytest.mark.parametrize("beside", ["none", "point", "gear", "to the world"])
+def test_bounds_know_that_rounding_turns_a_short_rod(length, beside):
+    """Residuals have the same direction as the answer: they said 5e-15 of errors up to 2e-3."""
+    scene, state = rod_at(length, 3, KINDS.get(beside, ()))
+    right, _ = Oracle(scene).solve(*state)
+    for solver in (cp.dynamics.NullSpace(), cp.dynamics.Reference()):
+        solution = cp.solve(scene, *state, solver=solver, throw=False)
+        error = float(max(abs(right - solution.a)))
+        assert error <= solution.error_bound * max(float(np.abs(solution.a).max()), 9.81)
+        assert solution.status.ok == (solution.error_bound <= 1e-8)
+        assert solution.status.ok or length < 1e-5
+
+
+def test_a_rod_that_its_state_leaves_open_is_as_long_as_it_is_there():
+    """The nominal state has another length between its ends."""
+    scene, state = rod_at(1e-12, 4)
+    other = cp.Scene(scene.robot, [replace(scene.constraints[0], length=0.5)])
+    solution = cp.solve(other, *state, solver=cp.dynamics.NullSpace(), throw=False)
+    error = float(max(abs(Oracle(other).solve(*state)[0] - solution.a)))
+    assert error <= solution.error_bound * max(float(np.abs(solution.a).max()), 9.81)
+    assert not solution.status.ok
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("seed", range(2))
+def test_bounds_are_bounds_at_any_state_of_any_kind(kind, seed):
+    scene = cp.Scene(every_joint(), KINDS[kind])
+    rng, model = np.random.default_rng(seed), scene.robot.model
+    q = pin.integrate(model, pin.neutral(model), rng.normal(size=model.nv))
+    v, tau = rng.normal(size=(2, model.nv))
+    right, _ = Oracle(scene).solve(q, 3.0 * v, 100.0 * tau)
+    for solver in (cp.dynamics.NullSpace(), cp.dynamics.Reference()):
+        solution = cp.solve(scene, q, 3.0 * v, 100.0 * tau, solver=solver, throw=False)
+        error = float(max(abs(right - solution.a))) / max(float(np.abs(solution.a).max()), 9.81)
+        assert error <= 2.0 * solution.error_bound
+        assert solution.status.ok
+
+
+@pytest.mark.parametrize("across", [1e-6, 1e-8])
+def test_light_turns_that_are_held_do_not_spoil_a_bound(across):
+    """A slender rod in a hinge: its spin feels next to nothing, and the hinge holds it."""
+    model = pin.Model()
+    free = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "rod")
+    body = pin.Inertia(1.5, np.array([1.0, 0.0, 0.0]), np.diag([across, 0.5, 0.5]))
+    model.appendBodyToJoint(free, body, pin.SE3.Identity())
+    for name, joint in (("eye", free), ("pin", 0)):
+        frame = pin.Frame(name, joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME)
+        model.addFrame(frame)
+    scene = cp.Scene(cp.Robot("rod", model), [cp.Loop("eye", "pin", "hinge", axis="z")])
+    q = np.r_[0, 0, 0, 0, 0, np.sin(np.pi / 8), np.cos(np.pi / 8)]
+    v = np.r_[np.zeros(5), 5.0]
+    right, _ = Oracle(scene).solve(q, v, np.zeros(6))
+    for solver in (cp.Proximal(), cp.dynamics.NullSpace(), cp.dynamics.Reference()):
+        solution = cp.solve(scene, q, v, np.zeros(6), solver=solver)
+        assert float(max(abs(right - solution.a))) <= 9.81 * solution.error_bound + 1e-15
+
+
+@pytest.mark.parametrize("solver", [cp.Proximal(), cp.dynamics.NullSpace()])
+def test_a_light_body_is_not_moved_by_the_residual_of_a_heavy_one(solver):
+    """Bodies that do not touch: forces of 1e5 N were said to shake a speck of 1e-9 kg."""
+    speck, ball = cp.model.free_box(mass=1e-9), cp.model.free_ball(mass=1.0)
+    scene = cp.Scene(
+        cp.model.together({"a": speck, "b": ball}), [cp.SurfaceContact("b/ball", anchor=None)]
+    )
+    q, v = scene.state()
+    tau = np.r_[np.zeros(6), 1e5 * np.ones(6)]
+    solution = cp.solve(scene, q, v, tau, solver=solver)
+    np.testing.assert_allclose(solution.a[:6], [0, 0, -9.81, 0, 0, 0], atol=1e-9)

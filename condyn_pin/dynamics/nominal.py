@@ -190,7 +190,10 @@ class NominalAnalysis:
     @one_blas_thread
     def estimator(self) -> ErrorEstimator:
         """What turns residuals into an error of a."""
-        return ErrorEstimator(self.factors, self.cancellation, self.gravity, self.weight)
+        leaning = [
+            row for b in self._scene.bounds if b.leans for row in range(b.rows.start, b.rows.stop)
+        ]
+        return ErrorEstimator(self.factors, self.cancellation, self.gravity, self.weight, leaning)
 
     @cached_property
     def pivots(self) -> MassPivots:

@@ -11,8 +11,6 @@ is at most |s| / sigma, with sigma the smallest nonzero singular value of J L^-T
     |e|_M <= |r|_(M^-1) + |s| / sigma <= sum_j w_j |r_j| + |s| / sigma,    w_j^2 = (M^-1)_jj
     |e_i| <= w_i |e|_M.
 
-What rounding of tau alone does, eps max(w) sum_j w_j |tau_j|, is not held against an answer whose
-bound is larger than that: forces that balance to the last bit leave a = 0.
 
 To this comes what rounding of M itself does, eps cond(D M D) with D = diag(M_jj^-1/2).
 
@@ -31,9 +29,15 @@ with kappa = cond(D M D) + sigma_1 / sigma of the factors J L^-T = U S V^T that 
 ds what rounding of J a and of gamma does to s. Their terms are of the sizes P_ij a_j and P_ij v_j
 |v|_inf, each is rounded by eps / 2, and independently of the others.
 Rows whose singular value is below REFERENCE_RANK count as redundant there, and rounding of J^T lam
-is added as an independent part: eps max(w) sum_j w_j (|lam| P)_j, with P what the two bodies of a
-row bring to J before they cancel. A row of which rounding is all that is left takes a lam of 1e17,
-and is found by that.
+is added as an independent part: eps |N| |lam| P, with P what the two bodies of a row bring to J
+before they cancel, and N = L^-T (1 - V V^T) L^-1 what torques do to a: light bodies do not feel
+what they do not touch, nor what rows hold. A row of which rounding is all that is left takes a lam
+of 1e17, and is found by that.
+What rounding of tau alone does, eps |N| |tau|, is not held against an answer whose bound is larger
+than SOLVED: forces that balance to the last bit leave a = 0.
+
+Residuals know nothing of directions that are off, for they are made with the same: that of a rod
+turns by eps |p| / length. That is in P, too, and at the nominal state in `leaning_rounding`.
 
 Forces may be off where a is not, along what the rows hold: J^T dlam = r + M e, so that r is held
 against the largest torque in the equation of a joint as well (`Verifier`).
@@ -41,6 +45,7 @@ against the largest torque in the equation of a joint as well (`Verifier`).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf, sqrt
@@ -99,15 +104,18 @@ class ErrorEstimator:
     factors : MinimumNorm
         Of M and J at a state, nominal or not.
     cancellation : (m, nv) array
-        P: what J is a difference of.
+        P: what J is a difference of, and what directions that it is along are off by, over eps.
     gravity, weight : float
         |g| [m/s^2]; mass times gravity [N].
+    leaning : sequence of int
+        The rows along directions that are computed.
     """
 
     factors: MinimumNorm
     cancellation: Array
     gravity: float
     weight: float
+    leaning: Sequence[int] = ()
 
     @cached_property
     def weights(self) -> Array:
@@ -141,6 +149,19 @@ class ErrorEstimator:
         felt = float(self.weights.max() * self.weights.dot(self.cancellation.max(0, initial=0.0)))
         return _EPS * felt * self.weight / (self.gravity or 1.0)
 
+    @cached_property
+    def leaning_rounding(self) -> tuple[float, float]:
+        """Error of a by directions that are off by eps, per a and per lam.
+
+        Twice as much, for it is that at the nominal state.
+        """
+        if not self.leaning:
+            return 0.0, 0.0
+        P = np.zeros_like(self.cancellation)
+        P[self.leaning] = 2.0 * _EPS * self.cancellation[self.leaning]
+        moved, pushed = self.factors.moved(P.sum(axis=1)), self.factors.pushed(P.sum(axis=0))
+        return float(moved.max()), float(pushed.max())
+
     def missing(self, r: Array, s: Array, v: Array, a: Array) -> float:
         """Return a bound on |e|_inf at the state of the factors, for the residuals of a there."""
         factors, P, rows = self.factors, self.cancellation, len(s)
@@ -159,12 +180,18 @@ class ErrorEstimator:
             return min(computed, float(np.hypot(self.weights * whole, rounded).max()))
 
     def prove(
-        self, dynamics: Array, largest: list[float], tau: Array, e: float | None = None
+        self,
+        dynamics: Array,
+        largest: list[float],
+        tau: Array,
+        e: float | None = None,
+        lean: float = 0.0,
     ) -> tuple[Residuals, bool]:
         """Return the sizes of the residuals, and whether w and sigma have to be computed anew.
 
         `dynamics` and `largest` are those of `Equations.errors`; `e` bounds |e|_inf, where it was
-        computed. ``native/src/core/verdict.hpp`` is the same.
+        computed; where it was not, `lean` is how many eps directions are off, at most.
+        ``native/src/core/verdict.hpp`` is the same.
         """
         max_dynamics, max_a, violation, velocity, constraint, max_lam = largest
         e_M = self.weights.dot(dynamics) + self.per_row * constraint
@@ -172,24 +199,29 @@ class ErrorEstimator:
         scale = max_a if max_a > self.gravity else self.gravity
         if e is not None:  # relative to the exact a, which may be smaller by as much
             error = e / (1 - min(e / scale, 0.5)) if scale else e
-        if not error <= _NEAR_ROUNDING * scale:
-            error -= self.rounding_of(np.abs(tau))
+            if not error <= _NEAR_ROUNDING * scale:
+                error -= self.rounding_of(np.abs(tau))
         bound = max(error, 0.0) / scale if scale else (0.0 if error <= 0.0 else inf)
-        bound += self.rounding
+        leaning = 0.0
+        if lean:
+            of_a, of_lam = self.leaning_rounding
+            leaning = lean * (of_a + of_lam * max_lam / scale if scale else inf)
+        bound += self.rounding + leaning
         doubtful = e is None and (
             constraint > self.negligible_constraint_error * scale
             or bound > tolerances.SOLVED
+            or not leaning <= tolerances.SOLVED / 1000
             or max_a > self.plausible_acceleration
             or max_lam > self.plausible_force * scale
         )
         return Residuals(max_dynamics, constraint, violation, velocity, bound), doubtful
 
     def rounding_of(self, torques: Array) -> float:
-        """Return what rounding of some torques (nv,), all positive, does to a: eps max(w) w.tau.
+        """Return what rounding of some torques (nv,), all positive, does to a: eps |N| tau.
 
         Forces that balance to the last bit leave a = 0, and a relative error means nothing there.
         """
-        return self.largest_weight * float(self.weights.dot(torques)) * _EPS
+        return _EPS * float(self.factors.pushed(torques).max())
 
     @cached_property
     def plausible_acceleration(self) -> float:

@@ -52,7 +52,8 @@ class Verifier:
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
         off = largest[2] > self._open or largest[3] > self._moving
         left = self._left_out(q, largest[2]) if off else None
-        residuals, doubtful = estimator.prove(dynamics, largest, _torques(tau, load))
+        lean = equations.lean() if estimator.leaning else 0.0
+        residuals, doubtful = estimator.prove(dynamics, largest, _torques(tau, load), lean=lean)
         doubtful = doubtful or off
         singular, rest = False, None
         if not doubtful and self._pivots.may_fall:
@@ -134,9 +135,11 @@ class Verifier:
         """
         equations, nominal = self._workspace.equations, self._estimator
         q, v, tau = state
-        terms, P = equations.terms(q, np.zeros(self._workspace.model.nv)), equations.cancellation(q)
+        terms = equations.terms(q, np.zeros(self._workspace.model.nv))
         J = terms.J if left is None else left.kept(terms.J)
-        factors = factorise(terms.M, J, tolerances.REFERENCE_RANK).above_rounding(P)
+        factors = factorise(terms.M, J, tolerances.REFERENCE_RANK)
+        factors = factors.above_rounding(equations.cancellation(q))
+        P = equations.uncertainty(q)
         estimator = ErrorEstimator(factors, P, nominal.gravity, nominal.weight)
         r, s = equations.residuals(q, v, tau, a, lam, load)
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)

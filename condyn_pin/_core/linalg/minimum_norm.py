@@ -93,9 +93,17 @@ class MinimumNorm(NamedTuple):
 
         if not self.rank:
             return np.zeros(len(self.L))
-        along = dtrtrs(self.L.T, self.V)[0]
-        by = np.linalg.norm(self.U[:, : self.rank].T * s, axis=1) / self.S[: self.rank]
-        return np.asarray(np.abs(along) @ by)
+        along = dtrtrs(self.L.T, self.V / self.S[: self.rank])[0]
+        return np.asarray(np.linalg.norm((along @ self.U[:, : self.rank].T) * s, axis=1))
+
+    def pushed(self, r: Array) -> Array:
+        """Largest changes of a (nv,) by torques that are off by r (nv,), all positive.
+
+        |L^-T (1 - V V^T) L^-1| r: bodies that do not touch do not move each other.
+        """
+        whitened = self.mass.L_inv
+        free = whitened - self.V @ (self.V.T @ whitened)
+        return np.asarray(np.abs(whitened.T @ free) @ r)
 
     def solve_mass(self, r: Array) -> Array:
         """Return M^-1 r for one or many right-hand sides (nv, k)."""

@@ -20,6 +20,8 @@ from condyn_pin.constraints.path import Along
 from condyn_pin.constraints.rows.compiled_rows import CompiledRows
 from condyn_pin.errors import InvalidArgument
 
+_EPS = float(np.finfo(np.float64).eps)
+
 
 @dataclass(frozen=True)
 class Drive:
@@ -83,6 +85,11 @@ class AnyBound(ABC):
     @property
     def is_scalar(self) -> bool:
         """Whether its force is one number, along a line or a joint."""
+        return False
+
+    @property
+    def leans(self) -> bool:
+        """True if its rows are along directions that are computed, and not axes of its frames."""
         return False
 
     @property
@@ -206,6 +213,18 @@ class OnFrames(AnyBound, ABC):
         c1, c2 = self.ends(oMi)
         return length(c2.translation - c1.translation)
 
+    def reach(self, oMi: Any) -> float:
+        """Sum of the lengths that the places of c1 and c2 in the world are made of [m]."""
+        ends = (self.joint1, self.placement1), (self.joint2, self.placement2)
+        return sum(length(oMi[j].translation) + length(P.translation) for j, P in ends)
+
+    def shares(self, oMi: Any) -> Array:
+        """Sizes of shifts and of turns in its rows (size, 2), if it leans.
+
+        The errors of their directions by rounding, over eps, are among them.
+        """
+        raise NotImplementedError
+
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
         """Return the origin of c2."""
         return np.array(c2.translation)
@@ -228,6 +247,11 @@ class OnFrames(AnyBound, ABC):
         linear, angular = body(self.joint1) + body(self.joint2)
         # MuJoCo's angular rows are half of ours
         return [4 * angular if turns else linear for turns in self.turns(None)]
+
+
+def tilt(by: float, over: float) -> float:
+    """Error over eps of the direction of a vector, off by eps `by`: at most 1 / eps."""
+    return by / max(over, _EPS * by) if by else 0.0
 
 
 def length(x: Array) -> float:

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.any_bound import Drive, OnFrames
+from condyn_pin.constraints.rows.any_bound import Drive, OnFrames, tilt
 from condyn_pin.constraints.rows.compiled_rows import (
     BALL,
     CUT,
@@ -155,6 +155,15 @@ class Bound(OnFrames):
         c1, c2 = ends()
         along: Array = c1.actInv(c2).translation
         return np.asarray(lam[0] * np.asarray(along / np.linalg.norm(along)))
+
+    @property
+    def leans(self) -> bool:
+        """True of a rod: its direction is the difference of two places over its length."""
+        return self.is_rod
+
+    def shares(self, oMi: Any) -> Array:
+        """Size of a rod's shifts, with the error of its direction."""
+        return np.array([[1.0 + tilt(self.reach(oMi), self.arm(oMi)), 0.0]])
 
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
         """Return the origin of c2, where nothing else is known of the pair of forces."""

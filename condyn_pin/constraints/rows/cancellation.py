@@ -3,6 +3,9 @@
 J = J1 - X J2 is rounded to eps (|J1| + |X J2|), however small it is itself. Pinocchio forms either
 from columns at the origin of the world, so that each is rounded to eps times its distance from
 there at least: far away that is what counts.
+
+A row along a direction that is computed is off by as much as that: of a rod, n = (p2 - p1) / |r|
+turns by eps (|p1| + |p2|) / |r|, however well the two bodies agree.
 """
 
 from __future__ import annotations
@@ -29,27 +32,35 @@ class Cancellation:
         self._couplings = np.zeros((sum(b.size for b in bounds), model.nv))
         self._ends: list[tuple[int, Any]] = []  # joint and placement of those that move
         self._arms: list[OnFrames | None] = []  # what has an arm from c1 to c2
-        rows: tuple[list[Any], list[Any]] = [], []  # of c1 and of c2: row, end, is it an angle
+        self._shares = np.zeros((len(self._couplings), 2, 1))  # of shifts and of turns in each row
+        self._leaning: list[OnFrames] = []  # along directions that are computed
+        rows: tuple[list[Any], list[Any]] = [], []  # of c1 and of c2: row, end
         for b in bounds:
             if isinstance(b, Coupled):
                 self._couplings[b.rows, b.columns] = np.abs(b.entries)
                 continue
             assert isinstance(b, OnFrames)
-            angles = list(zip(range(b.rows.start, b.rows.stop), b.turns(model), strict=True))
+            turns = b.turns(model)
+            self._shares[b.rows, :, 0] = np.array([~turns, turns]).T
+            if b.leans:
+                self._leaning.append(b)
             ends = (b.joint1, b.placement1, b), (b.joint2, b.placement2, None)
             for its_rows, (joint, placement, arm) in zip(rows, ends, strict=True):
                 if joint:
-                    its_rows.extend((row, len(self._ends), angle) for row, angle in angles)
+                    its_rows.extend(
+                        (row, len(self._ends)) for row in range(b.rows.start, b.rows.stop)
+                    )
                     self._ends.append((joint, placement))
                     self._arms.append(arm)
         self._origins = [data.oMi[joint] for joint, _ in self._ends]
         self._rows = [np.array(each, dtype=int).T for each in rows if each]
 
-    def at(self, q: Array) -> Array:
+    def at(self, q: Array, *, leaning: bool = False) -> Array:
         """Return the sizes of what J is a difference of (m, nv).
 
         The same for all shifts of a constraint, and for all its turns. Of all places of a machine
-        it is least near the origin of the world.
+        it is least near the origin of the world. With `leaning` also what directions that are
+        computed are off by, over eps.
         """
         model, data, found = self._model, self._data, self._couplings.copy()
         pin.computeJointJacobians(model, data, q)
@@ -60,9 +71,15 @@ class Cancellation:
         shift, turn = np.abs(sixes).reshape(len(sixes), 2, 3, -1).max(axis=2).swapaxes(0, 1)
         away = np.array([[length(origin.translation)] for origin in self._origins])
         arms = np.array([[b.arm(data.oMi) if b else 0.0] for b in self._arms])
-        sizes = np.array([np.maximum(shift + arms * turn, away * turn), turn])
-        for rows, ends, angles in self._rows:
-            found[rows] += sizes[angles, ends]
+        shift = np.maximum(shift + arms * turn, away * turn)
+        shares = self._shares
+        if leaning and self._leaning:
+            shares = shares.copy()
+            for b in self._leaning:
+                shares[b.rows, :, 0] = b.shares(data.oMi)
+        for rows, ends in self._rows:
+            of_shifts, of_turns = shares[rows].swapaxes(0, 1)
+            found[rows] += of_shifts * shift[ends] + of_turns * turn[ends]
         return found
 
 

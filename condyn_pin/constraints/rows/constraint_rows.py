@@ -18,7 +18,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.along import along_at
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.any_bound import AnyBound, OnFrames
 from condyn_pin.constraints.rows.cancellation import Cancellation, least_of, more_than
 from condyn_pin.constraints.rows.groups import Groups
 from condyn_pin.constraints.rows.point_ends import PointEnds
@@ -73,6 +73,7 @@ class ConstraintRows:
         self._couplings, self._evaluators = self._groups.couplings, self._groups.evaluators
         others = self._couplings or self._drives  # which have a part in c too
         self._violations = [] if others else self._groups.violations
+        self._leaning = [b for b in self.bounds if isinstance(b, OnFrames) and b.leans]
         self._cancellation = Cancellation(model, self.data, self.bounds)
 
     @cached_property
@@ -132,6 +133,15 @@ class ConstraintRows:
     def cancellation(self, q: Array) -> Array:
         """Return P (m, nv): the sizes of what J is a difference of."""
         return self._cancellation.at(q)
+
+    def uncertainty(self, q: Array) -> Array:
+        """Error of J over eps (m, nv): P, and what rounding does to directions."""
+        return self._cancellation.at(q, leaning=True)
+
+    def lean(self) -> float:
+        """Largest error of a direction over eps, at the last evaluation; 0 without any."""
+        oMi = self.data.oMi
+        return float(np.max([b.shares(oMi).max() for b in self._leaning], initial=0.0))
 
     def violation(self, q: Array) -> Array:
         """Return c(q) (m,)."""

@@ -88,6 +88,22 @@ class Related(OnFrames):
         """Return for each row whether it is an angle."""
         return np.array(self.relation.angles)
 
+    @property
+    def leans(self) -> bool:
+        """True if W changes with the state."""
+        return not isinstance(self.relation, Apart)
+
+    def shares(self, oMi: Any) -> Array:
+        """Sizes of W, and of its change while frames move by the rounding of their places."""
+        c1, c2 = self.ends(oMi)
+        between = c1.actInv(c2)
+        R, r = between.rotation, between.translation
+        moves = np.diag(3 * [self.reach(oMi)] + 3 * [1.0])
+        W, rate = self.relation.weights, self.relation.weights_rate
+        sizes = np.abs(W(R, r)) + sum(np.abs(rate(R, r, move)) for move in moves)
+        most = 1.0 / np.finfo(float).eps  # nothing is left of the direction
+        return np.asarray(np.minimum(sizes, most).reshape(-1, 2, 3).max(axis=2))
+
     def compiled(self) -> CompiledRows | None:
         """Return its rows as the compiled core has them: of cut joints, where W chooses of s."""
         if not isinstance(self.relation, Apart):

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.any_bound import Drive, OnFrames
+from condyn_pin.constraints.rows.any_bound import Drive, OnFrames, length, tilt
 from condyn_pin.constraints.rows.compiled_rows import ROLL, CompiledRows, placement
 from condyn_pin.constraints.rows.cut_joints import cross
 from condyn_pin.constraints.rows.ends import Ends
@@ -122,6 +122,18 @@ class Rolled(OnFrames):
             t = m / size if size > FLAT else t
             r = self.radius * pin.skew(e) @ t if size > FLAT else 0.0 * n
         return pin.SE3(np.stack([t, pin.skew(n) @ t, n], axis=1), oMc1.translation + r)
+
+    @property
+    def leans(self) -> bool:
+        """True of a wheel: its rows are along e x n / |e x n|, and it may lie nearly flat."""
+        return self.axle is not None
+
+    def shares(self, oMi: Any) -> Array:
+        """Sizes of a wheel's shifts, with the errors of their directions."""
+        assert self.axle is not None
+        e = oMi[self.joint1].rotation @ self.placement1.rotation[:, self.axle]
+        size = length(pin.skew(e) @ self.placement2.rotation[:, 2])
+        return np.tile([1.0 + tilt(size > FLAT, size), 0.0], (self.size, 1))
 
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
         """Return the lowest point."""

@@ -165,7 +165,7 @@ def of_solver(workspace: Workspace) -> dict[str, Any]:
 
 def of_verdict(by: ErrorEstimator) -> Array:
     """Return what answers are judged by, as `ErrorEstimator.prove` and `Verifier` do."""
-    of_residuals = by.gravity, by.largest_weight, by.per_row, by.rounding
+    of_residuals = by.gravity, by.largest_weight, by.per_row, by.rounding, *by.leaning_rounding
     of_doubts = (
         by.negligible_constraint_error,
         by.plausible_acceleration,

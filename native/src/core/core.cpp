@@ -59,7 +59,7 @@ Answer Core::answer(Worker & own, const double * forces, double accuracy) const
   own.lam = own.solver->scene_forces();
   const Sizes s = own.proof(own.q, own.v, own.tau, a, own.lam, own.loads.get());
   const Verdict & verdict = scene_.verdict;
-  const double bound = verdict.bound(s, scene_.weights, own.tau.cwiseAbs() + own.loads->size);
+  const double bound = verdict.bound(s);
   const bool clear = verdict.is_normalised(scene_.model, own.q) && own.solver->is_exact()
                      && verdict.is_clear(s, bound, own.solver->pivots_left(), accuracy);
   return {a, own.lam, {s.dynamics, s.constraint, s.violation, s.velocity, bound}, clear, own.solver->iterations,

@@ -23,7 +23,7 @@ class Loads
 {
 public:
   Loads(const Model & model, const std::vector<Push> & pushes)
-  : on_joint(model.njoints, Force::Zero()), torque(VectorXd::Zero(model.nv)), size(torque)
+  : on_joint(model.njoints, Force::Zero()), torque(VectorXd::Zero(model.nv))
   , wrenches(pushes.size(), Vector6d::Zero()), pushes(pushes), model_(model), data_(model)
   {}
 
@@ -33,7 +33,7 @@ public:
     if (pushes.empty())
       return;
     pinocchio::computeJointJacobians(model_, data_, q);
-    torque.setZero(), size.setZero();
+    torque.setZero();
     for (auto & f : on_joint)
       f.setZero();
     for (std::size_t i = 0; i < pushes.size(); ++i)
@@ -48,7 +48,6 @@ public:
         {
           const Motion column = axes.actInv(Motion(data_.J.col(j).head<3>(), data_.J.col(j).tail<3>()));
           torque[j] += column.toVector().dot(given.toVector());
-          size[j] += column.toVector().cwiseAbs().dot(given.toVector().cwiseAbs());
         }
       wrenches[i] << R * given.linear(), R * given.angular();
       on_joint[push.joint] += push.placement.act(Force(wrenches[i]));
@@ -57,7 +56,6 @@ public:
 
   Forces on_joint; // in the axes of the joints
   VectorXd torque; // sum_f J_f^T f
-  VectorXd size; // sum_f |J_f|^T |f|, of which rounding is a share
   std::vector<Vector6d> wrenches; // in the axes of the frames
   const std::vector<Push> pushes;
 

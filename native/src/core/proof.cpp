@@ -1,5 +1,7 @@
 #include "proof.hpp"
 #include "largest.hpp"
+#include <algorithm>
+#include <limits>
 #include <pinocchio/algorithm/kinematics.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
 
@@ -24,6 +26,35 @@ const VectorXd & newton_euler(const Model & model, Data & data, const VectorXd &
     Step::run(model.joints[i], data.joints[i], Step::ArgsType(model, data));
   return data.tau;
 }
+
+/// Error over eps of the direction of a vector, off by eps `by`: at most 1 / eps.
+double tilt(double by, double over)
+{
+  return by > 0 ? by / std::max(over, std::numeric_limits<double>::epsilon() * by) : 0.0;
+}
+
+/// Largest error of a direction of rods and wheels, over eps: `OnFrames.shares` in Python.
+double lean(const Scene & scene, const Data & data)
+{
+  double most = 0;
+  for (const Constraint & k : scene.constraints)
+  {
+    if (k.kind == Kind::rod)
+    {
+      const auto & one = data.oMi[k.joint1], & two = data.oMi[k.joint2];
+      const auto &p1 = k.placement1.translation(), &p2 = k.placement2.translation();
+      const double reach = one.translation().norm() + p1.norm() + two.translation().norm() + p2.norm();
+      most = std::max(most, 1 + tilt(reach, (two.act(p2) - one.act(p1)).norm()));
+    }
+    else if (k.kind == Kind::roll && k.axis >= 0)
+    {
+      const Vector3d e = data.oMi[k.joint1].rotation() * k.placement1.rotation().col(k.axis);
+      const double size = e.cross(k.placement2.rotation().col(2)).norm();
+      most = std::max(most, 1 + tilt(size > 1e-12, size)); // FLAT in Python
+    }
+  }
+  return most;
+}
 } // namespace
 
 Proof::Proof(const Scene & scene)
@@ -45,6 +76,6 @@ Sizes Proof::operator()(
   add_wrenches(scene_, data_, lam, on_joint_, torque_);
   r_ = (newton_euler(scene_.model, data_, a, on_joint_) - tau - torque_).cwiseAbs();
   return {largest(r_), largest(a), largest(rows_.c), largest(rows_.velocity), largest(rows_.acceleration),
-          largest(lam), scene_.weights.dot(r_)};
+          largest(lam), scene_.weights.dot(r_), lean(scene_, data_)};
 }
 } // namespace condyn

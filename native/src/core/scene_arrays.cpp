@@ -100,9 +100,9 @@ Passive passive_of(const SceneArrays & x, const Model & model)
 
 Verdict verdict_of(const List & numbers)
 {
-  want(numbers.size() == 11, "verdict");
+  want(numbers.size() == 13, "verdict");
   const double * x = numbers.data();
-  return {x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10]};
+  return {x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11], x[12]};
 }
 
 Scene read_model(const RowArrays & x)
