@@ -1,4 +1,6 @@
-# make test      set up a virtual environment, check style and types, run every test
+# make test      set up a virtual environment, check style and types, run every test; those that need the compiled core are
+#                left out where it is not installed
+# make test-native  after `make native`, the tests that use the compiled core
 # make test3     the same tests on Pinocchio 3.9, in an environment of its own
 # make test3-calls  of these, all in which Pinocchio has a part; the numerical ones with an older processor's kernel
 # make test-kernels   both, as other processors would round: all kernels of OpenBLAS that this one
@@ -35,7 +37,7 @@ export PIP_DEFAULT_TIMEOUT ?= 120
 # Tests start a thousand interpreters: each would compile all of our files again, and pytest all tests.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: dist test test3 test3-calls test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
+.PHONY: dist test test-native test3 test3-calls test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
@@ -45,6 +47,9 @@ style: $(VENV)/ready
 	$(BIN)/ruff format --check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
+
+test-native: $(VENV)/ready
+	$(BIN)/python -m pytest -n 2 -m native
 
 test3: $(VENV3)/ready
 	$(VENV3)/bin/python -m pytest -n 2
@@ -96,7 +101,8 @@ stress-slice: $(VENV)/ready
 
 native: $(VENV)/ready build/native/ready
 	for python in $(wildcard $(VENV3)/bin/python) $(BIN)/python; do \
-	    $$python $(PIP) --no-deps --force-reinstall build/native/*.whl; done
+	    $$python $(PIP) --no-deps --force-reinstall build/native/*.whl || exit; \
+	    $$python -c "from condyn_pin._core.compiled import *; compiled(), compiled_tick()" || exit; done
 
 build/native/ready: $(VENVN)/ready $(NATIVE)
 	rm -f build/native/*.whl  # of an older version

@@ -1,7 +1,8 @@
 """The same everywhere: one thread for the linear algebra, a plain terminal, the same examples.
 
 Tests marked `chromium` look at what a browser draws. Without one they are left out, and the end of
-the run says so; where CI=true they fail.
+the run says so; where CI=true they fail. Tests marked `native` use the compiled core, and are left
+out where it is not installed, but for those to which it is optional; with `-m native` they fail.
 """
 
 import os
@@ -28,35 +29,77 @@ settings.load_profile("same")
 
 
 _NO_CHROMIUM = "there is no Chromium"
+_NO_CORE = "the compiled core is not installed"
+_CURES = {
+    _NO_CHROMIUM: "apt-get install chromium, or brew install --cask chromium",
+    _NO_CORE: "make native",
+}
 
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "chromium: looks at what a browser draws")
     config.addinivalue_line("markers", "once: Pinocchio has no part in it, one version will do")
+    config.addinivalue_line("markers", "native(optional=False): uses the compiled core")
 
 
-def pytest_collection_modifyitems(items):
+@pytest.hookimpl(tryfirst=True)  # before -m chooses by markers
+def pytest_collection_modifyitems(config, items):
+    for item in items:
+        if _of_compiled_solver(item):
+            item.add_marker(pytest.mark.native)
+    if not _has_chromium() and os.environ.get("CI") != "true":  # there they fail
+        _skip(items, "chromium", _NO_CHROMIUM)
+    if not _has_core() and "native" not in config.option.markexpr:  # chosen, they fail
+        _skip(items, "native", _NO_CORE)
+
+
+def _of_compiled_solver(item):
+    """Whether a test has a parameter that is a solver of the compiled core, or its name."""
+    from condyn_pin.dynamics import PV, ConstrainedABA
+
+    given = item.callspec.params.values() if hasattr(item, "callspec") else ()
+    names = "constrainedaba", "pv"
+    return any(
+        x in names if isinstance(x, str) else isinstance(x, ConstrainedABA | PV) for x in given
+    )
+
+
+def _has_chromium():
     from condyn_pin.errors import MissingExtra
     from condyn_pin.viewing.chromium import find_chromium
 
     try:
         find_chromium()
     except MissingExtra:
-        if os.environ.get("CI") == "true":  # they fail, each with the remedy
-            return
-        for item in items:
-            if item.get_closest_marker("chromium"):
-                item.add_marker(pytest.mark.skip(reason=_NO_CHROMIUM))
+        return False
+    return True
+
+
+def _has_core():
+    from condyn_pin._core.compiled import compiled, compiled_tick
+    from condyn_pin._core.constrained_aba import constrained_aba
+    from condyn_pin.errors import MissingExtra
+
+    try:
+        compiled(), compiled_tick(), constrained_aba()
+    except MissingExtra:
+        return False
+    return True
+
+
+def _skip(items, name, reason):
+    for item in items:
+        marker = item.get_closest_marker(name)
+        if marker and not marker.kwargs.get("optional"):
+            item.add_marker(pytest.mark.skip(reason=reason))
 
 
 def pytest_terminal_summary(terminalreporter):
     skipped = terminalreporter.stats.get("skipped", [])
-    count = sum(_NO_CHROMIUM in str(report.longrepr) for report in skipped)
-    if count:
-        terminalreporter.write_line(
-            f"{count} tests that look into a browser were left out, since {_NO_CHROMIUM}: "
-            "apt-get install chromium, or brew install --cask chromium"
-        )
+    for reason, cure in _CURES.items():
+        count = sum(reason in str(report.longrepr) for report in skipped)
+        if count:
+            terminalreporter.write_line(f"{count} tests were left out, since {reason}: {cure}")
 
 
 @pytest.fixture(autouse=True)

@@ -13,7 +13,6 @@ from shared import all_scenes, robot
 import condyn_pin as cp
 from condyn_pin._core import timing
 from condyn_pin._core._pin import HAS_LCABA
-from condyn_pin._core.constrained_aba import missing_constrained_aba
 from condyn_pin._core.machine import machine
 from condyn_pin._core.timing import Times, interleaved
 from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
@@ -141,10 +140,7 @@ def test_json_has_no_nan_and_keeps_every_field(tmp_path):
     assert repr(again) == repr(table())  # NaN is unlike itself
 
 
-@pytest.mark.skipif(
-    bool(missing_constrained_aba()),
-    reason="condyn_pin_native is not installed: `make native` builds it",
-)
+@pytest.mark.native
 @pytest.mark.parametrize("name", ["talos", "four_bar"])
 def test_native_rows_are_those_of_python_without_it(name):
     """The same equations and settings: the same error, and a time against dense in C++."""

@@ -16,10 +16,6 @@ from condyn_pin.dynamics import PV, ConstrainedABA
 from condyn_pin.dynamics.choice import untaken
 from condyn_pin.dynamics.compiled_method import CompiledMethod
 
-needs_module = pytest.mark.skipif(
-    bool(missing_constrained_aba()),
-    reason="condyn_pin_native is not installed: `make native` builds it",
-)
 each_kind = pytest.mark.parametrize("kind", [ConstrainedABA, PV])
 HELD = [label for label, scene in all_scenes().items() if not untaken(scene, ConstrainedABA())]
 
@@ -84,7 +80,7 @@ def chain(rng: np.random.Generator) -> pin.Model:
     return model
 
 
-@needs_module
+@pytest.mark.native
 @each_kind
 def test_every_joint_that_is_compiled(kind):
     """Points and welds on leaves and on a body between, two on one body, in motion."""
@@ -111,7 +107,7 @@ def test_every_joint_that_is_compiled(kind):
     assert relative(found.lam, right.lam) < 1e-7
 
 
-@needs_module
+@pytest.mark.native
 @each_kind
 def test_a_joint_that_is_not_compiled_is_refused_by_name(kind):
     model, composite = pin.Model(), pin.JointModelComposite()
@@ -127,7 +123,7 @@ def test_a_joint_that_is_not_compiled_is_refused_by_name(kind):
 # --- hard numbers
 
 
-@needs_module
+@pytest.mark.native
 @each_kind
 @pytest.mark.parametrize("label", HELD)
 @pytest.mark.parametrize("exponent", [-16, -8, -4, 0, 3])
@@ -140,7 +136,7 @@ def test_what_says_ok_is_right_whatever_mu_is(kind, label, exponent):
             assert not found.status.ok or relative(found.a, right.a) < SOLVED
 
 
-@needs_module
+@pytest.mark.native
 def test_without_mu_redundant_rows_are_singular():
     label = "talos foot held twice"
     found = cp.solve(all_scenes()[label], *states(label)[0], solver=PV(mu=0.0), throw=False)
@@ -152,7 +148,7 @@ def test_without_mu_redundant_rows_are_singular():
         ConstrainedABA(mu=0.0)
 
 
-@needs_module
+@pytest.mark.native
 @pytest.mark.parametrize("decades", [2.0, 4.0, 6.0, 8.0])
 @each_kind
 def test_wide_masses_are_right_or_not_ok(kind, decades):
@@ -189,7 +185,7 @@ def compiled(name: str, label: str, **settings: float) -> CompiledMethod:
     return CompiledMethod(name, workspace.model, constraints, None, **settings)
 
 
-@needs_module
+@pytest.mark.native
 def test_trap_constrained_aba_of_pinocchio_lives_on_the_call_before():
     """Two sweeps from what another call left are not those from another; NaN stays for good."""
     first, second, *_ = states("talos contacts")
@@ -208,7 +204,7 @@ def test_trap_constrained_aba_of_pinocchio_lives_on_the_call_before():
     assert np.array_equal(ours.acceleration(*first), fresh)
 
 
-@needs_module
+@pytest.mark.native
 @pytest.mark.parametrize("label", ["talos contacts", "talos corners", "solo12 contacts"])
 def test_all_that_is_compiled_agrees_with_reference(label):
     redundant = bool(all_scenes()[label].nominal.redundant)
@@ -222,7 +218,7 @@ def test_all_that_is_compiled_agrees_with_reference(label):
             assert relative(method.acceleration(*state), right.a) < 1e-6, name
 
 
-@needs_module
+@pytest.mark.native
 def test_the_border_refuses_what_does_not_fit():
     method = compiled("PV", "talos contacts", mu=1e-9, accuracy=1e-9, limit=5)
     q, v, tau = states("talos contacts")[0]
@@ -238,7 +234,7 @@ def test_the_border_refuses_what_does_not_fit():
     assert np.array_equal(method.acceleration(strided, v, tau), method.acceleration(q, v, tau))
 
 
-@needs_module
+@pytest.mark.native
 def test_many_states_are_each_answered_as_one():
     method = compiled("ConstrainedABA", "talos contacts", mu=1e-5, accuracy=1e-10, limit=50)
     Q, V, TAU = (np.array(x) for x in zip(*states("talos contacts"), strict=True))

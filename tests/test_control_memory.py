@@ -26,6 +26,11 @@ from condyn_pin.mechanism import project_velocity
 
 STAND = [CenterOfMass(kp=20, weight=100), Orientation("base_link", weight=50), Posture(weight=0.1)]
 
+each_way = pytest.mark.parametrize(
+    "native",
+    [False, pytest.param("where possible", marks=pytest.mark.native(optional=True))],
+)
+
 
 def moving(name: str) -> tuple[cp.Scene, list[tuple[np.ndarray, np.ndarray]]]:
     """A scene on its feet, and two states of it that move."""
@@ -115,7 +120,7 @@ def test_rows_may_be_lists() -> None:
     assert out.status.ok
 
 
-@pytest.mark.parametrize("native", [False, "where possible"])
+@each_way
 @pytest.mark.parametrize(("name", "weight", "speed"), [("talos", 1e2, 0.05), ("solo12", 1e4, 0.3)])
 def test_forces_do_not_depend_on_the_tick_before(name, weight, speed, native) -> None:
     """Regularisation alone shares them out: a KKT residual of 1e-10 may hide 0.1 of the weight."""
@@ -137,7 +142,7 @@ def test_forces_do_not_depend_on_the_tick_before(name, weight, speed, native) ->
     assert changed > 2
 
 
-@pytest.mark.parametrize("native", [False, "where possible"])
+@each_way
 def test_limits_that_contradict_each_other_are_told_behind_a_tick_at_one_of_them(native) -> None:
     """A joint that comes too fast to its end cannot brake with 50 rad/s^2, where it had 40."""
     made = cp.model.chain(2)

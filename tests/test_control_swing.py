@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from needs_native import needs_ticks
 from numpy.typing import NDArray
 from shared import all_scenes, robot
 
@@ -159,7 +158,7 @@ def test_springs_in_loops_are_locked_by_forces_of_loops_and_springs_alone() -> N
     assert np.abs(left).max() < 1e-10 < 1e-2 < np.abs(impulse).max()
 
 
-@needs_ticks
+@pytest.mark.native
 def test_ticks_of_the_core_leave_the_swing_out_too() -> None:
     _, core, q, v = cassie(native=True)
     python = cassie()[1].solve(q, v)

@@ -61,9 +61,17 @@ def test_there_are_pages():
     assert len(PAGES) >= 10
 
 
-@pytest.mark.parametrize(
-    "page", [page for page in PAGES[1:] if blocks(page, "python")], ids=lambda page: page.stem
-)
+def pages_of_python() -> list[object]:
+    """The pages with blocks of Python; some use the compiled core where it is installed."""
+    core = pytest.mark.native(optional=True)
+    return [
+        pytest.param(page, marks=core if "MissingExtra" in TEXTS[page] else (), id=page.stem)
+        for page in PAGES[1:]
+        if blocks(page, "python")
+    ]
+
+
+@pytest.mark.parametrize("page", pages_of_python())
 def test_python_blocks_run_in_one_session(page, elsewhere, capsys):
     assert len(session_of(page)) > 2  # something was done
 

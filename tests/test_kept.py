@@ -10,7 +10,6 @@ from weakref import ref
 
 import numpy as np
 import pytest
-from needs_native import needs_native
 from shared import all_scenes, robot
 
 import condyn_pin as cp
@@ -145,7 +144,7 @@ def test_steps_that_take_turns_have_a_memory_each(built):
     assert built["ProvedSteps"] == 4
 
 
-@needs_native
+@pytest.mark.native
 def test_batches_of_the_core_that_take_turns_build_a_core_for_each_scene(built):
     scenes, executor = [fresh(FOUR_BAR), fresh(SOLO)], cp.Native(threads=1)
     for _ in range(3):

@@ -18,8 +18,7 @@ from time import sleep
 
 import numpy as np
 import pytest
-from needs_native import HEADERS, needs_native
-from shared import all_scenes, robot
+from shared import HEADERS, all_scenes, robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -31,7 +30,7 @@ from condyn_pin.dynamics.compiled import arrays
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.errors import UnsupportedBackend
 
-pytestmark = needs_native
+pytestmark = pytest.mark.native
 
 SAME = pin.__version__ == HEADERS
 

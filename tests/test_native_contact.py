@@ -10,9 +10,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from contact_problems import on_a_rough_floor
-from needs_native import HEADERS, needs_native
 from numpy.testing import assert_allclose, assert_array_equal
-from shared import robot, short_lever
+from shared import HEADERS, robot, short_lever
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -30,7 +29,7 @@ from condyn_pin.simulation.batch import (
 )
 from condyn_pin.simulation.batch.batch_step import ERRORS
 
-pytestmark = needs_native
+pytestmark = pytest.mark.native
 
 # Both end Newton's method at rounding; what is left is that of M, h and J, and of their products.
 EXACT = cp.StewartTrinkle(contact=SemismoothNewton())

@@ -10,7 +10,6 @@ import pickle
 
 import numpy as np
 import pytest
-from needs_native import needs_ticks
 from own_task import own_task, still
 from shared import robot
 
@@ -40,7 +39,7 @@ from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.mechanism import project_velocity, without
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
-pytestmark = [needs_ticks, pytest.mark.once]
+pytestmark = [pytest.mark.native, pytest.mark.once]
 pytest.importorskip("proxsuite")
 
 IN_CORE = ("compiled core",)

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from needs_native import needs_native
 from shared import robot
 from test_driven import floating_box
 from test_native import DRIFTS, STEPS, assert_moved_like_python, left_to_python, near
@@ -33,7 +32,7 @@ from condyn_pin.simulation.batch.compiled_motions import MEASURED
 from condyn_pin.simulation.batch.driven_path import DrivenPath
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
-pytestmark = [needs_native, pytest.mark.once]
+pytestmark = [pytest.mark.native, pytest.mark.once]
 
 N = 8
 AT = 0.37  # [s]

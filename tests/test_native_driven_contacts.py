@@ -17,7 +17,6 @@ from native_contacts import (
     assert_steps_of_python,
     at_rest,
 )
-from needs_native import needs_native
 from numpy.testing import assert_allclose
 from test_driven_contacts import FRICTION, WALL, driven_bar, pushed, pushing
 from test_native_contact import CORE, DT, EXACT, MOVED, on_feet
@@ -43,7 +42,7 @@ from condyn_pin.simulation.batch import compiled_contact_motions
 from condyn_pin.simulation.batch.compiled_steps import contacts_of, paths_of, step_plan
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
-pytestmark = [needs_native, pytest.mark.once]
+pytestmark = [pytest.mark.native, pytest.mark.once]
 
 
 def along_path(scene: cp.Scene, q: np.ndarray, v: object) -> np.ndarray:

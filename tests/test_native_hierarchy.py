@@ -9,7 +9,6 @@ import functools
 
 import numpy as np
 import pytest
-from needs_native import needs_ticks
 from numpy.typing import NDArray
 from test_native_control import BASES, CONES, IN_CORE, OCTAGON, assert_same, pair, scene_of
 
@@ -33,7 +32,7 @@ from condyn_pin.lab.hierarchies import HIERARCHIES
 from condyn_pin.mechanism import project_velocity, rods_as_distances
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
-pytestmark = [needs_ticks, pytest.mark.once]
+pytestmark = [pytest.mark.native, pytest.mark.once]
 pytest.importorskip("proxsuite")
 pytest.importorskip("daqp")
 

@@ -10,7 +10,6 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 from native_contacts import Start, along, by_python
-from needs_native import needs_native
 from numpy.testing import assert_array_equal
 from test_contact_pairs import above, near, placed, scene_of
 from test_meeting_derivatives import almost_flush, assert_differences
@@ -34,7 +33,7 @@ from condyn_pin.simulation import step_derivatives_batch
 from condyn_pin.simulation.routes import many_steps
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
-pytestmark = [needs_native, pytest.mark.once]
+pytestmark = [pytest.mark.native, pytest.mark.once]
 
 ABOUT = {"dt": DT, "integrator": EXACT}
 

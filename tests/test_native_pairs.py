@@ -17,7 +17,6 @@ from native_contacts import (
     at_rest,
     by_python,
 )
-from needs_native import needs_native
 from numpy.testing import assert_allclose, assert_array_equal
 from test_contact_pairs import near, scene_of
 from test_native_contact import CORE, DT, EXACT, assert_same_steps, on_feet
@@ -32,7 +31,7 @@ from condyn_pin.model import free_box, together
 from condyn_pin.simulation import contact_problem, step_batch
 from condyn_pin.simulation.batch import steps
 
-pytestmark = needs_native
+pytestmark = pytest.mark.native
 
 SHAPES = {
     "point": Point(),

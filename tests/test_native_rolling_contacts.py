@@ -15,7 +15,6 @@ from native_contacts import (
     assert_steps_of_python,
     at_rest,
 )
-from needs_native import needs_native
 from test_native_contact import on_feet
 from test_nonholonomic import cart
 
@@ -34,7 +33,7 @@ from condyn_pin.constraints import (
 from condyn_pin.model import free_box
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
-pytestmark = [needs_native, pytest.mark.once]
+pytestmark = [pytest.mark.native, pytest.mark.once]
 
 
 def wall(frame: str, x: float, radius: float) -> FrictionalContact:

@@ -10,7 +10,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from native_contacts import assert_motions_of_python, assert_steps_of_python, at_rest
-from needs_native import needs_native
 from numpy.testing import assert_allclose, assert_array_equal
 from shared import all_scenes
 from test_applied_forces import chain_on
@@ -30,7 +29,7 @@ from condyn_pin.simulation import step_batch, step_derivatives_batch
 from condyn_pin.simulation.batch import compiled_contact_motions
 from condyn_pin.simulation.routes import many_steps
 
-pytestmark = needs_native
+pytestmark = pytest.mark.native
 
 # Branch to branch, branch to body and branch to world; longer and shorter than at rest, and two
 # that are a spring alone or a damper alone.

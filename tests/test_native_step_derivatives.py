@@ -9,9 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from needs_native import HEADERS, needs_native
 from numpy.testing import assert_allclose, assert_array_equal
-from shared import robot
+from shared import HEADERS, robot
 from test_native_contact import DT, EXACT, along, at_stops, boxes, cassie, on_feet
 
 import condyn_pin as cp
@@ -24,7 +23,7 @@ from condyn_pin.simulation import BatchStepDerivatives, Kappa, step_derivatives_
 from condyn_pin.simulation.routes import many_steps
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
-pytestmark = [needs_native, pytest.mark.once]
+pytestmark = [pytest.mark.native, pytest.mark.once]
 
 CORE = {"executor": cp.Native(threads=1)} if HEADERS else {}
 ROUNDED = 1e-9  # relative to the largest entry of a matrix

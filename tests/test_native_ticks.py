@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from needs_native import needs_ticks
 from numpy.typing import NDArray
 from shared import robot
 from test_control_swing import two_masses
@@ -39,7 +38,7 @@ from condyn_pin.control.compiled import tick_arrays
 from condyn_pin.mechanism import anchored, project_velocity
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
-pytestmark = [needs_ticks, pytest.mark.once]
+pytestmark = [pytest.mark.native, pytest.mark.once]
 pytest.importorskip("proxsuite")
 
 Array = NDArray[np.float64]

@@ -93,6 +93,45 @@ cp.Workspace
     assert modules_after(code) & heavy == set()
 
 
+def test_without_the_compiled_core_python_works_where_that_may_be():
+    """With "where possible" by Python; with True by an error that says how to build the core."""
+    code = """
+import sys
+sys.modules["condyn_pin_native"] = None
+import numpy as np
+import condyn_pin as cp
+from condyn_pin.control import Controller, Posture
+
+solo = cp.load_robot("solo12")
+scene = cp.Scene(solo, solo.contacts)
+q, v = scene.state()
+cone = cp.contact.FrictionCone(0.6, sides=8)
+willing = cp.Native(threads=2, where_possible=True)
+for native in (False, "where possible"):
+    solution = cp.Workspace(scene, native=native).solve(q, v, 0 * v)
+    slopes = cp.Workspace(scene, native=native).derivatives(q, v, 0 * v)
+    tick = Controller(scene, [Posture()], cones=cone, native=native).solve(q, v)
+    many = cp.solve_batch(scene, [q], [v], 0, executor=willing if native else None)
+    fall = cp.simulate_batch(scene, [q], [v], duration=0.01, executor=willing if native else None)
+    print(*solution.a, *slopes.da_dq.flat, *tick.tau, *many.a.flat, *fall.q.flat)
+for wanted in (
+    lambda: cp.Workspace(scene, native=True),
+    lambda: Controller(scene, [Posture()], cones=cone, native=True),
+    lambda: cp.Native(),
+):
+    try:
+        wanted()
+    except cp.errors.MissingExtra as error:
+        print(error)
+"""
+    run = [sys.executable, "-c", code]
+    said = subprocess.run(run, capture_output=True, text=True, check=True).stdout.splitlines()
+    python, willing = ([float(x) for x in line.split()] for line in said[:2])
+    assert willing == pytest.approx(python, rel=1e-9, abs=1e-9)  # memory lies elsewhere: rounding
+    assert len(said) == 5
+    assert all("pip install ./native" in line for line in said[2:])
+
+
 def test_nothing_in_the_library_prints():
     for path in PACKAGE.rglob("*.py"):
         calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]

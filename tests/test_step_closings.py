@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from needs_native import needs_native
 from numpy.typing import NDArray
 
 import condyn_pin as cp
@@ -22,7 +21,8 @@ Array = NDArray[np.float64]
 Start = tuple[cp.Scene, Array, Array]
 
 by_both = pytest.mark.parametrize(
-    "core", [pytest.param(False, id="Python"), pytest.param(True, id="core", marks=needs_native)]
+    "core",
+    [pytest.param(False, id="Python"), pytest.param(True, id="core", marks=pytest.mark.native)],
 )
 
 

@@ -13,7 +13,8 @@ from typing import Any, Final, Literal, TypeAlias
 
 from condyn_pin.errors import InvalidArgument, MissingExtra
 
-# Whether the core is to do something: refused, or done by Python, where it cannot.
+# Whether the core is to do something. Where it cannot, or is not installed, True is an error and
+# "where possible" is Python.
 Native: TypeAlias = bool | Literal["where possible"]
 
 # Of the arrays that are handed over; a module of another one was built from another version.

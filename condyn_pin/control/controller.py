@@ -34,7 +34,7 @@ from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgra
 from condyn_pin.control.tasks.base import Task
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_at_all_times, check_bilateral, check_scene
-from condyn_pin.errors import InvalidArgument, UnsupportedBackend
+from condyn_pin.errors import InvalidArgument, MissingExtra, UnsupportedBackend
 
 if TYPE_CHECKING:
     from condyn_pin.control.compiled.tick import CompiledTick
@@ -76,9 +76,9 @@ class Controller(OneThread):
         excite it.
     native : bool or "where possible"
         Whether ticks are done by the compiled core: terms, program, answer and proof. The answers
-        are the same, in less time. What the core does not take is refused if True, and else left to
-        Python; so is any tick whose rows contradict each other, or whose levels leave something to
-        rounding.
+        are the same, in less time. True refuses tasks and constraints that the core does not take;
+        "where possible" has Python do these, and everything where no core is installed. Python also
+        does any tick whose rows contradict each other, or whose levels leave something to rounding.
 
     Raises
     ------
@@ -92,7 +92,7 @@ class Controller(OneThread):
         If the core does not take something of a controller that is to be `native`: tasks or
         constraints that it has no rows for.
     MissingExtra
-        If the package of the solver, or the core, is not installed.
+        If the package of the solver is not installed, or the core where `native` is True.
 
     Notes
     -----
@@ -157,7 +157,7 @@ class Controller(OneThread):
         self._tick = self._compiled(cones) if settings.native else None
 
     def _compiled(self, cones: Cones) -> CompiledTick | None:
-        """Return what does ticks in compiled code, if it takes everything here."""
+        """Return the tick in compiled code, or None where Python does it in its place."""
         # imported here: most do without
         from condyn_pin.control.compiled.tick import CompiledTick
 
@@ -165,7 +165,7 @@ class Controller(OneThread):
             return CompiledTick(
                 self._program, self.scene, cones, self.actuation, self._settings.regularisation
             )
-        except UnsupportedBackend:
+        except (UnsupportedBackend, MissingExtra):
             if self._settings.native is True:
                 raise
             return None

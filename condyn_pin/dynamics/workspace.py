@@ -38,7 +38,7 @@ from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene, check
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.verifier import Verifier, failure
-from condyn_pin.errors import InvalidArgument, UnsupportedBackend
+from condyn_pin.errors import InvalidArgument, MissingExtra, UnsupportedBackend
 
 if TYPE_CHECKING:
     from condyn_pin._core.compiled import Native
@@ -69,8 +69,8 @@ class Workspace(Memory):
         Baumgarte stabilisation: it gives a_ref, which is zero by default.
     native : bool or "where possible"
         Whether `solve` and `derivatives` are those of the compiled core (`Native`): the same
-        answers in less time. What the core does not take is refused if True, and else left to
-        Python.
+        answers in less time. True refuses a scene or solver that the core does not take;
+        "where possible" has Python answer these, and everything where no core is installed.
 
     Attributes
     ----------
@@ -93,7 +93,7 @@ class Workspace(Memory):
     UnsupportedBackend
         If it is to be `native`, and the core does not take the scene or the solver.
     MissingExtra
-        If it is to be `native`, and the core is not installed.
+        If `native` is True and the core is not installed.
     StaleModel
         If the robot's model was edited since it was loaded.
 
@@ -171,10 +171,10 @@ class Workspace(Memory):
         self.core = self._compiled_or_none() if self.native else None
 
     def _compiled_or_none(self) -> CompiledCore | None:
-        """Return what answers in compiled code."""
+        """Return the workspace in compiled code, or None where Python answers in its place."""
         try:
             return self.compiled
-        except UnsupportedBackend:
+        except (UnsupportedBackend, MissingExtra):
             if self.native is True:
                 raise
             return None

@@ -30,12 +30,13 @@ class Native:
         ``client.get_executor()``. This process by default.
     where_possible : bool
         What the core does not take, such as torques that are a function, raises
-        `UnsupportedBackend` by default; with True Python does that.
+        `UnsupportedBackend` by default; with True Python does that, and everything where no core is
+        installed.
 
     Raises
     ------
     MissingExtra
-        If the core is not installed.
+        If the core is not installed, unless `where_possible`.
 
     Notes
     -----
@@ -47,7 +48,6 @@ class Native:
     where_possible: bool = False
 
     def __post_init__(self) -> None:
-        compiled()
         if self.threads is not None:
             check_count("threads", self.threads, most=_MOST)
         if not isinstance(self.executor, Executor | None):
@@ -57,6 +57,8 @@ class Native:
             )
         if not isinstance(self.where_possible, bool):
             raise InvalidArgument(f"where_possible = {self.where_possible!r}: True or False")
+        if not self.where_possible:
+            compiled()
 
     @property
     def at_work(self) -> int:

@@ -15,12 +15,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.compiled import compiled
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin._core.parallel.native import Native
 from condyn_pin._core.parallel.transports import Kernel, Messages
 from condyn_pin.dynamics.compiled.core import refuse
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.errors import UnsupportedBackend
+from condyn_pin.errors import MissingExtra, UnsupportedBackend
 
 # What the core of a workspace does to the rows of a chunk with some threads; it returns those that
 # it leaves.
@@ -81,12 +82,15 @@ def workers(
     ------
     UnsupportedBackend
         If the core does not take it.
+    MissingExtra
+        If the core is not installed.
     """
     if not isinstance(executor, Native):
         return Workers(python, executor, chunk)
     try:
+        compiled()
         refuse(chain(reasons, _later(untaken)))
-    except UnsupportedBackend:
+    except (UnsupportedBackend, MissingExtra):
         if not executor.where_possible:
             raise
         return Workers(python, executor.executor, chunk)
