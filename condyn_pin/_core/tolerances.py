@@ -123,6 +123,10 @@ MASSLESS: Final = 1e-14
 # that each of them feels: the rounding of M alone, 1e-16, is then 1e-8 of a.
 NEARLY_MASSLESS: Final = 1e-8
 
+# A scene is measured at a state where joints that may move no inertia elsewhere feel this share of
+# what they feel with all else locked: bounds of errors elsewhere are too large by 1e3 at most.
+WELL_MOVED: Final = 1e-3
+
 # The largest number in a model or a constraint: m L^2 is 1e150 then, and its square still a number.
 # No machine has a larger one, in any units. An inertia below HUGE^-3 has no inverse.
 HUGE: Final = 1e50

@@ -1,12 +1,14 @@
 """What a scene is at its nominal state: rank, scales, and what turns residuals into errors.
 
 A solve needs M, J and their factors at one state: the first posture as it is, where that closes
-the loops. Only a posture that leaves them open is assembled first. All else is measured when it is
-first asked for.
+the loops. Only a posture that leaves them open is assembled first, and one where M is singular, or
+nearly, is left for another one near it: what is measured there says nothing of other states. All
+else is measured when it is first asked for.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -49,6 +51,10 @@ if TYPE_CHECKING:
 # How far joints are moved to open loops [rad, m].
 _APART = 1e-3
 
+# Where M is singular at the nominal state: how far others are from it [rad, m], and how many.
+_AWAY = 0.5
+_TRIES = 10
+
 _OF = "_at_any_time"  # where a scene at a time has the one that it is at all times
 
 
@@ -77,7 +83,8 @@ class NominalAnalysis:
     Attributes
     ----------
     q : (nq,) array
-        The nominal state: the first posture, or neutral, with the loops closed.
+        The nominal state: the first posture, or neutral, with the loops closed; where M is singular
+        there, a closed state near it where M is not.
     closed : bool
         Whether the loops could be closed; if not, all figures are those of the open state.
     terms : Terms
@@ -104,11 +111,10 @@ class NominalAnalysis:
     def __init__(self, scene: Scene, equations: Equations) -> None:
         self._scene, robot = scene, scene.robot
         self.measured: dict[Solver, tuple[float, int, int]] = {}
-        self.q, self.closed = _nominal_configuration(scene, equations)
+        self.q, self.closed, mass = _nominal_mass(scene, equations)
         self.cancellation = P = equations.cancellation(self.q)
         M, h, J, gamma = equations.parts(self.q, np.zeros(robot.nv))
         self.terms = Terms(M, h, more_than(least_of(P), J), gamma, equations.a_ref())
-        mass = _mass_factor(robot, self.q, self.terms.M)
         factors = factorise_rows(mass, self.terms.J, tolerances.RANK)
         self.factors = factors.above_rounding(self.cancellation)
         self.rank = self.factors.rank
@@ -245,6 +251,60 @@ def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, b
         return error.assembly.q, True
     except NotAssembled:
         return described_posture(scene), False
+
+
+def _nominal_mass(scene: Scene, equations: Equations) -> tuple[Array, bool, MassFactor]:
+    """Return q of the nominal state, whether the loops are closed there, and the factor of M.
+
+    Where M is singular or nearly so, they are those of the first of some random states near it that
+    will do; if none will, those of the state in which joints feel most inertia.
+
+    Raises
+    ------
+    InvalidModel
+        If M is singular at all of them.
+    """
+    robot, error, most = scene.robot, None, -1.0
+    for q, closed in _configurations(scene, *_nominal_configuration(scene, equations)):
+        try:
+            mass = _mass_factor(robot, q, equations.mass(q))
+        except InvalidModel as found:
+            error = error or found
+            continue
+        share = _least_share(robot, mass)
+        if share > most:
+            most, best = share, (q, closed, mass)
+        if share >= tolerances.WELL_MOVED:
+            break
+    if most < 0.0:
+        assert error is not None
+        raise error
+    return best
+
+
+def _configurations(scene: Scene, q: Array, closed: bool) -> Iterator[tuple[Array, bool]]:
+    """Yield a configuration and whether it is closed, and some about it that are closed as well."""
+    yield q, closed
+    model, rng = scene.robot.model, np.random.default_rng(0)
+    for _ in range(_TRIES):
+        near = np.array(pin.integrate(model, q, _AWAY * rng.normal(size=model.nv)))
+        if scene.rows and closed:
+            assembly = scene.assemble(near, within_limits=False, throw=False)
+            if not assembly.closed:
+                continue
+            near = assembly.q
+        yield near, closed
+
+
+def _least_share(robot: Robot, mass: MassFactor) -> float:
+    """Return the least inertia that a joint feels while all that it carries moves freely.
+
+    Over what it feels with all else locked. Joints whose own body has inertia enough feel as much
+    at any state, and are not looked at.
+    """
+    watched = MassPivots(robot.least_pivots, mass.pivots).watched
+    shares = mass.pivots[watched] / mass.M.diagonal()[watched]
+    return float(np.nan_to_num(shares).min(initial=1.0))
 
 
 def _mass_factor(robot: Robot, q: Array, M: Array) -> MassFactor:

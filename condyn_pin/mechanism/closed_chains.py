@@ -35,6 +35,7 @@ from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.nominal import at_any_time
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidModel
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.clusters import Cluster, clusters, isolated
 from condyn_pin.model.limits import NO_LIMITS, Limits
@@ -98,12 +99,18 @@ def _chains(scene: Scene) -> ClosedChains:
     _, actuated = indices(robot.model, robot.actuated)
     passive = passive_joints(robot, actuated)
     closed, tries = _nearby(closer, described_posture(scene))
-    found = []
+    found: list[tuple[MinimumNorm, Array, Indices]] = []
+    jacobians = []
     for q in tries:
         terms = equations.terms(q, np.zeros(robot.nv))
-        dependent = independent_columns(terms.J[rows], passive)
-        found.append((factors_at(equations, q, terms), terms.J, dependent))
-    jacobians = [each[1] for each in found]
+        jacobians.append(terms.J)
+        try:
+            factors = factors_at(equations, q, terms)
+        except InvalidModel:  # M is singular there, and need not be at the others
+            if q is tries[-1] and not found:
+                raise
+            continue
+        found.append((factors, terms.J, independent_columns(terms.J[rows], passive)))
     # the first of those with the largest ranks: the first posture, unless that is singular
     factors, J, dependent = max(found, key=lambda each: (each[0].rank, len(each[2])))
     groups: tuple[Cluster, ...] = ()
@@ -117,7 +124,7 @@ def _chains(scene: Scene) -> ClosedChains:
         actuated=actuated,
         dependent=dependent,
         clusters=groups,
-        assembly_mode={each.name: each.side(found[0][1]) for each in groups if each.sided},
+        assembly_mode={each.name: each.side(jacobians[0]) for each in groups if each.sided},
         rank=factors.rank,
         redundant=redundant_rows(factors.U[:, factors.rank :], scene.row_names),
         isolated=isolated(scene, np.max(moved, axis=0), jacobians, rows) if moved else (),

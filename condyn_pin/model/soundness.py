@@ -9,6 +9,7 @@ from math import inf
 from typing import Any, Final
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
@@ -137,12 +138,36 @@ def _check_bodies(model: Any) -> None:
 
 
 def _check_mass_matrix(model: Any, data: Any) -> None:
-    """Refuse a joint that moves no inertia: M would be singular.
+    """Refuse joints that move no inertia at any configuration: M would always be singular.
+
+    Where M is singular at some of them, as that of a point mass on a slider on a hinge where the
+    slider is at zero, those alone are refused, when they are asked for. What moves no inertia in
+    the neutral configuration is looked at again in one that has nothing special.
+    """
+    anywhere = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 0.7, model.nv))
+    bad = _unmoved(model, data, pin.neutral(model))
+    if bad.any():
+        bad &= _unmoved(model, data, anywhere)
+    if bad.any():
+        names = dict.fromkeys(_joint_of(model, int(i)) for i in np.flatnonzero(bad))
+        raise InvalidModel(
+            f"no inertia moves with {', '.join(names)}: M is singular there; give the body a mass "
+            "and an inertia, give the joint an armature, or lock it"
+        )
+    least, moved = _least_moved(model, np.array(pin.crba(model, data, anywhere)))
+    if least <= tolerances.MASSLESS:
+        raise InvalidModel(
+            f"{', '.join(moved)} can move together without moving inertia: M is singular or "
+            "indefinite; look for a body between them without mass, or an inertia below zero"
+        )
+
+
+def _unmoved(model: Any, data: Any, q: Array) -> NDArray[np.bool_]:
+    """Return which coordinates move no inertia at q (nv,).
 
     Turns are compared with turns [kg m^2], and shifts with shifts [kg]: in millimetres a machine is
     as sound as in metres.
     """
-    q = pin.neutral(model)
     M = np.array(pin.crba(model, data, q))
     diagonal = np.diag(M)
     if not np.isfinite(M).all():
@@ -150,29 +175,7 @@ def _check_mass_matrix(model: Any, data: Any) -> None:
     turns = np.abs(pin.computeJointJacobians(model, data, q)[3:]).max(axis=0) > 0
     largest = [diagonal[turns == kind].max(initial=0.0) for kind in (False, True)]
     least = tolerances.MASSLESS * np.where(turns, *largest[::-1])
-    bad = np.flatnonzero(diagonal <= np.maximum(least, HUGE**-3))  # no inverse below that
-    if bad.size:
-        names = dict.fromkeys(_joint_of(model, int(i)) for i in bad)
-        raise InvalidModel(
-            f"no inertia moves with {', '.join(names)}: M is singular there; give the body a mass "
-            "and an inertia, give the joint an armature, or lock it"
-        )
-    _check_combinations(model, data)
-
-
-def _check_combinations(model: Any, data: Any) -> None:
-    """Refuse joints that move no inertia together.
-
-    A massless body between two joints is fine unless one can turn without the other: then M is
-    singular at every configuration, also at this one, which has nothing special.
-    """
-    q = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 0.7, model.nv))
-    least, names = _least_moved(model, np.array(pin.crba(model, data, q)))
-    if least <= tolerances.MASSLESS:
-        raise InvalidModel(
-            f"{names} can move together without moving inertia: M is singular or indefinite; look "
-            "for a body between them without mass, or an inertia below zero"
-        )
+    return np.asarray(diagonal <= np.maximum(least, HUGE**-3))  # no inverse below that
 
 
 def massless_motion(
@@ -204,12 +207,17 @@ def massless_motion(
     singular = least <= tolerances.MASSLESS
     what, almost = ("not positive definite", "") if singular else ("nearly singular", "almost ")
     values = np.array2string(q, precision=4, separator=", ", max_line_width=10**6)
+    several = len(names) > 1
+    like, cure = (
+        ("hinges in the place of a ball where two of their axes fall together",
+         "give the links between them an inertia or the joints an armature, make them a ball")
+        if several
+        else ("a hinge with all mass on its axis",
+              "give what it carries an inertia or the joint an armature")
+    )  # fmt: skip
     return (
-        f"the mass matrix is {what} at q = {values}: {names} can move there "
-        f"{almost}without moving inertia, as hinges in the place of a ball where two of their axes "
-        "fall together; "
-        "give the links between them an inertia or the joints an armature, make them a ball, or "
-        "stay away from that q"
+        f"the mass matrix is {what} at q = {values}: {', '.join(names)} can move there "
+        f"{almost}without moving inertia, as {like}; {cure}, or stay away from that q"
     )
 
 
@@ -218,13 +226,13 @@ def singular_mass(model: Any, q: Array) -> Callable[[], str]:
     return partial(massless_motion, model, q)
 
 
-def _least_moved(model: Any, M: Array) -> tuple[float, str]:
+def _least_moved(model: Any, M: Array) -> tuple[float, tuple[str, ...]]:
     """Return the least eigenvalue of M with a unit diagonal, and the joints that it is of."""
     scale = 1 / np.sqrt(np.maximum(M.diagonal(), HUGE**-3))
     values, vectors = np.linalg.eigh(M * scale * scale[:, None])  # scale^2 may overflow
     moved = np.flatnonzero(np.abs(vectors[:, 0]) > 0.1)
     names = dict.fromkeys(_joint_of(model, int(i)) for i in moved)
-    return float(values[0]), ", ".join(names)
+    return float(values[0]), tuple(names)
 
 
 def _joint_of(model: Any, velocity_index: int) -> str:
