@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import pickle
+import re
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from shared import all_scenes, each_scene, relative, robot, states, truth
+from shared import all_scenes, each_exact_solver, each_scene, relative, robot, states, truth
+from test_massless import LOCKED, arm
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -163,6 +165,30 @@ def test_a_coarser_accuracy_makes_a_cheaper_answer_ok(label):
     assert np.array_equal(solution.a, failed.value.solution.a)
     assert 1e-8 < relative(solution.a, right.a) < bound
     assert not cp.solve(scene, *state, solver=quick, accuracy=bound / 2, throw=False).status.ok
+
+
+@each_exact_solver
+def test_an_error_advises_nothing_that_was_tried_and_an_accuracy_that_passes(solver):
+    scene, still = arm("yaw", "pitch", "roll"), np.zeros(4)
+    state = LOCKED - [0.0, 0.01, 0.0, 0.0], still, still + 1.0  # M is not well-conditioned
+    finer = cp.solve(scene, *state, solver=solver, throw=False).error_bound / 3
+    with pytest.raises(cp.SolveFailed, match=r"accuracy=(\S+) would pass") as failed:
+        cp.solve(scene, *state, solver=solver, accuracy=finer)
+    said = str(failed.value).partition(" on leg: ")[2]
+    assert f"{type(solver).__name__}()" not in said
+    assert ("allow more iterations" in said) == hasattr(solver, "max_iterations")
+    assert ("another mu" in said) == hasattr(solver, "mu")
+    enough = float(re.search(r"accuracy=(\S+) would", said)[1])
+    found = cp.solve(scene, *state, solver=solver, accuracy=enough)
+    assert found.error_bound <= enough
+
+
+def test_a_singular_matrix_is_not_answered_with_the_method_that_met_it():
+    bar = cp.Scene(robot("four_bar"), robot("four_bar").loops)
+    q, v = bar.state()
+    with pytest.raises(cp.SolveFailed, match=r"try another mu, or solve with Proximal") as failed:
+        cp.solve(bar, q, v, 0 * v, solver=cp.DenseKKT())
+    assert "DenseKKT" not in str(failed.value).partition(" on four_bar: ")[2]
 
 
 @pytest.mark.parametrize("accuracy", [0.0, -1.0, 1e-20, np.nan, np.inf, "fine", [1e-8, 1e-8]])

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
@@ -26,6 +27,21 @@ if TYPE_CHECKING:
 # Rows that miss less, as a share of the largest, are not named.
 _NAMED: Final = 0.1
 
+# Why an answer is not ok, and what repairs a state; the rest of a status is what else may help.
+_INACCURATE: Final = "the two equations do not hold well enough for the requested accuracy"
+_SINGULAR: Final = (
+    "the matrix of this method is singular: some rows are redundant or the configuration is "
+    "singular (Scene.summary() names the rows)"
+)
+_NOT_FINITE: Final = (
+    "the answer is not finite although the input is: mu is too small for redundant rows, or the "
+    "numbers overflow"
+)
+_REPAIR: Final = (
+    "if state_error is large, the state does not satisfy the constraints and no answer can: "
+    "Scene.assemble and mechanism.project_velocity repair it"
+)
+
 
 class Status(Enum):
     """The outcome of a solve; the value is advice."""
@@ -36,20 +52,14 @@ class Status(Enum):
         "whether it is singular, where the equations do not determine the motion"
     )
     INACCURATE = (
-        "the two equations do not hold well enough for the requested accuracy: allow more "
-        "iterations, try another mu, or solve with Reference(); if state_error is large, the state "
-        "does not satisfy the constraints and no answer can: Scene.assemble and "
-        "mechanism.project_velocity repair it"
+        f"{_INACCURATE}: allow more iterations, try another mu, or solve with Reference(); "
+        + _REPAIR
     )
     SINGULAR = (
-        "the matrix of this method is singular: some rows are redundant or the configuration is "
-        "singular (Scene.summary() names the rows); use Proximal(), or NullSpace() for kinds that "
-        "it does not take, or give DenseKKT a small mu"
+        f"{_SINGULAR}; use Proximal(), or NullSpace() for kinds that it does not take, or give "
+        "DenseKKT a small mu"
     )
-    NOT_FINITE = (
-        "the answer is not finite although the input is: mu is too small for redundant rows, or "
-        "the numbers overflow; use Proximal() or Reference()"
-    )
+    NOT_FINITE = f"{_NOT_FINITE}; use Proximal() or Reference()"
 
     @property
     def ok(self) -> bool:
@@ -59,14 +69,21 @@ class Status(Enum):
     def __str__(self) -> str:
         return f"{self.name.lower()}: {self.value}"
 
-    def text(self, rows: int) -> str:
-        """Return name and advice; a scene without rows has neither mu nor redundant ones."""
-        if rows or self.ok:
+    def text(self, rows: int, cures: Iterable[str]) -> str:
+        """Return name and cause, and of all `cures` those that may help a method that failed.
+
+        A scene without rows has neither mu nor redundant ones.
+        """
+        if self.ok:
             return str(self)
-        return (
-            f"{self.name.lower()}: there are no constraints, so rounding or numbers that "
-            "overflow are to blame; look at masses, velocities and torques"
-        )
+        causes = {"INACCURATE": _INACCURATE, "SINGULAR": _SINGULAR, "NOT_FINITE": _NOT_FINITE}
+        cause = causes[self.name] if rows else (
+            "there are no constraints, so rounding or numbers that overflow are to blame; look at "
+            "masses, velocities and torques"
+        )  # fmt: skip
+        repair = _REPAIR if rows and self is Status.INACCURATE else ""
+        parts = (cause, ", or ".join(cures), repair)
+        return f"{self.name.lower()}: {'; '.join(part for part in parts if part)}"
 
 
 class _Gaps(NamedTuple):

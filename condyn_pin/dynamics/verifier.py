@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from math import hypot, inf, isfinite, nan
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
@@ -27,6 +28,13 @@ if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
 
 _OK = Status.OK
+
+# Methods that may do where another one has failed.
+_OTHERS: Final = {
+    Status.INACCURATE: ("reference",),
+    Status.SINGULAR: ("proximal", "nullspace"),
+    Status.NOT_FINITE: ("proximal", "reference"),
+}
 
 
 class Verifier:
@@ -104,6 +112,20 @@ class Verifier:
         allowed = tolerances.FORCES * max(accuracy / tolerances.SOLVED, 1.0)
         return residuals.dynamics <= (allowed - residuals.bound) * largest
 
+    def passing_accuracy(self, solution: Solution, state: State, load: Load | None) -> float | None:
+        """Least power of ten which as `accuracy` lets an answer pass, if any does."""
+        residuals = solution.residuals
+        if solution.status is not Status.INACCURATE or solution.doubt >= tolerances.DOUBT:
+            return None
+        largest = float(np.abs(solution.a).max())
+        for digit in range(-14, 0):
+            accuracy = float(f"1e{digit}")
+            if residuals.bound <= accuracy and self._forces_hold(
+                state, residuals, largest, accuracy, load
+            ):
+                return accuracy
+        return None
+
     def failed(self, state: State, solve_time: float, load: Load | None) -> Solution:
         """Return the solution of a method that met a singular matrix."""
         q, v, tau = state
@@ -162,15 +184,35 @@ def _torques(tau: Array, load: Load | None) -> Array:
     return tau if load is None else np.abs(tau) + load.size
 
 
-def failure(workspace: Workspace, solution: Solution) -> SolveFailed:
-    """Return the error of an answer that is not ok."""
+def failure(workspace: Workspace, solution: Solution, enough: float | None = None) -> SolveFailed:
+    """Return the error of an answer that is not ok; an accuracy that is `enough` lets it pass."""
     found = gaps(workspace.scene, workspace.equations.violation(solution.q))
     gap = worst(found)[1] if found else ConstraintViolation(0.0, 0.0)
     reason = massless_motion(workspace.model, solution.q, data=workspace.data)
-    reason = reason or solution.status.text(workspace.scene.rows)
+    reason = reason or solution.status.text(
+        workspace.scene.rows, _cures(workspace, solution.status, enough)
+    )
     return SolveFailed(
         f"{workspace.solver!r} on {workspace.scene.robot.name}: {reason} "
         f"(error bound {solution.error_bound:.1e}; the state is open by {gap}, with "
         f"|J v| = {solution.state_error.velocity:.1e} m/s or rad/s)",
         solution,
     )
+
+
+def _cures(workspace: Workspace, status: Status, enough: float | None) -> Iterator[str]:
+    """Yield what may help, but for what was tried just now."""
+    from condyn_pin.dynamics.choice import untaken  # which imports solvers
+    from condyn_pin.dynamics.solvers import SOLVERS
+
+    scene, solver, inaccurate = workspace.scene, workspace.solver, status is Status.INACCURATE
+    if scene.rows and inaccurate and hasattr(solver, "max_iterations"):
+        yield "allow more iterations"
+    if scene.rows and hasattr(solver, "mu"):
+        yield "try another mu"
+    for name in _OTHERS[status] if scene.rows or inaccurate else ():
+        kind = SOLVERS[name]
+        if type(solver) is not kind and not untaken(scene, kind()):
+            yield f"solve with {kind.__name__}()"
+    if enough is not None:
+        yield f"accuracy={enough:g} would pass"

@@ -360,7 +360,8 @@ class Workspace(Memory):
         if solution.status is not _OK:
             self._arguments.check(q, v, tau)  # what is not finite may be the input's fault
             if throw:
-                raise failure(self, solution)
+                enough = self._verifier.passing_accuracy(solution, state, load)
+                raise failure(self, solution, enough)
         return solution
 
     def derivatives(
