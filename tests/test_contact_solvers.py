@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import re
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
@@ -681,6 +682,24 @@ def test_a_solution_says_what_it_is():
     sliding = solve_contact(PROBLEMS["box slides"])
     assert any("redundant" in notice and "slide" in notice for notice in sliding.notices)
     assert solve_contact(PROBLEMS["solo12"]).notices == ()
+
+
+@pytest.mark.parametrize("solver", [Lemke(), PGS()], ids=lambda solver: solver.title)
+def test_an_error_says_which_accuracy_would_pass(solver):
+    problem = PROBLEMS["solo12 slides"]
+    if not takes(solver, problem):
+        pytest.skip("not its problem")
+    with pytest.raises(SolveFailed, match=r"solve with SemismoothNewton\(\)") as caught:
+        solve_contact(problem, solver, accuracy=1e-14)
+    enough = float(re.search(r"accuracy=(\S+) would pass", str(caught.value))[1])
+    assert solve_contact(problem, solver, accuracy=enough).status.ok
+    assert not solve_contact(problem, solver, accuracy=enough / 10, throw=False).status.ok
+
+
+def test_newton_that_has_failed_is_not_advised():
+    for status in (ContactStatus.INACCURATE, ContactStatus.NOT_FINITE):
+        assert "SemismoothNewton" in status.text("ADMM")
+        assert "SemismoothNewton" not in status.text("SemismoothNewton")
 
 
 def test_a_failed_solve_survives_a_pickle():

@@ -22,6 +22,9 @@ from condyn_pin.errors import InvalidArgument, SolveFailed
 
 _DEFAULT: Final = ADMM()
 
+# One of them is advised where it would let an answer pass.
+_ACCURACIES: Final = tuple(float(f"1e{digit}") for digit in range(-14, 0))
+
 
 def solve_contact(
     problem: ContactProblem,
@@ -97,7 +100,10 @@ def solve_contact(
         spent = perf_counter() - start
         solution = judged(problem, found, natural, accuracy, spent)
     if throw and not solution.status.ok:
-        said = "; ".join((str(solution.status), *solution.notices))
+        enough = next((x for x in _ACCURACIES if solution.natural <= x), None)
+        more = f"accuracy={enough:g} would pass" if enough else ""
+        text = solution.status.text(type(chosen).__name__, more)
+        said = "; ".join((text, *solution.notices))
         raise SolveFailed(
             f"{chosen!r} on {problem!r}: {said} (natural residual {solution.natural:.1e})",
             solution,

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
+from typing import Final
 
 import numpy as np
 
@@ -14,27 +15,33 @@ from condyn_pin.contact.certificate import unmet_contacts
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import ContactResiduals, contact_residuals
 
+# Why an answer is not ok, and what may help; a status has it all, an error what was not tried.
+_INACCURATE: Final = (
+    "the impulses do not meet the law of the problem to the accuracy asked for, or momentum or "
+    "loops, where the notices of a step say so"
+)
+_NOT_FINITE: Final = "the impulses are not finite although the problem is: its numbers overflow"
+_NEWTON: Final = "solve with SemismoothNewton()"
+_POLYGON: Final = (
+    "a polygon in place of the cone, Lemke(), never meets a sliding contact closer than its sides "
+    "are to the circle"
+)
+_LOCKED: Final = (
+    "friction that locks bodies, as in Painleve's rod, may need Lemke(), or a smaller step"
+)
+
 
 class ContactStatus(Enum):
     """How a contact problem ended; the value is advice."""
 
     OK = "the impulses meet the law of the problem to the accuracy asked for"
-    INACCURATE = (
-        "the impulses do not meet the law of the problem to the accuracy asked for, or momentum or "
-        "loops, where the notices of a step say so: allow more "
-        "iterations, or solve with SemismoothNewton(); a polygon in place of the cone, Lemke(), "
-        "never meets a sliding contact closer than its sides are to the circle; friction that "
-        "locks bodies, as in Painleve's rod, may need Lemke(), or a smaller step"
-    )
+    INACCURATE = f"{_INACCURATE}: allow more iterations, or {_NEWTON}; {_POLYGON}; {_LOCKED}"
     INFEASIBLE = (
         "no impulse can keep the contacts apart, as they are asked to: they press on what cannot "
         "move; look at bodies that are fixed, at the gaps of contacts between them, and at the "
         "velocities that the scheme asks for"
     )
-    NOT_FINITE = (
-        "the impulses are not finite although the problem is: its numbers overflow; solve with "
-        "SemismoothNewton(), or in other units"
-    )
+    NOT_FINITE = f"{_NOT_FINITE}; {_NEWTON}, or in other units"
 
     @property
     def ok(self) -> bool:
@@ -43,6 +50,18 @@ class ContactStatus(Enum):
 
     def __str__(self) -> str:
         return f"{self.name.lower()}: {self.value}"
+
+    def text(self, tried: str, more: str = "") -> str:
+        """Return name and cause, and what may help but for the solver of that name, or `more`."""
+        newton = "" if tried == "SemismoothNewton" else _NEWTON
+        if self is ContactStatus.INACCURATE:
+            why = _POLYGON if tried == "Lemke" else _LOCKED
+            parts = [_INACCURATE, "allow more iterations", newton, more, why]
+        elif self is ContactStatus.NOT_FINITE:
+            parts = [_NOT_FINITE, newton, "use other units"]
+        else:
+            return str(self)
+        return f"{self.name.lower()}: {'; '.join(part for part in parts if part)}"
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -91,7 +91,8 @@ def step(
     steps = _steps(scene, dt, integrator)
     solution = steps.step(*_state(scene, q, v), tau, forces)
     if throw and not solution.status.ok:
-        said = "; ".join((str(solution.status), *solution.notices))
+        text = solution.status.text(type(integrator.contact).__name__)
+        said = "; ".join((text, *solution.notices))
         raise SolveFailed(
             f"a step of {dt:g} s by {integrator!r}: {said} "
             f"(natural residual {solution.contact.natural:.1e})",

@@ -29,6 +29,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.judge import judged
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
+from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.contact_record import touch_of
 from condyn_pin.simulation.dead_ends import pressed_in
@@ -107,9 +108,10 @@ class ContactSteps(PosedSteps):
         else:
             why = (
                 f"{solver!r} leaves a natural residual of {natural:.1e}, and "
-                f"{tolerances.CONTACT_SOLVED:g} is asked for; take a smaller dt, or "
-                "contact=SemismoothNewton()"
+                f"{tolerances.CONTACT_SOLVED:g} is asked for; take a smaller dt"
             )
+            if not isinstance(solver, SemismoothNewton):
+                why += ", or contact=SemismoothNewton()"
         said = "; ".join((why, *answer.notices))
         raise StepFailed(f"contacts {names} at t = {t:g} s: {said}")
 
