@@ -24,7 +24,7 @@ _NOTICED: Final = 1e-2
 
 def notices_of(solution: Solution, sites: Sites) -> tuple[str, ...]:
     """Return what there is to say of an answer, whose constraints act at these sites."""
-    off = _off_the_constraints(solution) if np.isfinite(solution.a).all() else ()
+    off = off_the_constraints(solution) if np.isfinite(solution.a).all() else ()
     return pulling(solution.forces, sites) + _wrong_forces(solution) + off + _doubts(solution, off)
 
 
@@ -41,7 +41,7 @@ def _wrong_forces(solution: Solution) -> tuple[str, ...]:
     )
 
 
-def _off_the_constraints(solution: Solution) -> tuple[str, ...]:
+def off_the_constraints(solution: Solution) -> tuple[str, ...]:
     """Notice of a state that leaves loops open, or whose velocity contradicts the rows."""
     scene, doubt, rest = solution.scene, solution.doubt, solution.rest
     gap = worst(gaps(scene, equations_of(scene).violation(solution.q))) if doubt else None
