@@ -145,7 +145,8 @@ class Redundancy:
             if closed:
                 any_rank = cls(R, D, 0, least)
                 states = any_rank._closed_states(rows, q)
-                rank = max(any_rank.left_out(J, 0.0 * c).rank for c, J in states)
+                # with the gap that Newton's steps leave, and that makes pivots of its own size
+                rank = max(any_rank.left_out(J, c).rank for c, J in states)
         return cls(R, D, rank, least)
 
     def left_out(self, J: Array, c: Array) -> LeftOut:
