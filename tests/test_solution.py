@@ -137,6 +137,14 @@ def test_an_answer_prints_itself_with_units_and_pickles():
     assert copy.scene == solution.scene
 
 
+def test_a_scene_without_rows_leaves_none_out():
+    scene = cp.Scene(cp.model.chain(2))
+    q, v = scene.state()
+    found = cp.solve(scene, q, v, 0 * v)
+    assert found.doubt == 0.0
+    assert found.left_out == found.notices == ()
+
+
 def test_every_status_is_advice():
     for status in cp.Status:
         assert len(status.value) > 20

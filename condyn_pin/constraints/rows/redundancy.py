@@ -228,7 +228,8 @@ class _Pivoted:
 
     @property
     def _rounding(self) -> float:
-        return max(tolerances.REFERENCE_RANK * abs(float(self._T.item(0, 0))), self._of.least)
+        largest = abs(float(self._T.item(0, 0))) if self._m else 0.0
+        return max(tolerances.REFERENCE_RANK * largest, self._of.least)
 
     def _closes(self, k: int) -> Array:
         """Y (k,) = T^-T P^T R c: the move that closes k rows, along those of Q."""
