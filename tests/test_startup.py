@@ -33,7 +33,7 @@ ANALYSIS = (
 # What a first solve does, each at most once.
 NEEDED = (
     ("dynamics.nominal", "factorise_rows"),
-    ("dynamics.nominal", "_lively_rows"),
+    ("dynamics.nominal", "_idle_rows"),
     ("constraints.rows.equations", "Equations.__init__"),
 )
 
@@ -74,11 +74,11 @@ def test_a_first_solve_assembles_nothing_and_factorises_once(label, calls):
     assert not {path.split(".")[-1] for _, path in ANALYSIS} & calls.keys()
     assert built["factorise_rows"] == 1
     if scene.nominal.independent and scene.nominal.rank == scene.rows:
-        assert not built["_lively_rows"]
+        assert not built["_idle_rows"]
     assert calls["Equations"] == 1
     cp.Workspace(scene).solve(*at_rest(scene), throw=False)
     assert calls["factorise_rows"] == built["factorise_rows"]
-    assert calls["_lively_rows"] == built["_lively_rows"] <= 1
+    assert calls["_idle_rows"] == built["_idle_rows"] <= 1
 
 
 @pytest.mark.parametrize("label", ["go2 contacts", "talos contacts", "four_bar loops"])
