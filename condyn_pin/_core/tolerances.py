@@ -34,6 +34,10 @@ CLOSED: Final = 1e-10
 # are at 1e-15 to 1e-12, and REFERENCE_RANK is rounding beside them.
 OPEN: Final = 0.1 * CLOSED
 
+# The same where rows are factorised anyway, and to look at the gap costs little: below it redundant
+# rows are below REFERENCE_RANK, also in loops of a millimetre.
+AJAR: Final = 1e-13
+
 # Geometry of models that are built in Python: products of rotations and placements, rounded.
 ROUNDED_GEOMETRY: Final = 1e-11
 

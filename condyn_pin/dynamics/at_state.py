@@ -73,9 +73,7 @@ def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
 
 def left_out_at(scene: Scene, q: Array) -> LeftOut:
     """Combinations of rows that are left out at q; on closed loops those that are redundant."""
-    equations = equations_of(scene)
-    closed = np.abs(equations.violation(q)).max(initial=0.0) <= tolerances.OPEN
-    return scene.nominal.redundancy.at(equations, q, closed)
+    return scene.nominal.redundancy.at(equations_of(scene), q)
 
 
 def moves_back(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:

@@ -91,8 +91,7 @@ class Verifier:
 
     def _left_out(self, q: Array, gap: float) -> LeftOut:
         """Combinations of rows that are left out at q, whose loops are open by a gap."""
-        closed = gap <= tolerances.OPEN
-        return self._scene.nominal.redundancy.at(self._workspace.equations, q, closed)
+        return self._scene.nominal.redundancy.at(self._workspace.equations, q)
 
     def _forces_hold(
         self, state: State, residuals: Residuals, max_a: float, accuracy: float, load: Load | None

@@ -162,7 +162,7 @@ class ConstraintRows:
 
     def left_out(self, J: Array, c: Array) -> LeftOut | None:
         """Combinations of rows that are left out where rows are J, open by c; None if closed."""
-        if self.redundancy is None or not np.abs(c).max(initial=0.0) > tolerances.OPEN:
+        if self.redundancy is None or not np.abs(c).max(initial=0.0) > tolerances.AJAR:
             return None
         found = self.redundancy()
         return found.left_out(J, c) if found else None

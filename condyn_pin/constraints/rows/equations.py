@@ -17,6 +17,7 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
@@ -87,11 +88,18 @@ class Equations(ConstraintRows):
         return Terms(M, h, more_than(least, J), gamma, self.a_ref())
 
     def consistent_terms(self, q: Array, v: Array) -> Terms:
-        """M, h, J, gamma and a_ref without the combinations of rows that are left out at q."""
+        """M, h, J, gamma and a_ref without the combinations of rows that are left out at q.
+
+        On closed loops they are left out too where J v is not 0, and gamma contradicts itself.
+        """
         terms = self.terms(q, v)
         if self.redundancy is None:
             return terms
-        left = self.left_out(terms.J, self.violation(q))
+        c, rate = self.gaps(q, v)
+        left = self.left_out(terms.J, c)
+        if left is None and np.abs(rate).max(initial=0.0) > tolerances.OPEN:
+            found = self.redundancy()
+            left = found.left_out(terms.J, c) if found else None
         return terms if left is None else terms.kept(left)
 
     def parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:

@@ -31,7 +31,7 @@ Golub, Van Loan. Matrix Computations, 5.4 (pivoted QR) and 7.6 (invariant subspa
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from math import inf
 from typing import TYPE_CHECKING, Final, NamedTuple
@@ -52,6 +52,9 @@ _EPS: Final = float(np.finfo(float).eps)
 # at least 14 times at 1e-4 rad, on 268 machines.
 _TIMES_THE_MOVE: Final = 2.0
 
+# How much closing changes J by, as a multiple of the move: the median of 268 machines.
+_OF_A_MOVE: Final = 1.4
+
 # Configurations at which sizes of loops are measured, and how far they are moved [rad, m].
 _LOOKS, _APART = 4, 0.3
 
@@ -59,8 +62,12 @@ _LOOKS, _APART = 4, 0.3
 _NO_LEVER: Final = 1e-9
 
 # Closed states at which the rank is counted, besides the nominal one: moved by so much [rad, l]
-# along the motion that is left, and closed by Newton's steps.
-_NEARBY, _MOVED, _NEWTON_STEPS = 2, 0.2, 12
+# along the motion that is left, and closed by Levenberg's and Marquardt's steps. Those end on the
+# loops whatever their rank, if it was counted too low at a singular posture or not.
+_NEARBY, _MOVED, _STEPS = 2, 0.2, 40
+
+# Damping of these steps, as a share of the trace of A A^T: redundant rows are above rounding.
+_DAMPED: Final = 1e-14
 
 # T_22 as a share of d_k whose square is rounding beside 1: [x; 1] is the singular subspace then.
 # Where it is not, steps towards it end when one turns it by less than _TURNED: each is smaller than
@@ -80,12 +87,16 @@ class LeftOut(NamedTuple):
     rank : int
         Independent rows that are kept.
     doubt : float
-        Length of the closing move over the last pivot: from 0.1 on a is not determined [1].
+        Length of the closing move, or what it leaves open if that is more, over the last pivot:
+        from 0.1 on a is not determined [1].
+    pivot : float
+        The last pivot that is kept.
     """
 
     N: Array
     rank: int
     doubt: float
+    pivot: float
 
     def kept(self, s: Array) -> Array:
         """Rows s (m,) or (m, k) without the combinations that are left out: (1 - N N^T) s."""
@@ -112,12 +123,15 @@ class Redundancy:
         Rank at closed states: fewer rows never count.
     least : float
         Pivots that rounding of J makes up.
+    size : float
+        The usual size l of a loop [m].
     """
 
     R: Array
     D: Array
     floor: int
     least: float
+    size: float
 
     @classmethod
     def of(
@@ -138,39 +152,44 @@ class Redundancy:
             Whether the loops are closed at q. Where they cannot be, every row counts that is more
             than rounding: there is no closed machine, and nothing is redundant on it.
         """
-        R, D = _scales(rows, q)
+        R, D, size = _scales(rows, q)
         least = tolerances.BLURRED * _EPS * float(np.linalg.norm(R[:, None] * P * D))
-        if rank is None:
-            rank = rows.m
-            if closed:
-                any_rank = cls(R, D, 0, least)
-                states = any_rank._closed_states(rows, q)
-                # with the gap that Newton's steps leave, and that makes pivots of its own size
-                rank = max(any_rank.left_out(J, c).rank for c, J in states)
-        return cls(R, D, rank, least)
+        if rank is not None or not closed:
+            return cls(R, D, rows.m if rank is None else rank, least, size)
+        found = cls(R, D, 0, least, size)
+        ranks = [found.left_out(J, c).rank for c, J in found._closed_states(rows, q)]
+        return replace(found, floor=max(ranks))
 
     def left_out(self, J: Array, c: Array) -> LeftOut:
         """Combinations of rows that are left out where the rows are J (m, nv), open by c (m,)."""
         return _Pivoted(self, J, c).left_out
 
-    def at(self, rows: ConstraintRows, q: Array, closed: bool) -> LeftOut:
-        """Combinations of rows that are left out at q, where loops may count as closed.
+    def at(self, rows: ConstraintRows, q: Array) -> LeftOut:
+        """Combinations of rows that are left out at q.
 
-        Where the move that closes them is long, `doubt` is measured: by how much A changes on it,
-        over the last pivot. A contact that slides to its anchor is far from it, and in no doubt.
+        Where the move that closes the loops is long, `doubt` is measured: by how much A changes on
+        it, over the last pivot. A contact that slides to its anchor is far away, and in no doubt.
         """
         c, J = rows.position_level(q)
-        left = self.left_out(J, 0.0 * c if closed else c)
+        found = _Pivoted(self, J, c)
+        left = found.left_out
         if left.rank and left.doubt >= tolerances.DOUBT:
-            there = pin.integrate(rows.model, q, self.closing_move(J, c))
+            there = pin.integrate(rows.model, q, found.closing_move)
             change = np.linalg.norm((rows.position_level(there)[1] - J).T * self.scales, 2)
-            pivot = _Pivoted(self, J, c).last
-            left = left._replace(doubt=min(left.doubt, float(change) / pivot))
+            left = left._replace(doubt=min(left.doubt, float(change) / left.pivot))
         return left
 
-    def closing_move(self, J: Array, c: Array) -> Array:
-        """Move dq (nv,) that closes the kept rows, J dq = -c, least in the scaled units."""
-        return _Pivoted(self, J, c).closing_move
+    def changes(self, left: LeftOut, v: Array, a: Array, rate: Array, gravity: float) -> float:
+        """Share of a that closing the loops and stopping J v changes, estimated by sizes [1].
+
+        The move dq, of length |y|, changes J v by about |dq| |v|. To stop that and `rate` = J v
+        takes dv, which changes gamma by 2 |v| |dv|, and that a by as much over the last pivot.
+        """
+        speed = float(np.linalg.norm(v / self.D))
+        size = max(float(np.linalg.norm(a / self.D)), gravity / self.size)
+        dv = _OF_A_MOVE * left.doubt * speed + float(np.linalg.norm(self.R * rate)) / left.pivot
+        change = 2.0 * _OF_A_MOVE * speed * dv / left.pivot
+        return left.doubt + (change / size if size else change)
 
     @cached_property
     def scales(self) -> Array:
@@ -179,17 +198,27 @@ class Redundancy:
 
     def _closed_states(self, rows: ConstraintRows, q: Array) -> list[tuple[Array, Array]]:
         """Gaps and J at closed states: the nominal one, and others along the free motion."""
-        found, rng = [rows.position_level(q)], np.random.default_rng(0)
+        c, J = rows.position_level(q)
+        found, rng = [(0.0 * c, J)], np.random.default_rng(0)
+        at = _Pivoted(self, J, 0.0 * c)
         for _ in range(_NEARBY):
-            at = _Pivoted(self, found[0][1], np.zeros(len(self.R)))
             near = pin.integrate(rows.model, q, at.free_move(rng.normal(size=len(self.D)), _MOVED))
-            for _ in range(_NEWTON_STEPS):
+            c, J = rows.position_level(near)
+            for _ in range(_STEPS):
+                closed = np.abs(self.R * c).max() <= tolerances.CLOSED
+                near = pin.integrate(rows.model, near, self._towards(c, J))
                 c, J = rows.position_level(near)
-                if np.abs(self.R * c).max() <= tolerances.CLOSED:
+                if closed:  # and by a step more, so that rounding is all that is left open
                     found.append((c, J))
                     break
-                near = pin.integrate(rows.model, near, self.closing_move(J, c))
         return found
+
+    def _towards(self, c: Array, J: Array) -> Array:
+        """Move dq (nv,) = -D A^T (A A^T + |R c|^2 1)^-1 R c towards closed loops."""
+        A, gaps = self.R[:, None] * J * self.D, self.R * c
+        G = A.dot(A.T)
+        damping = max(float(gaps.dot(gaps)), _DAMPED * float(np.trace(G)))
+        return np.asarray(-self.D * A.T.dot(np.linalg.solve(G + damping * np.eye(len(G)), gaps)))
 
 
 class _Pivoted:
@@ -204,8 +233,10 @@ class _Pivoted:
         self._gaps = (of.R * c)[self._order]
         self.rank = k = self._usual or self._counted
         self._y = self._closes(k)
-        self.last = abs(float(T.item(k - 1, k - 1))) if k else inf
-        self.doubt = float(np.sqrt(self._y.dot(self._y))) / self.last
+        self.pivot = abs(float(T.item(k - 1, k - 1))) if k else 1.0
+        # what the kept rows leave open; where all are left out, all of the gap
+        left = self._gaps[k:] - self._y.dot(T[:k, k:])
+        self.doubt = float(np.sqrt(max(self._y.dot(self._y), left.dot(left)))) / self.pivot
 
     @property
     def _usual(self) -> int:
@@ -242,13 +273,13 @@ class _Pivoted:
         """Combinations of rows that are left out."""
         m, k = self._m, self.rank
         if k == m:
-            return LeftOut(np.zeros((m, 0)), k, self.doubt)
+            return LeftOut(np.zeros((m, 0)), k, self.doubt, self.pivot)
         Z = np.empty((m, m - k), order="F")
         Z[:k], Z[k:] = self._dependence, _unit(m - k)
         Z[self._order] = Z.copy()
         Z *= self._of.R[:, None]
         packed, tau, _, _ = self._lapack.dgeqrf(Z, m, 1)
-        return LeftOut(self._lapack.dorgqr(packed, tau, m, 1)[0], k, self.doubt)
+        return LeftOut(self._lapack.dorgqr(packed, tau, m, 1)[0], k, self.doubt, self.pivot)
 
     @property
     def _dependence(self) -> Array:
@@ -280,7 +311,7 @@ class _Pivoted:
     def closing_move(self) -> Array:
         """Dq (nv,) = -D Q_1 y."""
         x = np.zeros(len(self._of.D))
-        x[: self.rank] = -self._y[: self.rank]
+        x[: self.rank] = -self._y
         return self._of.D * self._turned(x)
 
     def free_move(self, x: Array, size: float) -> Array:
@@ -307,8 +338,8 @@ def _upper(k: int) -> Array:
     return read_only(np.triu(np.ones((k, k))))
 
 
-def _scales(rows: ConstraintRows, q: Array) -> tuple[Array, Array]:
-    """R (m,) and D (nv,), by the size l of each loop.
+def _scales(rows: ConstraintRows, q: Array) -> tuple[Array, Array, float]:
+    """R (m,), D (nv,) and the usual l, by the size l of each loop.
 
     l is the largest lever of a turn on a row that is a length, over some configurations. One number
     a loop, not one a column: a spin about a rod has no lever, but turns what hangs on it by 1 rad.
@@ -333,4 +364,4 @@ def _scales(rows: ConstraintRows, q: Array) -> tuple[Array, Array]:
     usual = float(np.median(sizes)) if sizes else 1.0
     for of_lengths in slides:
         R[of_lengths] = 1.0 / usual
-    return R, np.where(turns, 1.0, usual)
+    return R, np.where(turns, 1.0, usual), usual
