@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from math import inf
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import State as Given
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.kept import Kept
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
@@ -25,6 +27,9 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene, check_time
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.soundness import singular_mass
+
+# Steps by which loops are closed: from 1e-2 rad three end at rounding.
+_STEPS = 8
 
 # Their memory takes longer to make than to use.
 _equations = Kept[Equations]()
@@ -77,13 +82,46 @@ def left_out_at(scene: Scene, q: Array) -> LeftOut:
 
 
 def moves_back(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:
-    """J^+ c and J^+ J v (nv,), in the metric of M, with the rows that are kept."""
-    equations = equations_of(scene)
-    (c, J), left = equations.position_level(q), left_out_at(scene, q)
-    kept = left.kept(J)
-    factors = factorise(equations.mass(q), kept, 0.0).at_most(left.rank)
-    rate = kept @ v - left.kept(equations.wanted[1])
-    return -factors.closing(left.kept(c)), -factors.closing(rate)
+    """The moves dq and dv (nv,) that are undone where the machine is closed and J v is 0."""
+    return _closed_state(scene, equations_of(scene), q, v)[:2]
+
+
+def _closed_state(
+    scene: Scene, equations: Equations, q: Array, v: Array
+) -> tuple[Array, Array, Array, LeftOut, MinimumNorm]:
+    """Moves dq, dv from the closed state to (q, v), its q, and rows and factors there.
+
+    By Gauss and Newton with the rows that are kept, least in the metric of M, until the gaps are
+    rounding or fall no more.
+    """
+    model, closed, gap = equations.model, q, inf
+    for _ in range(_STEPS):
+        c, J = equations.position_level(closed)
+        left = scene.nominal.redundancy.left_out(J, c)
+        factors = factorise(equations.mass(closed), left.kept(J), 0.0).at_most(left.rank)
+        c = left.kept(c)
+        size = float(np.abs(c).max(initial=0.0))
+        if size <= ROUNDED or size >= gap:
+            break
+        closed, gap = pin.integrate(model, closed, factors.closing(c)), size
+    dq = -pin.difference(model, q, closed)
+    dv = -factors.closing(left.kept(J @ v - equations.wanted[1]))
+    return dq, dv, closed, left, factors
+
+
+def changed_by_closing(
+    scene: Scene, equations: Equations, state: Given, a: Array, a_ref: Array
+) -> float:
+    """Share of a that closing the loops and stopping J v changes, of the larger of |a| and gravity.
+
+    By factors of the closed state; `equations` are of the scene, and written to.
+    """
+    q, v, tau = state
+    _, dv, q, left, factors = _closed_state(scene, equations, q, v)
+    terms = equations.terms(q, v - dv)
+    closed, _ = factors.solve(tau - terms.h, left.kept(a_ref - terms.gamma))
+    size = max(float(np.abs(a).max()), scene.nominal.gravity)
+    return float(np.abs(a - closed).max()) / size if size else 0.0
 
 
 def load_on(scene: Scene, q: Array, forces: Sequence[AppliedForce]) -> Load:

@@ -101,8 +101,8 @@ class StateError(_Gaps):
     velocity : float
         |J v|_inf [m/s, rad/s].
     q, v : (nv,) array
-        J^+ c and J^+ J v, in the metric of M, with the rows that are kept: the machine moved back
-        by them satisfies its constraints to second order [rad, m; rad/s, m/s].
+        The least moves, in the metric of M, that undone satisfy the constraints: J^+ c to first
+        order, and J^+ J v at the configuration that is closed [rad, m; rad/s, m/s].
     """
 
     _solution: Solution
@@ -116,12 +116,12 @@ class StateError(_Gaps):
 
     @property
     def q(self) -> Array:
-        """J^+ c (nv,): how far the configuration is off [rad, m]."""
+        """How far the configuration is off (nv,), J^+ c to first order [rad, m]."""
         return self._moves[0]
 
     @property
     def v(self) -> Array:
-        """J^+ J v (nv,): how far the velocity is off [rad/s, m/s]."""
+        """How far the velocity is off (nv,), J^+ J v where the loops are closed [rad/s, m/s]."""
         return self._moves[1]
 
 
@@ -146,7 +146,8 @@ class Solution:
         the properties below name them.
     status : Status
         OK if `error_bound` is within the accuracy that was asked for (1e-8 by default), J^T lam
-        within ten times that, relative to the largest torque on a joint, and `doubt` below 0.1.
+        within ten times that, relative to the largest torque on a joint, and `doubt` below 0.1;
+        and if a changes by no more than a tenth of the larger of |a| and gravity in `closed()`.
     iterations : int
         Iterations of the solver; 1 for a direct method.
     solve_time : float
@@ -262,9 +263,8 @@ class Solution:
     def closed(self) -> Solution:
         """Return the answer of the machine moved back onto its constraints.
 
-        At q (-) `state_error.q` and v - `state_error.v`, which is off by the square of these.
-        Half of the distance between both answers and all of it bound what the error of the state
-        does to a, away from singular postures.
+        At q (-) `state_error.q` and v - `state_error.v`. The distance between both answers is what
+        the error of the state does to a.
 
         Raises
         ------

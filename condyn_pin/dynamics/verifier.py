@@ -14,10 +14,11 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.constraints.loads import Load
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import LeftOut
 from condyn_pin.constraints.rows.terms import largest_torque
 from condyn_pin.constraints.violation import ConstraintViolation, worst
-from condyn_pin.dynamics.at_state import gaps
+from condyn_pin.dynamics.at_state import changed_by_closing, gaps
 from condyn_pin.dynamics.residuals import ErrorEstimator, Residuals
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import BoundSolver
@@ -49,6 +50,7 @@ class Verifier:
         exact = workspace.scene.robot.precision == 0.0
         self._open = inf if exact else tolerances.OPEN
         self._moving = self._open if nominal.dependent else inf
+        self._closed: Equations | None = None  # made at the first state in doubt
 
     def verify(
         self, state: State, a: Array, accuracy: float, solve_time: float, load: Load | None
@@ -59,7 +61,7 @@ class Verifier:
         lam = self._method.lam()
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
         off = largest[2] > self._open or largest[3] > self._moving
-        left = self._left_out(q, largest[2]) if off else None
+        left = self._left_out(q) if off else None
         lean = equations.lean() if estimator.leaning else 0.0
         residuals, doubtful = estimator.prove(dynamics, largest, _torques(tau, load), lean=lean)
         doubtful = doubtful or off
@@ -71,11 +73,10 @@ class Verifier:
                 residuals, rest = self._careful_proof(state, a, lam, load, left)
             except InvalidModel:  # M is not positive definite to working precision
                 singular, residuals = True, residuals._replace(bound=inf)
-        determined = left is None or left.doubt < tolerances.DOUBT
         if (
-            determined
-            and residuals.bound <= accuracy
+            residuals.bound <= accuracy
             and self._forces_hold(state, residuals, largest[1], accuracy, load)
+            and (not max(largest[2:4]) > self._open or self._determined(state, a, left, load))
         ):
             status = _OK
         elif singular:
@@ -89,8 +90,28 @@ class Verifier:
             a, lam, residuals, status, iterations, solve_time, self._scene, state, applied, rest
         )
 
-    def _left_out(self, q: Array, gap: float) -> LeftOut:
-        """Combinations of rows that are left out at q, whose loops are open by a gap."""
+    def _determined(self, state: State, a: Array, left: LeftOut | None, load: Load | None) -> bool:
+        """Whether closing the loops, and stopping J v, changes a by no more than DOUBT of it."""
+        q, v, tau = state
+        equations, nominal = self._workspace.equations, self._scene.nominal
+        left = left or self._left_out(q)
+        if left.doubt >= tolerances.DOUBT:
+            return False
+        if (
+            nominal.redundancy.changes(left, v, a, equations.gaps(q, v)[1], nominal.gravity)
+            < tolerances.DOUBT
+        ):
+            return True
+        if self._closed is None:
+            self._closed = Equations(self._workspace.model, self._scene.bounds)
+        self._closed.wanted[:] = equations.wanted
+        a_ref = equations.terms(q, v).a_ref
+        at = q, v, tau if load is None else tau + load.torque
+        changed = changed_by_closing(self._scene, self._closed, at, a, a_ref)
+        return changed < tolerances.DOUBT
+
+    def _left_out(self, q: Array) -> LeftOut:
+        """Combinations of rows that are left out at q."""
         return self._scene.nominal.redundancy.at(self._workspace.equations, q)
 
     def _forces_hold(
