@@ -207,7 +207,7 @@ def test_the_answer_says_how_far_it_is_from_closed(name):
 def test_closed_states_are_in_no_doubt():
     scene, state = machines()["cassie"], closed("cassie")
     found = cp.solve(scene, state.q, state.v, state.tau)
-    assert found.doubt == 0.0
+    assert found.doubt < 1e-12
     assert found.rest == {}
     assert (found.rank, len(found.left_out)) == (10, 2)
     assert np.abs(found.state_error.q).max() < 1e-12

@@ -44,7 +44,8 @@ def _wrong_forces(solution: Solution) -> tuple[str, ...]:
 def off_the_constraints(solution: Solution) -> tuple[str, ...]:
     """Notice of a state that leaves loops open, or whose velocity contradicts the rows."""
     scene, doubt, rest = solution.scene, solution.doubt, solution.rest
-    gap = worst(gaps(scene, equations_of(scene).violation(solution.q))) if doubt else None
+    is_open = solution.state_error.position > tolerances.OPEN
+    gap = worst(gaps(scene, equations_of(scene).violation(solution.q))) if is_open else None
     if gap and doubt >= tolerances.DOUBT:
         return (
             f"closing the loops ({gap[1]} at {gap[0]}) leads {doubt:.2g} of the way to a singular "

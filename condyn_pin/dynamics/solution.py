@@ -220,7 +220,8 @@ class Solution:
         """How far closing the loops leads towards a singular posture [1].
 
         The move that closes them, or what it changes J by if that is less, over the smallest pivot
-        of J that is kept: all in radians, and lengths in sizes of the loop; 0 on closed loops.
+        of J that is kept: all in radians, and lengths in sizes of the loop; rounding on closed
+        loops.
         From 0.1 on a is not determined at the precision of the state.
         """
         return self._kept.doubt

@@ -17,7 +17,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
-from condyn_pin._core.linalg.numerical_rank import rank_of
+from condyn_pin._core.linalg.pivots import rank_of
 from condyn_pin._core.names import checked
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.scene import Scene

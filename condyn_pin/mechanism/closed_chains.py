@@ -28,8 +28,7 @@ from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
-from condyn_pin._core.linalg.numerical_rank import counted
-from condyn_pin._core.linalg.pivots import pivots, redundant_rows
+from condyn_pin._core.linalg.pivots import counted, pivots, redundant_rows
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.nominal import at_any_time

@@ -23,7 +23,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.numerical_rank import rank_of
+from condyn_pin._core.linalg.pivots import rank_of
 from condyn_pin._core.names import counted
 from condyn_pin.constraints.violation import beyond_text
 from condyn_pin.dynamics.scene import Scene

@@ -28,7 +28,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
-from condyn_pin._core.linalg.numerical_rank import rank_of
+from condyn_pin._core.linalg.pivots import rank_of
 from condyn_pin.constraints.violation import worst
 from condyn_pin.dynamics.at_state import constraint_velocities, equations_of, rounding
 from condyn_pin.dynamics.scene import Scene

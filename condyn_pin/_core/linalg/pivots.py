@@ -1,6 +1,7 @@
-"""Pivots: independent columns of a matrix, the largest first, and among equals the first.
+"""Rank: which singular values count, directions left free, and independent columns by pivots.
 
-With R_0 = A, and u_k the direction of the column chosen in step k,
+Of pivots the largest comes first, and among equals the first column. With R_0 = A, and u_k the
+direction of the column chosen in step k,
 
     p_k = the first j with |r_j| > (1 - TIED) max_i |r_i|,    R_(k+1) = (I - u_k u_k^T) R_k.
 
@@ -11,8 +12,10 @@ rounding made the larger, and another processor rounds otherwise.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
@@ -63,3 +66,19 @@ def redundant_rows(
     weights = np.where(np.isin(names, first), _PREFERENCE, 1.0)[:, None]
     order, _ = pivots((weights * null_space)[::-1].T, 0.0)
     return tuple(names[i] for i in sorted(len(names) - 1 - np.array(order, dtype=np.int_)))
+
+
+def counted(S: NDArray[np.floating[Any]], share: float = tolerances.RANK) -> NDArray[np.bool_]:
+    """Return which singular values are more than a share of the largest, by default rounding."""
+    return np.asarray(share * S.max(initial=0.0) < S)
+
+
+def rank_of(S: NDArray[np.floating[Any]], share: float = tolerances.RANK) -> int:
+    """Return how many singular values count."""
+    return int(np.count_nonzero(counted(S, share)))
+
+
+def null_space(A: Array) -> Array:
+    """Return an orthonormal basis of what A (m, n) takes to zero, (n - rank, n)."""
+    _, S, Vt = np.linalg.svd(A)
+    return np.asarray(Vt[rank_of(S) :])

@@ -19,7 +19,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.numerical_rank import counted
+from condyn_pin._core.linalg.pivots import counted
 from condyn_pin._core.names import listed
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.constraints.violation import ConstraintViolation
