@@ -13,7 +13,6 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import State
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.rows.redundancy import LeftOut
@@ -241,6 +240,8 @@ class Solution:
     @cached_property
     def left_out(self) -> tuple[str, ...]:
         """Rows that can go without changing the answer, as ``constraint.axis``."""
+        from condyn_pin._core.linalg.pivots import redundant_rows  # most answers are not asked
+
         return redundant_rows(self._kept.N, self.scene.row_names)
 
     @property
