@@ -16,7 +16,8 @@ whatever the machine (1.4 |dq| in the median of 268; benchmarks/noise.py). So
 and k combinations count as long as d_k > 2 |y_1..k|, the length of the move that closes the loops
 with them; never fewer than at closed states. The others are the singular subspace of A,
 
-    N = orth(R P [x; 1]),    T_11^T (T_11 x + T_12) = x (T_12^T (T_11 x + T_12) + T_22^T T_22),
+    N = orth(R P [x; 1]),    T_11^T (T_11 x + T_12) = x H,
+    H = T_12^T (T_11 x + T_12) + T_22^T T_22,
 
 and what is left out of the equations of motion:
 
@@ -294,15 +295,16 @@ class _Pivoted:
         if not (k < len(T) and abs(T.item(k, k)) > _SMALL * abs(T.item(k - 1, k - 1))):
             return x
         T22 = T[k:m, k:] * _upper(m - k)[: len(T) - k]
-        turned, off = T22.T.dot(T22), inf
-        H22 = turned
+        H22, one, off = T22.T.dot(T22), _unit(self._m - k), inf
         for _ in range(_TURNS):
-            u = solve(T11, x.dot(turned), 0, 1)[0]  # T_11 (x - x0)
+            # T_12^T (T_11 x + T_12) = -x0^T x H: as an iteration by itself it may diverge
+            H = self._lapack.dgesv(one + x0.T.dot(x), H22)[2]
+            u = solve(T11, x.dot(H), 0, 1)[0]  # T_11 (x - x0)
             better = x0 + solve(T11, u)[0]
             change = float(abs(better - x).max())
             if not change < off:  # values too close to tell subspaces apart
                 break
-            x, off, turned = better, change, H22 + T12.T.dot(u)
+            x, off = better, change
             if change < _TURNED:
                 break
         return x
