@@ -128,8 +128,9 @@ def derivatives(
     method : {"kkt", "pinocchio", "differences"}
         ``kkt`` is exact for every kind of constraint, on the constraints and off them, and gives
         the derivative of the smallest lam where rows are redundant. ``pinocchio`` is Pinocchio's
-        own, repaired, for `Proximal` and constraints of 3 and 6 rows. ``differences`` is slow, and
-        where rows are redundant its columns by q are those along the constraints: zero across.
+        own, repaired, for `Proximal` and constraints of 3 and 6 rows; it refuses states off the
+        constraints where rows are redundant. ``differences`` is slow, and where rows are redundant
+        and loops closed its columns by q are those along the constraints: zero across.
     check : bool
         Compare with central differences, and raise if they disagree.
     accuracy : float, optional
@@ -153,6 +154,14 @@ def derivatives(
     Notes
     -----
     Cost O(n^3 + m^2 n) after a solve; `benchmarks/derivatives.py` measures it.
+
+    Off the constraints they are those of the answer that `solve` gives, at its rank: of rows that
+    are left out as redundant, N, what turns with them has its part,
+
+        P J da = -P (s_q dq + s_v dv + dP s),    N^T dlam = N^T dP lam,    P = 1 - N N^T,
+
+    with s = J a + gamma - a_ref, what no acceleration satisfies. On closed loops with J v = 0 that
+    is 0, and along redundant rows dlam_dq holds for motions that keep the loops closed.
 
     References
     ----------

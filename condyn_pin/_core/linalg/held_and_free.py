@@ -87,10 +87,11 @@ class HeldAndFree(NamedTuple):
         return np.asarray(-self.K.dot(self.B[: self.K.shape[1]]))
 
 
-def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:
+def held_and_free(L_inv: Array, J: Array, share: float, most: int | None = None) -> HeldAndFree:
     """Return the motions of M = L L^T and J (m, nv).
 
-    Rows count as independent whose part of J L^-T is more than a share of the largest.
+    Rows count as independent whose part of J L^-T is more than a share of the largest, and no more
+    of them than `most`.
     """
     m, n = J.shape
     if not m:
@@ -98,7 +99,7 @@ def held_and_free(L_inv: Array, J: Array, share: float) -> HeldAndFree:
     of = lapack()
     # arguments by place: by name they take half as long again
     T, order, reflectors, _, _ = of.dgeqp3(L_inv.dot(J.T), 3 * (m + 1), 1)
-    rank = len(reflectors)  # pivots fall
+    rank = len(reflectors) if most is None else min(most, len(reflectors))  # pivots fall
     sizes = T.diagonal().tolist()
     while rank and abs(sizes[rank - 1]) <= share * abs(sizes[0]):
         rank -= 1

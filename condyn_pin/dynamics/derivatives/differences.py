@@ -4,9 +4,9 @@
 
 along ``pin.integrate(model, q, t e_i)`` and its like for v, and max(M_ii) t e_i for tau, which
 also the heaviest joint feels: (a, lam) is linear in tau, no step is too large. One step h serves
-all, that of a sweep at which the result changes least. Where rows are redundant a step off the
-constraints makes them contradict each other, so q is closed again after each step, and the
-derivatives by q are those along the constraints: zero across.
+all, that of a sweep at which the result changes least. Where rows are redundant q is closed again
+after each step from closed loops, and the derivatives by q are those along the constraints: zero
+across. At states off the constraints all columns are those of the answer there.
 """
 
 from __future__ import annotations
@@ -64,8 +64,8 @@ class DifferenceDerivatives(Derivatives):
         scene = solution.scene
         terms = self._equations.terms(solution.q, v)
         self._bound = None if workspace.solver.exact else workspace.bound
-        contradict = scene.nominal.dependent and workspace.solver.exact
-        self.along = directions(terms.J, contradict)
+        redundant = scene.nominal.dependent and workspace.solver.exact
+        self.along = directions(terms.J, redundant and solution._missed is None)
         self._heaviest = float(np.diag(terms.M).max(initial=0.0))
         self.step = 0.0
 
@@ -99,7 +99,9 @@ class DifferenceDerivatives(Derivatives):
     def _answer(self, q: Array, v: Array, tau: Array) -> Array:
         if self._bound is not None:
             return np.concatenate((self._bound.acceleration(q, v, tau), self._bound.lam()))
-        return np.concatenate(_PLAIN.solve(self._equations.terms(q, v), tau))
+        terms = self._equations.terms(q, v)
+        left = self._equations.left_out(terms.J, self._equations.violation(q))
+        return np.concatenate(_PLAIN.solve(terms.kept(left) if left else terms, tau))
 
     def _pushed(self, q: Array, tau: Array) -> Array:
         """Return the torques together with those of the forces from outside."""
@@ -133,7 +135,7 @@ def _central(f: Callable[[Array], Array], directions: Array, h: float, size: int
 def check_derivatives(found: Derivatives, differences: DifferenceDerivatives) -> None:
     """Raise `DerivativesDisagree` where derivatives differ from central differences.
 
-    By q, where rows are redundant, only along the constraints.
+    By q, where rows are redundant and loops closed, only along the constraints.
     """
     for name in BLOCKS:
         wanted: Array = getattr(differences, name)

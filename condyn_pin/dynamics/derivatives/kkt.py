@@ -10,11 +10,16 @@ smallest lam. With N the left null space of J, that lam keeps N^T lam = 0 as the
 w with lam = J w
 
     N^T dlam = N^T (dJ w).
+
+Off the constraints, where rows are left out, what is left in them takes part as well
+(`condyn_pin.dynamics.derivatives.turning`):
+
+    P J da = -P (s_q dq + s_v dv + dP s),    N^T dlam = N^T dP lam.
 """
 
 from __future__ import annotations
 
-from functools import cached_property
+from functools import cached_property, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -26,13 +31,13 @@ from condyn_pin._core.linalg.held_and_free import HeldAndFree, held_and_free
 from condyn_pin._core.linalg.mass_factor import inverse_factor
 from condyn_pin._core.one_thread import of_workspace
 from condyn_pin.dynamics.derivatives.base import Derivatives
-from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.derivatives.loads import load_partial
 from condyn_pin.dynamics.derivatives.parameters import (
     gravity_regressor,
     inertia_regressor,
     placement_partials,
 )
+from condyn_pin.dynamics.derivatives.turning import TurningRows, turning_null_space
 from condyn_pin.dynamics.solution import Solution
 
 if TYPE_CHECKING:
@@ -57,11 +62,14 @@ class KktDerivatives(Derivatives):
 
     @cached_property
     @of_workspace
-    def _factored(self) -> tuple[Array, HeldAndFree]:
-        """What a step of q and v leaves to solve (nv + m, 2 nv), and what solves it."""
+    def _factored(self) -> tuple[Array, HeldAndFree, TurningRows | None]:
+        """What a step of q and v leaves to solve (nv + m, 2 nv), and what solves it.
+
+        Off the constraints also the rows that are kept.
+        """
         return self._factorise()
 
-    def _factorise(self) -> tuple[Array, HeldAndFree]:
+    def _factorise(self) -> tuple[Array, HeldAndFree, TurningRows | None]:
         q, solution = self.solution.q, self.solution
         of = self._linearisation.at(q, self._v, solution.a, solution.lam)
         if solution.applied:
@@ -69,7 +77,33 @@ class KktDerivatives(Derivatives):
             of.rhs[: self._n, : self._n] += load_partial(loads, q, solution.applied)
         J = self._equations.drop_roundoff_rows(of.J)
         M = self._equations.mass(q) if of.M is None else of.M
-        return of.rhs, held_and_free(inverse_factor(M), J, tolerances.RANK)
+        kept = self._kept(J)
+        if kept is None:
+            return of.rhs, held_and_free(inverse_factor(M), J, tolerances.RANK), None
+        turning, pulling = (
+            partial(how, q) for how in (self._linearisation.turning, self._linearisation.pulling)
+        )
+        of_rest, self._null = kept.turned(solution.lam, turning, pulling)
+        torques, rows = np.vsplit(of.rhs, [self._n])
+        torques[:, : self._n] += J.T.dot(self._null)
+        rows[:] = kept.kept(rows)
+        rows[:, : self._n] -= of_rest
+        share, rank = tolerances.REFERENCE_RANK, kept.rank
+        return of.rhs, held_and_free(inverse_factor(M), kept.kept(J), share, rank), kept
+
+    def _kept(self, J: Array) -> TurningRows | None:
+        """The rows that are kept off the constraints, where some are redundant."""
+        of, nominal = self.solution, self.solution.scene.nominal
+        missed, off = of._missed, max(of.residuals.violation, of.residuals.velocity)
+        if missed is None and not (nominal.dependent and off > tolerances.OPEN):
+            return None
+        if missed is not None:
+            rank = of.rank
+        else:  # rows at their word
+            left = nominal.redundancy.left_out(J, np.zeros(self._m))
+            s = self._equations.residuals(of.q, self._v, 0.0 * of.a, of.a, of.lam)[1]
+            rank, missed = left.rank, left.rest(s)
+        return TurningRows(nominal.redundancy, J, rank, missed) if rank < self._m else None
 
     @property
     def _motions(self) -> HeldAndFree:
@@ -104,7 +138,7 @@ class KktDerivatives(Derivatives):
     @one_blas_thread
     def _forces(self) -> tuple[Array, Array, Array]:
         """The derivatives of lam by q, v and tau; `_blocks` has those of a alone."""
-        n, (rhs, motions) = self._n, self._factored
+        n, (rhs, motions, _) = self._n, self._factored
         found = motions.force(rhs[:n], rhs[n:])
         by_q = found[:, :n] if self._null is None else found[:, :n] + self._null
         return by_q, found[:, n:], motions.support
@@ -134,12 +168,23 @@ class KktDerivatives(Derivatives):
             The first-named frame moves on its body, or the other one, by a small twist in its own
             axes, linear part first. Where rows are redundant, only a and J^T lam are unique.
         """
-        of, bounds = self.solution, self.solution.scene.bounds
-        return self._by(
-            *placement_partials(
-                self._linearisation, bounds, name, frame, of.q, self._v, of.a, of.lam
-            )
+        of, kept = self.solution, self._factored[2]
+        partials = partial(
+            placement_partials, self._linearisation, of.scene.bounds, name, frame, of.q
         )
+        r, s = partials(self._v, of.a, of.lam)
+        if kept is None:
+            return self._by(r, s)
+        still, no_force = np.zeros(self._n), np.zeros(self._m)
+        at_rest = partials(still, still, no_force)[1]
+        of_rest, of_lam = kept.turned(
+            of.lam,
+            lambda w: partials(still, w, no_force)[1] - at_rest,
+            lambda z: -partials(still, still, z)[0],
+        )
+        J = self._equations.jacobian(of.q)
+        da, dlam = self._by(r - J.T.dot(of_lam), kept.kept(s) + of_rest)
+        return da, dlam + of_lam
 
     def _by(self, r: Array, s: Array | None = None) -> tuple[Array, Array]:
         """Return the derivatives by a parameter, from the partials of the two residuals."""
@@ -147,7 +192,7 @@ class KktDerivatives(Derivatives):
         return self._motions.solve(-r, -s)
 
     def _form(self) -> tuple[Array, Array, Array]:
-        n, (rhs, motions) = self._n, self._factored
+        n, (rhs, motions, _) = self._n, self._factored
         found = motions.motion(rhs[:n], rhs[n:])
         return found[:, :n], found[:, n:], motions.mobility
 
@@ -167,11 +212,3 @@ class KktDerivatives(Derivatives):
         if dlam.any() and self._null is not None:
             by[:n] += dlam @ self._null
         return by[:n], by[n:], by_tau
-
-
-def turning_null_space(linearisation: Linearisation, q: Array, w: Array, N: Array) -> Array:
-    """Return N N^T (dJ w) (m, nv): what keeps lam = J w the smallest as the rows turn.
-
-    N (m, k) is an orthonormal basis of the left null space of J.
-    """
-    return np.asarray(N @ (N.T @ linearisation.turning(q, w)))

@@ -15,6 +15,7 @@ Carpentier, Mansard. Analytical derivatives of rigid body dynamics algorithms. R
 from __future__ import annotations
 
 from collections.abc import Sequence
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -27,6 +28,7 @@ from condyn_pin.constraints.partials.groups import ConstraintPartials
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations, answer_key
 from condyn_pin.dynamics.derivatives.carried import Carried, in_series
+from condyn_pin.dynamics.raw import weightless
 
 _rnea_derivatives = pin.computeRNEADerivatives  # bound once
 
@@ -64,7 +66,7 @@ class Linearisation:
         self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None,
         equations: Equations | None = None,
     ) -> None:  # fmt: skip
-        given = model
+        given, self._bounds = model, bounds
         model, bounds = in_series(model, bounds)
         self._carried: Carried | None = None
         self._done = b""  # the answer of which `data` holds Newton-Euler's derivatives
@@ -145,6 +147,16 @@ class Linearisation:
         q, w, still, chain = self._carried.state(q, w, np.zeros_like(w))
         _, J = self._of_bodies(q, w, still, np.zeros(self._m))
         return self._velocity_by_q(q, w) @ chain.Phi + J @ chain.v_q
+
+    def pulling(self, q: Array, z: Array) -> Array:
+        """Return how J^T z changes with q (nv, nv) while z (m,) stays."""
+        still = np.zeros(self._given.nv)
+        return -self._weightless.at(q, still, still, z).r_q
+
+    @cached_property
+    def _weightless(self) -> Linearisation:
+        """The same without gravity: at rest no torques change with q but those of the rows."""
+        return Linearisation(weightless(self._given), self._bounds)
 
     def _velocity_by_q(self, q: Array, w: Array) -> Array:
         """Return the partials of J w by q, where no axes turn."""

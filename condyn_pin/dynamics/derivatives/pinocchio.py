@@ -26,16 +26,16 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from condyn_pin._core import _pin
+from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
 from condyn_pin._core.linalg.held_and_free import held_and_free
 from condyn_pin._core.linalg.mass_factor import inverse_factor
-from condyn_pin._core.tolerances import DERIVATIVES, RANK
 from condyn_pin.dynamics.derivatives.base import Derivatives
-from condyn_pin.dynamics.derivatives.kkt import KktDerivatives, turning_null_space
+from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 from condyn_pin.dynamics.derivatives.loads import load_partial
+from condyn_pin.dynamics.derivatives.turning import turning_null_space
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.errors import DerivativesDisagree, InvalidArgument, UnsupportedConstraint
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
 
 # What may be off, of the largest entry: torques in which that one plays a small part are no less.
-_LARGEST_OFF: Final = 0.1 * DERIVATIVES
+_LARGEST_OFF: Final = 0.1 * tolerances.DERIVATIVES
 
 # What X(mu) and X(2 mu) may differ by: where that is mu / sigma, or rounding eps |G| / mu, Y(mu)
 # and Y(2 mu) are apart by 6 (mu / sigma)^2, or by twice that rounding, and would be refused.
@@ -60,6 +60,7 @@ class PinocchioDerivatives(Derivatives):
     def __init__(self, workspace: Workspace, solution: Solution, v: Array, tau: Array) -> None:
         super().__init__(solution)
         _check(workspace)
+        _check_state(workspace, solution)
         settings, q = workspace.proximal_settings, solution.q
         if solution.applied:
             tau = tau + workspace.loads.at(q, solution.applied).torque
@@ -125,7 +126,7 @@ def _make_smallest(workspace: Workspace, solution: Solution, found: Blocks) -> N
     """
     q, n, equations = solution.q, len(solution.a), workspace.equations
     J = equations.jacobian(q)
-    motions = held_and_free(inverse_factor(equations.mass(q)), J, RANK)
+    motions = held_and_free(inverse_factor(equations.mass(q)), J, tolerances.RANK)
     N = motions.N
     for block in found:
         block[n:] -= N @ (N.T @ block[n:])
@@ -184,6 +185,18 @@ def _check(workspace: Workspace) -> None:
         raise UnsupportedConstraint(
             f"method = 'pinocchio': its derivatives are wrong for joint {model.names[i]!r}, a "
             f"{model.joints[i].shortname()}, whose axes turn with its own q; take method='kkt'"
+        )
+
+
+def _check_state(workspace: Workspace, solution: Solution) -> None:
+    """Refuse states off the constraints where rows are redundant: they contradict each other."""
+    error = solution.state_error
+    off = max(error.position, error.velocity) > tolerances.OPEN
+    if off and not workspace.scene.nominal.independent:
+        raise DerivativesDisagree(
+            f"method = 'pinocchio': the state is open by {error.position:.1e} m or rad, with "
+            f"|J v| = {error.velocity:.1e} m/s or rad/s, where redundant rows contradict each "
+            "other; take method='kkt', or a state of assemble and project_velocity"
         )
 
 
