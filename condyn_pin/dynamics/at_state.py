@@ -55,12 +55,16 @@ def _equations_told(scene: Scene) -> Equations:
 
 @dataclass(frozen=True, eq=False)
 class State:
-    """A checked state with M, h, J, gamma, and the factors of M and J; q and v are owned."""
+    """A checked state with M, h, J, gamma, and the factors of M and J; q and v are owned.
+
+    J and gamma are without the combinations of rows that are `left` out where loops are open.
+    """
 
     q: Array
     v: Array
     terms: Terms
     factors: MinimumNorm
+    left: LeftOut | None
 
 
 def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
@@ -71,9 +75,14 @@ def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
     equations = equations_of(scene)
     still = np.zeros(scene.robot.nv)
     q_, v_, _ = scene.robot.arguments.check(q, still if v is None else v, still)
-    terms = finite_terms(equations, q_, v_)
-    factors = factorise(terms.M, terms.J, tolerances.RANK, why=singular_mass(equations.model, q_))
-    return State(q_.copy(), v_.copy(), terms, factors)
+    terms, share = finite_terms(equations, q_, v_), tolerances.RANK
+    left = equations.left_out(terms.J, equations.violation(q_)) if equations.redundancy else None
+    if left:
+        terms, share = terms.kept(left), tolerances.REFERENCE_RANK
+    factors = factorise(terms.M, terms.J, share, why=singular_mass(equations.model, q_))
+    if left:
+        factors = factors.at_most(left.rank)
+    return State(q_.copy(), v_.copy(), terms, factors, left)
 
 
 def left_out_at(scene: Scene, q: Array) -> LeftOut:

@@ -4,14 +4,14 @@
 
 with lam the impulses and e the restitution of each row. The kinetic energy changes by
 -1/2 w^T (I + e) G^+ (I - e) w, w = J v- and G = J M^-1 J^T: it never grows for one e between 0 and
-1, and can for different ones.
+1, and can for different ones. At open loops rows that are redundant are left out, as in `solve`.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,10 +19,11 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin.constraints.rows.redundancy import LeftOut
 from condyn_pin.constraints.violation import worst
 from condyn_pin.dynamics.at_state import at_state, equations_of, gaps, rounding
-from condyn_pin.dynamics.derivatives.kkt import turning_null_space
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
+from condyn_pin.dynamics.derivatives.turning import TurningRows, turning_null_space
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
 from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.scene import Scene
@@ -90,7 +91,7 @@ class Impact:
     def dv_dq(self) -> Array:
         """How v changes with q, (nv, nv), tangent columns.
 
-        Where rows are redundant, along motions that keep the constraints.
+        Where rows are redundant and loops closed, along motions that keep the constraints.
         """
         return self._derivatives[0][:, : self.scene.robot.nv]
 
@@ -174,7 +175,7 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
     Featherstone. Rigid Body Dynamics Algorithms. Springer, 2008, section 11.7.
     """
     state = at_state(scene, q, v)
-    M, J = state.terms.M, state.terms.J
+    M, J = state.terms.M, equations_of(scene).jacobian(state.q) if state.left else state.terms.J
     by_name, e = restitutions(scene, restitution), np.zeros(scene.rows)
     for bound in scene.bounds:
         e[bound.rows] = by_name.get(bound.name, 0.0)
@@ -195,7 +196,7 @@ def impact(scene: Scene, q: ArrayLike, v: ArrayLike, *, restitution: Restitution
         scene=scene,
         q=state.q,
     )
-    _check(found, J, wanted)
+    _check(found, J, wanted, state.left)
     return found
 
 
@@ -212,14 +213,15 @@ def restitutions(scene: Scene, restitution: Restitution) -> Mapping[str, float]:
     return restitution
 
 
-def _check(found: Impact, J: Array, wanted: Array) -> None:
+def _check(found: Impact, J: Array, wanted: Array, left: LeftOut | None) -> None:
     """Refuse rows that contradict each other, and restitutions that would add energy."""
     several = len(set(found.restitution.tolist())) > 1
     if not (several or found.scene.is_driven):
         return
     speed = float(max(np.abs(J @ found.v_before).max(), np.abs(wanted).max()))
     nothing = max(rounding(found.scene, found.q, found.v_before).values())
-    off = float(np.abs(J @ found.v - wanted).max())
+    missed = J @ found.v - wanted
+    off = float(np.abs(left.kept(missed) if left else missed).max())
     if off > tolerances.SOLVED * speed + nothing:
         what = (
             "restitution: redundant rows rebound differently" if several else "driven rows differ"
@@ -251,8 +253,18 @@ def _derivatives(found: Impact) -> tuple[Array, Array]:
     s_q = linearisation.at(q, still, found.v, no_force).s_q
     s_q = s_q + e * linearisation.at(q, still, found.v_before, no_force).s_q
     state = at_state(scene, q)
-    M, J, factors = state.terms.M, state.terms.J, state.factors
+    M, J, factors, turned = state.terms.M, state.terms.J, state.factors, None
+    if state.left and state.left.rank < len(J):
+        J, rates = equations_of(scene).jacobian(q), equations_of(scene).wanted[1]
+        missed = J @ found.v - rates + found.restitution * (J @ found.v_before - rates)
+        rest = state.left.rest(missed)
+        kept = TurningRows(scene.nominal.redundancy, J, state.left.rank, rest)
+        turning, pulling = partial(linearisation.turning, q), partial(linearisation.pulling, q)
+        of_rest, turned = kept.turned(found.lam, turning, pulling)
+        r_q, s_q = r_q - J.T @ turned, s_q + of_rest
     dv, dlam = factors.solve(np.hstack([-r_q, M]), np.hstack([-s_q, -e * J]))
-    moved, _ = factors.solve(still, found.lam)
-    dlam[:, :n] += turning_null_space(linearisation, q, moved, factors.U[:, factors.rank :])
+    if turned is None:
+        moved, _ = factors.solve(still, found.lam)
+        turned = turning_null_space(linearisation, q, moved, factors.U[:, factors.rank :])
+    dlam[:, :n] += turned
     return dv, dlam
