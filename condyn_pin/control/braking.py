@@ -28,6 +28,7 @@ from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import torque_limits
 from condyn_pin.control.program import rigid_rows
 from condyn_pin.control.support import SupportPlane, hull, touching_points
+from condyn_pin.dynamics.at_state import told
 from condyn_pin.dynamics.force import Sites
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import Infeasible, InvalidArgument
@@ -94,7 +95,7 @@ class Brake:
         for contact, bound in zip(scene.constraints, scene.bounds, strict=True):
             if contact.presses and bound.rows.start not in self._cones.touching:
                 raise InvalidArgument(f"cones: none for {contact.name}, which then pulls as well")
-        self._equations = Equations(self._model, scene.bounds)
+        self._equations = told(Equations(self._model, scene.bounds), scene)
         self._start = self._center(q)
         points = touching_points(Sites(scene, q))
         self._reach = hull(floor, points).reach(self._start, way)
@@ -129,7 +130,7 @@ class Brake:
         q, target = guess, self._start + s * self._way
         held = np.zeros(len(self._stiff))
         for _ in range(_CORRECTIONS):
-            c, J = self._equations.position_level(q)
+            c, J = self._equations.consistent_position_level(q)
             A = pin.ccrba(self._model, self._model.createData(), q, self._still) / self._mass
             A = A.reshape(6, -1)  # a single column comes as a vector
             D = np.vstack((J, self._stiff, A[:3], self._level @ A[3:]))
@@ -149,7 +150,7 @@ class Brake:
         # imported here: scipy.optimize takes as long to import as Pinocchio
         from scipy.optimize import linprog
 
-        terms = self._equations.terms(at.q, self._still)
+        terms = self._equations.consistent_terms(at.q, self._still)
         A, J = self._cones.rows(self._equations.data.oMi), terms.J
         M, h = terms.M / self._mass, terms.h / self._mass
         inertia = self.gravity / self.height * (M @ at.x)

@@ -24,9 +24,11 @@ from math import isfinite, isinf
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, entries
 from condyn_pin._core.joints import indices
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import AccelerationBounds, ControlLimits, torque_limits
@@ -38,6 +40,7 @@ from condyn_pin.control.reduction import Reduction, reduced
 from condyn_pin.control.swing import locked
 from condyn_pin.control.tasks.base import Home, Task
 from condyn_pin.control.tick_constraints import TickConstraints
+from condyn_pin.dynamics.at_state import told
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
@@ -67,8 +70,12 @@ class Program:
         The others.
     rigid : (k, nv) array
         A row of the identity for each joint that is taken for rigid.
+    left_out : LeftOut or None
+        Combinations of the held rows that were left out in the last tick; None if they were closed,
+        and stayed so.
     """
 
+    left_out: LeftOut | None = None
     passive: Array
     _asked: list[tuple[Stack, Rows]]  # by the tasks of the last tick
 
@@ -115,17 +122,44 @@ class Program:
         """Return the velocity that is left if joints that are taken for rigid are locked."""
         if not (self.rigid @ v).any() or not isfinite(np.vdot(q, q) + np.vdot(v, v)):
             return v  # what is not finite is refused later
-        loops = self._held.jacobian(q) if self._held else self._no_loops
+        loops = self._held.consistent_jacobian(q) if self._held else self._no_loops
         return locked(v, self.equations.mass(q), loops, self.rigid)
 
     @cached_property
     def _held(self) -> Equations | None:
-        """The equations of what has no cone: its rows alone are asked for beside springs."""
+        """The equations of what has no cone: its rows alone are held, and may be redundant."""
         scene, rows = self._scene, self.cones.held
         each = zip(scene.constraints, scene.bounds, strict=True)
         held = [constraint for constraint, bound in each if bound.rows.start in rows]
-        bounds = Scene(scene.robot, held).bounds
-        return Equations(self.equations.model, bounds) if held else None
+        if not held:
+            return None
+        alone = Scene(scene.robot, held)
+        return told(Equations(self.equations.model, alone.bounds), alone)
+
+    @cached_property
+    def _redundancy(self) -> Redundancy | None:
+        """Redundancy of the held rows, if any look independent where they are open."""
+        of = self._held and self._held.redundancy
+        return of() if of else None
+
+    def gaps(self, q: Array, t: float) -> Array:
+        """Gaps (l,) of the held rows at q; none where nothing can be redundant beside them."""
+        if self._redundancy is None:
+            return self._rigid_rest[:0]
+        self.equations.at(t)
+        return self.equations.violation(q)[self.cones.held]
+
+    def _left_out(self, gaps: Array) -> LeftOut | None:
+        """Combinations of held rows that are left out, or contradict the others as they move."""
+        if self._redundancy is None:
+            return None
+        held = self.cones.held
+        J = self.motion.terms.J[held]
+        is_open = np.abs(gaps).max() > tolerances.OPEN
+        rates = J @ self.motion.v - self.equations.wanted[1, held]
+        if not (is_open or np.abs(rates).max() > tolerances.OPEN):
+            return None
+        return self._redundancy.left_out(J, gaps if is_open else 0.0 * gaps)
 
     def assemble(
         self, q: Array, v: Array, t: float, passive: Array
@@ -134,8 +168,10 @@ class Program:
 
         They are in the memory of this object: the next tick overwrites them.
         """
+        gaps = self.gaps(q, t)  # before the motion, whose velocities it overwrites
         self.equations.at(t)
         self.motion.move(q, v)
+        self.left_out = self._left_out(gaps)
         self.passive = passive
         self._at = self._reduced()
         self._asked = []
@@ -152,9 +188,12 @@ class Program:
         """Return the equations of motion and contacts over z and lam_c / m."""
         terms, held, touching = self.motion.terms, self.cones.held, self._touching
         wanted, E = terms.a_ref - terms.gamma, self._constant
+        J_l, r_l = terms.J[held], wanted[held]
+        if self.left_out:
+            J_l, r_l = self.left_out.kept(J_l), self.left_out.kept(r_l)
         if E is None:
-            E = Elimination.of(np.concatenate((terms.J[held], self.rigid)), self.columns)
-        r_l = np.concatenate((wanted[held], self._rigid_rest)) if E.holds else self._rigid_rest
+            E = Elimination.of(np.concatenate((J_l, self.rigid)), self.columns)
+        r_l = np.concatenate((r_l, self._rigid_rest)) if E.holds else self._rigid_rest
         return reduced(
             terms, terms.h - self.passive, E, r_l, terms.J[touching], wanted[touching], self.mass
         )

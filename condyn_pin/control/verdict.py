@@ -68,6 +68,13 @@ def _proof(
     """Return the residuals of an answer, and what they amount to."""
     motion, applied = program.motion, tau + passive
     _, largest = program.equations.errors(motion.q, motion.v, applied, a, lam)
+    if program.left_out:
+        s, held = (
+            program.equations.residuals(motion.q, motion.v, applied, a, lam)[1],
+            program.cones.held,
+        )
+        s[held] = program.left_out.kept(s[held])
+        largest[4] = float(np.abs(s).max(initial=0.0))
     kkt = max([each.answer.residual if each.answer else np.inf for each in answers])
     residuals = ControlResiduals(kkt, largest[0], largest[4])
     size = max(largest[1], tolerances.GRAVITY)

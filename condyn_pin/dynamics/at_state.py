@@ -41,12 +41,13 @@ def equations_of(scene: Scene) -> Equations:
     What they return is yours; what they refer to is overwritten by their next use.
     """
     scene.robot.check_unedited()
-    return _equations.of(scene, None, lambda: _equations_told(scene))
+    return _equations.of(
+        scene, None, lambda: told(Equations(scene.robot.model, scene.bounds), scene)
+    )
 
 
-def _equations_told(scene: Scene) -> Equations:
-    """New equations of a scene that find the redundancy of its rows when it is needed first."""
-    equations = Equations(scene.robot.model, scene.bounds)
+def told(equations: Equations, scene: Scene) -> Equations:
+    """Equations of a scene that find the redundancy of its rows when it is needed first."""
     equations.redundancy = lambda: (
         scene.nominal.redundancy if scene.nominal.looks_independent else None
     )
@@ -68,7 +69,10 @@ class State:
 
 
 def at_state(scene: Scene, q: ArrayLike, v: ArrayLike | None = None) -> State:
-    """Return the terms of a scene at a state, at rest by default; O(n^3 + m^2 n)."""
+    """Terms of a scene at a state, at rest by default, with the rows that are kept there.
+
+    O(n^3 + m^2 n)
+    """
     check_scene(scene)
     check_bilateral(scene)
     check_time(scene)

@@ -12,8 +12,8 @@ Open loops. Rows that are redundant where the loops are closed look independent 
 Pinocchio's iteration believes them. With N the combinations that are left out at the precision of
 the state (`condyn_pin.constraints.rows.redundancy`), P = 1 - N N^T, and its answer (a, l),
 
-    (P G P + alpha N N^T) x = P (a_ref - gamma - J a + G N N^T l),
-    lam = P l + x,    a <- a + M^-1 J^T (lam - l),
+    U^T G U eta = U^T (a_ref - gamma - J a + G l),    U U^T = P,
+    lam = U eta,      a <- a + M^-1 J^T (lam - l),
 
 all from the factor that is there: G = J M^-1 J^T without its damping, and M^-1 J^T y with
 K [y'; M^-1 J^T y] = [(G + mu) y; 0]. On closed loops whose J v is not 0 the rows contradict each
@@ -30,7 +30,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import replace
 from functools import cache, cached_property
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -151,6 +151,28 @@ def _gaps(workspace: Workspace) -> list[Array]:
     return gaps
 
 
+class _Open(NamedTuple):
+    """An open state, in rows of Pinocchio's."""
+
+    J: Array  # (m, nv)
+    c: Array  # (m,)
+    U: Array  # (m, rank), orthonormal combinations that are kept
+    G: Array  # (m, m), J M^-1 J^T
+    R: Array  # (rank, rank), U^T G U = R^T R
+    mu: float  # that the factor has on the diagonal of G [1/kg]
+
+
+def _complement(N: Array) -> Array:
+    """Orthonormal complement (m, m - k) of orthonormal columns (m, k)."""
+    m, k = N.shape
+    if not k:
+        return np.eye(m)
+    packed, tau, _, _ = lapack().dgeqrf(N, m)
+    Z = np.zeros((m, m), order="F")
+    Z[:, :k] = packed
+    return np.asarray(lapack().dorgqr(Z, tau, m, 1)[0][:, k:])
+
+
 class OpenRows:
     """The rows that are kept at open states, solved by the factor of `pin.constraintDynamics`.
 
@@ -160,7 +182,13 @@ class OpenRows:
         c of each constraint that has a position, with its own product: views of Pinocchio's memory.
     is_open : bool
         The last answer is that of kept rows; who has another sets it back.
+    held : bool
+        The rows that the next open state keeps are those of all after it: on closed loops every
+        choice of independent rows is the same field, and beside them a smooth one, so that the
+        stages of a step keep their order. Whoever sets it takes it back behind the step.
     """
+
+    _last: _Open
 
     def __init__(self, workspace: Workspace) -> None:
         natives, nominal = workspace.pinocchio_constraints, workspace.scene.nominal
@@ -178,10 +206,19 @@ class OpenRows:
             self._c.append(gap if native.anchored else np.zeros(native.size))
             self._moving.append(data.contact_velocity_error.vector[: native.size])
         self._m = sum(map(len, self._c))
-        self._right = np.zeros(self._m + workspace.model.nv)
-        self._last: tuple[Array, Array, Array, float] = np.zeros(0), np.zeros(0), np.zeros(0), 0.0
+        self._right = np.zeros((self._m + workspace.model.nv, 2), order="F")
         self._lam = np.zeros(0)
-        self.is_open = False
+        self._U: Array | None = None
+        self.is_open = self._held = False
+
+    @property
+    def held(self) -> bool:
+        """The same rows are kept at all states."""
+        return self._held
+
+    @held.setter
+    def held(self, value: bool) -> None:
+        self._held, self._U = value, None
 
     @cached_property
     def _of_natives(self) -> Redundancy:
@@ -201,12 +238,27 @@ class OpenRows:
 
     def answer(self, a: Array, mu: float) -> Array:
         """Accelerations a (nv,) with the kept rows, from those with all, damped by mu [1/kg]."""
-        J, c = self._jacobian(), np.concatenate(self._c)
-        N = self._of_natives.left_out(J, c).N
-        wanted = self._data.primal_rhs_contact[: self._m]
-        self._last, self.is_open = (J, c, N, mu), True
+        m = self._m
+        J, c, U = self._jacobian(), np.concatenate(self._c), self._U
+        if U is None:
+            U = _complement(self._of_natives.left_out(J, c).N)
+            self._U = U if self._held else None
+        G = self._cholesky.getInverseOperationalSpaceInertiaMatrix()
+        G.flat[:: m + 1] -= mu
+        R, info = lapack().dpotrf(U.T.dot(G).dot(U), 0, 0)
+        if info:
+            raise Singular
+        self._last, self.is_open = _Open(J, c, U, G, R, mu), True
+        wanted = self._data.primal_rhs_contact[:m]
         a, self._lam = self._kept(a, self._data.lambda_c, wanted)
         return a
+
+    def closing_moves(self, gaps: Array) -> Array:
+        """Moves (nv, 2) that close two gaps (m, 2) along the rows kept in the last answer."""
+        _, _, U, G, R, mu = self._last
+        x = U.dot(lapack().dpotrs(R, U.T.dot(gaps))[0])
+        self._right[: self._m] = G.dot(x) + mu * x
+        return np.asarray(self._cholesky.solve(self._right)[self._m :])
 
     def refined(self, q: Array, v: Array, tau: Array, a: Array) -> Array:
         """Accelerations a (nv,) of an open state after a correction by recomputed residuals."""
@@ -220,24 +272,12 @@ class OpenRows:
 
     def _kept(self, a: Array, lam: Array, wanted: Array) -> tuple[Array, Array]:
         """(a, lam) with P (J a - wanted) = 0 and N^T lam = 0, from what the damped factor gave."""
-        J, _, N, mu = self._last
-        m, N_T = self._m, N.T
-        along = N.dot(N_T.dot(lam))
-        G = self._cholesky.getInverseOperationalSpaceInertiaMatrix()
-        G.flat[:: m + 1] -= mu
-        missing = wanted - J.dot(a) + G.dot(along)
-        # P G P + alpha N N^T: the rows that are left out get the size of the others
-        W = 0.5 * N.dot(N_T.dot(G.dot(N))) - G.dot(N)
-        W += N * (0.5 * G.item(0))
-        kept = N.dot(W.T)
-        kept += kept.T
-        kept += G
-        _, x, info = lapack().dposv(kept, missing - N.dot(N_T.dot(missing)), 0, 1, 1)
-        if info:
-            raise Singular
-        x -= along
-        self._right[:m] = G.dot(x) + mu * x
-        return a + self._cholesky.solve(self._right).ravel()[m:], lam + x
+        J, _, U, G, R, mu = self._last
+        missing = wanted - J.dot(a) + G.dot(lam)
+        kept = U.dot(lapack().dpotrs(R, U.T.dot(missing))[0].ravel())
+        x = kept - lam
+        self._right[: self._m, 0] = G.dot(x) + mu * x
+        return a + self._cholesky.solve(self._right[:, 0]).ravel()[self._m :], kept
 
     def forces(self, lam: Array | None = None) -> Array:
         """Forces (m,) of the scene's rows, without a part that moves nothing.
@@ -245,8 +285,7 @@ class OpenRows:
         `lam` are those of Pinocchio's rows on closed loops, by default of its last answer.
         """
         if self.is_open:
-            J, c, _, _ = self._last
-            return self._smallest(J, c, self._lam)
+            return self._smallest(self._last.J, self._last.c, self._lam)
         lam = self._data.lambda_c.copy() if lam is None else lam
         if self._from_natives is None and not any(
             rate.dot(rate) > OPEN_SQUARED for rate in self._moving

@@ -245,8 +245,10 @@ def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, b
     rows = [row for bound in scene.bounds for row in bound.positioned]
     if not rows or np.linalg.norm(equations.violation(q)[rows]) <= tolerances.CLOSED:
         return q, True
+    from condyn_pin.mechanism.assembling import assemble_posture  # it imports scenes
+
     try:
-        return scene.state()[0], True
+        return assemble_posture(scene, described_posture(scene)).q, True
     except BranchChanged as error:
         return error.assembly.q, True
     except NotAssembled:

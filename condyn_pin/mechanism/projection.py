@@ -9,15 +9,14 @@ values of J L^-T = U S V^T, both are
 
 taken twice: what rounding leaves of the first, most where bodies are light, the second takes away.
 
-As many singular values count as rows do nearly everywhere. Near a singular configuration some of
-these are small, and others may be more than rounding: the next smaller ones are taken in one by one
-until the rows are met, if the loops are closed. Where they are open by a gap, redundant rows look
-independent by as much.
+As many singular values count as rows are kept at the state (`condyn_pin.constraints.rows.
+redundancy`): where loops are open by a gap, redundant rows look independent by as much, and what
+such combinations miss is left.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Literal, get_args
 
 import numpy as np
@@ -27,14 +26,17 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
-from condyn_pin._core.linalg.pivots import rank_of
+from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.constraints.violation import worst
-from condyn_pin.dynamics.at_state import constraint_velocities, equations_of, rounding
+from condyn_pin.dynamics.at_state import (
+    constraint_velocities,
+    equations_of,
+    left_out_at,
+    rounding,
+)
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.check import check
-from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 
 Metric = Literal["mass", "euclidean"]
@@ -141,16 +143,16 @@ def nearest(
     Refuse numbers that overflow, and rows that contradict each other.
     """
     W, J, gamma = terms
+    if not len(J):
+        return x.copy()
     nothing = np.zeros(len(x))
     with np.errstate(all="ignore"):  # what overflows is refused
-        factors = factorise(W, J, 0.0, why=singular_mass(scene.robot.model, q))
-        for some in _ranks(scene, q, factors, closed):
-            found, left = x, J @ x + gamma
-            for _ in range(_PASSES):
-                found = found - some.solve(nothing, left)[0]
-                left = J @ found + gamma
-            if _meets(left, (x, found, gamma)):
-                break
+        kept, why = left_out_at(scene, q), singular_mass(scene.robot.model, q)
+        factors = factorise(W, kept.kept(J), 0.0, why=why).at_most(kept.rank)
+        found = x
+        for _ in range(_PASSES):
+            found = found - factors.solve(nothing, J @ found + gamma)[0]
+        left = J @ found + gamma if closed else kept.kept(J @ found + gamma)
         check_overflow(name, x, found, left)
     _check_rows(scene, q, left, (x, found, gamma), "/s" if name == "v" else "/s^2")
     return found
@@ -177,12 +179,3 @@ def _check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per
             f"({check(scene, q, None)}); Scene.assemble closes loops, and "
             "Scene.rank names redundant rows"
         )
-
-
-def _ranks(scene: Scene, q: Array, factors: MinimumNorm, closed: bool) -> Iterator[MinimumNorm]:
-    """Return the factors with as many singular values as usual, and then with one more each."""
-    usual = min(rank_of(factors.S), chains_of(scene).rank)
-    yield factors.at_most(usual)
-    if closed:
-        most = factors.above_rounding(equations_of(scene).cancellation(q)).rank
-        yield from (factors.at_most(rank) for rank in range(usual + 1, most + 1))

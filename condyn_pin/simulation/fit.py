@@ -8,7 +8,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.at_state import constraint_velocities, gaps
+from condyn_pin.dynamics.at_state import constraint_velocities, equations_of, gaps
 from condyn_pin.dynamics.contact_gaps import gaps_at
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
@@ -23,10 +23,10 @@ def check_fit(scene: Scene, q: Array, v: Array, *, allowed: float = 0.0, what: s
 
     A |J v| of `allowed` [m/s, rad/s] is added to what is tolerated.
     """
-    equations = gauge_of(scene).equations
-    equations.at(None)
-    velocity = equations.jacobian(q) @ v - equations.wanted[1]
-    _raise(scene, equations.violation(q), velocity, v, what, allowed)
+    equations = equations_of(scene)
+    c, J = equations.position_level(q)
+    velocity, left = J @ v - equations.wanted[1], equations.left_out(J, c)
+    _raise(scene, c, left.kept(velocity) if left else velocity, v, what, allowed)
 
 
 def velocity_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, dt: float) -> float:
@@ -77,7 +77,7 @@ def _raise_if_deep(
 
 def check_velocity(scene: Scene, q: Array, v: Array, *, what: str = "") -> None:
     """Raise NotAssembled unless J v = 0, however open the loops are, driven or not."""
-    _raise(scene, np.zeros(scene.rows), gauge_of(scene).equations.jacobian(q) @ v, v, what)
+    _raise(scene, np.zeros(scene.rows), equations_of(scene).consistent_jacobian(q) @ v, v, what)
 
 
 def _raise(

@@ -21,7 +21,6 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.system import System
 
@@ -81,7 +80,7 @@ class SolvedGaps(Gaps):
 
     The damping mu of the factor leaves a share mu / (sigma + mu) of each gap: a millionth, and a
     hundredth where it is the most that is taken. Where the solver needed another weight, the matrix
-    is factorised again with mu.
+    is factorised again with mu. At open states it is the rows that are kept that are closed.
     """
 
     def __init__(self, system: System, mu: float) -> None:
@@ -89,6 +88,7 @@ class SolvedGaps(Gaps):
         workspace = system.workspace
         self._workspace, self._mu = workspace, mu
         self._cholesky = _pin.constraint_cholesky(workspace.data)
+        self._open_rows = workspace.bound.open_rows
         pinocchio_constraints = workspace.pinocchio_constraints.constraints
         self._m = sum(native.size for native in pinocchio_constraints)
         self._rhs = np.zeros((self._m + system.model.nv, 2), order="F")
@@ -113,14 +113,17 @@ class SolvedGaps(Gaps):
 
     def step(self, again: bool) -> tuple[Array, Array]:
         """Return dq, dv (nv,) that close the gaps of the last look."""
-        steps = -self._cholesky.solve(self._rhs)
-        return steps[self._m :, 0], steps[self._m :, 1]
+        if self._open_rows and self._open_rows.is_open:
+            moves = self._open_rows.closing_moves(self._gaps)
+        else:
+            moves = self._cholesky.solve(self._rhs)[self._m :]
+        return -moves[:, 0], -moves[:, 1]
 
     def newton_step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return q and v one step nearer; the acceleration of the look counts for them too."""
         self.look(t, q, v)
-        steps = -self._cholesky.solve(self._rhs)
-        q, v = self._system.integrate(q, steps[self._m :, 0]), v + steps[self._m :, 1]
+        dq, dv = self.step(again=False)
+        q, v = self._system.integrate(q, dq), v + dv
         self._system.carry_over(q, v)
         return q, v
 
@@ -159,9 +162,7 @@ class FactorisedGaps(Gaps):
     def _factorise(self) -> Array:
         system = self._system
         n, m = system.model.nv, system.scene.rows
-        J = system.equations.jacobian(self._q)
+        J = system.equations.consistent_jacobian(self._q)
         W = system.mass(self._q) if self._metric == "mass" else np.eye(n)
         factors = factorise(W, J, tolerances.RANK, why=singular_mass(system.model, self._q))
-        # open loops make redundant rows look independent: they are the smallest, and are left out
-        factors = factors.at_most(chains_of(system.scene).rank)
         return factors.solve(np.zeros((n, m)), np.eye(m))[0]

@@ -187,7 +187,7 @@ class _WithSlopes(System):
 
     def _moved_by(self, X: Array, M: Array, q: Array) -> Array:
         """Return P X (nv, nv)."""
-        J = self.equations.jacobian(q)
+        J = self.equations.consistent_jacobian(q)
         return factorise(M, J, tolerances.RANK).solve(X, np.zeros_like(J))[0]
 
     def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:

@@ -92,7 +92,7 @@ def _fastest(system: System, q: Array) -> tuple[float, int]:
 
 def _spectrum(system: System, q: Array, root: Array) -> tuple[Array, Array, Array]:
     """Return eigenvalues and modes of R^T P R, those of P R R^T, and P R."""
-    M, J = system.mass(q), system.equations.jacobian(q)
+    M, J = system.mass(q), system.equations.consistent_jacobian(q)
     factors = factorise(M, J, tolerances.RANK, why=singular_mass(system.model, q))
     # P r is the a of M a - J^T lam = r, J a = 0
     P_root, _ = factors.solve(root, np.zeros((system.scene.rows, root.shape[1])))

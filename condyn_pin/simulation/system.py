@@ -278,6 +278,10 @@ class CorrectedStepper:
         self._system = bare.system or system
         self._correct = drift.start(self._system, dt)
         self._is_driven = system.scene.is_driven
+        # substeps may lead far: their rows are their own
+        self._open_rows = None
+        if not integrator.is_adaptive:
+            self._open_rows = self._system.workspace.bound.open_rows
         self._slow = None if integrator.between_events.is_adaptive else system.manifold.slow(dt)
 
     def take(
@@ -289,6 +293,8 @@ class CorrectedStepper:
             keep(self._first(t, q, v))
         if slow and v.dot(v) > slow:  # all velocities together: most often that is enough
             self._manifold.check_turn(v, self._dt)
+        if self._open_rows:
+            self._open_rows.held = True
         q, v, a = self._step(t, q, v)
         if slow and v.dot(v) > slow:
             self._manifold.check_turn(v, self._dt)
@@ -298,6 +304,8 @@ class CorrectedStepper:
             lam = self._lam()  # before the correction solves again
         if self._correct:
             q, v = self._correct(t + self._dt, q, v)
+        if self._open_rows:
+            self._open_rows.held = False
         if keep and lam is not None:
             touch = self._touch() if self._touch else NO_TOUCH
             keep((t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v), touch))

@@ -173,6 +173,8 @@ class ConstraintRows:
 
     def consistent_jacobian(self, q: Array) -> Array:
         """J (m, nv) without the combinations that are left out at q."""
+        if self.redundancy is None:
+            return self.jacobian(q)
         return self.consistent_position_level(q)[1]
 
     def consistent_position_level(self, q: Array) -> tuple[Array, Array]:

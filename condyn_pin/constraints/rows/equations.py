@@ -111,6 +111,12 @@ class Equations(ConstraintRows):
         gamma = self._gamma(q, v)
         return M, h, self._raw_jacobian(), gamma
 
+    def consistent_parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
+        """M, h, J and gamma without the combinations of rows that are left out at q."""
+        M, h, J, gamma = self.parts(q, v)
+        left = None if self.redundancy is None else self.left_out(J, self.violation(q))
+        return (M, h, J, gamma) if left is None else (M, h, left.kept(J), left.kept(gamma))
+
     def mass(self, q: Array) -> Array:
         """Return M (nv, nv); owned by the caller, unless it is a recursion's."""
         M = self.recursion.mass(q) if self.recursion else None

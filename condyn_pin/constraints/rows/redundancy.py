@@ -245,6 +245,8 @@ class _Pivoted:
         T, k = self._T, self._of.floor
         if not (0 < k < min(T.shape) and abs(T.item(k - 1, k - 1)) > self._rounding):
             return 0
+        if abs(T.item(k, k)) <= self._rounding:
+            return k
         y = self._closes(k)
         return k if T.item(k, k) ** 2 <= _TIMES_THE_MOVE**2 * y.dot(y) else 0
 

@@ -61,6 +61,8 @@ class CompiledTick:
 
         The swing of joints that are taken for rigid is in `v`, and left out there.
         """
+        if np.abs(self._program.gaps(q, t)).max(initial=0.0) > tolerances.OPEN:
+            return None  # redundant rows look independent there
         out = np.empty(self._size)
         kkt, dynamics, constraints, *sizes, answered, changes, seconds = self._core.solve(
             q, v, passive, self._references.at(t), self._sides.reshape(-1), out

@@ -50,6 +50,7 @@ from condyn_pin._core.registry import enter
 from condyn_pin._core.tolerances import SOLVED
 
 if TYPE_CHECKING:
+    from condyn_pin.dynamics.corrections import OpenRows
     from condyn_pin.dynamics.derivatives.base import Derivatives
     from condyn_pin.dynamics.solution import Solution
     from condyn_pin.dynamics.workspace import Workspace
@@ -77,6 +78,8 @@ class BoundSolver:
         Of rows that give way: what a unit of force moves [1/kg, 1/(kg m^2)].
     exact : BoundSolver, optional
         The method of `solve`, if hot loops have rows that differ from the scene's where it is open.
+    open_rows : OpenRows, optional
+        The rows that are kept at open states, if it is these that the method then solves for.
     """
 
     acceleration: Callable[[Array, Array, Array], Array]
@@ -84,6 +87,7 @@ class BoundSolver:
     iterations: Callable[[], int]
     yields: Array | None = None
     exact: BoundSolver | None = None
+    open_rows: OpenRows | None = None
 
 
 def free_force(tau: Array, h: Array, out: Array | None = None) -> Array:

@@ -226,7 +226,8 @@ def _pinocchios(
         last = workspace.proximal_settings
         return int(settings.iter) + (0 if last is settings else int(last.iter))
 
-    return BoundSolver(persistent if at_state or rows else acceleration, lam, iterations)
+    run = persistent if at_state or rows else acceleration
+    return BoundSolver(run, lam, iterations, open_rows=rows)
 
 
 def _refined(
@@ -246,13 +247,14 @@ def _refined(
             return workspace.scene_forces(refinement.lam)
         return rows.forces(refinement.lam)
 
-    return BoundSolver(acceleration, lam, lambda: method.iterations() + times)
+    return BoundSolver(acceleration, lam, lambda: method.iterations() + times, open_rows=rows)
 
 
 def _refined_where_open(method: BoundSolver, rows: OpenRows) -> BoundSolver:
     """The method with a correction of its answers on open loops."""
 
     def acceleration(q: Array, v: Array, tau: Array) -> Array:
+        rows.held = False  # that of this state alone
         a = method.acceleration(q, v, tau)
         return rows.refined(q, v, tau, a) if rows.is_open else a
 

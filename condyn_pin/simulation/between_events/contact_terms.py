@@ -19,7 +19,6 @@ from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.contact.condense import Condensed, condense
 from condyn_pin.errors import StepFailed
-from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.system import System
 
@@ -62,7 +61,7 @@ class ContactTerms:
         self.tau = system.torque(t, q, v)
         system.at(t)
         self.path = system.equations.wanted.copy()
-        self.M, self.h, self.J_b, self.gamma = system.equations.parts(q, v)
+        self.M, self.h, self.J_b, self.gamma = system.equations.consistent_parts(q, v)
         self.gaps, self.J = candidates.evaluate(data, q)
         pin.forwardKinematics(system.model, data, q, v, np.zeros(len(v)))
         self.drift = candidates.drift(data)
@@ -79,9 +78,8 @@ class ContactTerms:
     @cached_property
     def factors(self) -> MinimumNorm:
         """Of M and J_b."""
-        rank = chains_of(self._system.scene).rank if self._system.scene.rows else 0
         why = singular_mass(self._system.model, self.q)
-        return factorise(self.M, self.J_b, tolerances.RANK, why=why).at_most(rank)
+        return factorise(self.M, self.J_b, tolerances.RANK, why=why)
 
     @cached_property
     def fastest(self) -> float:

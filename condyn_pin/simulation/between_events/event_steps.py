@@ -177,7 +177,7 @@ class EventSteps:
     def _factors(self, q: Array, rows: Indices) -> MinimumNorm:
         """Return those of constraints and rows of contacts."""
         system, equations = self._system, self._system.equations
-        J_b = equations.jacobian(q)
+        J_b = equations.consistent_jacobian(q)
         pin.computeJointJacobians(system.model, equations.data, q)
         J = np.concatenate((J_b, system.contacts.evaluate(equations.data, q)[1][rows]))
         why = singular_mass(system.model, q)

@@ -74,7 +74,8 @@ class Closings:
             if gap <= CLOSED:
                 break
             if gap > SMALL:
-                factors = self._factors(self._system.mass(q), self._equations.jacobian(q), q)
+                J = self._equations.consistent_jacobian(q)
+                factors = self._factors(self._system.mass(q), J, q)
                 way.append(Closing(factors, q, q))
             q = self._system.integrate(q, way[-1].factors.closing(c))
         return way

@@ -14,7 +14,6 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, diagonal_of
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.contact.condense import condense
-from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
@@ -47,7 +46,6 @@ class PosedSteps:
         self._inertia = passive.inertia(dt) if passive.inertia(dt).any() else None
         self._between = passive.between
         self._is_implicit = self._inertia is not None or self._between is not None
-        self._rank = chains_of(system.scene).rank if system.scene.rows else 0
         self._chosen: tuple[bytes, Chosen] | None = None
         self._is_driven = system.scene.is_driven
         self._share = 0.5 if scheme.at_midpoint else 1.0  # of dt, from `at` to the end
@@ -67,7 +65,7 @@ class PosedSteps:
             at, v = floating.integrate(q, 0.5 * dt * v), floating.turned(v, 0.5 * dt)
         if self._is_driven:
             system.at(self.looks_at(t))  # with what is driven where it is there
-        M, h, J_b, gamma = self._equations.parts(at, v)
+        M, h, J_b, gamma = self._equations.consistent_parts(at, v)
         rates = None
         if self._is_driven:
             rates = self._equations.wanted[1].copy()
@@ -138,4 +136,4 @@ class PosedSteps:
             rows, weights = self._between.inertia_rows(q, self._dt)
             M += rows.T @ (weights[:, None] * rows)
         why = singular_mass(self._system.model, q)
-        return factorise(M, J_b, tolerances.RANK, why=why).at_most(self._rank)
+        return factorise(M, J_b, tolerances.RANK, why=why)

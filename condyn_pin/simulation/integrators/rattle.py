@@ -121,6 +121,8 @@ class _Hamiltonian:
         self._title, self._hidden = title, hidden
         self._end: tuple[Array, _Place | None] = np.zeros(0), None  # of the last step
         model, _ = in_series(system.model, ())
+        nominal = system.scene.nominal
+        self._redundancy = nominal.redundancy if nominal.looks_independent else None
         self._carried = None
         if model is not system.model and turning(model):
             self._carried = Carried(model)
@@ -137,7 +139,8 @@ class _Hamiltonian:
         a = self._system.acceleration(t, q, v)
         lam = self._system.lam()
         known = self._end[1] if self._end[0] is q else None
-        q1, p, v_end, lam = self._first_half(t, q, v, a, lam, known or self._place(q))
+        place = known or self._place(q)
+        q1, p, v_end, lam = self._first_half(t, q, v, a, lam, place)
         end = self._place(q1)
         v1 = end.M_inv.dot(p + self._half * self._force(t + self._dt, q1, v_end))
         if self._hidden:
@@ -145,6 +148,8 @@ class _Hamiltonian:
             for _ in range(2):
                 v1 -= end.M_inv.dot(end.J.T.dot(end.G_inv.dot(end.J.dot(v1) - wanted)))
         else:  # the multiplier of the next step takes the place of this one's
+            if self._redundancy:  # what does nothing at the start would do something at the end
+                lam = self._redundancy.left_out(place.J, np.zeros(len(lam))).kept(lam)
             v1 += self._half * end.M_inv.dot(end.J.T.dot(lam))
         self._end = q1, end
         return q1, v1, a

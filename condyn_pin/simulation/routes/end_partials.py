@@ -66,7 +66,7 @@ def _closed(
         left[:n, steps.columns.inertias] -= steps.inertias.momenta(at, x)
     turned, along = factors.solve_mass(left[:n]), np.asarray(dtrtrs(factors.L.T, factors.V)[0])
     by_q, by_x = pin.dIntegrate(system.model, part.begin, x)
-    J = system.equations.jacobian(at)
+    J = system.equations.consistent_jacobian(at)
     opened, closed = J @ turned - left[n:], J @ along
     if whole:
         J = system.equations.jacobian(part.end)[placed]

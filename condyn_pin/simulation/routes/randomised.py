@@ -157,7 +157,7 @@ class _Varied(NamedTuple):
 
 def _free(steps: LinearSteps, q: Array) -> Array:
     """Return an orthonormal basis (nv, free) of what constraints leave of q."""
-    J = steps.system.equations.jacobian(q)
+    J = steps.system.equations.consistent_jacobian(q)
     if not len(J):
         return np.eye(J.shape[1])
     _, sizes, V = np.linalg.svd(J)
