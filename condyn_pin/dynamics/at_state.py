@@ -31,6 +31,9 @@ from condyn_pin.model.soundness import singular_mass
 # Steps by which loops are closed: from 1e-2 rad three end at rounding.
 _STEPS = 8
 
+# Gap that is rounding [m, rad]: beside a dead point the move that closes it is far larger.
+_CLOSED = 1e-15
+
 # Their memory takes longer to make than to use.
 _equations = Kept[Equations]()
 
@@ -114,7 +117,7 @@ def _closed_state(
         factors = factorise(equations.mass(closed), left.kept(J), 0.0).at_most(left.rank)
         c = left.kept(c)
         size = float(np.abs(c).max(initial=0.0))
-        if size <= ROUNDED or size >= gap:
+        if size <= _CLOSED or size >= gap:
             break
         closed, gap = pin.integrate(model, closed, factors.closing(c)), size
     dq = -pin.difference(model, q, closed)

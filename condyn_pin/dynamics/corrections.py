@@ -38,6 +38,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.mass_factor import lapack
+from condyn_pin._core.quietly import quietly
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular
 from condyn_pin.dynamics.solvers.null_space import NullSpace
@@ -89,6 +90,7 @@ def consistent_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSol
         moving_at = q.copy() if method is closed and rate > tolerances.OPEN else np.zeros(0)
         return method.acceleration(q, v, tau)
 
+    @quietly  # of numbers that are none the status says it
     def lam() -> Array:
         lam = method.lam()
         if not moving_at.size:

@@ -76,7 +76,7 @@ class Verifier:
         if (
             residuals.bound <= accuracy
             and self._forces_hold(state, residuals, largest[1], accuracy, load)
-            and (not max(largest[2:4]) > self._open or self._determined(state, a, left, load))
+            and (not max(largest[2:4]) > self._open or self._determined(state, a, lam, left, load))
         ):
             status = _OK
         elif singular:
@@ -90,17 +90,19 @@ class Verifier:
             a, lam, residuals, status, iterations, solve_time, self._scene, state, applied, rest
         )
 
-    def _determined(self, state: State, a: Array, left: LeftOut | None, load: Load | None) -> bool:
+    def _determined(
+        self, state: State, a: Array, lam: Array, left: LeftOut | None, load: Load | None
+    ) -> bool:
         """Whether closing the loops, and stopping J v, changes a by no more than DOUBT of it."""
         q, v, tau = state
         equations, nominal = self._workspace.equations, self._scene.nominal
-        left = left or self._left_out(q)
-        if left.doubt >= tolerances.DOUBT:
+        left, sizes = left or self._left_out(q), nominal.redundancy
+        if max(left.doubt, sizes.blurred(left, v, a, nominal.gravity)) >= tolerances.DOUBT:
             return False
-        if (
-            nominal.redundancy.changes(left, v, a, equations.gaps(q, v)[1], nominal.gravity)
-            < tolerances.DOUBT
-        ):
+        # of M the nominal one is near enough
+        pull = nominal.factors.solve_mass(equations.jacobian(q).T @ lam)
+        rate = equations.gaps(q, v)[1]
+        if sizes.changes(left, v, a, pull, rate, nominal.gravity) < tolerances.DOUBT:
             return True
         if self._closed is None:
             self._closed = Equations(self._workspace.model, self._scene.bounds)

@@ -180,17 +180,25 @@ class Redundancy:
             left = left._replace(doubt=min(left.doubt, float(change) / left.pivot))
         return left
 
-    def changes(self, left: LeftOut, v: Array, a: Array, rate: Array, gravity: float) -> float:
+    def changes(
+        self, left: LeftOut, v: Array, a: Array, pull: Array, rate: Array, gravity: float
+    ) -> float:
         """Share of a that closing the loops and stopping J v changes, estimated by sizes [1].
 
-        The move dq, of length |y|, changes J v by about |dq| |v|. To stop that and `rate` = J v
-        takes dv, which changes gamma by 2 |v| |dv|, and that a by as much over the last pivot.
+        The move dq, of length |y|, turns what J a and J^T lam are by |dq| over the last pivot, and
+        changes J v by |dq| |v|. To stop that and `rate` = J v takes dv, which changes gamma by
+        2 |v| |dv|, and a by as much over the last pivot. `pull` is M^-1 J^T lam.
         """
-        speed = float(np.linalg.norm(v / self.D))
-        size = max(float(np.linalg.norm(a / self.D)), gravity / self.size)
-        dv = _OF_A_MOVE * left.doubt * speed + float(np.linalg.norm(self.R * rate)) / left.pivot
-        change = 2.0 * _OF_A_MOVE * speed * dv / left.pivot
-        return left.doubt + (change / size if size else change)
+        v, a, pull = (np.linalg.norm(x / self.D) for x in (v, a, pull))
+        size = max(float(a), gravity / self.size)
+        dv = _OF_A_MOVE * left.doubt * v + np.linalg.norm(self.R * rate) / left.pivot
+        change = _OF_A_MOVE * (left.doubt * (a + pull) + 2.0 * v * dv / left.pivot)
+        return float(change / size if size else change)
+
+    def blurred(self, left: LeftOut, v: Array, a: Array, gravity: float) -> float:
+        """Share of a that rounding of the closing move changes, estimated by sizes [1]."""
+        rounded = left._replace(doubt=self.least / left.pivot**2)
+        return self.changes(rounded, v, a, 0.0 * a, np.zeros(len(self.R)), gravity)
 
     @cached_property
     def scales(self) -> Array:
