@@ -82,15 +82,16 @@ def consistent_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSol
     """
     exact = cache(lambda: NullSpace(tolerances.REFERENCE_RANK).start(workspace))
     method, moving_at = closed, np.zeros(0)
+    open_by = quietly(workspace.equations.open_by)  # of numbers that are none the status says it
 
     def acceleration(q: Array, v: Array, tau: Array) -> Array:
         nonlocal method, moving_at
-        gap, rate = workspace.equations.open_by(q, v)
+        gap, rate = open_by(q, v)
         method = exact() if gap > tolerances.OPEN else closed
         moving_at = q.copy() if method is closed and rate > tolerances.OPEN else np.zeros(0)
         return method.acceleration(q, v, tau)
 
-    @quietly  # of numbers that are none the status says it
+    @quietly
     def lam() -> Array:
         lam = method.lam()
         if not moving_at.size:

@@ -189,11 +189,11 @@ class Redundancy:
         changes J v by |dq| |v|. To stop that and `rate` = J v takes dv, which changes gamma by
         2 |v| |dv|, and a by as much over the last pivot. `pull` is M^-1 J^T lam.
         """
-        v, a, pull = (np.linalg.norm(x / self.D) for x in (v, a, pull))
-        size = max(float(a), gravity / self.size)
-        dv = _OF_A_MOVE * left.doubt * v + np.linalg.norm(self.R * rate) / left.pivot
-        change = _OF_A_MOVE * (left.doubt * (a + pull) + 2.0 * v * dv / left.pivot)
-        return float(change / size if size else change)
+        speed, of_a, pulled = (float(np.linalg.norm(x / self.D)) for x in (v, a, pull))
+        size = max(of_a, gravity / self.size)
+        dv = _OF_A_MOVE * left.doubt * speed + float(np.linalg.norm(self.R * rate)) / left.pivot
+        change = _OF_A_MOVE * (left.doubt * (of_a + pulled) + 2.0 * speed * dv / left.pivot)
+        return change / size if size else change
 
     def blurred(self, left: LeftOut, v: Array, a: Array, gravity: float) -> float:
         """Share of a that rounding of the closing move changes, estimated by sizes [1]."""

@@ -24,6 +24,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.registry import enter
+from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
@@ -72,6 +73,7 @@ class Case:
     v: Array
     tau: Array
     right: tuple[Array, ...] = ()  # a in closed form; empty where `Reference` has to say it
+    within: float = SOLVED  # error of a that counts as right, relative; more where q and v have one
     parameters: Mapping[str, float | int] = field(default_factory=dict)  # of solvers that have them
     drift: Baumgarte | None = None
     motion: Motion | None = None  # where the question is one of many steps

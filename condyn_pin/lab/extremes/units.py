@@ -95,7 +95,14 @@ class Units:
             springs.append(replace(spring, stiffness=stiffness, reference=relaxed))
         name = f"{robot.name} in other units"
         return Scene(
-            Robot(name, model, postures, actuated=robot.actuated, springs=springs),
+            Robot(
+                name,
+                model,
+                postures,
+                actuated=robot.actuated,
+                springs=springs,
+                precision=robot.precision,
+            ),
             [self._constraint(constraint, robot.model) for constraint in scene.constraints],
         )
 

@@ -6,6 +6,9 @@ with the singular value sigma of J L^-T turns that into an error of eps / sigma.
 below eps / SOLVED of the largest, 2e-8, no residual tells whether its row holds: the equations can
 be read with it and without it, and either answer counts as right. It takes singular values at
 every state to know of that; `Scene.rank` has them.
+
+Where loops are open, rows that are redundant on closed ones are left out; `noisy_states` judges
+that by the closed machine itself.
 """
 
 from __future__ import annotations
@@ -35,6 +38,10 @@ from condyn_pin.study.measures.base import relative
 _READINGS = (1e-14, tolerances.REFERENCE_RANK, float(np.finfo(float).eps) / tolerances.SOLVED)
 
 _CORRECTIONS = 2
+
+# Hot loops have Pinocchio's own rows where loops are open, whose a differs by this multiple of the
+# gap or of J v, relative.
+_PER_GAP = 100.0
 
 
 class Verdict(Enum):
@@ -109,11 +116,13 @@ def judge(case: Case, solver: Solver, right: tuple[Array, ...]) -> tuple[Verdict
     if solution.status is not Status.OK:
         return Verdict.SAID_SO, error, status
     finite = np.isfinite(solution.a).all() and np.isfinite(solution.lam).all()
-    if not (finite and error <= tolerances.SOLVED):
+    if not (finite and error <= case.within):
         return Verdict.WRONG, error, status
     again = workspace.acceleration(case.q, case.v, case.tau)
     if not np.array_equal(again, solution.a):
-        return Verdict.WRONG, error_of(case, again, solution.a), "another a on the second call"
+        apart = error_of(case, again, solution.a)
+        if not (apart <= case.within or apart <= _PER_GAP * max(solution.state_error)):
+            return Verdict.WRONG, apart, "another a on the second call"
     return Verdict.OK, error, status
 
 
@@ -131,9 +140,13 @@ def right_answers(case: Case) -> tuple[Array, ...]:
         [rad/s^2, m/s^2].
     """
     found = list(case.right)
+    if case.within > tolerances.SOLVED:
+        return case.right
     try:
         workspace = Workspace(case.scene, Reference(), drift=case.drift)
         with np.errstate(all="ignore"):
+            if workspace.equations.left_out_at(case.q) is not None:
+                return *found, _consistent(workspace, case)
             terms = workspace.terms(case.q, case.v)
             S = factorise(terms.M, terms.J, tolerances.REFERENCE_RANK).S
             ranks = {rank_of(S, share): share for share in _READINGS}
@@ -144,6 +157,13 @@ def right_answers(case: Case) -> tuple[Array, ...]:
     except (CondynError, Singular):
         return case.right
     return tuple(a for a in found if np.isfinite(a).all())
+
+
+def _consistent(workspace: Workspace, case: Case) -> Array:
+    """Return the a of `Reference` with the rows that are kept at the precision of the state."""
+    equations = workspace.equations
+    terms = equations.consistent_terms(case.q, case.v)
+    return Reference().solve(terms, case.tau, equations.cancellation(case.q))[0]
 
 
 def _by_reference(workspace: Workspace, case: Case, terms: Terms, share: float) -> Array:

@@ -1,0 +1,88 @@
+"""Overconstrained machines at states as sensors measure them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Final
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.loop import Loop
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.io.load import load_robot
+from condyn_pin.lab.extremes.base import Case, Rng, closed, extreme, moving, powers
+from condyn_pin.model.mechanisms.bricard import bricard
+from condyn_pin.model.mechanisms.delta import delta
+from condyn_pin.model.mechanisms.stewart import stewart
+from condyn_pin.model.robot import Robot
+
+# An answer may be off by this multiple of what the noise changes a by to first order, and by no
+# more than a third of a in any case.
+_TIMES: Final = 3.0
+_MOST: Final = 1.0 / 3.0
+
+_STEPS: Final = 12
+
+
+def _by_hinges(robot: Robot) -> Scene:
+    loops = [Loop(x.frame_a, x.frame_b, "hinge", axis=x.axis, name=x.name) for x in robot.loops]
+    return Scene(robot, loops)
+
+
+_MACHINES: Final[tuple[Callable[[], Scene], ...]] = (
+    lambda: closed(load_robot("cassie")),
+    lambda: closed(bricard()),
+    lambda: _by_hinges(delta()),
+    lambda: _by_hinges(stewart()),
+)
+
+
+@extreme(0.0, *powers(-12, -2))
+def noisy_states(severity: float, rng: Rng) -> Case:
+    """Noise of q and of v on loops with redundant rows [rad, m; rad/s, m/s].
+
+    Right is the closed machine beside the state, to first order in the noise.
+    """
+    scene = _MACHINES[int(rng.integers(len(_MACHINES)))]()
+    q, v, tau = moving(scene, rng)
+    model, nv, rank = scene.robot.model, scene.robot.nv, scene.nominal.rank
+    noisy = pin.integrate(model, q, severity * rng.normal(size=nv))
+    v = v + severity * rng.normal(size=nv)
+    equations = Equations(model, scene.bounds)
+    there = noisy
+    for _ in range(_STEPS):
+        step = _least(equations, there, equations.violation(there), rank)
+        there = pin.integrate(model, there, -step)
+    at_rest = v - _least(equations, there, equations.jacobian(there) @ v, rank)
+    right = _answer(equations, there, at_rest, tau, rank)
+    given = _answer(equations, noisy, v, tau, rank)
+    size = max(float(np.abs(right).max()), scene.nominal.gravity)
+    changed = float(np.abs(given - right).max()) / size
+    within = min(_TIMES * changed + tolerances.SOLVED, _MOST)
+    return Case(scene, noisy, v, tau, right=(right,), within=within)
+
+
+def _whitened(equations: Equations, q: Array, rank: int) -> tuple[Array, Array, Array, Array]:
+    """L, and J L^-T = U S V^T at a rank, for M = L L^T."""
+    L = np.linalg.cholesky(equations.mass(q))
+    U, S, Vt = np.linalg.svd(np.linalg.solve(L, equations.jacobian(q).T).T, full_matrices=False)
+    return L, U[:, :rank], S[:rank], Vt[:rank].T
+
+
+def _least(equations: Equations, q: Array, s: Array, rank: int) -> Array:
+    """The least d (nv,) in the metric of M with J d = s."""
+    L, U, S, V = _whitened(equations, q, rank)
+    return np.linalg.solve(L.T, V @ (U.T @ s / S))
+
+
+def _answer(equations: Equations, q: Array, v: Array, tau: Array, rank: int) -> Array:
+    """Accelerations (nv,) with as many rows as count on the constraints."""
+    terms = equations.terms(q, v)
+    L, U, S, V = _whitened(equations, q, rank)
+    free = np.linalg.solve(L, tau - terms.h)
+    x = free - V @ (V.T @ free) - V @ (U.T @ terms.gamma / S)
+    return np.linalg.solve(L.T, x)
