@@ -517,3 +517,22 @@ def test_derivatives_without_the_protocol_are_off_by_mu():
     for mu, kept, not_kept in zip(mus, rows[:3], rows[3:], strict=True):
         assert kept.error_worst < 1e-11
         assert not_kept.error_worst == pytest.approx(38.4 * mu, rel=0.02)
+
+
+def test_noisy_states_are_judged_by_the_closed_machine():
+    scene = cp.Scene(cp.model.bricard(), cp.model.bricard().loops)
+    study = cp.Study(scene, [cp.Proximal(), cp.dynamics.NullSpace()], 4, noise=1e-4, effort=BRIEF)
+    table = study.run(timed=False)
+    for row in table.rows:
+        assert 1e-6 < row.error_worst < 1e-2
+        assert row.statuses == {"ok": 4}
+        assert row.states.endswith("noise 0.0001")
+    still = cp.Study(scene, [cp.Proximal()], 4, noise=(0.0, 1e-4), effort=BRIEF).run(timed=False)
+    assert still.rows[0].error_worst < 1e-2
+    assert still.rows[0].states.endswith("noise 0 and 0.0001")
+
+
+@pytest.mark.parametrize("noise", [-1.0, math.nan, math.inf, (1e-4, -1.0)])
+def test_noise_that_is_no_size_is_refused(noise):
+    with pytest.raises(cp.InvalidArgument, match="noise"):
+        cp.Study(BAR, FEW, noise=noise)

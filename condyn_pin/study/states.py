@@ -7,14 +7,17 @@ from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import cycle
-from typing import Final
+from math import inf
+from typing import Final, cast
 
 import numpy as np
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parameters import check_count, is_whole
 from condyn_pin._core.timing import State
 from condyn_pin.control.inverse import gravity_compensation
+from condyn_pin.dynamics.at_state import moves_back
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
@@ -36,6 +39,15 @@ class States(ABC):
     def overlaps(self, name: str) -> bool:
         """Whether the set that tables call so has states of this one in it."""
         return name == self.name
+
+    def judged_at(self, scene: Scene, state: State) -> State:
+        """State at which the truth about a state of this set is taken: the same."""
+        return state
+
+    @property
+    def exact(self) -> bool:
+        """Whether its states are on the constraints."""
+        return True
 
 
 def _random(scene: Scene, q: Array, v: Array, tau: Array) -> State:
@@ -219,6 +231,71 @@ class GivenStates(States):
             (np.array(q, dtype=np.float64), np.array(v, dtype=np.float64), finite("tau", tau, nv))
             for q, v, tau in self.states
         )
+
+
+@dataclass(frozen=True)
+class NoisyStates(States):
+    """States of another set as sensors measure them, each judged by the closed machine beside it.
+
+    Parameters
+    ----------
+    of_set : States
+    noise : float or (float, float)
+        Standard deviation of q [rad, m] and of v [rad/s, m/s]; one number is both.
+
+    Raises
+    ------
+    InvalidArgument
+        If the noise is negative or not finite.
+    """
+
+    of_set: States
+    noise: float | tuple[float, float]
+
+    def __post_init__(self) -> None:
+        sizes = np.broadcast_to(np.asarray(self.noise, dtype=float), 2).tolist()
+        for size in sizes:
+            if not 0.0 <= size < inf:
+                raise InvalidArgument(f"noise = {self.noise!r}: finite sizes >= 0 are needed")
+        object.__setattr__(self, "noise", tuple(sizes))
+
+    @property
+    def _sizes(self) -> tuple[float, float]:
+        return cast("tuple[float, float]", self.noise)
+
+    @property
+    def name(self) -> str:
+        """That of the other set, and the noise."""
+        q, v = self._sizes
+        return f"{self.of_set.name}, noise {q:g}" + ("" if v == q else f" and {v:g}")
+
+    @property
+    def exact(self) -> bool:
+        """Whether there is no noise."""
+        return not any(self._sizes)
+
+    def of(self, scene: Scene) -> tuple[State, ...]:
+        """Return the states of a scene.
+
+        Raises
+        ------
+        InvalidArgument
+            If the scene has contacts that may open: they have no closed state.
+        """
+        if scene.contacts:
+            raise InvalidArgument("noise: contacts that may open have no closed state beside one")
+        rng, (of_q, of_v), model = np.random.default_rng(0), self._sizes, scene.robot.model
+        made = []
+        for q, v, tau in self.of_set.of(scene):
+            moved = pin.integrate(model, q, of_q * rng.normal(size=model.nv))
+            made.append((moved, v + of_v * rng.normal(size=model.nv), tau))
+        return tuple(made)
+
+    def judged_at(self, scene: Scene, state: State) -> State:
+        """Closed machine beside a state."""
+        q, v, tau = state
+        dq, dv = moves_back(scene, q, v)
+        return pin.integrate(scene.robot.model, q, -dq), v - dv, tau
 
 
 def _drawn(name: str) -> str:

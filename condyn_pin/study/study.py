@@ -17,7 +17,7 @@ from condyn_pin.study.measures import Measure
 from condyn_pin.study.measures.base import as_measure
 from condyn_pin.study.method import Method
 from condyn_pin.study.scenes import Scenes, labelled
-from condyn_pin.study.states import States, as_states
+from condyn_pin.study.states import NoisyStates, States, as_states
 from condyn_pin.study.sweeps import default_sweep
 from condyn_pin.study.table import Table
 
@@ -43,12 +43,16 @@ class Study:
         Error of a that a status of ok promises.
     effort : TimingEffort
         How long to time.
+    noise : float or (float, float)
+        What sensors are off by: q [rad, m] and v [rad/s, m/s]; one number is both. The truth is
+        that of the closed machine beside each state, so that errors are of the order of the noise;
+        an answer that is ok is wrong from a tenth on.
 
     Raises
     ------
     InvalidArgument
         If the accuracy is finer than doubles can have, or there is no measure, no scene, or no such
-        solver.
+        solver, or the noise is negative.
 
     Examples
     --------
@@ -63,6 +67,7 @@ class Study:
     measure: Measure | str | Sequence[Measure | str] = "acceleration"
     accuracy: float = SOLVED
     effort: TimingEffort = field(default_factory=TimingEffort)
+    noise: float | tuple[float, float] = 0.0  # [rad, m; rad/s, m/s]
 
     def __post_init__(self) -> None:
         check_accuracy_of_a(self.accuracy)
@@ -73,7 +78,9 @@ class Study:
         if not isinstance(self.effort, TimingEffort):
             raise InvalidArgument(f"effort = {self.effort!r}: TimingEffort(rounds=...) is needed")
         object.__setattr__(self, "scenes", labelled(self.scenes, self.measures[0].scenes_of))
-        object.__setattr__(self, "states", as_states(self.states))
+        states = as_states(self.states)
+        noisy = NoisyStates(states, self.noise)
+        object.__setattr__(self, "states", states if noisy.exact else noisy)
 
     @property
     def measures(self) -> tuple[Measure, ...]:

@@ -57,6 +57,10 @@ Error = Annotated[
     float | None, typer.Option(help="Choose the fastest solver with no larger error.")
 ]
 States = Annotated[int, typer.Option(help="Random closed states of each scene.", min=1)]
+Noise = Annotated[
+    float,
+    typer.Option(help="What sensors are off by [rad, m; per second]; truth is closed.", min=0.0),
+]
 Jobs = Annotated[int, typer.Option(help="Processes that compute errors.", min=1)]
 Results = Annotated[
     Path | None,
@@ -71,7 +75,8 @@ Save = Annotated[bool, typer.Option(help="With --tune: save the choice.")]
 # Options that say something only with --tune, and only without it.
 _OF_TUNE = ("contacts", "loops", "variant", "save")
 _OF_STUDY = (
-    "dt", "integrator", "drift", "states", "quick", "jobs", "results", "csv", "markdown", "plot",
+    "dt", "integrator", "drift", "states", "noise", "quick", "jobs", "results", "csv", "markdown",
+    "plot",
 )  # fmt: skip
 
 
@@ -85,6 +90,7 @@ def trade(
     drift: arg.DriftName = None,
     solvers: Swept = "",
     states: States = 20,
+    noise: Noise = 0.0,
     quick: arg.Quick = False,
     jobs: Jobs = 1,
     results: Results = None,
@@ -121,7 +127,9 @@ def trade(
         _tune(scene, error, measure, chosen, save, as_json)
         return
     effort = TimingEffort(rounds=20) if quick else TimingEffort()
-    study = Study(list(robots or ROBOTS), chosen, states=states, measure=measures, effort=effort)
+    study = Study(
+        list(robots or ROBOTS), chosen, states=states, measure=measures, effort=effort, noise=noise
+    )
     table, stopped = until_stopped(lambda progress: _run(study, jobs, results, progress))
     _show(table, csv, as_json, markdown, plot)
     if stopped:

@@ -45,7 +45,13 @@ class Terms:
         self.__dict__.update(M=M, h=h, J=J, gamma=gamma, a_ref=a_ref)
 
     def kept(self, left: LeftOut) -> Terms:
-        """The terms without some combinations of rows."""
+        """The terms without some combinations of rows.
+
+        Parameters
+        ----------
+        left : LeftOut
+            What is left out at their state.
+        """
         J, gamma, a_ref = (left.kept(part) for part in (self.J, self.gamma, self.a_ref))
         return Terms(self.M, self.h, J, gamma, a_ref)
 
