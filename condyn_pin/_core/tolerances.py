@@ -41,6 +41,15 @@ AJAR: Final = 1e-13
 # Geometry of models that are built in Python: products of rotations and placements, rounded.
 ROUNDED_GEOMETRY: Final = 1e-11
 
+# Geometry of files, which write angles and lengths with five digits at least: 1.5708 for pi/2 is
+# off by 3.7e-6.
+WRITTEN_GEOMETRY: Final = 1e-5
+
+# Singular values, relative to the largest of scaled rows, that may be digits of a file, and gaps
+# that they may leave: the smallest useful values of twelve machines are at 1.3e-2, 1.57 for pi/2
+# makes up 2e-4.
+LEAST_PRECISE: Final = 1e-3
+
 # Length of the move that closes the loops, over the smallest pivot that is kept [1]: the distance
 # to where the rank falls. Below 0.1, a was off by up to 20 % in 95 of 100 states, above 0.5 by all
 # of itself: there no acceleration belongs to the state.

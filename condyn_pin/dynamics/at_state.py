@@ -20,9 +20,10 @@ from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Load, Loads
 from condyn_pin.constraints.rows.cancellation import ROUNDED
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.redundancy import LeftOut
+from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.constraints.violation import ConstraintViolation, gap_of, velocity_of
+from condyn_pin.dynamics.nominal import digits_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene, check_time
 from condyn_pin.errors import InvalidArgument
@@ -54,6 +55,7 @@ def told(equations: Equations, scene: Scene) -> Equations:
     equations.redundancy = lambda: (
         scene.nominal.redundancy if scene.nominal.looks_independent else None
     )
+    equations.digits = lambda: scene.nominal.rounded_file if scene.robot.precision else None
     return equations
 
 
@@ -161,6 +163,25 @@ def gaps(scene: Scene, c: Array) -> dict[str, ConstraintViolation]:
     """Return how far each constraint that has a position is open, from c (m,)."""
     model = scene.robot.model
     return {b.name: gap_of(model, b, c[b.rows]) for b in scene.bounds if b.positioned}
+
+
+def to_close(scene: Scene, q: Array, c: Array) -> Array:
+    """Return c (m,) at q without what digits of the file leave open, within its precision."""
+    rounded = by_digits(scene)
+    return rounded.to_close(equations_of(scene).jacobian(q), c) if rounded else c
+
+
+def kept_rows(scene: Scene, J: Array, *rows: Array) -> tuple[Array, ...]:
+    """Return J (m, nv) and other rows (m,) without what digits of a file make up."""
+    rounded = by_digits(scene)
+    left = rounded.left_out_by_digits(J) if rounded else None
+    return (J, *rows) if left is None else tuple(left.kept(each) for each in (J, *rows))
+
+
+def by_digits(scene: Scene) -> Redundancy | None:
+    """The redundancy of a scene, if digits of its file hide it, as far as that is known."""
+    digits = digits_of(scene)
+    return digits.redundancy if digits else None
 
 
 def constraint_velocities(scene: Scene, velocity: Array) -> dict[str, ConstraintViolation]:

@@ -81,13 +81,14 @@ def consistent_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSol
     Open loops are solved by `NullSpace`. Where J v is not 0, forces lose what moves nothing.
     """
     exact = cache(lambda: NullSpace(tolerances.REFERENCE_RANK).start(workspace))
+    rounded = workspace.scene.nominal.rounded_file is not None
     method, moving_at = closed, np.zeros(0)
     open_by = quietly(workspace.equations.open_by)  # of numbers that are none the status says it
 
     def acceleration(q: Array, v: Array, tau: Array) -> Array:
         nonlocal method, moving_at
         gap, rate = open_by(q, v)
-        method = exact() if gap > tolerances.OPEN else closed
+        method = exact() if rounded or gap > tolerances.OPEN else closed
         moving_at = q.copy() if method is closed and rate > tolerances.OPEN else np.zeros(0)
         return method.acceleration(q, v, tau)
 
@@ -123,12 +124,13 @@ def exact_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSolver:
     dense: list[BoundSolver] = []  # started at the first state that needs it
     method = closed
     run, squares = closed.acceleration, [(gap.dot, gap) for gap in _gaps(workspace)]
+    least = -1.0 if workspace.scene.nominal.rounded_file else OPEN_SQUARED
 
     def acceleration(q: Array, v: Array, tau: Array) -> Array:
         nonlocal method
         a = run(q, v, tau)
         for square, gap in squares:
-            if square(gap) > OPEN_SQUARED:
+            if square(gap) > least:
                 if not dense:
                     dense.append(NullSpace(tolerances.REFERENCE_RANK).start(workspace))
                 method = dense[0]
@@ -189,6 +191,8 @@ class OpenRows:
         The rows that the next open state keeps are those of all after it: on closed loops every
         choice of independent rows is the same field, and beside them a smooth one, so that the
         stages of a step keep their order. Whoever sets it takes it back behind the step.
+    always_open : bool
+        Digits of the file hide which rows are redundant, on closed loops too.
     """
 
     _last: _Open
@@ -213,6 +217,7 @@ class OpenRows:
         self._lam = np.zeros(0)
         self._U: Array | None = None
         self.is_open = self._held = False
+        self.always_open = nominal.rounded_file is not None
 
     @property
     def held(self) -> bool:

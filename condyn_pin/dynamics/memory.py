@@ -108,6 +108,7 @@ class Memory(OneThread):
         """Equations that know the redundancy of the scene's rows, if any look independent."""
         nominal = self.scene.nominal
         equations.redundancy = (lambda: nominal.redundancy) if nominal.looks_independent else None
+        equations.digits = (lambda: nominal.rounded_file) if nominal.rounded_file else None
         return equations
 
     @cached_property

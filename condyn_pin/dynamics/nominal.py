@@ -33,6 +33,7 @@ from condyn_pin.constraints.rows.pinocchio_constraints import (
 )
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.dynamics.digits import Digits, digits_at, may_be_rounded
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.residuals import ErrorEstimator
 from condyn_pin.errors import (
@@ -56,12 +57,29 @@ _AWAY = 0.5
 _TRIES = 10
 
 _OF = "_at_any_time"  # where a scene at a time has the one that it is at all times
+_DIGITS = "_digits"  # where a scene has what the digits of its file make up, once that is known
 
 
 def at_any_time(scene: Scene) -> Scene:
     """Return the scene that a scene is at a time, if that closes: J, and what J says, is its."""
     of: Scene = vars(scene).get(_OF, scene)
     return of if of is scene or of.nominal.closed else scene
+
+
+def digits_of(scene: Scene) -> Digits | None:
+    """What digits of the file make up in a scene, as far as it has been looked at."""
+    found: Digits | None = vars(at_any_time(scene).bilateral).get(_DIGITS)
+    return found
+
+
+def look_at_digits(
+    scene: Scene, rows: Equations, q: Array, J: Array | None = None
+) -> Digits | None:
+    """Look once at what digits of the file make up in a scene, at a state of it (`digits_at`)."""
+    known = vars(at_any_time(scene).bilateral)
+    if _DIGITS not in known:
+        known[_DIGITS] = digits_at(scene, rows, q, J=J)
+    return digits_of(scene)
 
 
 def placed_in_time(scene: Scene, of: Scene) -> Scene:
@@ -101,6 +119,9 @@ class NominalAnalysis:
         Rows that are zero at every configuration, as the one across the plane of a planar loop.
     rounded : bool
         Whether rows that are zero are so but for rounding, as in a slanted plane's loop.
+    digits : Digits or None
+        What the digits of the file make up, if that is anything: rows that it makes count are
+        left out of J and its factors.
     gravity, weight : float
         |g| [m/s^2]; mass times gravity, or mass times 1 m/s^2 without gravity [N].
     measured : dict of Solver to tuple
@@ -116,6 +137,14 @@ class NominalAnalysis:
         M, h, J, gamma = equations.parts(self.q, np.zeros(robot.nv))
         self.terms = Terms(M, h, more_than(least_of(P), J), gamma, equations.a_ref())
         factors = factorise_rows(mass, self.terms.J, tolerances.RANK)
+        if self.closed and may_be_rounded(factors.S):
+            look_at_digits(scene, equations, self.q, self.terms.J)
+        self.digits = digits_of(scene)
+        if rounded := self.rounded_file:
+            left = rounded.left_out_by_digits(self.terms.J)
+            if left is not None:
+                self.terms = self.terms.kept(left)
+                factors = factorise_rows(mass, self.terms.J, tolerances.RANK).at_most(left.rank)
         self.factors = factors.above_rounding(self.cancellation)
         self.rank = self.factors.rank
         self.mobility, self.dependent = robot.nv - self.rank, self.rank < scene.rows
@@ -127,6 +156,11 @@ class NominalAnalysis:
         self.gravity = float(np.linalg.norm(robot.model.gravity.linear))
         self.weight = robot.mass * (self.gravity or 1.0)
         read_only((self.q, self.terms, self.factors, self.factors.weights, self.cancellation))
+
+    @property
+    def rounded_file(self) -> Redundancy | None:
+        """The redundancy, if digits of the file hide it: then rows are left out at any state."""
+        return self.digits.redundancy if self.digits else None
 
     @property
     def singular_values(self) -> Array:
@@ -155,6 +189,8 @@ class NominalAnalysis:
     @one_blas_thread
     def redundancy(self) -> Redundancy:
         """Redundancy of the rows, for states that leave the loops open."""
+        if self.rounded_file:
+            return self.rounded_file
         rows = Equations(self._scene.robot.unedited, self._scene.bounds)
         rank = None if self.rank < self._lively else self.rank
         return Redundancy.of(rows, self.q, self.cancellation, rank, self.closed)
@@ -245,10 +281,8 @@ def _nominal_configuration(scene: Scene, equations: Equations) -> tuple[Array, b
     rows = [row for bound in scene.bounds for row in bound.positioned]
     if not rows or np.linalg.norm(equations.violation(q)[rows]) <= tolerances.CLOSED:
         return q, True
-    from condyn_pin.mechanism.assembling import assemble_posture  # it imports scenes
-
     try:
-        return assemble_posture(scene, described_posture(scene)).q, True
+        return scene.closed_posture(), True
     except BranchChanged as error:
         return error.assembly.q, True
     except NotAssembled:

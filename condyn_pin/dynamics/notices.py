@@ -24,8 +24,11 @@ _NOTICED: Final = 1e-2
 
 def notices_of(solution: Solution, sites: Sites) -> tuple[str, ...]:
     """Return what there is to say of an answer, whose constraints act at these sites."""
+    digits = solution.scene.nominal.digits
+    said = (digits.note,) if digits else ()
     off = off_the_constraints(solution) if np.isfinite(solution.a).all() else ()
-    return pulling(solution.forces, sites) + _wrong_forces(solution) + off + _doubts(solution, off)
+    found = pulling(solution.forces, sites) + _wrong_forces(solution) + said + off
+    return tuple(dict.fromkeys(found + _doubts(solution, off)))
 
 
 def _wrong_forces(solution: Solution) -> tuple[str, ...]:

@@ -216,15 +216,19 @@ class Scene:
         NotAssembled
             If the loops cannot be closed from there; the text says which one is open, and how far.
         """
-        from condyn_pin.mechanism.assembling import assemble_posture
-
-        self.robot.check_unedited()
-        q = assemble_posture(self, described_posture(self, posture)).q
+        q = self.closed_posture(posture)
         if self.is_driven:
             from condyn_pin.mechanism.projection import project_velocity
 
             return q, project_velocity(self, q, np.zeros(self.robot.nv))
         return q, np.zeros(self.robot.nv)
+
+    def closed_posture(self, posture: str | None = None) -> Array:
+        """The q (nq,) of `state` [rad, m]."""
+        from condyn_pin.mechanism.assembling import assemble_posture
+
+        self.robot.check_unedited()
+        return assemble_posture(self, described_posture(self, posture)).q
 
     def assemble(
         self,

@@ -51,6 +51,7 @@ class Verifier:
         self._open = inf if exact else tolerances.OPEN
         self._moving = self._open if nominal.dependent else inf
         self._closed: Equations | None = None  # made at the first state in doubt
+        self._rounded = nominal.rounded_file is not None
 
     def verify(
         self, state: State, a: Array, accuracy: float, solve_time: float, load: Load | None
@@ -60,7 +61,7 @@ class Verifier:
         equations, estimator = self._workspace.equations, self._estimator
         lam = self._method.lam()
         dynamics, largest = equations.errors(q, v, tau, a, lam, load)
-        off = largest[2] > self._open or largest[3] > self._moving
+        off = largest[2] > self._open or largest[3] > self._moving or self._rounded
         left = self._left_out(q) if off else None
         lean = equations.lean() if estimator.leaning else 0.0
         residuals, doubtful = estimator.prove(dynamics, largest, _torques(tau, load), lean=lean)

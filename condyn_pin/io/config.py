@@ -32,12 +32,14 @@ def _is_list(kind: type) -> Callable[[Any], bool]:
 _TEXT: Final[Check] = (lambda x: isinstance(x, str), "a text")
 _TEXTS: Final[Check] = (_is_list(str), "a list of texts")
 _TRUTH: Final[Check] = (lambda x: isinstance(x, bool), "true or false")
+_NUMBER: Final[Check] = (lambda x: type(x) in (int, float), "a number")
 _TABLE: Final[Check] = (lambda x: isinstance(x, dict), "a table")
 _TABLES: Final[Check] = (_is_list(dict), "a list of tables")
 
 _CONFIG: Final[Mapping[str, Check]] = {
     "name": _TEXT, "source": _TEXT, "licence": _TEXT, "actuated": _TEXTS, "description": _TABLE,
     "frames": _TABLES, "loops": _TABLES, "contacts": _TABLES, "postures": _TABLE,
+    "precision": _NUMBER,
 }  # fmt: skip
 FOR_SDF: Final[Mapping[str, Check]] = {
     "root": _TEXT, "kinds": _TABLE, "drop": _TEXTS, "cut": _TEXTS, "as_file": _TRUTH,

@@ -5,6 +5,7 @@ leave out: loops, contacts, motors, postures, the licence.
 
     name = "..."           source = "..."           licence = "..."    ("unknown" if left out)
     actuated = ["joint", ...]
+    precision = 1e-5       of the geometry [rad, sizes of a loop], see `Robot.precision`
     [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
                    ("free_flyer" or "fixed"), rotors = true, lock = ["joint", ...];
                    for URDF also mimic = false, for joints that then move on their own;
@@ -23,6 +24,7 @@ leave out: loops, contacts, motors, postures, the licence.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
@@ -54,6 +56,7 @@ def load_robot(
     *,
     root_joint: str | None = None,
     variant: Mapping[str, str] | None = None,
+    precision: float | None = None,
 ) -> Robot:
     """Load a robot by its name, or from a URDF, SDF, MJCF or robot.toml.
 
@@ -69,6 +72,11 @@ def load_robot(
         Option to value, such as ``{"springs": "locked"}``, for a robot whose robot.toml has
         variants; each option that is left out has its default.
 
+    precision : float, optional
+        `Robot.precision`: how right the numbers of the file are [rad, sizes of a loop]. By default
+        what a robot.toml says, or 1e-5, as five digits are: 1.5708 for pi/2 is off by 3.7e-6. 0
+        takes them at their word.
+
     Returns
     -------
     Robot
@@ -78,12 +86,18 @@ def load_robot(
     UnknownName
         If there is no such robot or variant; the text lists the nearest names.
     InvalidArgument
-        If `root_joint` is unknown, or given for what is neither a URDF nor an SDF.
+        If `root_joint` is unknown, or given for what is neither a URDF nor an SDF; or `precision`
+        is no number from 0 to 1e-3.
     MissingExtra
         If the package with the description is not installed.
     InvalidModel
         If a file cannot be read; the text names the file and the element.
     """
+    robot = _loaded(name, root_joint, variant)
+    return robot if precision is None else replace(robot, precision=precision)
+
+
+def _loaded(name: str | Path, root_joint: str | None, variant: Mapping[str, str] | None) -> Robot:
     # what reads files is imported when there is one to read: mechanisms need none of it
     from condyn_pin.io.config import check_variant
 

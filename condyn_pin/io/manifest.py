@@ -45,7 +45,8 @@ def read_alone(path: Path, root_joint: str) -> Robot:
     """Return the robot of a description that no robot.toml describes."""
     read = _read(path, {}, root_joint, ())
     with place(path):
-        robot = Robot(path.stem, source=str(path), description=str(path), **_fields(read))
+        fields = _fields(read) | {"precision": tolerances.WRITTEN_GEOMETRY}
+        robot = Robot(path.stem, source=str(path), description=str(path), **fields)
         for loop in robot.loops:
             bind(robot, [loop])
         return _with_notices(robot)
@@ -71,6 +72,7 @@ def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
             "source": config.get("source", _UNKNOWN),
             "licence": config.get("licence", _UNKNOWN),
             "description": str(file),
+            "precision": config.get("precision", tolerances.WRITTEN_GEOMETRY),
         },
     )
     for i, table in enumerate(config.get("frames", ())):

@@ -19,7 +19,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.pivots import rank_of
 from condyn_pin._core.names import checked
-from condyn_pin.dynamics.at_state import gaps
+from condyn_pin.dynamics.at_state import gaps, to_close
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
@@ -113,9 +113,10 @@ def assembly_of(
         if free.size <= tolerances.CLOSED:
             status, beyond = AssemblyStatus.BEYOND_LIMITS, chains.limits.beyond(free.q)
     J = end.J
+    c = closer.equations.violation(end.q)
     return Assembly(
         q=end.q,
-        violation=gaps(scene, closer.equations.violation(end.q)),
+        violation=gaps(scene, c),
         iterations=iterations,
         rank=rank_of(np.linalg.svd(J[chains.rows], compute_uv=False)),
         smallest_singular_value=chains.smallest(J),
@@ -125,6 +126,7 @@ def assembly_of(
         status=status,
         scene=scene,
         start=start,
+        to_close=gaps(scene, to_close(scene, end.q, c)),
     )
 
 

@@ -10,6 +10,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed, worst
 from condyn_pin.dynamics.contact_gaps import penetration
+from condyn_pin.dynamics.nominal import digits_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import BranchChanged, NotAssembled
 
@@ -71,6 +72,8 @@ class Assembly:
     scene : Scene
     start : (nq,) array
         What was assembled, and from where.
+    to_close : dict of str to ConstraintViolation
+        `violation` without what the digits of a file leave open, within `Robot.precision`.
     """
 
     q: Array
@@ -84,13 +87,14 @@ class Assembly:
     status: AssemblyStatus
     scene: Scene
     start: Array
+    to_close: Mapping[str, ConstraintViolation]
 
     gap = renamed("violation")
 
     @property
     def closed(self) -> bool:
-        """Whether every gap is within tolerance (1e-10)."""
-        return closed(self.violation)
+        """Whether every gap is within tolerance (1e-10), but for what digits leave open."""
+        return closed(self.to_close)
 
     @property
     def penetration(self) -> dict[str, ConstraintViolation]:
@@ -101,10 +105,12 @@ class Assembly:
         """Return what `assemble` raises if the status is not CLOSED."""
         if self.status is AssemblyStatus.BRANCH_CHANGED:
             return BranchChanged(f"{', '.join(self.flipped)}: {self.status.value}", self)
-        name, gap = worst(self.violation)
+        name, gap = worst(self.to_close)
         text = f"{name} is open by {gap} after {self.iterations} iterations; "
         text += f"{beyond_text(self.beyond_limits)}; " if self.beyond_limits else ""
-        return NotAssembled(text + self.status.value, self)
+        text += self.status.value
+        digits = digits_of(self.scene)
+        return NotAssembled(f"{text}; {digits.note}" if digits else text, self)
 
     def __str__(self) -> str:
         lines = [str(self.status), f"{self.iterations} iterations, rank {self.rank}"]

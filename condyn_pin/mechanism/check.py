@@ -13,7 +13,14 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed
-from condyn_pin.dynamics.at_state import constraint_velocities, equations_of, gaps, rounding
+from condyn_pin.dynamics.at_state import (
+    constraint_velocities,
+    equations_of,
+    gaps,
+    kept_rows,
+    rounding,
+    to_close,
+)
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.closed_chains import chains_of
@@ -36,6 +43,9 @@ class Check:
     rounding : dict of str to float
         What rounding alone may leave of |J v|: 1e-13 of the velocities that it is the difference
         of [m/s, rad/s]. Looked at where |J v| is more than 1e-10 of `speed`.
+    to_close : dict of str to ConstraintViolation, optional
+        `violation` without what the digits of a file leave open, within `Robot.precision`; by
+        default all of it. `constraint_velocity` is without that too.
     """
 
     violation: Mapping[str, ConstraintViolation]
@@ -43,14 +53,19 @@ class Check:
     speed: float  # [rad/s, m/s]
     beyond_limits: Mapping[str, ConstraintViolation]  # [rad, m]
     rounding: Mapping[str, float] = field(default_factory=dict)  # [m/s, rad/s]
+    to_close: Mapping[str, ConstraintViolation] | None = None
 
     gap = renamed("violation")
     slip = renamed("constraint_velocity")
 
     @property
     def closed(self) -> bool:
-        """Whether every gap is within 1e-10."""
-        return closed(self.violation)
+        """Whether every gap is within 1e-10, but for what digits leave open."""
+        return closed(self._to_close)
+
+    @property
+    def _to_close(self) -> Mapping[str, ConstraintViolation]:
+        return self.violation if self.to_close is None else self.to_close
 
     @property
     def consistent(self) -> bool:
@@ -100,7 +115,7 @@ class Check:
 
     def _open(self, most: float) -> list[str]:
         return [
-            f"{name} is open by {gap}" for name, gap in self.violation.items() if gap.size > most
+            f"{name} is open by {gap}" for name, gap in self._to_close.items() if gap.size > most
         ]
 
     def _moving(self, most: float) -> list[str]:
@@ -115,12 +130,15 @@ def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
     """Return what a state leaves open; see `Scene.check`."""
     model, equations = scene.robot.model, equations_of(scene)
     q_ = normalised(model, "q", q)
+    chains = chains_of(scene)
     velocities, speed, excused = {}, 1.0, {}
     if v is not None:
         v_ = finite("v", v, model.nv)
-        velocities = constraint_velocities(scene, equations.jacobian(q_) @ v_ - equations.wanted[1])
+        J, rate = kept_rows(scene, equations.jacobian(q_), -equations.wanted[1])
+        velocities = constraint_velocities(scene, J @ v_ + rate)
         speed = max(1.0, float(np.abs(v_).max(initial=0.0)))
         if any(each.size > tolerances.CONSISTENT * speed for each in velocities.values()):
             excused = rounding(scene, q_, v_)
     c = equations.violation(q_)
-    return Check(gaps(scene, c), velocities, speed, chains_of(scene).limits.beyond(q_), excused)
+    beyond, closing = chains.limits.beyond(q_), gaps(scene, to_close(scene, q_, c))
+    return Check(gaps(scene, c), velocities, speed, beyond, excused, closing)

@@ -31,7 +31,8 @@ from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin._core.linalg.pivots import counted, pivots, redundant_rows
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.dynamics.nominal import at_any_time
+from condyn_pin.dynamics.at_state import by_digits
+from condyn_pin.dynamics.nominal import at_any_time, look_at_digits
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidModel
@@ -93,6 +94,7 @@ def _chains(scene: Scene) -> ClosedChains:
     robot = scene.robot
     robot.check_unedited()
     limits = Limits.of(robot.model)
+    _look_for_digits(scene, limits)
     closer = Closer.of(scene, limits=limits)
     equations, rows = closer.equations, closer.rows
     _, actuated = indices(robot.model, robot.actuated)
@@ -101,7 +103,7 @@ def _chains(scene: Scene) -> ClosedChains:
     found: list[tuple[MinimumNorm, Array, Indices]] = []
     jacobians = []
     for q in tries:
-        terms = equations.terms(q, np.zeros(robot.nv))
+        terms = terms_at(scene, equations, q)
         jacobians.append(terms.J)
         try:
             factors = factors_at(equations, q, terms)
@@ -128,6 +130,27 @@ def _chains(scene: Scene) -> ClosedChains:
         redundant=redundant_rows(factors.U[:, factors.rank :], scene.row_names),
         isolated=isolated(scene, np.max(moved, axis=0), jacobians, rows) if moved else (),
     )
+
+
+def _look_for_digits(scene: Scene, limits: Limits) -> None:
+    """Find out what digits of its file make up in a scene, where its loops are nearly closed."""
+    if not scene.robot.precision or by_digits(scene):
+        return
+    closer, guess = Closer.of(scene), described_posture(scene)
+    for end in closer.ends(guess):
+        if end.size <= tolerances.CLOSED:
+            look_at_digits(scene, closer.equations, end.q, end.J)
+            break
+        if end.size <= tolerances.LEAST_PRECISE:
+            look_at_digits(scene, closer.equations, end.q)
+            break
+
+
+def terms_at(scene: Scene, equations: Equations, q: Array) -> Terms:
+    """Return M, h, J and gamma at rest, without what digits of a file make up."""
+    terms, rounded = equations.terms(q, np.zeros(scene.robot.nv)), by_digits(scene)
+    left = rounded.left_out_by_digits(terms.J) if rounded else None
+    return terms if left is None else terms.kept(left)
 
 
 def _nearby(closer: Closer, guess: Array) -> tuple[bool, list[Array]]:

@@ -15,6 +15,9 @@ Where this ends with a gap, or somewhere else than it should, the gap is closed 
 and if that does not help either, from starts moved at random, further and further: a guess with the
 bars in line, or with joints at their limits, can only be left sideways.
 
+Where digits of a file make redundant rows count (`condyn_pin.dynamics.digits`), all rows lead to
+nearly closed loops only, and the rank that is meant closes these.
+
 References
 ----------
 Yamashita, Fukushima. On the rate of convergence of the Levenberg-Marquardt method. Computing
@@ -35,7 +38,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.any_bound import length
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.dynamics.at_state import equations_of
+from condyn_pin.constraints.rows.redundancy import Redundancy
+from condyn_pin.dynamics.at_state import by_digits, equations_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.limits import NO_LIMITS, Limits
 
@@ -56,7 +60,7 @@ _REJECTIONS = 15  # in a row, each with ten times the damping
 class Closing:
     """How a run ended: the configuration, its gap c, accepted steps, and whether none is better.
 
-    J (m, nv) is that of all rows of the scene at q.
+    J (m, nv) is that of all rows of the scene at q. Neither has what digits of a file make up.
     """
 
     q: Array
@@ -82,19 +86,30 @@ class Closer:
     rows: NDArray[np.int_]
     moving: NDArray[np.bool_]  # (nv,)
     limits: Limits
+    rounded: Redundancy | None = None  # if digits of a file hide it
 
     @classmethod
     def of(
         cls, scene: Scene, moving: NDArray[np.bool_] | None = None, limits: Limits = NO_LIMITS
     ) -> Closer:
-        """Return what closes the loops of a scene with all joints, or with some."""
+        """Return what closes the loops of a scene with all joints, or with some.
+
+        What digits of a file make up is known once the closed chains of the scene are.
+        """
         everything = np.ones(scene.robot.nv, dtype=bool)
         rows = np.array([row for b in scene.bounds for row in b.positioned], dtype=np.int_)
-        return cls(equations_of(scene), rows, everything if moving is None else moving, limits)
+        some = everything if moving is None else moving
+        return cls(equations_of(scene), rows, some, limits, by_digits(scene))
 
-    def _look(self, q: Array) -> tuple[Array, Array]:
-        """Return c(q) of these rows, and J of all rows: together they take little more than c."""
+    def _look(self, q: Array, rank: int | None = None) -> tuple[Array, Array]:
+        """Return c(q) of these rows, and J of all rows: together they take little more than c.
+
+        Without all combinations but those that count, if the rank is known.
+        """
         c, J = self.equations.position_level(q)
+        if rank is not None and self.rounded is not None:
+            left = self.rounded.left_out(J, c, rank)
+            c, J = left.kept(c), left.kept(J)
         return c[self.rows], J
 
     def ends(self, start: Array) -> Iterator[Closing]:
@@ -112,19 +127,39 @@ class Closer:
         if best.size > tolerances.CLOSED and not best.stationary:
             yield self.close(best.q, most=_LAST_STEPS)
 
-    def close(self, q: Array, *, target: Array | float = 0.0, most: int = 60) -> Closing:
-        """Return the end of one run from q towards c = target, in at most `most` steps."""
+    def close(self, q: Array, *, most: int = 60) -> Closing:
+        """Return the end of one run from q towards closed loops, in at most `most` steps."""
+        if self.rounded is None:
+            return self._run(q, most=most)
+        nearly = tolerances.LEAST_PRECISE / float(self.rounded.R[self.rows].max(initial=1.0))
+        near = self._run(q, most=most, done=nearly)
+        end = self._run(near.q, most=most, rank=self.rounded.digits)
+        iterations = near.iterations + end.iterations
+        c, J = self.equations.position_level(end.q)
+        left = self.rounded.left_out_by_digits(J)
+        if left is None:  # all rows count here
+            end = self._run(near.q, most=most)
+            return replace(end, iterations=iterations + end.iterations)
+        c = self.rounded.to_close(J, c)[self.rows]
+        stationary = end.stationary or length(c) > end.size
+        return Closing(end.q, c, iterations, stationary, left.kept(J))
+
+    def _run(
+        self, q: Array, *, target: Array | float = 0.0, most: int = 60, done: float = _DONE,
+        rank: int | None = None,
+    ) -> Closing:  # fmt: skip
+        """Return the end of one run from q towards c = target, until |c - target| is `done`."""
         nu, iterations = 1.0, 0
-        c, of_all = self._look(q)
+        c, of_all = self._look(q, rank)
         c = c - target
-        while (size := length(c)) > _DONE and iterations < most:
+        while (size := length(c)) > done and iterations < most:
             J = of_all[self.rows]
             for _ in range(_REJECTIONS):
                 step = self._step(q, J, c, nu * size**2)
                 if step is None:
                     return Closing(q, c, iterations, True, of_all)
                 nearer = self._moved(q, step)
-                c_nearer, J_nearer = self._look(nearer)
+                c_nearer, J_nearer = self._look(nearer, rank)
                 c_nearer = c_nearer - target
                 size_nearer = length(c_nearer)
                 if size_nearer < size:
@@ -150,7 +185,8 @@ class Closer:
         s, share, iterations = 0.0, 0.25, 0
         while s < 1.0 and share > _SMALLEST_SHARE:
             aim = min(1.0, s + share)
-            end = self.close(q, target=(1.0 - aim) * c0, most=8)
+            left = 0.003 * share * float(np.linalg.norm(c0)) if self.rounded else _DONE
+            end = self._run(q, target=(1.0 - aim) * c0, most=8, done=left)
             iterations += end.iterations
             moved = np.abs(pin.difference(self.equations.model, q, end.q)).max()
             if end.size < 0.01 * share * np.linalg.norm(c0) and moved < _LONGEST_SHARE_MOVE:

@@ -30,6 +30,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import indices
+from condyn_pin.dynamics.at_state import kept_rows
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembling import assemble_from
@@ -51,7 +52,7 @@ class Follower:
     """
 
     def __init__(self, scene: Scene) -> None:
-        model, chains = scene.robot.model, chains_of(scene)
+        self._scene, model, chains = scene, scene.robot.model, chains_of(scene)
         self.actuated, self.dependent = chains.actuated, chains.dependent
         self.motors, _ = indices(model, scene.robot.actuated)
         moving = np.zeros(model.nv, dtype=bool)
@@ -65,9 +66,9 @@ class Follower:
         return rates
 
     def jacobian(self, q: Array) -> Array:
-        """Return the rows of J that have a position."""
-        J: Array = self.closer.equations.jacobian(q)[self.closer.rows]
-        return J
+        """Return the rows of J that have a position, without what digits of a file make up."""
+        (J,) = kept_rows(self._scene, self.closer.equations.jacobian(q))
+        return J[self.closer.rows]
 
     def inverse(self, J: Array) -> Array:
         """Return J_D^+."""

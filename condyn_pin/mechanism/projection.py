@@ -31,6 +31,7 @@ from condyn_pin.constraints.violation import worst
 from condyn_pin.dynamics.at_state import (
     constraint_velocities,
     equations_of,
+    kept_rows,
     left_out_at,
     rounding,
 )
@@ -75,7 +76,7 @@ def project_velocity(scene: Scene, q: ArrayLike, v: ArrayLike, *, metric: Metric
     q_, closed = _checked(scene, q, metric)
     equations = equations_of(scene)
     W = equations.mass(q_) if metric == "mass" else np.eye(len(v_))
-    J, rate = equations.jacobian(q_), -equations.wanted[1]
+    J, rate = kept_rows(scene, equations.jacobian(q_), -equations.wanted[1])
     return nearest(scene, q_, "v", v_, (W, J, rate), closed)
 
 
@@ -116,7 +117,8 @@ def project_acceleration(
         terms = equations_of(scene).terms(q_, v_)
         check_overflow("v", v_, terms.gamma)
     W = terms.M if metric == "mass" else np.eye(nv)
-    return nearest(scene, q_, "a", a_, (W, terms.J, terms.gamma), closed)
+    J, gamma = kept_rows(scene, terms.J, terms.gamma)
+    return nearest(scene, q_, "a", a_, (W, J, gamma), closed)
 
 
 def _checked(scene: Scene, q: ArrayLike, metric: Metric) -> tuple[Array, bool]:

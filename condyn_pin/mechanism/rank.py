@@ -25,7 +25,8 @@ from condyn_pin._core.linalg.minimum_norm import MinimumNorm
 from condyn_pin._core.linalg.pivots import redundant_rows
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, closed, worst
-from condyn_pin.dynamics.at_state import equations_of, gaps
+from condyn_pin.dynamics.at_state import equations_of, gaps, to_close
+from condyn_pin.dynamics.nominal import digits_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.assembling import nominal_configuration
 from condyn_pin.mechanism.closed_chains import chains_of, factors_at
@@ -73,6 +74,11 @@ class Rank:
         Of J L^-T [1/sqrt(kg)].
     condition, delassus_condition : float
         Condition numbers of M, and of the nonzero part of J M^-1 J^T.
+    to_close : dict of str to ConstraintViolation
+        `violation` without what the digits of a file leave open, within `Robot.precision`.
+    digits : str
+        What the digits of the file make up, if that is anything: rows that it makes count are left
+        out, up to `Robot.precision`.
     """
 
     q: Array
@@ -90,6 +96,8 @@ class Rank:
     singular_values: Array  # [1/sqrt(kg)]
     condition: float
     delassus_condition: float
+    to_close: Mapping[str, ConstraintViolation]
+    digits: str = ""
 
     gap = renamed("violation")
 
@@ -100,8 +108,8 @@ class Rank:
 
     @property
     def closed(self) -> bool:
-        """Whether every loop is closed to 1e-10."""
-        return closed(self.violation)
+        """Whether every loop is closed to 1e-10, but for what digits leave open."""
+        return closed(self.to_close)
 
     @property
     def singular(self) -> bool:
@@ -130,8 +138,10 @@ class Rank:
         return "\n".join([*lines, *self.notes])
 
     def _notes(self) -> Iterator[str]:
+        if self.digits:
+            yield self.digits
         if not self.closed:
-            name, gap = worst(self.violation)
+            name, gap = worst(self.to_close)
             yield f"{name} is open by {gap}: Scene.assemble closes it"
         if self.conflict:
             size = max(self.conflict.values())
@@ -182,7 +192,8 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
     share = tolerances.ISOLATED if chains.isolated else tolerances.RANK
     factors = factors_at(equations, q_, terms, share)
     S, r = factors.S, factors.rank
-    c = equations.violation(q_)
+    c, digits = equations.violation(q_), digits_of(scene)
+    closing = to_close(scene, q_, c)
     return Rank(
         q=q_.copy(),
         violation=gaps(scene, c),
@@ -194,11 +205,13 @@ def rank(scene: Scene, q: ArrayLike | None) -> Rank:
         redundant=redundant_rows(factors.U[:, r:], scene.row_names, chains.redundant),
         generic_redundant=chains.redundant,
         isolated=chains.isolated,
-        conflict=_conflict(factors.U[:, min(r, chains.rank) :], c, scene.row_names),
+        conflict=_conflict(factors.U[:, min(r, chains.rank) :], closing, scene.row_names),
         weak=_weak(factors, scene.row_names),
         singular_values=S,
         condition=float(np.linalg.cond(terms.M)),
         delassus_condition=float((S[0] / S[r - 1]) ** 2) if r else 1.0,
+        to_close=gaps(scene, closing),
+        digits=digits.note if digits else "",
     )
 
 

@@ -23,6 +23,7 @@ from condyn_pin.model.robot_fields import (
     check_ends,
     check_joints,
     check_origin,
+    check_precision,
     lists,
     members,
     postures,
@@ -68,9 +69,10 @@ class Robot:
     spring_dampers : sequence of SpringDamper, optional
         Springs and dampers between two frames. They act as `springs` do.
     precision : float, optional
-        Precision of the geometry [rad, and lengths in sizes of a loop]. Rows that count by no more
-        at every closed state are redundant. By default rounding; 0 takes every row at its word, at
-        open states too, and no status doubts a state.
+        Precision of the geometry [rad, and lengths in sizes of a loop], 1e-3 at most. Rows that
+        count by no more at every closed state are redundant. Rounding, 1e-11, for models that are
+        built in Python; `load_robot` gives files 1e-5. 0 takes every row at its word, at open
+        states too, and no status doubts a state.
 
     Raises
     ------
@@ -96,6 +98,7 @@ class Robot:
 
     def __post_init__(self) -> None:
         check_origin(self.name, self.model)
+        check_precision(self.precision)
         for key, kind in lists().items():
             object.__setattr__(self, key, members(key, getattr(self, key), kind))
         check_joints(self)
@@ -423,7 +426,7 @@ class Robot:
             return NotImplemented
         if self is other:
             return True
-        plain = ("name", *lists(), "source", "licence")
+        plain = ("name", *lists(), "source", "licence", "precision")
         return (
             all(getattr(self, key) == getattr(other, key) for key in plain)
             and self.postures.keys() == other.postures.keys()
@@ -437,7 +440,7 @@ class Robot:
     def __reduce__(self) -> tuple[Any, ...]:
         state = (self.name, self.model, dict(self.postures), self.loops, self.contacts)
         origin = (self.source, self.licence, self.description)
-        rest = (*origin, self.spring_dampers)
+        rest = (*origin, self.spring_dampers, self.precision)
         return Robot, (*state, self.actuated, self.springs, self.unused, *rest)
 
     def _repr_html_(self) -> str:

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING, Any, Final
 
 from numpy.typing import ArrayLike
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import of_loops
 from condyn_pin.errors import InvalidArgument, InvalidModel
@@ -58,6 +59,15 @@ def check_origin(name: Any, model: Any) -> None:
     if not isinstance(name, str):
         raise InvalidArgument(f"name = {name!r}: a text is needed")
     check_model(model)
+
+
+def check_precision(precision: Any) -> None:
+    """Raise InvalidArgument unless a precision is a number that leaves rows to count."""
+    if not 0.0 <= finite("precision", precision, ()) <= tolerances.LEAST_PRECISE:
+        raise InvalidArgument(
+            f"precision = {precision!r}: a number from 0 to {tolerances.LEAST_PRECISE:g} is "
+            "needed, 1e-5 for a file with five digits"
+        )
 
 
 def check_joints(robot: Robot) -> None:

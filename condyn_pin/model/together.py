@@ -73,6 +73,7 @@ def together(robots: Mapping[str, Robot]) -> Robot:
             for new, robot in pairs
             for each in robot.spring_dampers
         ],
+        precision=max(robot.precision for robot in robots.values()),
     )
 
 

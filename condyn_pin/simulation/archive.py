@@ -16,6 +16,7 @@ from typing import Any, Final, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.files.npz import read_npz, write_npz
@@ -63,7 +64,7 @@ _TITLES: Final = {MOTION: "a trajectory", MOTIONS: "a batch of motions"}
 CHOICES: Final[dict[str, type]] = {"integrator": Integrator, "drift": Drift, "solver": Solver}
 
 _LISTS = ("loops", "contacts", "springs", "spring_dampers")
-_WORDS = ("name", "actuated", "unused", "source", "licence", "description")
+_WORDS = ("name", "actuated", "unused", "source", "licence", "description", "precision")
 _POSTURE = "posture "
 _MODEL = "model "
 
@@ -134,6 +135,8 @@ def _robot(about: dict[str, Any], content: Content) -> Robot:
     postures = {k.removeprefix(_POSTURE): q for k, q in content.items() if k.startswith(_POSTURE)}
     model, lost = model_of(about["model"], numbers)
     lists: dict[str, Any] = {key: [decode(c) for c in about[key]] for key in _LISTS}
+    # files of before have no precision
+    about = {"precision": tolerances.ROUNDED_GEOMETRY, **about}
     words: dict[str, Any] = {key: about[key] for key in _WORDS}
     for key in ("source", "licence", "description"):
         if not isinstance(words[key], str):

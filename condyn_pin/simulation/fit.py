@@ -8,7 +8,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.at_state import constraint_velocities, equations_of, gaps
+from condyn_pin.dynamics.at_state import constraint_velocities, equations_of, gaps, to_close
 from condyn_pin.dynamics.contact_gaps import gaps_at
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
@@ -26,7 +26,8 @@ def check_fit(scene: Scene, q: Array, v: Array, *, allowed: float = 0.0, what: s
     equations = equations_of(scene)
     c, J = equations.position_level(q)
     velocity, left = J @ v - equations.wanted[1], equations.left_out(J, c)
-    _raise(scene, c, left.kept(velocity) if left else velocity, v, what, allowed)
+    velocity = left.kept(velocity) if left else velocity
+    _raise(scene, to_close(scene, q, c), velocity, v, what, allowed)
 
 
 def velocity_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, dt: float) -> float:

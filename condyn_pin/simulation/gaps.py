@@ -68,7 +68,7 @@ def gaps_of(system: System, metric: str) -> Gaps:
 def uses_the_solver(workspace: Workspace, solver: Proximal) -> bool:
     """Whether what the solver of a workspace leaves behind closes its gaps."""
     scene = workspace.scene
-    if not scene.rows:
+    if not scene.rows or scene.nominal.rounded_file:
         return False
     nominal, mu = scene.nominal, solver.weight(scene.nominal)
     smallest = float(nominal.singular_values[nominal.rank - 1]) ** 2 if nominal.rank else 0.0

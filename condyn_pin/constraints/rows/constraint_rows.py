@@ -47,9 +47,12 @@ class ConstraintRows:
         stand.
     redundancy : callable, optional
         Finds the redundancy of the rows, or None where all rows count that are not zero.
+    digits : callable, optional
+        Finds it if digits of a file make rows count, which are left out on closed loops too.
     """
 
     redundancy: Callable[[], Redundancy | None] | None = None
+    digits: Callable[[], Redundancy | None] | None = None
     _c: Array
     _velocity: Array
     _acceleration: Array
@@ -161,11 +164,17 @@ class ConstraintRows:
         return self._c.copy(), more_than(least, self._raw_jacobian())
 
     def left_out(self, J: Array, c: Array) -> LeftOut | None:
-        """Combinations of rows that are left out where rows are J, open by c; None if closed."""
-        if self.redundancy is None or not np.abs(c).max(initial=0.0) > tolerances.AJAR:
+        """Combinations of rows that are left out where rows are J, open by c.
+
+        None on closed loops, unless digits of a file make rows count there.
+        """
+        if self.redundancy is None:
             return None
-        found = self.redundancy()
-        return found.left_out(J, c) if found else None
+        if np.abs(c).max(initial=0.0) > tolerances.AJAR:
+            found = self.redundancy()
+            return found.left_out(J, c) if found else None
+        rounded = self.digits and self.digits()
+        return rounded.left_out_by_digits(J) if rounded else None
 
     def left_out_at(self, q: Array) -> LeftOut | None:
         """Combinations of rows that are left out at q."""

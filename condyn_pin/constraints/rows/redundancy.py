@@ -25,6 +25,9 @@ and what is left out of the equations of motion:
 
 At closed states N is the left null space of J, and these are the equations as they stand.
 
+Files round. A row that only their digits tell from a redundant one has a pivot of its own there, at
+closed states too, and at all of them: `condyn_pin.dynamics.digits` finds the rank that is meant.
+
 References
 ----------
 Golub, Van Loan. Matrix Computations, 5.4 (pivoted QR) and 7.6 (invariant subspaces).
@@ -49,12 +52,16 @@ if TYPE_CHECKING:
 
 _EPS: Final = float(np.finfo(float).eps)
 
-# Closing changes J by up to 3.8 times the move; pivots of redundant combinations were up to 2.2 times
-# as large (Cassie in float32, one state of 100), those of others at least 14 times at 1e-4 rad.
+# Closing changes J by up to 3.8 times the move; pivots of redundant combinations were up to 2.2
+# times as large (Cassie in float32, one state of 100), those of others 14 times or more at 1e-4.
 _TIMES_THE_MOVE: Final = 4.0
 
 # How much closing changes J by, as a multiple of the move: the median of 268 machines.
 _OF_A_MOVE: Final = 1.4
+
+# Pivots that the digits of a file make up, in units of its precision: 0.3 to 3 for angles that are
+# off by that.
+TIMES_THE_PRECISION: Final = 10.0
 
 # Configurations at which sizes of loops are measured, and how far they are moved [rad, m].
 _LOOKS, _APART = 4, 0.3
@@ -126,6 +133,13 @@ class Redundancy:
         Pivots that rounding of J makes up.
     size : float
         The usual size l of a loop [m].
+    digits : int, optional
+        Rank that the file means, if its digits make up more: the others are left out where their
+        pivots are within ten times its precision, closed or not.
+    gap : float
+        How far the rows that are left out by digits stay open at most [rad, l].
+    precision : float
+        Precision of the file [rad, l].
     """
 
     R: Array
@@ -133,6 +147,9 @@ class Redundancy:
     floor: int
     least: float
     size: float
+    digits: int | None = None
+    gap: float = 0.0
+    precision: float = 0.0
 
     @classmethod
     def of(
@@ -153,7 +170,7 @@ class Redundancy:
             Whether the loops are closed at q. Where they cannot be, every row counts that is more
             than rounding: there is no closed machine, and nothing is redundant on it.
         """
-        R, D, size = _scales(rows, q)
+        R, D, size = scales(rows, q)
         least = tolerances.BLURRED * _EPS * float(np.linalg.norm(R[:, None] * P * D))
         if rank is not None or not closed:
             return cls(R, D, rows.m if rank is None else rank, least, size)
@@ -161,9 +178,9 @@ class Redundancy:
         ranks = [found.left_out(J, c).rank for c, J in found._closed_states(rows, q)]
         return replace(found, floor=max(ranks))
 
-    def left_out(self, J: Array, c: Array) -> LeftOut:
+    def left_out(self, J: Array, c: Array, rank: int | None = None) -> LeftOut:
         """Combinations of rows that are left out where the rows are J (m, nv), open by c (m,)."""
-        return _Pivoted(self, J, c).left_out
+        return _Pivoted(self, J, c, rank).left_out
 
     def at(self, rows: ConstraintRows, q: Array) -> LeftOut:
         """Combinations of rows that are left out at q.
@@ -176,7 +193,7 @@ class Redundancy:
         left = found.left_out
         if left.rank and left.doubt >= tolerances.DOUBT:
             there = pin.integrate(rows.model, q, found.closing_move)
-            change = np.linalg.norm((rows.position_level(there)[1] - J).T * self.scales, 2)
+            change = np.linalg.norm((rows.position_level(there)[1] - J).T * self.outer, 2)
             left = left._replace(doubt=min(left.doubt, float(change) / left.pivot))
         return left
 
@@ -200,8 +217,37 @@ class Redundancy:
         rounded = left._replace(doubt=self.least / left.pivot**2)
         return self.changes(rounded, v, a, 0.0 * a, np.zeros(len(self.R)), gravity)
 
+    def left_out_by_digits(self, J: Array) -> LeftOut | None:
+        """Combinations of rows that the digits of the file alone make count, if that is known."""
+        if self.digits is None:
+            return None
+        found = _Pivoted(self, J, np.zeros(len(J)))
+        return found.left_out if found.by_digits else None
+
+    def to_close(self, J: Array, c: Array) -> Array:
+        """C (m,) without what the digits of the file leave open, if that is within its precision.
+
+        Everything where it is more, or where digits make up nothing.
+        """
+        left = self.left_out_by_digits(J)
+        if left is None or np.abs(self.R * left.rest(c)).max() > self.precision:
+            return c
+        return left.kept(c)
+
+    def closing_move(self, J: Array, c: Array, rank: int | None = None) -> Array:
+        """Move dq (nv,) that closes the kept rows, J dq = -c, least in the scaled units."""
+        return _Pivoted(self, J, c, rank).closing_move
+
+    def free_move(self, J: Array, x: Array, size: float, rank: int | None = None) -> Array:
+        """Move dq (nv,) of a size [rad, l] along which no kept row changes, by a random x (nv,)."""
+        return _Pivoted(self, J, np.zeros(len(J)), rank).free_move(x, size)
+
+    def singular_values(self, J: Array) -> Array:
+        """Singular values of the scaled rows (min(m, nv),)."""
+        return np.asarray(np.linalg.svd(self.R[:, None] * J * self.D, compute_uv=False))
+
     @cached_property
-    def scales(self) -> Array:
+    def outer(self) -> Array:
         """D R^T (nv, m): what entries of J^T are multiplied by, as LAPACK has them."""
         return np.asfortranarray(np.outer(self.D, self.R))
 
@@ -231,21 +277,40 @@ class Redundancy:
 
 
 class _Pivoted:
-    """QR factorisation of the scaled rows at one state, and how many of them count."""
+    """QR factorisation of the scaled rows at one state, and how many of them count.
 
-    def __init__(self, of: Redundancy, J: Array, c: Array) -> None:
+    So many as a rank that is known, or as the digits of a file let count, or by the rule.
+    """
+
+    def __init__(self, of: Redundancy, J: Array, c: Array, rank: int | None = None) -> None:
         self._of, self._m, self._lapack = of, len(J), lapack()
         # arguments by place: by name they take half as long again
-        T, order, self._reflectors, _, _ = self._lapack.dgeqp3(J.T * of.scales, 3 * (len(J) + 1), 1)
+        T, order, self._reflectors, _, _ = self._lapack.dgeqp3(J.T * of.outer, 3 * (len(J) + 1), 1)
         self._T = T
         self._order = order - 1  # LAPACK counts from one
         self._gaps = (of.R * c)[self._order]
-        self.rank = k = self._usual or self._counted
+        if rank is None and self.by_digits:
+            rank = of.digits
+        k = self._usual or self._counted if rank is None else min(rank, self._alive)
+        self.rank = k
         self._y = self._closes(k)
         self.pivot = abs(float(T.item(k - 1, k - 1))) if k else 1.0
         # what the kept rows leave open; where all are left out, all of the gap
         left = self._gaps[k:] - self._y.dot(T[:k, k:])
         self.doubt = float(np.sqrt(max(self._y.dot(self._y), left.dot(left)))) / self.pivot
+
+    @property
+    def by_digits(self) -> bool:
+        """Rows beyond the rank of the file have pivots that its digits make up."""
+        T, k, of = self._T, self._of.digits, self._of
+        if k is None or k >= min(T.shape):
+            return k is not None
+        return bool(abs(T.item(k, k)) <= TIMES_THE_PRECISION * of.precision)
+
+    @property
+    def _alive(self) -> int:
+        """Pivots that are more than rounding."""
+        return int(np.count_nonzero(np.abs(self._T.diagonal()) > self._rounding))
 
     @property
     def _usual(self) -> int:
@@ -260,9 +325,9 @@ class _Pivoted:
 
     @property
     def _counted(self) -> int:
-        """Pivots that are larger than four times the move that closes so many rows, or the floor."""
+        """Pivots larger than four times the move that closes so many rows, or the floor."""
         d = np.abs(self._T.diagonal())
-        alive = int(np.count_nonzero(d > self._rounding))
+        alive = self._alive
         moves = np.sqrt(np.cumsum(self._closes(alive) ** 2))
         counts = d[:alive] > _TIMES_THE_MOVE * moves
         k = alive if counts.all() else int(np.argmin(counts))
@@ -350,16 +415,20 @@ def _upper(k: int) -> Array:
     return read_only(np.triu(np.ones((k, k))))
 
 
-def _scales(rows: ConstraintRows, q: Array) -> tuple[Array, Array, float]:
+def scales(rows: ConstraintRows, q: Array, J: Array | None = None) -> tuple[Array, Array, float]:
     """R (m,), D (nv,) and the usual l, by the size l of each loop.
 
-    l is the largest lever of a turn on a row that is a length, over some configurations. One number
-    a loop, not one a column: a spin about a rod has no lever, but turns what hangs on it by 1 rad.
+    l is the largest lever of a turn on a row that is a length, over some configurations, or at q
+    alone if its J is given. One number a loop, not one a column: a spin about a rod has no lever,
+    but turns what hangs on it by 1 rad.
     """
     model, rng = rows.model, np.random.default_rng(0)
-    moves = [_APART * rng.normal(size=model.nv) if look else 0.0 for look in range(_LOOKS)]
-    states = [pin.integrate(model, q, move + np.zeros(model.nv)) for move in moves]
-    levers = np.max([np.abs(rows.position_level(state)[1]) for state in states], axis=0)
+    if J is None:
+        moves = [_APART * rng.normal(size=model.nv) if look else 0.0 for look in range(_LOOKS)]
+        states = [pin.integrate(model, q, move + np.zeros(model.nv)) for move in moves]
+        levers = np.max([np.abs(rows.position_level(state)[1]) for state in states], axis=0)
+    else:
+        levers = np.abs(J)
     twists = pin.computeJointJacobians(model, model.createData(), q).reshape(6, -1)
     turns = np.linalg.norm(twists[3:], axis=0) > 0.0
     R = np.ones(rows.m)

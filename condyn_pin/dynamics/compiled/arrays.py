@@ -57,6 +57,8 @@ def untaken(workspace: Workspace) -> Iterator[str]:
             yield f"solver = {solver!r}: it has Proximal, DenseKKT() and NullSpace()"
     elif solver.iteration(workspace.scene.nominal).refinements:
         yield f"solver = {solver!r}: it makes no refinements, which this scene needs"
+    if workspace.scene.nominal.rounded_file:
+        yield "rows that digits of the file make count (Robot.precision)"
     yield from untaken_rows(workspace.model, workspace.bounds)
 
 

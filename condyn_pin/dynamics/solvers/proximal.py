@@ -197,6 +197,7 @@ def _pinocchios(
     model, data = workspace.model, workspace.data
     models, datas = workspace.constraint_models, workspace.constraint_datas
     gaps = rows.gaps if rows else []
+    least = -1.0 if rows and rows.always_open else OPEN_SQUARED
     scene_forces = workspace.scene_forces
 
     def acceleration(q: Array, v: Array, tau: Array) -> Array:
@@ -206,7 +207,7 @@ def _pinocchios(
         a = solve(model, data, q, v, tau, models, datas, settings)
         workspace.proximal_settings = settings
         for square, gap in gaps:
-            if square(gap) > OPEN_SQUARED:
+            if square(gap) > least:
                 return rows.answer(a, settings.mu)  # type: ignore[union-attr]
         if rows:
             rows.is_open = False

@@ -1,5 +1,6 @@
 """Two anchors that ask for two places, and drift control that pulls at both."""
 
+from condyn_pin._core import tolerances
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.point_contact import PointContact
 from condyn_pin.dynamics.scene import Scene
@@ -13,7 +14,7 @@ def contradictory(severity: float, rng: Rng) -> Case:
 
     The rows ask for accelerations that differ by beta^2 times the distance: no answer exists.
     """
-    talos, foot = load_robot("talos"), "left_sole_link"
+    talos, foot = load_robot("talos", precision=tolerances.ROUNDED_GEOMETRY), "left_sole_link"
     q, v = Scene(talos, [PointContact(foot)]).state()
     x, y, z = frame_at(talos, q, foot).translation
     here = PointContact(foot, anchor=(x, y, z), name="here")

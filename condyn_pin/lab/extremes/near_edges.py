@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.line_contact import LineContact
 from condyn_pin.constraints.surface_contact import SurfaceContact
@@ -16,7 +17,10 @@ def near_edges(severity: float, rng: Rng) -> Case:
 
     On two edges a foot stands as on a surface, however near they are; on one it can roll.
     """
-    cassie, edge = load_robot("cassie", variant={"feet": "lines"}), "left-foot/edge"
+    cassie, edge = (
+        load_robot("cassie", variant={"feet": "lines"}, precision=tolerances.ROUNDED_GEOMETRY),
+        "left-foot/edge",
+    )
     cassie = cassie.with_frame("turned", edge, np.zeros(3), pin.rpy.rpyToMatrix(0, 0, severity))
     others = [*cassie.loops, *(foot for foot in cassie.contacts if foot.name != edge)]
     flat = Scene(cassie, [*others, SurfaceContact(edge)])

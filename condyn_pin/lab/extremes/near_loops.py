@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
@@ -36,7 +37,7 @@ def near_loops(severity: float, rng: Rng) -> Case:
     Two balls are a hinge about the line through them, however near they are: each loop loses the
     two other turns.
     """
-    cassie = load_robot("cassie")
+    cassie = load_robot("cassie", precision=tolerances.ROUNDED_GEOMETRY)
     once = closed(cassie)
     q, _ = once.sample(rng)
     tau = torques(once, rng)

@@ -2,6 +2,7 @@
 
 import math
 
+from condyn_pin._core import tolerances
 from condyn_pin.constraints.planar_contact import PlanarContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
@@ -15,5 +16,5 @@ def near_planes(severity: float, rng: Rng) -> Case:
         PlanarContact("left_sole_link", normal=(math.sin(angle), 0.0, math.cos(angle)), name=name)
         for name, angle in (("level", 0.0), ("tilted", severity))
     ]
-    scene = Scene(load_robot("talos"), planes)
+    scene = Scene(load_robot("talos", precision=tolerances.ROUNDED_GEOMETRY), planes)
     return Case(scene, *moving(scene, rng))

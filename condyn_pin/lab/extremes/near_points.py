@@ -1,5 +1,6 @@
 """Two points of one foot that are held, nearer and nearer to each other."""
 
+from condyn_pin._core import tolerances
 from condyn_pin.constraints.point_contact import PointContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
@@ -16,5 +17,5 @@ def near_points(severity: float, rng: Rng) -> Case:
     foot = "left_sole_link"
     here = PointContact(foot, name="here")
     there = PointContact(foot, (severity, 0.0, 0.0), name="there")
-    scene = Scene(load_robot("talos"), [here, there])
+    scene = Scene(load_robot("talos", precision=tolerances.ROUNDED_GEOMETRY), [here, there])
     return Case(scene, *moving(scene, rng))

@@ -29,7 +29,8 @@ _STEPS: Final = 12
 
 
 def _by_hinges(robot: Robot) -> Scene:
-    loops = [Loop(x.frame_a, x.frame_b, "hinge", axis=x.axis, name=x.name) for x in robot.loops]
+    balls = (loop for loop in robot.loops if isinstance(loop, Loop))
+    loops = [Loop(x.frame_a, x.frame_b, "hinge", axis=x.axis, name=x.name) for x in balls]
     return Scene(robot, loops)
 
 
@@ -68,7 +69,7 @@ def noisy_states(severity: float, rng: Rng) -> Case:
 
 def _whitened(equations: Equations, q: Array, rank: int) -> tuple[Array, Array, Array, Array]:
     """L, and J L^-T = U S V^T at a rank, for M = L L^T."""
-    L = np.linalg.cholesky(equations.mass(q))
+    L = np.asarray(np.linalg.cholesky(equations.mass(q)))
     U, S, Vt = np.linalg.svd(np.linalg.solve(L, equations.jacobian(q).T).T, full_matrices=False)
     return L, U[:, :rank], S[:rank], Vt[:rank].T
 
@@ -76,7 +77,7 @@ def _whitened(equations: Equations, q: Array, rank: int) -> tuple[Array, Array, 
 def _least(equations: Equations, q: Array, s: Array, rank: int) -> Array:
     """The least d (nv,) in the metric of M with J d = s."""
     L, U, S, V = _whitened(equations, q, rank)
-    return np.linalg.solve(L.T, V @ (U.T @ s / S))
+    return np.asarray(np.linalg.solve(L.T, V @ (U.T @ s / S)))
 
 
 def _answer(equations: Equations, q: Array, v: Array, tau: Array, rank: int) -> Array:
@@ -85,4 +86,4 @@ def _answer(equations: Equations, q: Array, v: Array, tau: Array, rank: int) -> 
     L, U, S, V = _whitened(equations, q, rank)
     free = np.linalg.solve(L, tau - terms.h)
     x = free - V @ (V.T @ free) - V @ (U.T @ terms.gamma / S)
-    return np.linalg.solve(L.T, x)
+    return np.asarray(np.linalg.solve(L.T, x))

@@ -94,15 +94,9 @@ class Units:
             relaxed = float(along_v[i]) * spring.reference
             springs.append(replace(spring, stiffness=stiffness, reference=relaxed))
         name = f"{robot.name} in other units"
+        in_units = Robot(name, model, postures, actuated=robot.actuated, springs=springs)
         return Scene(
-            Robot(
-                name,
-                model,
-                postures,
-                actuated=robot.actuated,
-                springs=springs,
-                precision=robot.precision,
-            ),
+            replace(in_units, precision=robot.precision),
             [self._constraint(constraint, robot.model) for constraint in scene.constraints],
         )
 
