@@ -52,6 +52,7 @@ SCRIPTS = {
     "native_contact": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
     "at_scale": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
     "native_gradients": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
+    "noise": lambda script: [json.loads((RESULTS / "noise.json").read_text(encoding="utf-8"))],
     "native_core": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
 }
 
