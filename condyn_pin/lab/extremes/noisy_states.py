@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Final
 
 import numpy as np
@@ -10,6 +11,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
@@ -54,13 +56,20 @@ def noisy_states(severity: float, rng: Rng) -> Case:
     noisy = pin.integrate(model, q, severity * rng.normal(size=nv))
     v = v + severity * rng.normal(size=nv)
     equations = Equations(model, scene.bounds)
+
+    def factors_at(q: Array) -> MinimumNorm:
+        return factorise(equations.mass(q), equations.jacobian(q), 0.0).at_most(rank)
+
+    def answer(q: Array, v: Array) -> Array:
+        terms = equations.terms(q, v)
+        return factors_at(q).solve(tau - terms.h, -terms.gamma)[0]
+
     there = noisy
     for _ in range(_STEPS):
-        step = _least(equations, there, equations.violation(there), rank)
-        there = pin.integrate(model, there, -step)
-    at_rest = v - _least(equations, there, equations.jacobian(there) @ v, rank)
-    right = _answer(equations, there, at_rest, tau, rank)
-    given = _answer(equations, noisy, v, tau, rank)
+        step = factors_at(there).closing(equations.violation(there))
+        there = pin.integrate(model, there, step)
+    right = answer(there, factors_at(there).tangent(v))
+    given = answer(noisy, v)
     size = max(float(np.abs(right).max()), scene.nominal.gravity)
     changed = float(np.abs(given - right).max()) / size
     within = min(_TIMES * changed + tolerances.SOLVED, _MOST)
