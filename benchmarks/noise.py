@@ -239,12 +239,16 @@ def of_solvers(subjects: Sequence[Subject]) -> list[dict[str, Any]]:
     return found
 
 
+def _off(noise: float) -> str:
+    return f"{_power(noise)} rad and rad/s"
+
+
 def must(count: int) -> list[dict[str, Any]]:
     """Return the worst errors over states that come from files and sensors."""
     rows = [("Cassie", "a file in float32", None, None)]
-    rows += [("Cassie", f"{noise:g} rad and rad/s", noise, noise) for noise in (1e-4, 1e-3)]
+    rows += [("Cassie", _off(noise), noise, noise) for noise in (1e-4, 1e-3)]
     for name in ("Bricard", "Bennett", "Delta", "Stewart with hinges"):
-        rows += [(name, f"{noise:g} rad and rad/s", noise, noise) for noise in (1e-8, 1e-4)]
+        rows += [(name, _off(noise), noise, noise) for noise in (1e-8, 1e-4)]
     rows += [("Talos on eight points", "0.1 rad/s", 0.0, 0.1)]
     subjects: dict[str, Subject] = {}
     found = []
