@@ -75,7 +75,8 @@ def _by_python(
         equations.recursion = None
     if solution.status is not Status.OK:
         # far from closed loops a may belong to no state, but its derivatives belong to it
-        in_doubt = solution.doubt >= tolerances.DOUBT and solution.error_bound <= accuracy
+        off = max(solution.residuals.violation, solution.residuals.velocity) > tolerances.OPEN
+        in_doubt = off and solution.error_bound <= accuracy
         if not np.isfinite(solution.a).all() or (workspace.solver.exact and not in_doubt):
             raise failure(workspace, solution)
     # much is formed when it is asked for first, and the caller may have gone on in these arrays
