@@ -85,7 +85,7 @@ def torques_asked(scene: cp.Scene) -> int:
 
     method = DormandPrince(1e-6, 1e-9, method=5)
     motion = cp.simulate(scene, *scene.state(), still, duration=1.0, dt=1.0, integrator=method)
-    assert energy_off(motion) < 1e-4
+    assert energy_off(motion) < 1e-3
     return count
 
 
@@ -185,7 +185,7 @@ def standing():
     return cp.control.Controller(scene, tasks, cones=cones), scene, cp.Scene(robot, robot.loops)
 
 
-@pytest.mark.parametrize("noise", [1e-7, 1e-5, 1e-4, 1e-3])
+@pytest.mark.parametrize("noise", NOISE)
 def test_a_tick_at_noisy_encoders_is_that_of_the_closed_machine(standing, noise):
     controller, scene, loops = standing
     rng, robot = np.random.default_rng(0), scene.robot
