@@ -345,7 +345,7 @@ def test_rows_of_constraints_that_do_not_fit_are_refused_at_the_border():
         workspace = cp.Workspace(all_scenes()[label])
         rest = {
             **arrays.of_model(workspace.model), **arrays.of_springs(workspace.scene.robot),
-            **arrays.of_solver(workspace),
+            **arrays.of_solver(workspace), **arrays.of_precision(workspace.scene),
         }  # fmt: skip
         rows = arrays.of_constraints(workspace)
         compiled().Core(**rest, **rows)

@@ -18,7 +18,7 @@ from condyn_pin.errors import InvalidArgument, MissingExtra
 Native: TypeAlias = bool | Literal["where possible"]
 
 # Of the arrays that are handed over; a module of another one was built from another version.
-PROTOCOL: Final = 11
+PROTOCOL: Final = 12
 TICK_PROTOCOL: Final = 3
 
 BUILD: Final = "pip install ./native, in a checkout of condyn_pin, builds it in some minutes"

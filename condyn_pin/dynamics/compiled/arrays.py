@@ -7,6 +7,7 @@ numbers. ``native/src/core`` reads them; the places of its fields are those here
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from math import inf
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -17,6 +18,7 @@ from condyn_pin._core.arguments import LOOSE
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes, indices
 from condyn_pin.constraints.rows.compiled_rows import placement
+from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.null_space import NullSpace
@@ -28,6 +30,7 @@ if TYPE_CHECKING:
     from condyn_pin.constraints.loads import Loads
     from condyn_pin.constraints.rows.any_bound import AnyBound
     from condyn_pin.dynamics.residuals import ErrorEstimator
+    from condyn_pin.dynamics.scene import Scene
     from condyn_pin.dynamics.workspace import Workspace
     from condyn_pin.model.robot import Robot
 
@@ -157,11 +160,26 @@ def of_solver(workspace: Workspace) -> dict[str, Any]:
         "method": 1 + _DIRECT.index(solver) if solver in _DIRECT else 0,
         "weights": np.ascontiguousarray(nominal.estimator.weights),
         "verdict": of_verdict(nominal.estimator),
-        "open_squared": (0.1 * tolerances.CLOSED) ** 2,
+        "open_squared": tolerances.OPEN**2,
         "watched": nominal.pivots.watched.astype(np.int32),
         "nominal_pivots": np.ascontiguousarray(nominal.pivots.nominal),
         "rank": np.array([nominal.dependent, workspace.equations.least], float),
         "proximal": np.array(plan, float),
+    }
+
+
+def of_precision(scene: Scene) -> dict[str, Any]:
+    """Scales of rows and moves, and where rows are judged at the precision of a state."""
+    nominal, is_judged = scene.nominal, scene.rows and scene.robot.precision > 0.0
+    every_row = Redundancy(np.ones(scene.rows), np.ones(scene.robot.nv), 0, 0.0)
+    by, gap = (nominal.redundancy, tolerances.OPEN) if is_judged else (every_row, inf)
+    rate = gap if nominal.dependent else inf
+    numbers = [by.floor, by.least, tolerances.REFERENCE_RANK, gap, rate, tolerances.DOUBT]
+    return {
+        "row_scales": np.ascontiguousarray(by.R),
+        "move_scales": np.ascontiguousarray(by.D),
+        "precision": np.array([*numbers, nominal.looks_independent], float),
+        "idle": np.flatnonzero(nominal.idle).astype(np.int32),
     }
 
 

@@ -9,13 +9,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property
-from math import inf
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import State
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
@@ -63,15 +61,12 @@ class CompiledCore:
         # of what comes back of one state: a, lam, q, v, and seven numbers
         self._ends, self._size = (n, n + m, n + m + nq, n + m + nq + n), n + m + nq + n + 7
         self._blocks = 3, n + m, n
-        # gaps and velocities of rows from which on a state is off its constraints, as in `Verifier`
-        nominal, exact = workspace.scene.nominal, workspace.scene.robot.precision == 0.0
-        gap = inf if exact or not m else tolerances.OPEN
-        self._off = np.array([gap, gap if nominal.dependent else inf])
         self.core = compiled().Core(
             **arrays.of_model(workspace.model),
             **arrays.of_springs(workspace.scene.robot),
             **arrays.of_constraints(workspace),
             **arrays.of_solver(workspace),
+            **arrays.of_precision(workspace.scene),
         )
         self._solve, self._differentiate = self.core.solve_one, self.core.differentiate_one
 
@@ -111,7 +106,7 @@ class CompiledCore:
             said = self._solve(q, v, tau, accuracy, out)
         except (TypeError, ValueError):
             said = self._solve(*self._converted(q, v, tau), accuracy, out)
-        return None if not said or self._is_off(said[0]) else self._solution(out, tau, *said)
+        return said and self._solution(out, tau, *said)
 
     def derivatives(
         self, q: ArrayLike, v: ArrayLike, tau: ArrayLike, accuracy: float
@@ -122,9 +117,7 @@ class CompiledCore:
             clear = self._differentiate(q, v, tau, accuracy, out, blocks)
         except (TypeError, ValueError):
             clear = self._differentiate(*self._converted(q, v, tau), accuracy, out, blocks)
-        if not clear or self._is_off(out[self._ends[-1] :]):
-            return None
-        return CompiledDerivatives(self, out, blocks, _owned(tau))
+        return CompiledDerivatives(self, out, blocks, _owned(tau)) if clear else None
 
     def solution(self, out: Array, tau: Array) -> Solution:
         """Return what the core has written of one state beside its derivatives."""
@@ -170,12 +163,7 @@ class CompiledCore:
             accuracy=self.workspace.solver.accuracy if accuracy is None else accuracy,
         )  # fmt: skip
         outputs["statuses"][:] = 0
-        off = (outputs["residuals"][:, 2:4] > self._off).any(axis=1)
-        return np.flatnonzero((clear == 0) | off)
-
-    def _is_off(self, residuals: Sequence[float] | Array) -> bool:
-        """Rows are those that count at the precision of the state: Python finds them."""
-        return bool(residuals[2] > self._off[0] or residuals[3] > self._off[1])
+        return np.flatnonzero(clear == 0)
 
 
 def _owned(tau: ArrayLike) -> Array:

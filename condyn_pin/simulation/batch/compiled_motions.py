@@ -96,8 +96,6 @@ class MovedRows:
     ) -> NDArray[np.intp]:
         """Fill the outputs; return the rows that are left to Python."""
         model, count = workspace.model, len(inputs["q0"])
-        if workspace.scene.nominal.looks_independent:  # stages of a step are a little open
-            return np.arange(count)
         kept, nv = len(range(0, self.steps, self.every)) + 1, workspace.model.nv
         drives = driven_path_of(workspace, self.dt, self.steps)
         # what a drive does is the work of its forces

@@ -57,10 +57,10 @@ Answer Core::answer(Worker & own, const double * forces, double accuracy) const
   const VectorXd & a = own.solver->acceleration(own.q, own.v, own.tau + own.loads->torque);
   const double seconds = std::chrono::duration<double>(std::chrono::steady_clock::now() - begun).count();
   own.lam = own.solver->scene_forces();
-  const Sizes s = own.proof(own.q, own.v, own.tau, a, own.lam, own.loads.get());
+  const Sizes s = own.proof(own.q, own.v, own.tau, a, own.lam, own.loads.get(), own.solver->left);
   const Verdict & verdict = scene_.verdict;
   const double bound = verdict.bound(s);
-  const bool clear = verdict.is_normalised(scene_.model, own.q) && own.solver->is_exact()
+  const bool clear = verdict.is_normalised(scene_.model, own.q) && s.doubt < scene_.precision.doubt
                      && verdict.is_clear(s, bound, own.solver->pivots_left(), accuracy);
   return {a, own.lam, {s.dynamics, s.constraint, s.violation, s.velocity, bound}, clear, own.solver->iterations,
           seconds};
@@ -81,6 +81,8 @@ Answer Core::answer_row(
 
 bool Core::differentiate(Worker & own, const Answer & found, double * const out[6]) const
 {
+  if (own.solver->left) // how that turns is known to Python
+    return false;
   if (!own.derivatives)
     own.derivatives = std::make_unique<Derivatives>(scene_);
   return found.a.allFinite() && (*own.derivatives)(own.q, own.v, found.a, found.lam, *own.loads, own.proof.data(), out);

@@ -1,6 +1,7 @@
 #include "direct.hpp"
 #include <pinocchio/algorithm/cholesky.hpp>
 #include <pinocchio/algorithm/crba.hpp>
+#include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/joint-configuration.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
@@ -14,7 +15,7 @@ const double near = 0.02; // a factor is used until a joint has moved so far [ra
 } // namespace
 
 Direct::Direct(const Scene & scene)
-: Solver(scene), rows_(scene.rows), factors_(scene), lam_(VectorXd::Zero(scene.rows))
+: Solver(scene), rows_(scene.rows), factors_(scene), redundancy_(scene), lam_(VectorXd::Zero(scene.rows))
 , zero_(VectorXd::Zero(model.nv))
 {
   for (const auto & k : scene.constraints)
@@ -24,25 +25,60 @@ Direct::Direct(const Scene & scene)
 
 const VectorXd & Direct::acceleration(const VectorXd & q, const VectorXd & v, const VectorXd & tau)
 {
+  look(q, v);
+  return answer(q, v, tau);
+}
+
+void Direct::look(const VectorXd & q, const VectorXd & v)
+{
   pinocchio::forwardKinematics(model, data, q, v, zero_);
   rows_.evaluate(scene, data, q, v, zero_);
-  const VectorXd missing = -(rows_.acceleration + scene.kd * rows_.velocity + scene.kp * rows_.c);
+}
+
+const VectorXd & Direct::answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau)
+{
+  VectorXd missing = -(rows_.acceleration + scene.kd * rows_.velocity + scene.kp * rows_.c);
   a_ = tau - pinocchio::nonLinearEffects(model, data, q, v);
-  if (factorise(q))
+  weigh(q);
+  left = nullptr;
+  if (scene.precision.looks_independent && gap() > scene.precision.open ? factorise_kept(missing) : factorise())
     lam_ = factors_.solve(a_, missing);
   else
     a_.setConstant(std::numeric_limits<double>::quiet_NaN()), lam_.setConstant(a_[0]);
   return a_;
 }
 
-bool Direct::factorise(const VectorXd & q)
+void Direct::weigh(const VectorXd & q)
 {
   pinocchio::crba(model, data, q, pinocchio::Convention::WORLD);
   M_ = data.M;
   if (springs.w.size())
     M_ += springs.matrix();
   write_jacobian(scene, data, moved_, J_);
+}
+
+bool Direct::factorise()
+{
   return scene.method == Method::independent ? factors_.factorise_independent(M_, J_) : factors_.factorise(M_, J_);
+}
+
+/// Of the rows that are kept where the loops are open; `DenseKKT` has no answer where that is fewer than all.
+bool Direct::factorise_kept(VectorXd & missing)
+{
+  redundancy_.at(J_, rows_.c);
+  if (scene.method == Method::independent && redundancy_.N.cols())
+    return false;
+  redundancy_.leave_out_of(J_), redundancy_.leave_out_of(missing);
+  left = &redundancy_;
+  return factors_.factorise(M_, J_, redundancy_.rank);
+}
+
+const Redundancy & Direct::redundant_at(const VectorXd & q)
+{
+  pinocchio::computeJointJacobians(model, data, q);
+  write_jacobian(scene, data, moved_, J_);
+  redundancy_.at(J_, VectorXd::Zero(scene.rows));
+  return redundancy_;
 }
 
 double Direct::pivots_left()
@@ -55,11 +91,11 @@ double Direct::pivots_left()
 
 bool Direct::close(const VectorXd & q, const VectorXd & v, VectorXd & dq, VectorXd & dv)
 {
-  pinocchio::forwardKinematics(model, data, q, v, zero_);
-  rows_.evaluate(scene, data, q, v, zero_);
+  look(q, v);
   if (!nearest_.size() || pinocchio::difference(model, made_at_, q).cwiseAbs().maxCoeff() > near)
   {
-    if (!factorise(q) || factors_.rank() != rank_)
+    weigh(q);
+    if (!factorise() || factors_.rank() != rank_)
       return false;
     nearest_.noalias() = factors_.U * factors_.K.transpose();
     made_at_ = q;

@@ -4,6 +4,7 @@
 // it. Where Python's may meet a singular matrix, nothing is answered.
 #pragma once
 #include "jacobian.hpp"
+#include "largest.hpp"
 #include "minimum_norm.hpp"
 #include "rows.hpp"
 #include "solver.hpp"
@@ -16,19 +17,33 @@ public:
   explicit Direct(const Scene & scene);
 
   const VectorXd & acceleration(const VectorXd & q, const VectorXd & v, const VectorXd & tau) override;
-  VectorXd scene_forces() const override { return lam_; }
+  VectorXd scene_forces() override { return without_idle(lam_); }
   double pivots_left() override;
   void begin(int rank) override { nearest_.resize(0, 0), rank_ = rank; }
   bool closes_by_its_factor() const override { return false; }
   bool close(const VectorXd & q, const VectorXd & v, VectorXd & dq, VectorXd & dv) override;
 
+  /// Evaluates c and J v.
+  void look(const VectorXd & q, const VectorXd & v);
+  /// |c| and |J v| of the last look.
+  double gap() const { return largest(rows_.c); }
+  double slip() const { return largest(rows_.velocity); }
+  /// The acceleration at the last look.
+  const VectorXd & answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau);
+  /// What is redundant at q if the loops are closed there.
+  const Redundancy & redundant_at(const VectorXd & q);
+
 private:
-  bool factorise(const VectorXd & q);
+  void weigh(const VectorXd & q);
+  bool factorise();
+  bool factorise_kept(VectorXd & missing);
+
 
   int rank_ = 0; // that a factor of `close` is to have
   std::vector<Moved> moved_;
   Rows rows_;
   MinimumNorm factors_;
+  Redundancy redundancy_;
   VectorXd a_, lam_;
   const VectorXd zero_;
   MatrixXd M_, J_;

@@ -19,7 +19,7 @@ MinimumNorm::MinimumNorm(const Scene & scene)
 
 bool MinimumNorm::factorise(const MatrixXd & M, const MatrixXd & J)
 {
-  if (!whiten(M, J))
+  if (!whiten(M, J, nothing_below))
     return false;
   if (J.rows() && !(!scene_.rank.dependent && is_clear(J, rank_tolerance))
       && !(of_columns_.last() > something_above * of_columns_.first()))
@@ -29,17 +29,22 @@ bool MinimumNorm::factorise(const MatrixXd & M, const MatrixXd & J)
 
 bool MinimumNorm::factorise_independent(const MatrixXd & M, const MatrixXd & J)
 {
-  return whiten(M, J) && (!J.rows() || is_clear(J, something_above)) && divide();
+  return whiten(M, J, nothing_below) && (!J.rows() || is_clear(J, something_above)) && divide();
 }
 
-bool MinimumNorm::whiten(const MatrixXd & M, const MatrixXd & J)
+bool MinimumNorm::factorise(const MatrixXd & M, const MatrixXd & J, int count)
+{
+  return whiten(M, J, 0.0, count) && rank() == count && divide();
+}
+
+bool MinimumNorm::whiten(const MatrixXd & M, const MatrixXd & J, double nothing, int most)
 {
   lower_ = M.transpose();
   if (!factor_.factorise(lower_, nothing_) || (J.rows() && !(J.squaredNorm() > scene_.rank.least)))
     return false;
   rows_ = J;
   factor_.whiten_rows(rows_);
-  of_columns_.compute(rows_.transpose(), nothing_below);
+  of_columns_.compute(rows_.transpose(), nothing, most);
   return !J.rows() || rank();
 }
 

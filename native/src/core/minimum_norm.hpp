@@ -24,6 +24,8 @@ public:
 
   /// Of M in its upper triangle; false where M is not positive definite, or the rank is in doubt.
   bool factorise(const MatrixXd & M, const MatrixXd & J);
+  /// The same of rows so many of which are independent.
+  bool factorise(const MatrixXd & M, const MatrixXd & J, int rank);
   /// The same, and false where rows are not clearly independent.
   bool factorise_independent(const MatrixXd & M, const MatrixXd & J);
 
@@ -40,7 +42,7 @@ public:
   MatrixXd U, K; // (nv, rank), (m, rank)
 
 private:
-  bool whiten(const MatrixXd & M, const MatrixXd & J);
+  bool whiten(const MatrixXd & M, const MatrixXd & J, double nothing, int most = std::numeric_limits<int>::max());
   bool is_clear(const MatrixXd & J, double share) const;
   bool divide();
 

@@ -24,7 +24,7 @@ NB_MODULE(_core, m)
   m.attr("pinocchio") = PINOCCHIO_VERSION;
   m.attr("simd") = Eigen::SimdInstructionSetsInUse();
   m.attr("arch") = CONDYN_ARCH;
-  m.attr("protocol") = 11; // of the arrays: what condyn_pin hands over has to be of the same
+  m.attr("protocol") = 12; // of the arrays: what condyn_pin hands over has to be of the same
   using namespace nanobind::literals;
   nb::class_<Core>(m, "Core")
     .def("__init__",
@@ -34,15 +34,17 @@ NB_MODULE(_core, m)
             const List & drift, const List & weights, const List & verdict, double open_squared, int method, const List & proximal,
             const List & rank, const List & damping, const Table & springs, const IntegerTable & of_springs,
             const IntegerTable & between, const Table & of_between, const Integers & watched,
-            const List & nominal_pivots, const Table & wanted) {
+            const List & nominal_pivots, const Table & wanted, const List & row_scales, const List & move_scales,
+            const List & precision, const Integers & idle) {
            new (self) Core({{kinds, parents, joints, gravity, armature, constraints, of_constraints, drift}, plain,
                             of_plain, to_scene, weights, verdict, open_squared, method, proximal, rank, damping, springs,
-                            of_springs, between, of_between, watched, nominal_pivots, wanted});
+                            of_springs, between, of_between, watched, nominal_pivots, wanted, row_scales, move_scales,
+                            precision, idle});
          },
          nb::kw_only(), "kinds"_a, "parents"_a, "joints"_a, "gravity"_a, "armature"_a, "constraints"_a,
          "of_constraints"_a, "plain"_a, "of_plain"_a, "to_scene"_a, "drift"_a, "weights"_a, "verdict"_a, "open_squared"_a,
          "method"_a, "proximal"_a, "rank"_a, "damping"_a, "springs"_a, "of_springs"_a, "between"_a, "of_between"_a,
-         "watched"_a, "nominal_pivots"_a, "wanted"_a)
+         "watched"_a, "nominal_pivots"_a, "wanted"_a, "row_scales"_a, "move_scales"_a, "precision"_a, "idle"_a)
     .def(
       "solve",
       [](Core & core, const Table & Q, const Table & V, const Table & TAU, const Array<double, 2> & a,

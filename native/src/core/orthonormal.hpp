@@ -6,6 +6,7 @@
 #include "pinocchio.hpp"
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <utility>
 
 namespace condyn
@@ -13,15 +14,15 @@ namespace condyn
 class Orthonormal
 {
 public:
-  /// Of columns, until all that is left of them is below a share of the longest.
-  void compute(const MatrixXd & columns, double nothing)
+  /// Of columns, until all that is left of them is below a share of the longest, or so many are taken.
+  void compute(const MatrixXd & columns, double nothing, int most = std::numeric_limits<int>::max())
   {
     const int m = int(columns.cols());
     A_ = columns, R_.setZero(m, m), left_ = A_.colwise().squaredNorm().transpose();
     order.resize(m);
     for (int j = 0; j < m; ++j)
       order[j] = j;
-    for (rank = 0; rank < std::min(m, int(A_.rows())); ++rank)
+    for (rank = 0; rank < std::min({m, int(A_.rows()), most}); ++rank)
     {
       int longest;
       left_.tail(m - rank).maxCoeff(&longest);

@@ -2,6 +2,7 @@
 #include "largest.hpp"
 #include <algorithm>
 #include <limits>
+#include <pinocchio/algorithm/jacobian.hpp>
 #include <pinocchio/algorithm/kinematics.hpp>
 #include <pinocchio/algorithm/rnea.hpp>
 
@@ -59,23 +60,42 @@ double lean(const Scene & scene, const Data & data)
 
 Proof::Proof(const Scene & scene)
 : scene_(scene), data_(scene.model), rows_(scene.rows), on_joint_(scene.model.njoints, Force::Zero())
-, r_(scene.model.nv), torque_(scene.model.nv)
-{}
+, r_(scene.model.nv), torque_(scene.model.nv), redundancy_(scene)
+{
+  for (const auto & k : scene.constraints)
+    moved_.emplace_back(scene.model, k);
+}
+
+/// What is left out of the rows at the state that was evaluated, which is open by so much.
+const Redundancy & Proof::redundant(double violation)
+{
+  pinocchio::computeJointJacobians(scene_.model, data_);
+  write_jacobian(scene_, data_, moved_, J_);
+  redundancy_.at(J_, violation > scene_.precision.open ? rows_.c : VectorXd(VectorXd::Zero(scene_.rows)));
+  return redundancy_;
+}
 
 Sizes Proof::operator()(
   const VectorXd & q, const VectorXd & v, const VectorXd & tau, const VectorXd & a, const VectorXd & lam,
-  const Loads * loads)
+  const Loads * loads, const Redundancy * left)
 {
   pinocchio::forwardKinematics(scene_.model, data_, q, v, a);
   rows_.evaluate(scene_, data_, q, v, a);
   if (scene_.kp != 0 || scene_.kd != 0)
     rows_.acceleration += scene_.kd * rows_.velocity + scene_.kp * rows_.c;
+  const double violation = largest(rows_.c), velocity = largest(rows_.velocity);
+  const bool off = violation > scene_.precision.open || velocity > scene_.precision.moving;
+  if (off)
+  {
+    left = left ? left : &redundant(violation);
+    left->leave_out_of(rows_.acceleration);
+  }
   for (std::size_t i = 0; i < on_joint_.size(); ++i)
     on_joint_[i] = loads ? loads->on_joint[i] : Force::Zero();
   torque_.setZero();
   add_wrenches(scene_, data_, lam, on_joint_, torque_);
   r_ = (newton_euler(scene_.model, data_, a, on_joint_) - tau - torque_).cwiseAbs();
-  return {largest(r_), largest(a), largest(rows_.c), largest(rows_.velocity), largest(rows_.acceleration),
-          largest(lam), scene_.weights.dot(r_), lean(scene_, data_)};
+  return {largest(r_), largest(a), violation, velocity, largest(rows_.acceleration), largest(lam),
+          scene_.weights.dot(r_), lean(scene_, data_), off ? left->doubt : 0.0};
 }
 } // namespace condyn

@@ -24,10 +24,23 @@ Proximal::Proximal(const Scene & scene)
     datas.emplace_back(c);
   }
   pinocchio::initConstraintDynamics(model, data, constraints, datas);
+  for (const auto & spec : scene.plain_specs)
+    approximates_ |= spec.approximates;
+  if (approximates_ || scene.precision.looks_independent)
+    direct_ = std::make_unique<Direct>(scene);
 }
 
 const VectorXd & Proximal::acceleration(const VectorXd & q, const VectorXd & v, const VectorXd & tau)
 {
+  left = nullptr;
+  by_rows_ = direct_ && is_off(q, v);
+  if (by_rows_)
+  {
+    direct_->model.armature = model.armature, direct_->springs = springs;
+    const VectorXd & a = direct_->answer(q, v, tau);
+    left = direct_->left, iterations = direct_->iterations;
+    return a;
+  }
   answer(q, v, tau);
   if (!springs.w.size())
     return data.ddq;
@@ -37,6 +50,14 @@ const VectorXd & Proximal::acceleration(const VectorXd & q, const VectorXd & v, 
   G.diagonal() += springs.w.cwiseInverse();
   answer(q, v, tau - U.transpose() * G.partialPivLu().solve(free));
   return data.ddq;
+}
+
+/// Whether redundant rows may look independent, or what stands for other rows is not exact.
+bool Proximal::is_off(const VectorXd & q, const VectorXd & v)
+{
+  const double open = std::sqrt(scene.open_squared);
+  direct_->look(q, v), q_ = q;
+  return direct_->gap() > open || (approximates_ && direct_->slip() > open);
 }
 
 void Proximal::answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau)
@@ -96,14 +117,24 @@ std::optional<pinocchio::ProximalSettings> Proximal::better()
   return pinocchio::ProximalSettings(0.0, plan.finer, mu, few ? plan.few : plan.usual);
 }
 
-VectorXd Proximal::scene_forces() const
+VectorXd Proximal::scene_forces()
 {
-  return scene.to_scene.size() ? VectorXd(scene.to_scene * lam) : lam;
+  if (by_rows_)
+    return direct_->scene_forces();
+  VectorXd found = scene.to_scene.size() ? VectorXd(scene.to_scene * lam) : lam;
+  if (scene.precision.looks_independent && direct_->slip() > scene.precision.moving)
+  { // rows that contradict each other push without an end
+    left = &direct_->redundant_at(q_);
+    left->leave_out_of(found);
+  }
+  return without_idle(found);
 }
 
 /// Gives contacts that were anchored their place.
-void Proximal::begin(int)
+void Proximal::begin(int rank)
 {
+  if (direct_)
+    direct_->begin(rank);
   for (int i : scene.unanchored_plain)
   {
     constraints[i].joint2_placement = scene.plain_specs[i].placement2;
@@ -112,8 +143,10 @@ void Proximal::begin(int)
 }
 
 /// By [[-mu 1, J], [J^T, M]] x = rhs, with the factor that the last acceleration left.
-bool Proximal::close(const VectorXd &, const VectorXd &, VectorXd & dq, VectorXd & dv)
+bool Proximal::close(const VectorXd & q, const VectorXd & v, VectorXd & dq, VectorXd & dv)
 {
+  if (by_rows_)
+    answer(q, v, VectorXd::Zero(model.nv));
   gaps_.setZero(scene.plain_rows + model.nv, 2);
   int row = 0;
   for (std::size_t k = 0; k < constraints.size(); ++k)
@@ -134,23 +167,9 @@ bool Proximal::close(const VectorXd &, const VectorXd &, VectorXd & dq, VectorXd
 
 double Proximal::pivots_left()
 {
+  if (by_rows_)
+    return direct_->pivots_left();
   // M is the last block of a matrix U D U^T: the last entries of D are its pivots
   return share_of_pivots(data.constraint_chol.D.tail(model.nv));
-}
-
-bool Proximal::is_exact() const
-{
-  for (std::size_t k = 0; k < constraints.size(); ++k)
-  {
-    const auto & spec = scene.plain_specs[k];
-    if (!spec.approximates)
-      continue;
-    const auto & d = datas[k];
-    if (spec.anchored && d.contact_placement_error.toVector().head(spec.rows).squaredNorm() > scene.open_squared)
-      return false;
-    if (d.contact_velocity_error.toVector().head(spec.rows).squaredNorm() > scene.open_squared)
-      return false;
-  }
-  return true;
 }
 } // namespace condyn

@@ -7,9 +7,13 @@
 //
 //   U a = U a_0 - G f,    (1 / w + G) f = U a_0
 //
+// Where rows look independent though they are redundant on closed loops, or stand for others, states off the constraints
+// are answered by `Direct`.
+//
 // `condyn_pin/dynamics/solvers/proximal.py` and `proximal_mu.py` say why; the numbers come from there.
 #pragma once
-#include "solver.hpp"
+#include "direct.hpp"
+#include <memory>
 #include <optional>
 
 namespace condyn
@@ -20,14 +24,14 @@ public:
   explicit Proximal(const Scene & scene);
 
   const VectorXd & acceleration(const VectorXd & q, const VectorXd & v, const VectorXd & tau) override;
-  VectorXd scene_forces() const override;
+  VectorXd scene_forces() override;
   double pivots_left() override;
-  bool is_exact() const override;
   void begin(int rank) override;
   bool closes_by_its_factor() const override { return true; }
   bool close(const VectorXd & q, const VectorXd & v, VectorXd & dq, VectorXd & dv) override;
 
 private:
+  bool is_off(const VectorXd & q, const VectorXd & v);
   void answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau);
   std::optional<pinocchio::ProximalSettings> better();
   MatrixXd freed(const MatrixXd & forces);
@@ -36,6 +40,10 @@ private:
   std::vector<RigidData> datas;
   VectorXd lam; // of Pinocchio's rows
   MatrixXd gaps_;
+  std::unique_ptr<Direct> direct_; // where some states are not Pinocchio's
+  bool by_rows_ = false; // whether the last one was not
+  bool approximates_ = false; // whether some rows stand for others
+  VectorXd q_; // of the last one, where `direct_` looks
 
   pinocchio::ProximalSettings settings_;
   double mu_; // of the factor in `data`

@@ -3,6 +3,7 @@
 #include "constraint.hpp"
 #include "spring.hpp"
 #include "verdict.hpp"
+#include <limits>
 #include <string>
 
 namespace condyn
@@ -57,6 +58,18 @@ struct Rank
   double least; // |J|^2 of a J that is more than rounding
 };
 
+/// What tells rows that are redundant where the loops are closed from others beside that: `Redundancy` in Python.
+struct Precision
+{
+  VectorXd R, D; // scales of rows and of moves
+  int floor = 0; // rank at closed states
+  double least = 0, share = 0; // pivots that are rounding: below this, and below this share of the first
+  double open = std::numeric_limits<double>::infinity(), moving = open; // |c| and |J v| of a state off its constraints
+  double doubt = open; // closing move over the last pivot, from which on a is not determined
+  bool looks_independent = false; // whether redundant rows look independent there
+  std::vector<int> idle; // rows that are zero at every configuration
+};
+
 /// Who answers: `Proximal`, or `Direct` for rows that are to be independent, or for any.
 enum class Method { proximal, independent, minimum_norm };
 
@@ -80,6 +93,7 @@ struct Scene
   Method method;
   ProximalPlan proximal;
   Rank rank;
+  Precision precision;
   Passive passive;
 };
 

@@ -105,6 +105,18 @@ Verdict verdict_of(const List & numbers)
   return {x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11], x[12]};
 }
 
+Precision precision_of(const SceneArrays & x, const Scene & scene)
+{
+  want(int(x.row_scales.size()) == scene.rows && int(x.move_scales.size()) == scene.model.nv, "scales");
+  want(x.precision.size() == 7, "precision");
+  const double * p = x.precision.data();
+  Precision found{vector(x.row_scales), vector(x.move_scales), int(p[0]), p[1], p[2], p[3], p[4], p[5], bool(p[6]), {}};
+  found.idle.assign(x.idle.data(), x.idle.data() + x.idle.size());
+  for (int i : found.idle)
+    want(0 <= i && i < scene.rows, "idle rows");
+  return found;
+}
+
 Scene read_model(const RowArrays & x)
 {
   Scene scene;
@@ -143,6 +155,7 @@ Scene read_scene(const SceneArrays & x)
     want(0 <= i && i < scene.model.nv, "pivots");
   scene.passive = passive_of(x, scene.model);
   add_constraints(scene, constraint_specs(x.constraints, x.of_constraints), plain_specs(x.plain, x.of_plain));
+  scene.precision = precision_of(x, scene);
   const std::size_t driven = x.wanted.shape(1);
   want(x.wanted.shape(0) == 3 && (driven == 0 || driven == std::size_t(scene.rows)), "wanted");
   want(driven == 0 || scene.method != Method::proximal, "method of driven rows");

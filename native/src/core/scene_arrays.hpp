@@ -33,6 +33,8 @@ struct SceneArrays : RowArrays
   Integers watched;
   List nominal_pivots;
   Table wanted; // (3, rows), or (3, 0) where no row is driven
+  List row_scales, move_scales, precision;
+  Integers idle;
 };
 
 /// All throw std::invalid_argument where something does not fit.

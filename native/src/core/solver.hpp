@@ -1,5 +1,6 @@
 // Solver: how a thread answers states of a scene.
 #pragma once
+#include "redundancy.hpp"
 #include "springs.hpp"
 
 namespace condyn
@@ -14,12 +15,10 @@ public:
 
   /// a, which is not finite where Python has to look.
   virtual const VectorXd & acceleration(const VectorXd & q, const VectorXd & v, const VectorXd & tau) = 0;
-  /// lam of the last acceleration.
-  virtual VectorXd scene_forces() const = 0;
+  /// lam of the last acceleration, the smallest.
+  virtual VectorXd scene_forces() = 0;
   /// What is left of the pivots of M that are watched: the least of their shares of the nominal ones.
   virtual double pivots_left() = 0;
-  /// Whether what stands for other rows is closed, so that it is exact.
-  virtual bool is_exact() const { return true; }
 
   /// Told where a motion begins, after contacts without an anchor have got one. `rank` is that of all rows
   /// at configurations that are not singular by accident.
@@ -34,8 +33,17 @@ public:
   SpringInertia springs; // on top of M, by integrators too
   Data data;
   int iterations = 0;
+  const Redundancy * left = nullptr; // what the last answer leaves out of the rows, if that is more than nothing
 
 protected:
+  /// Rows that are zero at every configuration carry nothing.
+  VectorXd without_idle(VectorXd lam) const
+  {
+    for (int i : scene.precision.idle)
+      lam[i] = 0.0;
+    return lam;
+  }
+
   double share_of_pivots(const Eigen::Ref<const VectorXd> & pivots) const
   {
     double left = 1.0;

@@ -1,0 +1,112 @@
+#include "redundancy.hpp"
+#include <cmath>
+
+namespace condyn
+{
+namespace
+{
+const double times_the_move = 2.0; // as in Python, and so are these
+const double small = 1e-8, turned_enough = 1e-10;
+const int turns = 30;
+} // namespace
+
+void Redundancy::at(const MatrixXd & J, const VectorXd & c)
+{
+  const int m = int(J.rows());
+  scaled_ = (plan_.R.asDiagonal() * J * plan_.D.asDiagonal()).transpose();
+  rows_.compute(scaled_, 0.0);
+  most_ = int(std::min(J.rows(), J.cols()));
+  gaps_.resize(m);
+  for (int i = 0; i < m; ++i)
+    gaps_[i] = plan_.R[rows_.order[i]] * c[rows_.order[i]];
+  const int usually = usual();
+  rank = usually ? usually : counted();
+  doubt = rank ? closing(rank).norm() / pivot(rank - 1) : 0.0;
+  N.resize(m, m - rank);
+  if (rank == m)
+    return;
+  const MatrixXd x = dependence();
+  combinations_.setZero(m, m - rank);
+  for (int i = 0; i < m; ++i)
+  {
+    const int row = rows_.order[i];
+    if (i < rank)
+      combinations_.row(row) = plan_.R[row] * x.row(i);
+    else
+      combinations_(row, i - rank) = plan_.R[row];
+  }
+  left_.compute(combinations_, 0.0);
+  N = left_.Q();
+}
+
+double Redundancy::rounding() const
+{
+  return std::max(plan_.share * pivot(0), plan_.least);
+}
+
+/// The rank at closed states, if no more rows count and so many are more than rounding; 0 if not.
+int Redundancy::usual() const
+{
+  const int k = plan_.floor;
+  if (!(0 < k && k < most_ && pivot(k - 1) > rounding()))
+    return 0;
+  return pivot(k) <= times_the_move * closing(k).norm() ? k : 0;
+}
+
+int Redundancy::counted() const
+{
+  int alive = 0;
+  while (pivot(alive) > rounding())
+    ++alive;
+  const VectorXd y = closing(alive);
+  double squared = 0;
+  for (int k = 0; k < alive; ++k)
+  {
+    squared += y[k] * y[k];
+    if (!(pivot(k) > times_the_move * std::sqrt(squared)))
+      return std::max(k, std::min(plan_.floor, alive));
+  }
+  return alive;
+}
+
+/// The move that closes k rows, along those of Q.
+VectorXd Redundancy::closing(int k) const
+{
+  VectorXd y(k);
+  for (int i = 0; i < k; ++i)
+    y[i] = (gaps_[i] - rows_.R().col(i).head(i).dot(y.head(i))) / pivot(i);
+  return y;
+}
+
+/// x (rank, m - rank) of the singular subspace [x; 1], by a fixed point:
+///
+///   T_11^T (T_11 x + T_12) = x (T_12^T (T_11 x + T_12) + T_22^T T_22)
+MatrixXd Redundancy::dependence() const
+{
+  const int m = int(gaps_.size()), k = rank, others = m - k;
+  if (!k)
+    return MatrixXd(0, others);
+  const MatrixXd T11 = rows_.R().topLeftCorner(k, k), T12 = rows_.R().block(0, k, k, others);
+  const auto upper = T11.triangularView<Eigen::Upper>();
+  const MatrixXd first = -upper.solve(T12);
+  if (!(k < most_ && pivot(k) > small * pivot(k - 1)))
+    return first;
+  const auto T22 = rows_.R().block(k, k, rows_.rank - k, others);
+  const MatrixXd H = T22.transpose() * T22;
+  MatrixXd x = first, turned = H;
+  double off = INFINITY;
+  for (int turn = 0; turn < turns; ++turn)
+  {
+    const MatrixXd u = T11.transpose().triangularView<Eigen::Lower>().solve(x * turned); // T_11 (x - x_0)
+    const MatrixXd better = first + upper.solve(u);
+    const double change = (better - x).cwiseAbs().maxCoeff();
+    if (!(change < off)) // values too close to tell subspaces apart
+      break;
+    x = better, off = change;
+    turned = H + T12.transpose() * u;
+    if (change < turned_enough)
+      break;
+  }
+  return x;
+}
+} // namespace condyn
