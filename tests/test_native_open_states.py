@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from needs_native import needs_native
 from overconstrained import machines, state_near
 
 import condyn_pin as cp
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.solution import Status
 
-pytestmark = needs_native
+pytestmark = pytest.mark.native
 
 STATES = 6
 NULL_SPACE = cp.dynamics.NullSpace()
@@ -108,11 +107,11 @@ def test_stages_of_a_step_are_those_of_python(name, drift):
     solver = None if name == "cassie" else NULL_SPACE
     q, v, tau = batch_near(scene, 0.0, 0.0, 2)
     how = {
-        "dt": 2e-3, "duration": 0.1, "integrator": cp.RungeKutta4(), "drift": drift,
+        "dt": 1e-3, "duration": 0.05, "integrator": cp.RungeKutta4(), "drift": drift,
         "solver": solver, "record": 10,
     }  # fmt: skip
-    wanted = cp.simulate_batch(scene, q, 0.3 * v, tau, **how)
-    found = cp.simulate_batch(scene, q, 0.3 * v, tau, **how, executor=cp.Native(threads=1))
+    wanted = cp.simulate_batch(scene, q, 0.05 * v, tau, **how)
+    found = cp.simulate_batch(scene, q, 0.05 * v, tau, **how, executor=cp.Native(threads=1))
     np.testing.assert_array_equal(found.statuses, wanted.statuses)
     assert wanted.ok
     assert_near(found.q, wanted.q, 1e-9, "q")

@@ -171,10 +171,10 @@ def of_solver(workspace: Workspace) -> dict[str, Any]:
 def of_precision(scene: Scene) -> dict[str, Any]:
     """Scales of rows and moves, and where rows are judged at the precision of a state."""
     nominal, is_judged = scene.nominal, scene.rows and scene.robot.precision > 0.0
-    every_row = Redundancy(np.ones(scene.rows), np.ones(scene.robot.nv), 0, 0.0)
+    every_row = Redundancy(np.ones(scene.rows), np.ones(scene.robot.nv), 0, 0.0, 1.0)
     by, gap = (nominal.redundancy, tolerances.OPEN) if is_judged else (every_row, inf)
-    rate = gap if nominal.dependent else inf
-    numbers = [by.floor, by.least, tolerances.REFERENCE_RANK, gap, rate, tolerances.DOUBT]
+    off = gap, gap if nominal.dependent else inf, tolerances.AJAR if is_judged else inf
+    numbers = [by.floor, by.least, tolerances.REFERENCE_RANK, *off, tolerances.DOUBT, by.size]
     return {
         "row_scales": np.ascontiguousarray(by.R),
         "move_scales": np.ascontiguousarray(by.D),

@@ -60,7 +60,7 @@ Answer Core::answer(Worker & own, const double * forces, double accuracy) const
   const Sizes s = own.proof(own.q, own.v, own.tau, a, own.lam, own.loads.get(), own.solver->left);
   const Verdict & verdict = scene_.verdict;
   const double bound = verdict.bound(s);
-  const bool clear = verdict.is_normalised(scene_.model, own.q) && s.doubt < scene_.precision.doubt
+  const bool clear = verdict.is_normalised(scene_.model, own.q) && s.changes < scene_.precision.doubt
                      && verdict.is_clear(s, bound, own.solver->pivots_left(), accuracy);
   return {a, own.lam, {s.dynamics, s.constraint, s.violation, s.velocity, bound}, clear, own.solver->iterations,
           seconds};

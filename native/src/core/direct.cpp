@@ -41,7 +41,8 @@ const VectorXd & Direct::answer(const VectorXd & q, const VectorXd & v, const Ve
   a_ = tau - pinocchio::nonLinearEffects(model, data, q, v);
   weigh(q);
   left = nullptr;
-  if (scene.precision.looks_independent && gap() > scene.precision.open ? factorise_kept(missing) : factorise())
+  const bool off = gap() > scene.precision.ajar || slip() > scene.precision.open;
+  if (scene.precision.looks_independent && off ? factorise_kept(missing) : factorise())
     lam_ = factors_.solve(a_, missing);
   else
     a_.setConstant(std::numeric_limits<double>::quiet_NaN()), lam_.setConstant(a_[0]);
@@ -77,7 +78,7 @@ const Redundancy & Direct::redundant_at(const VectorXd & q)
 {
   pinocchio::computeJointJacobians(model, data, q);
   write_jacobian(scene, data, moved_, J_);
-  redundancy_.at(J_, VectorXd::Zero(scene.rows));
+  redundancy_.at(J_, rows_.c);
   return redundancy_;
 }
 

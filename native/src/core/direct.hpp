@@ -30,7 +30,7 @@ public:
   double slip() const { return largest(rows_.velocity); }
   /// The acceleration at the last look.
   const VectorXd & answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau);
-  /// What is redundant at q if the loops are closed there.
+  /// What is redundant at the last look.
   const Redundancy & redundant_at(const VectorXd & q);
 
 private:

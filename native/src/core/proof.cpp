@@ -66,12 +66,12 @@ Proof::Proof(const Scene & scene)
     moved_.emplace_back(scene.model, k);
 }
 
-/// What is left out of the rows at the state that was evaluated, which is open by so much.
-const Redundancy & Proof::redundant(double violation)
+/// What is left out of the rows at the state that was evaluated.
+const Redundancy & Proof::redundant()
 {
   pinocchio::computeJointJacobians(scene_.model, data_);
   write_jacobian(scene_, data_, moved_, J_);
-  redundancy_.at(J_, violation > scene_.precision.open ? rows_.c : VectorXd(VectorXd::Zero(scene_.rows)));
+  redundancy_.at(J_, rows_.c);
   return redundancy_;
 }
 
@@ -84,11 +84,13 @@ Sizes Proof::operator()(
   if (scene_.kp != 0 || scene_.kd != 0)
     rows_.acceleration += scene_.kd * rows_.velocity + scene_.kp * rows_.c;
   const double violation = largest(rows_.c), velocity = largest(rows_.velocity);
-  const bool off = violation > scene_.precision.open || velocity > scene_.precision.moving;
-  if (off)
+  double changes = 0;
+  if (std::max(violation, velocity) > scene_.precision.open)
   {
-    left = left ? left : &redundant(violation);
-    left->leave_out_of(rows_.acceleration);
+    left = left ? left : &redundant();
+    changes = left->changes(v, a, rows_.velocity, scene_.verdict.gravity);
+    if (violation > scene_.precision.open || velocity > scene_.precision.moving)
+      left->leave_out_of(rows_.acceleration);
   }
   for (std::size_t i = 0; i < on_joint_.size(); ++i)
     on_joint_[i] = loads ? loads->on_joint[i] : Force::Zero();
@@ -96,6 +98,6 @@ Sizes Proof::operator()(
   add_wrenches(scene_, data_, lam, on_joint_, torque_);
   r_ = (newton_euler(scene_.model, data_, a, on_joint_) - tau - torque_).cwiseAbs();
   return {largest(r_), largest(a), violation, velocity, largest(rows_.acceleration), largest(lam),
-          scene_.weights.dot(r_), lean(scene_, data_), off ? left->doubt : 0.0};
+          scene_.weights.dot(r_), lean(scene_, data_), changes};
 }
 } // namespace condyn

@@ -26,7 +26,7 @@ public:
   const Data & data() const { return data_; }
 
 private:
-  const Redundancy & redundant(double violation);
+  const Redundancy & redundant();
 
   const Scene & scene_;
   Data data_;

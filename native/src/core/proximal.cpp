@@ -122,10 +122,13 @@ VectorXd Proximal::scene_forces()
   if (by_rows_)
     return direct_->scene_forces();
   VectorXd found = scene.to_scene.size() ? VectorXd(scene.to_scene * lam) : lam;
-  if (scene.precision.looks_independent && direct_->slip() > scene.precision.moving)
-  { // rows that contradict each other push without an end
-    left = &direct_->redundant_at(q_);
-    left->leave_out_of(found);
+  const bool moves = direct_ && direct_->slip() > scene.precision.moving;
+  // rows that contradict each other push without an end, and forces of points push against each other
+  if (scene.precision.looks_independent && (moves || scene.to_scene.size()))
+  {
+    const Redundancy & redundant = direct_->redundant_at(q_);
+    redundant.leave_out_of(found);
+    left = moves ? &redundant : nullptr;
   }
   return without_idle(found);
 }

@@ -6,6 +6,7 @@ namespace condyn
 namespace
 {
 const double times_the_move = 2.0; // as in Python, and so are these
+const double of_a_move = 1.4;
 const double small = 1e-8, turned_enough = 1e-10;
 const int turns = 30;
 } // namespace
@@ -21,7 +22,13 @@ void Redundancy::at(const MatrixXd & J, const VectorXd & c)
     gaps_[i] = plan_.R[rows_.order[i]] * c[rows_.order[i]];
   const int usually = usual();
   rank = usually ? usually : counted();
-  doubt = rank ? closing(rank).norm() / pivot(rank - 1) : 0.0;
+  const VectorXd y = closing(rank);
+  // what the kept rows leave open; where all are left out, all of the gap
+  VectorXd open = gaps_.tail(m - rank);
+  if (rank)
+    open -= rows_.R().block(0, rank, rank, m - rank).transpose() * y;
+  last_ = rank ? pivot(rank - 1) : 1.0;
+  doubt = std::max(y.norm(), open.norm()) / last_;
   N.resize(m, m - rank);
   if (rank == m)
     return;
@@ -37,6 +44,16 @@ void Redundancy::at(const MatrixXd & J, const VectorXd & c)
   }
   left_.compute(combinations_, 0.0);
   N = left_.Q();
+}
+
+/// The closing move dq changes J v by about |dq| |v|; what stops that and `rate` changes gamma, and that a.
+double Redundancy::changes(const VectorXd & v, const VectorXd & a, const VectorXd & rate, double gravity) const
+{
+  const double speed = v.cwiseQuotient(plan_.D).norm();
+  const double size = std::max(a.cwiseQuotient(plan_.D).norm(), gravity / plan_.size);
+  const double dv = of_a_move * doubt * speed + plan_.R.cwiseProduct(rate).norm() / last_;
+  const double change = 2.0 * of_a_move * speed * dv / last_;
+  return doubt + (size > 0 ? change / size : change);
 }
 
 double Redundancy::rounding() const

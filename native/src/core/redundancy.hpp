@@ -24,6 +24,9 @@ public:
   /// Finds them where rows are J, open by c.
   void at(const MatrixXd & J, const VectorXd & c);
 
+  /// Share of a that closing the loops and stopping J v changes, estimated by sizes.
+  double changes(const VectorXd & v, const VectorXd & a, const VectorXd & rate, double gravity) const;
+
   /// Rows (m, k) without the combinations that are left out.
   template<typename Rows>
   void leave_out_of(Rows & rows) const
@@ -33,7 +36,7 @@ public:
   }
 
   MatrixXd N; // orthonormal combinations (m, m - rank) of the rows as they are
-  double doubt = 0; // length of the closing move over the last pivot
+  double doubt = 0; // length of the closing move, or what it leaves open, over the last pivot
   int rank = 0; // rows that are kept
 
 private:
@@ -49,5 +52,6 @@ private:
   VectorXd gaps_; // P^T R c
   MatrixXd scaled_, combinations_;
   int most_ = 0; // rows that may be independent
+  double last_ = 1; // pivot that is kept
 };
 } // namespace condyn

@@ -65,7 +65,9 @@ struct Precision
   int floor = 0; // rank at closed states
   double least = 0, share = 0; // pivots that are rounding: below this, and below this share of the first
   double open = std::numeric_limits<double>::infinity(), moving = open; // |c| and |J v| of a state off its constraints
-  double doubt = open; // closing move over the last pivot, from which on a is not determined
+  double ajar = open; // |c| where rows are factorised anyway
+  double doubt = open; // share of a that closing the loops changes, from which on a is not determined
+  double size = 1; // usual, of a loop [m]
   bool looks_independent = false; // whether redundant rows look independent there
   std::vector<int> idle; // rows that are zero at every configuration
 };

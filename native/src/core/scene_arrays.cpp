@@ -108,9 +108,10 @@ Verdict verdict_of(const List & numbers)
 Precision precision_of(const SceneArrays & x, const Scene & scene)
 {
   want(int(x.row_scales.size()) == scene.rows && int(x.move_scales.size()) == scene.model.nv, "scales");
-  want(x.precision.size() == 7, "precision");
+  want(x.precision.size() == 9, "precision");
   const double * p = x.precision.data();
-  Precision found{vector(x.row_scales), vector(x.move_scales), int(p[0]), p[1], p[2], p[3], p[4], p[5], bool(p[6]), {}};
+  Precision found{vector(x.row_scales), vector(x.move_scales), int(p[0]), p[1], p[2], p[3], p[4], p[5], p[6], p[7],
+                  bool(p[8]), {}};
   found.idle.assign(x.idle.data(), x.idle.data() + x.idle.size());
   for (int i : found.idle)
     want(0 <= i && i < scene.rows, "idle rows");

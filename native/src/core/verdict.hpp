@@ -15,7 +15,7 @@ struct Sizes
 {
   double dynamics, a, violation, velocity, constraint, lam, weighted;
   double lean; // error of directions that are computed, over eps
-  double doubt; // closing move over the last pivot, of a state off its constraints
+  double changes; // share of a that closing the loops changes, of a state off its constraints
 };
 
 struct Verdict
