@@ -67,10 +67,15 @@ Proof::Proof(const Scene & scene)
 }
 
 /// What is left out of the rows at the state that was evaluated.
-const Redundancy & Proof::redundant()
+void Proof::place_rows()
 {
   pinocchio::computeJointJacobians(scene_.model, data_);
   write_jacobian(scene_, data_, moved_, J_);
+}
+
+const Redundancy & Proof::redundant()
+{
+  place_rows();
   redundancy_.at(J_, rows_.c);
   return redundancy_;
 }
@@ -87,8 +92,13 @@ Sizes Proof::operator()(
   double changes = 0;
   if (std::max(violation, velocity) > scene_.precision.open)
   {
-    left = left ? left : &redundant();
-    changes = left->changes(v, a, rows_.velocity, scene_.verdict.gravity);
+    if (left)
+      place_rows();
+    else
+      left = &redundant();
+    // |M^-1 x|_j <= w_j w.|x|, with the weights of the nominal state
+    const VectorXd pull = scene_.weights * scene_.weights.dot((J_.transpose() * lam).cwiseAbs());
+    changes = left->changes(v, a, pull, rows_.velocity, scene_.verdict.gravity);
     if (violation > scene_.precision.open || velocity > scene_.precision.moving)
       left->leave_out_of(rows_.acceleration);
   }

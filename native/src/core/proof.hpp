@@ -26,6 +26,7 @@ public:
   const Data & data() const { return data_; }
 
 private:
+  void place_rows(); // J at the last state that was looked at
   const Redundancy & redundant();
 
   const Scene & scene_;

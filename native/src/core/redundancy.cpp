@@ -1,11 +1,12 @@
 #include "redundancy.hpp"
+#include <algorithm>
 #include <cmath>
 
 namespace condyn
 {
 namespace
 {
-const double times_the_move = 2.0; // as in Python, and so are these
+const double times_the_move = 4.0; // as in Python, and so are these
 const double of_a_move = 1.4;
 const double small = 1e-8, turned_enough = 1e-10;
 const int turns = 30;
@@ -46,14 +47,25 @@ void Redundancy::at(const MatrixXd & J, const VectorXd & c)
   N = left_.Q();
 }
 
-/// The closing move dq changes J v by about |dq| |v|; what stops that and `rate` changes gamma, and that a.
-double Redundancy::changes(const VectorXd & v, const VectorXd & a, const VectorXd & rate, double gravity) const
+/// The closing move dq turns what J a and J^T lam are by |dq| over the last pivot, and changes J v by |dq| |v|; what
+/// stops that and `rate` changes gamma, and that a.
+double Redundancy::changes(
+  const VectorXd & v, const VectorXd & a, const VectorXd & pull, const VectorXd & rate, double gravity) const
 {
-  const double speed = v.cwiseQuotient(plan_.D).norm();
-  const double size = std::max(a.cwiseQuotient(plan_.D).norm(), gravity / plan_.size);
-  const double dv = of_a_move * doubt * speed + plan_.R.cwiseProduct(rate).norm() / last_;
-  const double change = 2.0 * of_a_move * speed * dv / last_;
-  return doubt + (size > 0 ? change / size : change);
+  const double dv = plan_.R.cwiseProduct(rate).norm() / last_;
+  const double moved = shared(doubt, v, a, pull.cwiseQuotient(plan_.D).norm(), dv, gravity);
+  const double rounded = shared(plan_.least / (last_ * last_), v, a, 0.0, 0.0, gravity);
+  return std::max({doubt, moved, rounded});
+}
+
+double Redundancy::shared(
+  double moved, const VectorXd & v, const VectorXd & a, double pull, double dv, double gravity) const
+{
+  const double speed = v.cwiseQuotient(plan_.D).norm(), of_a = a.cwiseQuotient(plan_.D).norm();
+  const double size = std::max(of_a, gravity / plan_.size);
+  dv += of_a_move * moved * speed;
+  const double change = of_a_move * (moved * (of_a + pull) + 2.0 * speed * dv / last_);
+  return size > 0 ? change / size : change;
 }
 
 double Redundancy::rounding() const
@@ -67,6 +79,8 @@ int Redundancy::usual() const
   const int k = plan_.floor;
   if (!(0 < k && k < most_ && pivot(k - 1) > rounding()))
     return 0;
+  if (pivot(k) <= rounding())
+    return k;
   return pivot(k) <= times_the_move * closing(k).norm() ? k : 0;
 }
 
@@ -97,7 +111,7 @@ VectorXd Redundancy::closing(int k) const
 
 /// x (rank, m - rank) of the singular subspace [x; 1], by a fixed point:
 ///
-///   T_11^T (T_11 x + T_12) = x (T_12^T (T_11 x + T_12) + T_22^T T_22)
+///   T_11^T (T_11 x + T_12) = x H,    H = T_12^T (T_11 x + T_12) + T_22^T T_22 = (1 + x_0^T x)^-1 T_22^T T_22
 MatrixXd Redundancy::dependence() const
 {
   const int m = int(gaps_.size()), k = rank, others = m - k;
@@ -109,18 +123,18 @@ MatrixXd Redundancy::dependence() const
   if (!(k < most_ && pivot(k) > small * pivot(k - 1)))
     return first;
   const auto T22 = rows_.R().block(k, k, rows_.rank - k, others);
-  const MatrixXd H = T22.transpose() * T22;
-  MatrixXd x = first, turned = H;
+  const MatrixXd H22 = T22.transpose() * T22, one = MatrixXd::Identity(others, others);
+  MatrixXd x = first;
   double off = INFINITY;
   for (int turn = 0; turn < turns; ++turn)
   {
-    const MatrixXd u = T11.transpose().triangularView<Eigen::Lower>().solve(x * turned); // T_11 (x - x_0)
+    const MatrixXd H = (one + first.transpose() * x).partialPivLu().solve(H22);
+    const MatrixXd u = T11.transpose().triangularView<Eigen::Lower>().solve(x * H); // T_11 (x - x_0)
     const MatrixXd better = first + upper.solve(u);
     const double change = (better - x).cwiseAbs().maxCoeff();
     if (!(change < off)) // values too close to tell subspaces apart
       break;
     x = better, off = change;
-    turned = H + T12.transpose() * u;
     if (change < turned_enough)
       break;
   }

@@ -1,9 +1,9 @@
 // Combinations of rows that say nothing new where the loops are closed, as `Redundancy` in Python.
 //
 // Beside closed loops they are rows of their own, as large as the gap. With moves and rows in radians and sizes of the
-// loops, k combinations count as long as pivots are larger than twice the move that closes the loops with them:
+// loops, k combinations count as long as pivots are larger than four times the move that closes the loops:
 //
-//   (R J D)^T P = Q T,    y = T^-T P^T R c,    T_kk > 2 |y_1..k|
+//   (R J D)^T P = Q T,    y = T^-T P^T R c,    T_kk > 4 |y_1..k|
 //
 // and never fewer than at closed states. The others are the singular subspace N of R J D, and are left out:
 //
@@ -25,7 +25,8 @@ public:
   void at(const MatrixXd & J, const VectorXd & c);
 
   /// Share of a that closing the loops and stopping J v changes, estimated by sizes.
-  double changes(const VectorXd & v, const VectorXd & a, const VectorXd & rate, double gravity) const;
+  double changes(const VectorXd & v, const VectorXd & a, const VectorXd & pull, const VectorXd & rate,
+                 double gravity) const;
 
   /// Rows (m, k) without the combinations that are left out.
   template<typename Rows>
@@ -41,6 +42,7 @@ public:
 
 private:
   double pivot(int k) const { return k < rows_.rank ? rows_.R()(k, k) : 0.0; }
+  double shared(double moved, const VectorXd & v, const VectorXd & a, double pull, double dv, double gravity) const;
   double rounding() const;
   int usual() const;
   int counted() const;
