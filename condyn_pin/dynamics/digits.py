@@ -41,10 +41,6 @@ from condyn_pin.constraints.rows.redundancy import (
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
 
-# Share of the largest singular value in the metric of M below which none may be small in the scaled
-# units: light bodies make them differ by tens.
-_LOOK: Final = 0.1
-
 # States, how far they are from each other [rad, l], how often that is halved where the loops do not
 # close, and Newton's steps that close them.
 _STATES, _MOVED, _HALVINGS, _NEWTON_STEPS = 5, 0.15, 3, 12
@@ -102,11 +98,6 @@ class _Walked(NamedTuple):
     c: Array
     J: Array
     S: Array
-
-
-def may_be_rounded(S: Array) -> bool:
-    """Singular values in the metric of M among which digits may have made one up."""
-    return rank_of(S, _LOOK) < rank_of(S, tolerances.REFERENCE_RANK)
 
 
 def digits_at(scene: Scene, rows: Equations, q: Array, *, J: Array | None = None) -> Digits | None:

@@ -33,7 +33,6 @@ from condyn_pin.constraints.rows.pinocchio_constraints import (
 )
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.dynamics.digits import Digits, digits_at, may_be_rounded
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.residuals import ErrorEstimator
 from condyn_pin.errors import (
@@ -44,6 +43,7 @@ from condyn_pin.errors import (
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
 if TYPE_CHECKING:
+    from condyn_pin.dynamics.digits import Digits
     from condyn_pin.dynamics.nominal_states import NominalState
     from condyn_pin.dynamics.scene import Scene
     from condyn_pin.dynamics.solvers.base import Solver
@@ -55,6 +55,10 @@ _APART = 1e-3
 # Where M is singular at the nominal state: how far others are from it [rad, m], and how many.
 _AWAY = 0.5
 _TRIES = 10
+
+# Share of the largest singular value in the metric of M above which none is small in scaled units,
+# as digits of a file make them: light bodies make the two differ by tens.
+_CLEAR = 0.1
 
 _OF = "_at_any_time"  # where a scene at a time has the one that it is at all times
 _DIGITS = "_digits"  # where a scene has what the digits of its file make up, once that is known
@@ -76,6 +80,8 @@ def look_at_digits(
     scene: Scene, rows: Equations, q: Array, J: Array | None = None
 ) -> Digits | None:
     """Look once at what digits of the file make up in a scene, at a state of it (`digits_at`)."""
+    from condyn_pin.dynamics.digits import digits_at  # most scenes have clear values
+
     known = vars(at_any_time(scene).bilateral)
     if _DIGITS not in known:
         known[_DIGITS] = digits_at(scene, rows, q, J=J)
@@ -137,7 +143,7 @@ class NominalAnalysis:
         M, h, J, gamma = equations.parts(self.q, np.zeros(robot.nv))
         self.terms = Terms(M, h, more_than(least_of(P), J), gamma, equations.a_ref())
         factors = factorise_rows(mass, self.terms.J, tolerances.RANK)
-        if self.closed and may_be_rounded(factors.S):
+        if self.closed and _may_be_rounded(factors.S):
             look_at_digits(scene, equations, self.q, self.terms.J)
         self.digits = digits_of(scene)
         if rounded := self.rounded_file:
@@ -350,6 +356,12 @@ def _mass_factor(robot: Robot, q: Array, M: Array) -> MassFactor:
     if found is None or not np.array_equal(found.M, M):
         found = known["_mass_factor"] = factorise_mass(M, why=singular_mass(robot.model, q))
     return found
+
+
+def _may_be_rounded(S: Array) -> bool:
+    """Singular values in the metric of M among which digits of a file may have made one up."""
+    shares = S / S.max(initial=1e-300)
+    return bool(((shares > tolerances.REFERENCE_RANK) & (shares <= _CLEAR)).any())
 
 
 def _idle_rows(equations: Equations, q: Array, P: Array) -> tuple[NDArray[np.bool_], bool]:
