@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -20,7 +21,6 @@ from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Load, Loads
 from condyn_pin.constraints.rows.cancellation import ROUNDED
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
 from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.constraints.violation import ConstraintViolation, gap_of, velocity_of
 from condyn_pin.dynamics.nominal import digits_of
@@ -28,6 +28,9 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene, check_time
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.soundness import singular_mass
+
+if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
 
 # Steps by which loops are closed: from 1e-2 rad three end at rounding.
 _STEPS = 8

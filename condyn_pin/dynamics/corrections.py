@@ -39,11 +39,11 @@ from condyn_pin._core import _pin, tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.mass_factor import lapack
 from condyn_pin._core.quietly import quietly
-from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.redundancy import Redundancy
     from condyn_pin.dynamics.workspace import Workspace
 
 # Squares of violations [m] and velocities [m/s] from which on a loop counts as open.

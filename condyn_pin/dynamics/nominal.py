@@ -31,7 +31,6 @@ from condyn_pin.constraints.rows.pinocchio_constraints import (
     PinocchioConstraints,
     pinocchio_constraints,
 )
-from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.residuals import ErrorEstimator
@@ -43,6 +42,7 @@ from condyn_pin.errors import (
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.redundancy import Redundancy
     from condyn_pin.dynamics.digits import Digits
     from condyn_pin.dynamics.nominal_states import NominalState
     from condyn_pin.dynamics.scene import Scene
@@ -195,6 +195,8 @@ class NominalAnalysis:
     @one_blas_thread
     def redundancy(self) -> Redundancy:
         """Redundancy of the rows, for states that leave the loops open."""
+        from condyn_pin.constraints.rows.redundancy import Redundancy  # closed loops need none
+
         if self.rounded_file:
             return self.rounded_file
         rows = Equations(self._scene.robot.unedited, self._scene.bounds)

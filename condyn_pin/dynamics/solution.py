@@ -15,11 +15,11 @@ from condyn_pin._core.arguments import State
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.applied_force import AppliedForce
-from condyn_pin.constraints.rows.redundancy import LeftOut
 from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.dynamics.residuals import Residuals
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.redundancy import LeftOut
     from condyn_pin.dynamics.scene import Scene
 
 

@@ -15,7 +15,6 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.constraints.loads import Load
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.redundancy import LeftOut
 from condyn_pin.constraints.rows.terms import largest_torque
 from condyn_pin.constraints.violation import ConstraintViolation, worst
 from condyn_pin.dynamics.at_state import changed_by_closing, gaps
@@ -26,6 +25,7 @@ from condyn_pin.errors import InvalidModel, SolveFailed
 from condyn_pin.model.soundness import massless_motion
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.redundancy import LeftOut
     from condyn_pin.dynamics.workspace import Workspace
 
 _OK = Status.OK

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -22,7 +22,9 @@ from condyn_pin.constraints.rows.any_bound import AnyBound, OnFrames
 from condyn_pin.constraints.rows.cancellation import Cancellation, least_of, more_than
 from condyn_pin.constraints.rows.groups import Groups
 from condyn_pin.constraints.rows.point_ends import PointEnds
-from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
+
+if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
 
 # bound once: they are called for every answer, whose proof is to cost little more than they do
 _forward_kinematics, _joint_jacobians = pin.forwardKinematics, pin.computeJointJacobians
