@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -57,7 +58,8 @@ def test_every_method_is_pulled_the_same_way(label):
 
 def test_rows_are_the_damped_spring():
     """J a + gamma = -2 alpha J v - beta^2 c, row by row, far from closed."""
-    scene = cp.Scene(robot("four_bar"), [cp.Loop("coupler_tip", "rocker_tip", "planar", axis="y")])
+    word = replace(robot("four_bar"), precision=0.0)
+    scene = cp.Scene(word, [cp.Loop("coupler_tip", "rocker_tip", "planar", axis="y")])
     q, v, tau = np.random.default_rng(1).normal(size=(3, 3))
     workspace = cp.Workspace(scene, drift=PULLED)
     solution = workspace.solve(q, v, tau)
