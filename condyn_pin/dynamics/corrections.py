@@ -29,13 +29,14 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, cached_property
+from functools import cache, cached_property, partial
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import _pin, tolerances
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.mass_factor import lapack
 from condyn_pin._core.quietly import quietly
@@ -167,17 +168,6 @@ class _Open(NamedTuple):
     mu: float  # that the factor has on the diagonal of G [1/kg]
 
 
-def _complement(N: Array) -> Array:
-    """Orthonormal complement (m, m - k) of orthonormal columns (m, k)."""
-    m, k = N.shape
-    if not k:
-        return np.eye(m)
-    packed, tau, _, _ = lapack().dgeqrf(N, m)
-    Z = np.zeros((m, m), order="F")
-    Z[:, :k] = packed
-    return np.asarray(lapack().dorgqr(Z, tau, m, 1)[0][:, k:])
-
-
 class OpenRows:
     """The rows that are kept at open states, solved by the factor of `pin.constraintDynamics`.
 
@@ -202,7 +192,10 @@ class OpenRows:
         models, datas = workspace.constraint_models, workspace.constraint_datas
         self._workspace, self._nominal = workspace, nominal
         self._data, self._cholesky = workspace.data, _pin.constraint_cholesky(workspace.data)
-        self._jacobian = _pin.constraints_jacobian(workspace.model, workspace.data, models, datas)
+        # `constraintDynamics` has just placed the constraints
+        self._jacobian = partial(
+            pin.getConstraintsJacobian, workspace.model, workspace.data, models, datas
+        )
         self.gaps: list[tuple[Callable[[Array], float], Array]] = []
         self._moving: list[Array] = []
         self._c: list[Array] = []
@@ -249,7 +242,7 @@ class OpenRows:
         m = self._m
         J, c, U = self._jacobian(), np.concatenate(self._c), self._U
         if U is None:
-            U = _complement(self._of_natives.left_out(J, c).N)
+            U = self._of_natives.kept_basis(J, c)
             self._U = U if self._held else None
         G = self._cholesky.getInverseOperationalSpaceInertiaMatrix()
         G.flat[:: m + 1] -= mu

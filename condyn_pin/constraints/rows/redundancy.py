@@ -182,6 +182,10 @@ class Redundancy:
         """Combinations of rows that are left out where the rows are J (m, nv), open by c (m,)."""
         return _Pivoted(self, J, c, rank).left_out
 
+    def kept_basis(self, J: Array, c: Array) -> Array:
+        """Orthonormal combinations of rows that are kept, U (m, rank) with U U^T = 1 - N N^T."""
+        return _Pivoted(self, J, c).kept_basis
+
     def at(self, rows: ConstraintRows, q: Array) -> LeftOut:
         """Combinations of rows that are left out at q.
 
@@ -291,13 +295,21 @@ class _Pivoted:
         self._gaps = (of.R * c)[self._order]
         if rank is None and self.by_digits:
             rank = of.digits
-        k = self._usual or self._counted if rank is None else min(rank, self._alive)
-        self.rank = k
-        self._y = self._closes(k)
-        self.pivot = abs(float(T.item(k - 1, k - 1))) if k else 1.0
+        self.rank = self._usual or self._counted if rank is None else min(rank, self._alive)
+
+    @property
+    def pivot(self) -> float:
+        """The last pivot that is kept."""
+        k = self.rank
+        return abs(float(self._T.item(k - 1, k - 1))) if k else 1.0
+
+    @property
+    def doubt(self) -> float:
+        """Length of the closing move over the last pivot."""
+        k, y = self.rank, self._closes(self.rank)
         # what the kept rows leave open; where all are left out, all of the gap
-        left = self._gaps[k:] - self._y.dot(T[:k, k:])
-        self.doubt = float(np.sqrt(max(self._y.dot(self._y), left.dot(left)))) / self.pivot
+        left = self._gaps[k:] - y.dot(self._T[:k, k:])
+        return float(np.sqrt(max(y.dot(y), left.dot(left)))) / self.pivot
 
     @property
     def by_digits(self) -> bool:
@@ -350,12 +362,28 @@ class _Pivoted:
         m, k = self._m, self.rank
         if k == m:
             return LeftOut(np.zeros((m, 0)), k, self.doubt, self.pivot)
+        packed, tau, _, _ = self._lapack.dgeqrf(self._combinations, m, 1)
+        return LeftOut(self._lapack.dorgqr(packed, tau, m, 1)[0], k, self.doubt, self.pivot)
+
+    @property
+    def kept_basis(self) -> Array:
+        """Orthonormal combinations of rows that are kept, U (m, rank)."""
+        m, k = self._m, self.rank
+        if k == m:
+            return np.eye(m)
+        Q = np.zeros((m, m), order="F")
+        Q[:, : m - k], tau, _, _ = self._lapack.dgeqrf(self._combinations, m, 1)
+        return self._lapack.dorgqr(Q, tau, m, 1)[0][:, m - k :]  # type: ignore[no-any-return]
+
+    @property
+    def _combinations(self) -> Array:
+        """R P [x; 1] (m, m - rank): combinations that are left out, of the rows as they are."""
+        m, k = self._m, self.rank
         Z = np.empty((m, m - k), order="F")
         Z[:k], Z[k:] = self._dependence, _unit(m - k)
         Z[self._order] = Z.copy()
         Z *= self._of.R[:, None]
-        packed, tau, _, _ = self._lapack.dgeqrf(Z, m, 1)
-        return LeftOut(self._lapack.dorgqr(packed, tau, m, 1)[0], k, self.doubt, self.pivot)
+        return Z
 
     @property
     def _dependence(self) -> Array:
@@ -388,7 +416,7 @@ class _Pivoted:
     def closing_move(self) -> Array:
         """Dq (nv,) = -D Q_1 y."""
         x = np.zeros(len(self._of.D))
-        x[: self.rank] = -self._y
+        x[: self.rank] = -self._closes(self.rank)
         return self._of.D * self._turned(x)
 
     def free_move(self, x: Array, size: float) -> Array:
