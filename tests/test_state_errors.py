@@ -288,3 +288,19 @@ def test_hot_loops_keep_their_method_where_loops_are_open():
             a = workspace.acceleration(q + np.array([gap, 0.0, 0.0]), v, tau)
             assert "equations" not in vars(workspace)  # nothing but Pinocchio's own terms
             assert off(a, right) < 1e2 * gap
+
+
+def test_a_velocity_that_decides_a_beside_a_dead_point_is_named():
+    """Beside a flat parallelogram the error of J v is divided by the last pivot."""
+    linkage = cp.load_robot("parallelogram")
+    scene = cp.Scene(linkage, linkage.loops)
+    lean = 1e-3 * np.array([1.0, -1.0, 1.0])
+    q = linkage.postures["flat"] + lean  # the sides stay parallel: closed
+    assert np.abs(cp.Workspace(scene).violation(q)).max() < 1e-12
+    v = cp.mechanism.project_velocity(scene, q, np.array([1.0, -1.0, 1.0]))
+    found = cp.solve(scene, q, v + np.array([0.0, 0.1, 0.0]), np.zeros(3), throw=False)
+    assert found.status is cp.Status.INACCURATE
+    assert found.doubt < 1e-6  # the loops are closed
+    assert any("project_velocity" in notice for notice in found.notices)
+    with pytest.raises(cp.SolveFailed, match="none belongs to this state"):
+        cp.solve(scene, q, v + np.array([0.0, 0.1, 0.0]), np.zeros(3))

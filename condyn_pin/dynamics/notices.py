@@ -9,7 +9,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.violation import worst
-from condyn_pin.dynamics.at_state import equations_of, gaps
+from condyn_pin.dynamics.at_state import equations_of, gaps, left_out_at
 from condyn_pin.dynamics.force import Sites, pulling
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.errors import InvalidArgument, InvalidModel
@@ -35,7 +35,7 @@ def _wrong_forces(solution: Solution) -> tuple[str, ...]:
     """Return that it is the forces which keep an answer from being ok."""
     if solution.status is not Status.INACCURATE or not solution.error_bound <= tolerances.SOLVED:
         return ()
-    if solution.doubt >= tolerances.DOUBT:
+    if undetermined(solution):
         return ()
     return (
         f"a is right to {solution.error_bound:.1e}, the forces are not: the equation of a joint is "
@@ -44,16 +44,44 @@ def _wrong_forces(solution: Solution) -> tuple[str, ...]:
     )
 
 
+def undetermined(solution: Solution) -> str:
+    """Why no acceleration belongs to the state at its precision; empty where one does."""
+    scene, doubt, off = solution.scene, solution.doubt, solution.state_error
+    if solution.status is not Status.INACCURATE or not scene.robot.precision or not scene.rows:
+        return ""
+    if doubt >= tolerances.DOUBT:
+        name, gap = worst(gaps(scene, equations_of(scene).violation(solution.q)))
+        return (
+            f"closing the loops ({gap} at {name}) leads {doubt:.2g} of the way to a singular "
+            "posture: no a belongs to this state at its precision; Scene.assemble(q) closes them"
+        )
+    if max(off) <= tolerances.OPEN or not solution.error_bound < tolerances.DOUBT / 10:
+        return ""
+    nominal, v, a = scene.nominal, solution.v, solution.a
+    left = left_out_at(scene, solution.q)
+    if nominal.redundancy.blurred(left, v, a, nominal.gravity) >= tolerances.DOUBT:
+        return (
+            "the posture is so near to a singular one that rounding of q decides a off the "
+            "constraints; Scene.assemble and mechanism.project_velocity put the state onto them"
+        )
+    size = max(float(np.abs(a).max()), nominal.gravity)
+    change = float(np.abs(a - solution.closed().a).max())
+    if change < tolerances.DOUBT * size:
+        return ""
+    return (
+        f"on the constraints, {np.abs(off.q).max():.2g} rad or m and {np.abs(off.v).max():.2g} "
+        f"rad/s or m/s away, a differs by {change / size:.2g} of itself: none belongs to this "
+        "state at its precision; Scene.assemble and mechanism.project_velocity put it there"
+    )
+
+
 def off_the_constraints(solution: Solution) -> tuple[str, ...]:
     """Notice of a state that leaves loops open, or whose velocity contradicts the rows."""
     scene, doubt, rest = solution.scene, solution.doubt, solution.rest
+    if why := undetermined(solution):
+        return (why,)
     is_open = solution.state_error.position > tolerances.OPEN
     gap = worst(gaps(scene, equations_of(scene).violation(solution.q))) if is_open else None
-    if gap and doubt >= tolerances.DOUBT:
-        return (
-            f"closing the loops ({gap[1]} at {gap[0]}) leads {doubt:.2g} of the way to a singular "
-            "posture: no a belongs to this state at its precision; Scene.assemble(q) closes them",
-        )
     missed = ", ".join(f"{row} by {abs(by):.2g}" for row, by in rest.items())
     if gap and (doubt >= _NOTICED or missed):
         joint, by = _largest(scene.robot.model, solution.state_error.q)
@@ -95,7 +123,7 @@ def _doubts(solution: Solution, off: tuple[str, ...]) -> tuple[str, ...]:
     # of contradicting rows the best a is still unique, and may be ok
     missed = max(map(abs, solution.rest.values()), default=0.0)
     unmet = max(solution.constraint_error, missed) > tolerances.SOLVED * scale
-    explained = bool(off) and (ok or solution.doubt >= tolerances.DOUBT)
+    explained = bool(off) and (ok or bool(undetermined(solution)))
     try:
         at = scene.rank(solution.q)
     except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of

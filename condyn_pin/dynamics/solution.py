@@ -223,7 +223,7 @@ class Solution:
         loops.
         From 0.1 on a is not determined at the precision of the state.
         """
-        return self._kept.doubt
+        return self._kept.doubt if self.scene.robot.precision else 0.0
 
     @cached_property
     def _kept(self) -> LeftOut:

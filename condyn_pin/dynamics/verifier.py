@@ -212,10 +212,11 @@ def failure(workspace: Workspace, solution: Solution, enough: float | None = Non
     found = gaps(workspace.scene, workspace.equations.violation(solution.q))
     gap = worst(found)[1] if found else ConstraintViolation(0.0, 0.0)
     reason = massless_motion(workspace.model, solution.q, data=workspace.data)
-    if not reason and solution.status is Status.INACCURATE and solution.doubt >= tolerances.DOUBT:
-        from condyn_pin.dynamics.notices import off_the_constraints  # most answers are ok
+    if not reason and solution.status is Status.INACCURATE:
+        from condyn_pin.dynamics.notices import undetermined  # most answers are ok
 
-        reason = f"inaccurate: {off_the_constraints(solution)[0]}"
+        why = undetermined(solution)
+        reason = f"inaccurate: {why}" if why else ""
     reason = reason or solution.status.text(
         workspace.scene.rows, _cures(workspace, solution.status, enough)
     )
