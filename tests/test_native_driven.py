@@ -324,6 +324,7 @@ def test_where_driven_rows_are_has_a_number_for_each_row(shape):
     parts = {
         **arrays.of_model(workspace.model), **arrays.of_springs(workspace.scene.robot),
         **arrays.of_constraints(workspace), **arrays.of_solver(workspace),
+        **arrays.of_precision(workspace.scene),
     }  # fmt: skip
     compiled().Core(**parts)
     with pytest.raises(ValueError, match="wanted does not fit"):

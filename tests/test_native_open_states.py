@@ -54,10 +54,9 @@ def test_answers_and_statuses_are_those_of_python(name, solver, noise):
     np.testing.assert_array_equal(found.statuses, wanted.statuses)
     assert_near(found.a, wanted.a, 1e-10, "a")
     assert_near(found.lam, wanted.lam, 1e-9, "lam")
-    left = left_to_python(scene, states, solver)
-    ok = tuple(Status).index(Status.OK)
-    if noise <= 1e-4:
-        assert not (wanted.statuses[left] == ok).any()
+    if noise <= 1e-7:  # where it is larger, what closing changes may have to be computed
+        left = left_to_python(scene, states, solver)
+        assert not (wanted.statuses[left] == tuple(Status).index(Status.OK)).any()
 
 
 @pytest.mark.parametrize("name", ["cassie", "bennett", "four_bar, ball"])

@@ -286,7 +286,7 @@ def test_numbers_that_do_not_fit_are_refused_at_the_border() -> None:
     workspace = cp.Workspace(sprung(all_scenes()["four_bar loops"]))
     rest = {
         **arrays.of_model(workspace.model), **arrays.of_constraints(workspace),
-        **arrays.of_solver(workspace),
+        **arrays.of_solver(workspace), **arrays.of_precision(workspace.scene),
     }  # fmt: skip
     springs = arrays.of_springs(workspace.scene.robot)
     compiled().Core(**rest, **springs)

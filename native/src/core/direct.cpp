@@ -35,6 +35,14 @@ void Direct::look(const VectorXd & q, const VectorXd & v)
   rows_.evaluate(scene, data, q, v, zero_);
 }
 
+double Direct::widest_squared() const
+{
+  double widest = 0;
+  for (const auto & k : scene.constraints)
+    widest = std::max(widest, rows_.c.segment(k.first, k.size).squaredNorm());
+  return widest;
+}
+
 const VectorXd & Direct::answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau)
 {
   VectorXd missing = -(rows_.acceleration + scene.kd * rows_.velocity + scene.kp * rows_.c);

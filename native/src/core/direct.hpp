@@ -28,6 +28,8 @@ public:
   /// |c| and |J v| of the last look.
   double gap() const { return largest(rows_.c); }
   double slip() const { return largest(rows_.velocity); }
+  /// |c|^2 of the constraint that is open widest.
+  double widest_squared() const;
   /// The acceleration at the last look.
   const VectorXd & answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau);
   /// What is redundant at the last look.

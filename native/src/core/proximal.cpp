@@ -33,15 +33,22 @@ Proximal::Proximal(const Scene & scene)
 const VectorXd & Proximal::acceleration(const VectorXd & q, const VectorXd & v, const VectorXd & tau)
 {
   left = nullptr;
-  by_rows_ = direct_ && is_off(q, v);
-  if (by_rows_)
+  if (direct_)
+    q_ = q;
+  if (by_rows_) // one state off the constraints often follows another
   {
-    direct_->model.armature = model.armature, direct_->springs = springs;
-    const VectorXd & a = direct_->answer(q, v, tau);
-    left = direct_->left, iterations = direct_->iterations;
-    return a;
+    direct_->look(q, v);
+    by_rows_ = direct_->widest_squared() > scene.open_squared
+               || (approximates_ && direct_->slip() > std::sqrt(scene.open_squared));
+    if (by_rows_)
+      return by_rows(q, v, tau);
   }
   answer(q, v, tau);
+  if (direct_ && is_off())
+  {
+    direct_->look(q, v);
+    return by_rows(q, v, tau);
+  }
   if (!springs.w.size())
     return data.ddq;
   const MatrixXd & U = springs.U;
@@ -52,12 +59,13 @@ const VectorXd & Proximal::acceleration(const VectorXd & q, const VectorXd & v, 
   return data.ddq;
 }
 
-/// Whether redundant rows may look independent, or what stands for other rows is not exact.
-bool Proximal::is_off(const VectorXd & q, const VectorXd & v)
+const VectorXd & Proximal::by_rows(const VectorXd & q, const VectorXd & v, const VectorXd & tau)
 {
-  const double open = std::sqrt(scene.open_squared);
-  direct_->look(q, v), q_ = q;
-  return direct_->gap() > open || (approximates_ && direct_->slip() > open);
+  by_rows_ = true;
+  direct_->model.armature = model.armature, direct_->springs = springs;
+  const VectorXd & a = direct_->answer(q, v, tau);
+  left = direct_->left, iterations = direct_->iterations;
+  return a;
 }
 
 void Proximal::answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau)
@@ -122,13 +130,10 @@ VectorXd Proximal::scene_forces()
   if (by_rows_)
     return direct_->scene_forces();
   VectorXd found = scene.to_scene.size() ? VectorXd(scene.to_scene * lam) : lam;
-  const bool moves = direct_ && direct_->slip() > scene.precision.moving;
-  // rows that contradict each other push without an end, and forces of points push against each other
-  if (scene.precision.looks_independent && (moves || scene.to_scene.size()))
+  if (scene.precision.looks_independent && moves()) // rows that contradict each other push without an end
   {
-    const Redundancy & redundant = direct_->redundant_at(q_);
-    redundant.leave_out_of(found);
-    left = moves ? &redundant : nullptr;
+    left = &direct_->redundant_at(q_);
+    left->leave_out_of(found);
   }
   return without_idle(found);
 }
@@ -174,5 +179,31 @@ double Proximal::pivots_left()
     return direct_->pivots_left();
   // M is the last block of a matrix U D U^T: the last entries of D are its pivots
   return share_of_pivots(data.constraint_chol.D.tail(model.nv));
+}
+
+/// Whether loops are open, or what stands for other rows is not exact.
+bool Proximal::is_off() const
+{
+  for (std::size_t k = 0; k < constraints.size(); ++k)
+  {
+    const auto & spec = scene.plain_specs[k];
+    if (!spec.approximates && !scene.precision.looks_independent)
+      continue;
+    const auto & d = datas[k];
+    if (spec.anchored && d.contact_placement_error.toVector().head(spec.rows).squaredNorm() > scene.open_squared)
+      return true;
+    if (spec.approximates && d.contact_velocity_error.toVector().head(spec.rows).squaredNorm() > scene.open_squared)
+      return true;
+  }
+  return false;
+}
+
+/// Whether J v is not zero.
+bool Proximal::moves() const
+{
+  for (std::size_t k = 0; k < constraints.size(); ++k)
+    if (datas[k].contact_velocity_error.toVector().head(scene.plain_specs[k].rows).squaredNorm() > scene.open_squared)
+      return true;
+  return false;
 }
 } // namespace condyn

@@ -31,7 +31,9 @@ public:
   bool close(const VectorXd & q, const VectorXd & v, VectorXd & dq, VectorXd & dv) override;
 
 private:
-  bool is_off(const VectorXd & q, const VectorXd & v);
+  bool is_off() const;
+  bool moves() const;
+  const VectorXd & by_rows(const VectorXd & q, const VectorXd & v, const VectorXd & tau);
   void answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau);
   std::optional<pinocchio::ProximalSettings> better();
   MatrixXd freed(const MatrixXd & forces);
@@ -43,7 +45,7 @@ private:
   std::unique_ptr<Direct> direct_; // where some states are not Pinocchio's
   bool by_rows_ = false; // whether the last one was not
   bool approximates_ = false; // whether some rows stand for others
-  VectorXd q_; // of the last one, where `direct_` looks
+  VectorXd q_; // of the last one
 
   pinocchio::ProximalSettings settings_;
   double mu_; // of the factor in `data`
