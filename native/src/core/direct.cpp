@@ -86,7 +86,7 @@ const Redundancy & Direct::redundant_at(const VectorXd & q)
 {
   pinocchio::computeJointJacobians(model, data, q);
   write_jacobian(scene, data, moved_, J_);
-  redundancy_.at(J_, rows_.c);
+  redundancy_.at(J_, VectorXd::Zero(scene.rows));
   return redundancy_;
 }
 

@@ -32,7 +32,7 @@ public:
   double widest_squared() const;
   /// The acceleration at the last look.
   const VectorXd & answer(const VectorXd & q, const VectorXd & v, const VectorXd & tau);
-  /// What is redundant at the last look.
+  /// What is redundant at q, where loops are closed.
   const Redundancy & redundant_at(const VectorXd & q);
 
 private:
