@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -54,7 +55,7 @@ def test_corners_are_on_the_edge_of_the_surface():
 @pytest.mark.parametrize("distance", [0.0, 0.03])
 def test_an_anchored_contact_reports_its_distance(distance):
     """The one without an anchor belongs where it is."""
-    solo = robot("solo12")
+    solo = replace(robot("solo12"), precision=0.0)  # what is far from closed is not doubted
     q, v = solo.postures["standing"], np.zeros(solo.nv)
     joint, placement = solo.frame("FL_FOOT")
     data = solo.model.createData()

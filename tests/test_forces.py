@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import pickle
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -160,7 +161,7 @@ def test_newtons_third_law(kind, order):
 
 
 def test_a_ball_that_is_open_acts_at_each_bodys_own_point():
-    made = two_boxes()
+    made = replace(two_boxes(), precision=0.0)  # wide open: the rows at their word
     scene = cp.Scene(made, [cp.Loop("one_corner", "two_corner", name="it")])
     q = pin.neutral(made.model)
     force = cp.solve(scene, q, *np.random.default_rng(0).normal(size=(2, 12))).forces["it"]

@@ -118,7 +118,7 @@ def test_of_equally_damped_joints_the_first_is_named():
         system = SimpleNamespace(
             model=None,
             mass=lambda q, M=M: M,
-            equations=SimpleNamespace(jacobian=lambda q: np.zeros((0, 4))),
+            equations=SimpleNamespace(consistent_jacobian=lambda q: np.zeros((0, 4))),
             scene=SimpleNamespace(rows=0),
             passive=passive,
         )

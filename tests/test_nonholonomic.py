@@ -6,6 +6,7 @@ import copy
 import dataclasses
 import functools
 import pickle
+from dataclasses import replace
 
 import hypothesis.strategies as some
 import numpy as np
@@ -339,6 +340,8 @@ def test_every_solver_agrees_with_reference_or_refuses_by_name(label, on, solver
         ):
             cp.Workspace(scene, solver)
         return
+    if not on:  # a velocity that the rows forbid belongs to no motion: the rows at their word
+        scene = replace(scene, robot=replace(scene.robot, precision=0.0))
     workspace, truth = cp.Workspace(scene, solver), cp.Workspace(scene, cp.dynamics.Reference())
     for state in states(scene, 3, on=on):
         found = workspace.solve(*state, throw=False)

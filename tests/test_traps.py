@@ -410,7 +410,7 @@ def test_trap_11_an_anchored_contact_reports_its_distance():
     at = cp.Workspace(scene("solo")).equations.placements(q)[0][0]
     anchor = at.translation + np.array([0.03, 0.0, -0.04])
     anchored = cp.Scene(solo, [cp.PointContact("FL_FOOT", anchor=anchor)])
-    solution = cp.solve(anchored, q, v, v)
+    solution = cp.solve(anchored, q, v, v, throw=False)  # 5 cm away: in doubt
     c = cp.Workspace(anchored).violation(q)
     assert np.linalg.norm(c) == pytest.approx(0.05, rel=1e-12)
     np.testing.assert_allclose(at.rotation @ c, [-0.03, 0.0, 0.04], atol=1e-15)

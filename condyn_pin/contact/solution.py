@@ -52,7 +52,7 @@ class ContactStatus(Enum):
         return f"{self.name.lower()}: {self.value}"
 
     def text(self, tried: str, more: str = "") -> str:
-        """Return name and cause, and what may help but for the solver of that name, or `more`."""
+        """Name and cause, and cures but for the solver that was `tried`; `more` is one of them."""
         newton = "" if tried == "SemismoothNewton" else _NEWTON
         if self is ContactStatus.INACCURATE:
             why = _POLYGON if tried == "Lemke" else _LOCKED

@@ -224,7 +224,7 @@ class Scene:
         return q, np.zeros(self.robot.nv)
 
     def closed_posture(self, posture: str | None = None) -> Array:
-        """The q (nq,) of `state` [rad, m]."""
+        """The q (nq,) of `state` at a `posture` [rad, m]."""
         from condyn_pin.mechanism.assembling import assemble_posture
 
         self.robot.check_unedited()

@@ -145,11 +145,11 @@ def nearest(
     Refuse numbers that overflow, and rows that contradict each other.
     """
     W, J, gamma = terms
+    nothing, why = np.zeros(len(x)), singular_mass(scene.robot.model, q)
     if not len(J):
-        return x.copy()
-    nothing = np.zeros(len(x))
+        return x + factorise(W, J, 0.0, why=why).solve(nothing, gamma)[0]
     with np.errstate(all="ignore"):  # what overflows is refused
-        kept, why = left_out_at(scene, q), singular_mass(scene.robot.model, q)
+        kept = left_out_at(scene, q)
         factors = factorise(W, kept.kept(J), 0.0, why=why).at_most(kept.rank)
         found = x
         for _ in range(_PASSES):
