@@ -44,6 +44,9 @@ FORCED = 1e-12 if SAME else 2 * FORCES
 DIFFERENTIATED = 1e-10 if SAME else SOLVED
 # Motions carry rounding on, step by step.
 MOVED = 1e-9
+# Behind a step the core closes loops by all rows, Python by those that are kept: what redundant
+# rows then differ by is the square of the gap that the step has left.
+CLOSED = 1e-8
 N = 12
 
 # Scenes of rods, gears, sliders, planes, edges and of what rolls: by another method than Python's,
@@ -546,26 +549,31 @@ def test_motions_are_those_of_python(label, steps, drift):
     wanted = cp.simulate_batch(scene, q, v, tau, **how, record=7)
     found = cp.simulate_batch(scene, q, v, tau, **how, record=7, executor=cp.Native(threads=2))
     # steps leave loops a little open, and rows that are redundant then are left out by other sums
-    same_bits = steps != "Runge-Kutta 4" and not scene.nominal.looks_independent
-    assert_moved_alike(found, wanted, bits=same_bits)
+    redundant = scene.nominal.looks_independent
+    same_bits = steps != "Runge-Kutta 4" and not redundant
+    within = CLOSED if redundant and "post" in drift else MOVED
+    assert_moved_alike(found, wanted, bits=same_bits, within=within)
     for name, its in wanted.samples.arrays.items():
-        assert_near(found.samples.arrays[name], its, name, bits=same_bits)
+        assert_near(found.samples.arrays[name], its, name, bits=same_bits, within=within)
 
 
-def assert_near(found: np.ndarray, wanted: np.ndarray, name: str, *, bits: bool) -> None:
+def assert_near(
+    found: np.ndarray, wanted: np.ndarray, name: str, *, bits: bool, within: float = MOVED
+) -> None:
     if bits and SAME:
         np.testing.assert_array_equal(found, wanted, err_msg=name)
     size = max(1.0, float(np.nanmax(np.abs(wanted), initial=0.0)))
-    np.testing.assert_allclose(found, wanted, rtol=0, atol=MOVED * size, err_msg=name)
+    np.testing.assert_allclose(found, wanted, rtol=0, atol=within * size, err_msg=name)
 
 
 def assert_moved_alike(
-    found: cp.simulation.BatchTrajectory, wanted: cp.simulation.BatchTrajectory, *, bits: bool
-) -> None:
+    found: cp.simulation.BatchTrajectory, wanted: cp.simulation.BatchTrajectory, *, bits: bool,
+    within: float = MOVED,
+) -> None:  # fmt: skip
     np.testing.assert_array_equal(found.statuses, wanted.statuses)
     assert list(found.reasons) == list(wanted.reasons)
-    assert_near(found.q, wanted.q, "q", bits=bits)
-    assert_near(found.v, wanted.v, "v", bits=bits)
+    assert_near(found.q, wanted.q, "q", bits=bits, within=within)
+    assert_near(found.v, wanted.v, "v", bits=bits, within=within)
     np.testing.assert_array_equal(found.t, wanted.t)
     for name in ("violation", "constraint_velocity", "energy_error"):
         one, two = getattr(found, name), getattr(wanted, name)
@@ -641,7 +649,8 @@ def test_motions_without_samples_are_measured_as_in_python():
     wanted = cp.simulate_batch(scene, q, v, tau, **how)
     found = cp.simulate_batch(scene, q, v, tau, **how, executor=cp.Native(threads=2))
     assert found.samples is None
-    assert_moved_alike(found, wanted, bits=False)  # steps leave Cassie's loops a little open
+    # steps leave Cassie's loops a little open
+    assert_moved_alike(found, wanted, bits=False, within=CLOSED)
     assert found.run_times.min() > 0
 
 

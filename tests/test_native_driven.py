@@ -5,6 +5,8 @@ c(q) = s(t),    J v = s'(t),    J a + gamma = s''(t)
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shared import robot
@@ -142,6 +144,8 @@ def test_answers_and_derivatives_at_a_time_are_those_of_python(label, gains):
 @pytest.mark.parametrize("label", SCENES)
 def test_a_workspace_of_the_core_is_that_of_a_time(label):
     scene = SCENES[label]()
+    # at another time the state is off its paths: the rows at their word
+    scene = replace(scene, robot=replace(scene.robot, precision=0.0))
     q, v, tau = states_of(scene.at(AT), 1)
     state, other = (q[0], v[0], tau[0]), scene.at(0.1)
     native = cp.Workspace(scene.at(AT), native=True)

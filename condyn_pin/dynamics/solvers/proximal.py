@@ -104,8 +104,10 @@ class Proximal(Solver):
     Notes
     -----
     Pinocchio represents a hinge, an edge and a planar pin by points, which is exact on closed
-    loops. If they are open by more than 1e-11 m, or their velocity error exceeds 1e-11 m/s, the
-    answer is that of `NullSpace`.
+    loops. If they are open by more than 1e-11 m, or their velocity error exceeds 1e-11 m/s, `solve`
+    has the answer of `NullSpace`, and `Workspace.acceleration` that of the points, which is right
+    to first order in the gap as well. At open states rows that are redundant on closed loops are
+    left out, at the cost of one factorisation of the rows (`condyn_pin.dynamics.corrections`).
 
     Cost O(n d^2 + m^2 d) with d the depth of the tree; `condyn bench` measures it.
 

@@ -121,7 +121,10 @@ def judge(case: Case, solver: Solver, right: tuple[Array, ...]) -> tuple[Verdict
     again = workspace.acceleration(case.q, case.v, case.tau)
     if not np.array_equal(again, solution.a):
         apart = error_of(case, again, solution.a)
-        if not (apart <= case.within or apart <= _PER_GAP * max(solution.state_error)):
+        gap = max(solution.state_error)
+        # hot loops have Pinocchio's rows for hinges and planar pins, which differ off the loops
+        others = workspace.pinocchio_constraints.approximated and gap > tolerances.OPEN
+        if not (others or apart <= case.within or apart <= _PER_GAP * gap):
             return Verdict.WRONG, apart, "another a on the second call"
     return Verdict.OK, error, status
 
