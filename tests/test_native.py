@@ -44,9 +44,9 @@ FORCED = 1e-12 if SAME else 2 * FORCES
 DIFFERENTIATED = 1e-10 if SAME else SOLVED
 # Motions carry rounding on, step by step.
 MOVED = 1e-9
-# Behind a step the core closes loops by all rows, Python by those that are kept: what redundant
-# rows then differ by is the square of the gap that the step has left.
-CLOSED = 1e-8
+# Behind a step the core closes loops by all rows, Python by those that are kept: with redundant
+# rows they differ by the square of the gap that the step has left, up to 1.5e-7 on Cassie.
+CLOSED = 3e-7
 N = 12
 
 # Scenes of rods, gears, sliders, planes, edges and of what rolls: by another method than Python's,
@@ -577,7 +577,8 @@ def assert_moved_alike(
     np.testing.assert_array_equal(found.t, wanted.t)
     for name in ("violation", "constraint_velocity", "energy_error"):
         one, two = getattr(found, name), getattr(wanted, name)
-        np.testing.assert_allclose(one, two, rtol=1e-6, atol=1e-9, err_msg=name)
+        least = 1e-9 if within == MOVED else within * max(1.0, float(np.abs(wanted.v).max()))
+        np.testing.assert_allclose(one, two, rtol=1e-6, atol=least, err_msg=name)
 
 
 @pytest.mark.parametrize("drift", DRIFTS)
