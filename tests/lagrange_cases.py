@@ -66,7 +66,9 @@ def rod_pendulum() -> Case:
     point = pin.Inertia(float(MASS), np.zeros(3), np.zeros((3, 3)))
     model.appendBodyToJoint(z, point, here)
     model.addFrame(pin.Frame("mass", z, 0, here, pin.FrameType.OP_FRAME))
-    robot = cp.Robot("point mass", model).with_frame("pivot", "world", in_the_plane(*PIVOT))
+    robot = cp.Robot("point mass", model, precision=0.0).with_frame(
+        "pivot", "world", in_the_plane(*PIVOT)
+    )
     rod = cp.Loop("pivot", "mass", "rod", length=float(LENGTH))
     return Case(System(q, v, L, Rows.of(c, q, v)), cp.Scene(robot, [rod]))
 
@@ -83,7 +85,7 @@ def arm_robot() -> cp.Robot:
         model.appendBodyToJoint(joint, rod, pin.SE3.Identity())
     place = pin.SE3(np.eye(3), at)
     model.addFrame(pin.Frame("tip", joint, 0, place, pin.FrameType.OP_FRAME))
-    return cp.Robot("arm", model).with_frame("hook", "world", in_the_plane(*HOOK))
+    return cp.Robot("arm", model, precision=0.0).with_frame("hook", "world", in_the_plane(*HOOK))
 
 
 @functools.cache

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from shared import SOLVERS, relative, robot
@@ -98,7 +100,7 @@ def test_forces_are_those_on_the_first_frame(swap):
 @pytest.mark.parametrize("kind", ["planar", "hinge"])
 def test_open_loops_are_solved_as_they_are(kind, gap):
     """A ball, or two, moves at c1 where the pin moves at c2: there they are not the same."""
-    bar = robot("four_bar")
+    bar = replace(robot("four_bar"), precision=0.0)
     scene = cp.Scene(bar, [cp.Loop("coupler_tip", "rocker_tip", kind, axis="y")])
     rng = np.random.default_rng(1)
     q, _ = scene.sample(rng)

@@ -150,6 +150,11 @@ def constraints_jacobian(
     return placed
 
 
+def placed_jacobian(model: Any, data: Any, models: Any, datas: Any) -> Callable[[], Any]:
+    """What evaluates J of all constraints where `constraintDynamics` has just placed them."""
+    return partial(pin.getConstraintsJacobian, model, data, models, datas)
+
+
 def proximal_settings(
     absolute_accuracy: float, relative_accuracy: float, mu: float, max_iterations: int
 ) -> Any:

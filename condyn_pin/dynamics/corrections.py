@@ -29,14 +29,13 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, cached_property, partial
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import _pin, tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.mass_factor import lapack
 from condyn_pin._core.quietly import quietly
@@ -49,6 +48,10 @@ if TYPE_CHECKING:
 
 # Squares of violations [m] and velocities [m/s] from which on a loop counts as open.
 OPEN_SQUARED: Final = tolerances.OPEN**2
+
+# Velocity of rows from which on hot loops have the scene's own rows [m/s, rad/s]: stages of steps
+# leave less, and what points in place of a hinge differ by is as small as that.
+SLIPPING: Final = 1e-4
 
 
 class Refinement:
@@ -120,12 +123,22 @@ def without_idle_rows(method: BoundSolver, idle: NDArray[np.bool_]) -> BoundSolv
     return replace(method, lam=lam, exact=exact)
 
 
-def exact_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSolver:
-    """A method with the scene's own rows where Pinocchio's, which stand for them, differ."""
+def exact_where_slipping(workspace: Workspace, method: BoundSolver) -> BoundSolver:
+    """A method with the scene's own rows where J v is far from 0, and Pinocchio's differ by it."""
+    return replace(exact_where_open(workspace, method, slips=True), open_rows=method.open_rows)
+
+
+def exact_where_open(workspace: Workspace, closed: BoundSolver, slips: bool = False) -> BoundSolver:
+    """A method with the scene's own rows where Pinocchio's, which stand for them, differ.
+
+    With `slips`, only where rows slip by more than SLIPPING, whatever is open.
+    """
     dense: list[BoundSolver] = []  # started at the first state that needs it
     method = closed
-    run, squares = closed.acceleration, [(gap.dot, gap) for gap in _gaps(workspace)]
+    views = _gaps(workspace, slips)
+    run, squares = closed.acceleration, [(gap.dot, gap) for gap in views]
     least = -1.0 if workspace.scene.nominal.rounded_file else OPEN_SQUARED
+    least = SLIPPING**2 if slips else least
 
     def acceleration(q: Array, v: Array, tau: Array) -> Array:
         nonlocal method
@@ -142,7 +155,7 @@ def exact_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSolver:
     return BoundSolver(acceleration, lambda: method.lam(), lambda: method.iterations())
 
 
-def _gaps(workspace: Workspace) -> list[Array]:
+def _gaps(workspace: Workspace, slips: bool = False) -> list[Array]:
     """Views of c and J v in Pinocchio's memory, of the rows that stand for others."""
     gaps = []
     pairs = zip(
@@ -151,7 +164,7 @@ def _gaps(workspace: Workspace) -> list[Array]:
     for native, data in pairs:
         if not native.approximates:
             continue
-        if native.anchored:
+        if native.anchored and not slips:
             gaps.append(data.contact_placement_error.vector[: native.size])
         gaps.append(data.contact_velocity_error.vector[: native.size])
     return gaps
@@ -192,10 +205,7 @@ class OpenRows:
         models, datas = workspace.constraint_models, workspace.constraint_datas
         self._workspace, self._nominal = workspace, nominal
         self._data, self._cholesky = workspace.data, _pin.constraint_cholesky(workspace.data)
-        # `constraintDynamics` has just placed the constraints
-        self._jacobian = partial(
-            pin.getConstraintsJacobian, workspace.model, workspace.data, models, datas
-        )
+        self._jacobian = _pin.placed_jacobian(workspace.model, workspace.data, models, datas)
         self.gaps: list[tuple[Callable[[Array], float], Array]] = []
         self._moving: list[Array] = []
         self._c: list[Array] = []

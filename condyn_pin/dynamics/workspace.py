@@ -36,7 +36,7 @@ from condyn_pin.dynamics.memory import Memory
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene, check_time
 from condyn_pin.dynamics.solution import Solution, Status
-from condyn_pin.dynamics.solvers.base import Singular, Solver
+from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
 from condyn_pin.dynamics.verifier import Verifier, failure
 from condyn_pin.errors import InvalidArgument, MissingExtra, UnsupportedBackend
 
@@ -166,9 +166,13 @@ class Workspace(Memory):
             self.bound = consistent_where_open(self, self.bound)
         elif scene.nominal.idle.any():
             self.bound = without_idle_rows(self.bound, scene.nominal.idle)
-        self._exact = self.bound.exact or self.bound
         self._verifier = Verifier(self, self._exact)
         self.core = self._compiled_or_none() if self.native else None
+
+    @property
+    def _exact(self) -> BoundSolver:
+        """The method of `solve`."""
+        return self.bound.exact or self.bound
 
     def _compiled_or_none(self) -> CompiledCore | None:
         """Return the workspace in compiled code, or None where Python answers in its place."""

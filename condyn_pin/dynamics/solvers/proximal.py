@@ -26,6 +26,7 @@ from condyn_pin.dynamics.corrections import (
     OpenRows,
     Refinement,
     exact_where_open,
+    exact_where_slipping,
 )
 from condyn_pin.dynamics.proximal_mu import FEW, MuAtState, default_accuracy, default_mu
 from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
@@ -180,7 +181,8 @@ class Proximal(Solver):
         if refinements:
             method = _refined(workspace, method, refinements, rows)
         if approximated:
-            return replace(method, exact=exact_where_open(workspace, method))
+            exact = exact_where_open(workspace, method)
+            return replace(exact_where_slipping(workspace, method), exact=exact)
         return replace(method, exact=_refined_where_open(method, rows)) if rows else method
 
 
