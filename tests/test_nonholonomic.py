@@ -315,7 +315,7 @@ def test_gamma_is_the_rate_of_the_rows_and_j_that_of_the_gap(label):
 def test_a_frame_may_sit_anywhere_on_the_wheel(seed, axis):
     """Another frame in the same middle with the axle along another axis changes nothing."""
     rng = np.random.default_rng(seed)
-    made = robot("rolling_disc")
+    made = replace(robot("rolling_disc"), precision=0.0)
     turn = np.roll(np.eye(3), "xyz".index(axis) - 1, axis=1)  # its `axis` is y of the disc
     angle = rng.uniform(0, 2 * np.pi)
     R = pin.rpy.rpyToMatrix(0.0, angle, 0.0) @ turn
@@ -458,7 +458,7 @@ def test_derivatives_by_where_the_wheel_is_on_its_body(label, drift):
         model = pin.Model(scene.robot.model)
         there = placement * pin.exp6(twist)
         model.addFrame(pin.Frame("moved", joint, 0, there, pin.FrameType.OP_FRAME))
-        moved = cp.Robot("moved", model)
+        moved = cp.Robot("moved", model, precision=0.0)
         constraints = [
             dataclasses.replace(c, frame="moved") if c.name == name else c
             for c in scene.constraints
@@ -583,7 +583,7 @@ def test_assembly_closes_heights_and_leaves_the_rest(name):
         assert np.linalg.norm(v) > 0.01
         slipping = v + cp.Workspace(scene).jacobian(q)[0]
         assert not scene.check(q, slipping).consistent
-        state_error = cp.solve(scene, q, slipping, np.zeros(model.nv)).state_error
+        state_error = cp.solve(scene, q, slipping, np.zeros(model.nv), throw=False).state_error
         assert state_error.position < 1e-10
         assert state_error.velocity > 0.5
 
@@ -614,12 +614,13 @@ def test_the_summary_lists_them_and_says_what_they_are():
 
 
 def test_a_wheel_without_a_height_stands_where_it_is():
-    scene = cp.Scene(robot("rolling_disc"), [cp.constraints.RollingWheel("centre", 0.1)])
+    disc = replace(robot("rolling_disc"), precision=0.0)
+    scene = cp.Scene(disc, [cp.constraints.RollingWheel("centre", 0.1)])
     q = np.array([1.0, 2.0, 3.0, 0.1, 0.2, 0.3, 0.4])
     q[3:] /= np.linalg.norm(q[3:])
     assert np.array_equal(scene.assemble(q).q, q)
     assert scene.check(q).violation == {}
-    low = cp.Scene(robot("rolling_disc"), [cp.constraints.RollingWheel("centre", 0.1, height=2.0)])
+    low = cp.Scene(disc, [cp.constraints.RollingWheel("centre", 0.1, height=2.0)])
     v = np.arange(6.0)
     one, two = (cp.solve(s, q, v, np.zeros(6)) for s in (scene, low))
     assert np.array_equal(one.a, two.a)
