@@ -289,12 +289,12 @@ class CorrectedStepper:
     ) -> tuple[Array, Array]:
         """Return q and v after a step to t1; `keep` is handed the sample that belongs to it."""
         slow, lam = self._slow, None
+        if self._open_rows:
+            self._open_rows.held = True
         if keep and self._samples_start:
             keep(self._first(t, q, v))
         if slow and v.dot(v) > slow:  # all velocities together: most often that is enough
             self._manifold.check_turn(v, self._dt)
-        if self._open_rows:
-            self._open_rows.held = True
         q, v, a = self._step(t, q, v)
         if slow and v.dot(v) > slow:
             self._manifold.check_turn(v, self._dt)
