@@ -56,14 +56,20 @@ class Description:
         return replace(robot, postures={"drawn": q})
 
 
-def four_bar(folder, digits=EXACT, kind="hinge", **options):
-    """A four-bar in x-z whose rocker's pivot is turned by pi/2."""
+def four_links(digits):
+    """The text of a four-bar in x-z whose rocker's pivot is turned by pi/2."""
     text = Description(digits)
     text.joint("crank", "base", axis=(0, 1, 0))
     text.joint("coupler", "crank", xyz=(0.2, 0, 0), axis=(0, 1, 0))
     text.joint("rocker", "base", xyz=(0.4, 0, 0), rpy=(pi / 2, 0, 0), axis=(0, 0, -1))
     text.joint("tip", "coupler", xyz=(0.4, 0, 0), kind="fixed")
     text.joint("pin", "rocker", xyz=(0.3, 0, 0), rpy=(-pi / 2, 0, 0), kind="fixed")
+    return text
+
+
+def four_bar(folder, digits=EXACT, kind="hinge", **options):
+    """A four-bar in x-z whose rocker's pivot is turned by pi/2."""
+    text = four_links(digits)
     posture = {"crank": -1.0, "coupler": 0.75, "rocker": -1.25}
     robot = text.robot(folder, posture, **options)
     return cp.Scene(robot, [cp.Loop("l_tip", "l_pin", kind, axis="y", name="tip~pin")])
@@ -105,12 +111,7 @@ def sarrus(folder, digits=EXACT, **options):
 
 def two_loops(folder, digits=EXACT, kind="ball", **options):
     """A six-bar in a plane: a dyad on the rocker of a four-bar, its pivots turned by pi/2."""
-    text = Description(digits)
-    text.joint("crank", "base", axis=(0, 1, 0))
-    text.joint("coupler", "crank", xyz=(0.2, 0, 0), axis=(0, 1, 0))
-    text.joint("rocker", "base", xyz=(0.4, 0, 0), rpy=(pi / 2, 0, 0), axis=(0, 0, -1))
-    text.joint("tip", "coupler", xyz=(0.4, 0, 0), kind="fixed")
-    text.joint("pin", "rocker", xyz=(0.3, 0, 0), rpy=(-pi / 2, 0, 0), kind="fixed")
+    text = four_links(digits)
     text.joint("link", "rocker", xyz=(0.15, 0, 0), rpy=(-pi / 2, 0, 0), axis=(0, 1, 0))
     text.joint("arm", "base", xyz=(0.8, 0, 0), rpy=(pi / 2, 0, 0), axis=(0, 0, -1))
     text.joint("hand", "link", xyz=(0.35, 0, 0), kind="fixed")

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from overconstrained import machines, state_near
+from test_native import left_to_python
 
 import condyn_pin as cp
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
@@ -28,19 +29,6 @@ def assert_near(found: np.ndarray, wanted: np.ndarray, share: float, what: str) 
     for one, two in zip(found, wanted, strict=True):
         size = max(1.0, float(np.abs(two).max(initial=0.0)))
         np.testing.assert_allclose(one, two, rtol=0, atol=share * size, err_msg=what)
-
-
-def left_to_python(
-    scene: cp.Scene, states: tuple[np.ndarray, ...], solver: cp.dynamics.Solver | None
-) -> np.ndarray:
-    q, nv = states[0], scene.robot.nv
-    outputs = {
-        "a": np.zeros((len(q), nv)), "lam": np.zeros((len(q), scene.rows)),
-        "residuals": np.zeros((len(q), 5)), "statuses": np.zeros(len(q), np.int8),
-        "iterations": np.zeros(len(q), np.int32), "solve_times": np.zeros(len(q)),
-    }  # fmt: skip
-    core = cp.Workspace(scene, solver).compiled
-    return core.solve(states, outputs, accuracy=None, threads=1)
 
 
 @pytest.mark.parametrize("noise", [1e-9, 1e-7, 1e-4, 1e-2])
