@@ -15,10 +15,10 @@ from condyn_pin.contact.certificate import unmet_contacts
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import ContactResiduals, contact_residuals
 
-# Why an answer is not ok, and what may help; a status has it all, an error what was not tried.
+# Why an answer is not ok, and its cure; a status names all cures, an error those not tried.
 _INACCURATE: Final = (
     "the impulses do not meet the law of the problem to the accuracy asked for, or momentum or "
-    "loops, where the notices of a step say so"
+    "loops, where the notices of a step report it"
 )
 _NOT_FINITE: Final = "the impulses are not finite although the problem is: its numbers overflow"
 _NEWTON: Final = "solve with SemismoothNewton()"

@@ -69,10 +69,8 @@ def _proof(
     motion, applied = program.motion, tau + passive
     _, largest = program.equations.errors(motion.q, motion.v, applied, a, lam)
     if program.left_out:
-        s, held = (
-            program.equations.residuals(motion.q, motion.v, applied, a, lam)[1],
-            program.cones.held,
-        )
+        held = program.cones.held
+        _, s = program.equations.residuals(motion.q, motion.v, applied, a, lam)
         s[held] = program.left_out.kept(s[held])
         largest[4] = float(np.abs(s).max(initial=0.0))
     kkt = max([each.answer.residual if each.answer else np.inf for each in answers])

@@ -229,7 +229,7 @@ def failure(workspace: Workspace, solution: Solution, enough: float | None = Non
 
 
 def _cures(workspace: Workspace, status: Status, enough: float | None) -> Iterator[str]:
-    """Yield what may help, but for what was tried just now."""
+    """Yield cures, but for the solver that was tried just now."""
     from condyn_pin.dynamics.choice import untaken  # which imports solvers
     from condyn_pin.dynamics.solvers import SOLVERS
 

@@ -141,7 +141,7 @@ def _check_mass_matrix(model: Any, data: Any) -> None:
     """Refuse joints that move no inertia at any configuration: M would always be singular.
 
     Where M is singular at some of them, as that of a point mass on a slider on a hinge where the
-    slider is at zero, those alone are refused, when they are asked for. What moves no inertia in
+    slider is at zero, those alone are refused, when they are called for. What moves no inertia in
     the neutral configuration is looked at again in one that has nothing special.
     """
     anywhere = pin.integrate(model, pin.neutral(model), np.linspace(0.3, 0.7, model.nv))

@@ -11,7 +11,7 @@ w with lam = J w
 
     N^T dlam = N^T (dJ w).
 
-Off the constraints, where rows are left out, what is left in them takes part as well
+Off the constraints, where rows are left out, what is left in them is active as well
 (`condyn_pin.dynamics.derivatives.turning`):
 
     P J da = -P (s_q dq + s_v dv + dP s),    N^T dlam = N^T dP lam.
