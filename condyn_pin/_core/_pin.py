@@ -134,7 +134,7 @@ def constraints_jacobian(
     model: Any, data: Any, models: Any, datas: Any
 ) -> Callable[[], NDArray[np.float64]]:
     """Return what evaluates J of all constraints, from the Jacobians of the joints in `data`."""
-    jacobian = partial(pin.getConstraintsJacobian, model, data, models, datas)
+    jacobian = placed_jacobian(model, data, models, datas)
     if not _IS_4:
         return jacobian
     pairs = zip(models, datas, strict=True)
@@ -150,7 +150,9 @@ def constraints_jacobian(
     return placed
 
 
-def placed_jacobian(model: Any, data: Any, models: Any, datas: Any) -> Callable[[], Any]:
+def placed_jacobian(
+    model: Any, data: Any, models: Any, datas: Any
+) -> Callable[[], NDArray[np.float64]]:
     """What evaluates J of all constraints where `constraintDynamics` has just placed them."""
     return partial(pin.getConstraintsJacobian, model, data, models, datas)
 
