@@ -55,6 +55,9 @@ LEAST_PRECISE: Final = 1e-3
 # of itself: there no acceleration belongs to the state.
 DOUBT: Final = 0.1
 
+# Of these an error names the least that would let its answer pass.
+ADVISED_ACCURACIES: Final = tuple(float(f"1e{digit}") for digit in range(-14, 0))
+
 # Violation at which a path that is driven counts as one that the loops cannot follow, and a step as
 # one that they cannot be closed behind [m, rad]: what drift leaves open in a run that is worth
 # looking at is far below, and what leads out of reach opens them by as much within milliseconds.

@@ -22,9 +22,6 @@ from condyn_pin.errors import InvalidArgument, SolveFailed
 
 _DEFAULT: Final = ADMM()
 
-# One of them is advised where it would let an answer pass.
-_ACCURACIES: Final = tuple(float(f"1e{digit}") for digit in range(-14, 0))
-
 
 def solve_contact(
     problem: ContactProblem,
@@ -100,7 +97,8 @@ def solve_contact(
         spent = perf_counter() - start
         solution = judged(problem, found, natural, accuracy, spent)
     if throw and not solution.status.ok:
-        enough = next((x for x in _ACCURACIES if solution.natural <= x), None)
+        accuracies = tolerances.ADVISED_ACCURACIES
+        enough = next((x for x in accuracies if solution.natural <= x), None)
         more = f"accuracy={enough:g} would pass" if enough else ""
         text = solution.status.text(type(chosen).__name__, more)
         said = "; ".join((text, *solution.notices))

@@ -26,16 +26,18 @@ def notices_of(solution: Solution, sites: Sites) -> tuple[str, ...]:
     """Return what there is to say of an answer, whose constraints act at these sites."""
     digits = solution.scene.nominal.digits
     said = (digits.note,) if digits else ()
-    off = off_the_constraints(solution) if np.isfinite(solution.a).all() else ()
-    found = pulling(solution.forces, sites) + _wrong_forces(solution) + said + off
-    return tuple(dict.fromkeys(found + _doubts(solution, off)))
+    finite = bool(np.isfinite(solution.a).all())
+    why = undetermined(solution) if finite else ""
+    off = _off_the_constraints(solution, why) if finite else ()
+    wrong_forces = () if why else _wrong_forces(solution)
+    found = pulling(solution.forces, sites) + wrong_forces + said + off
+    explained = bool(off) and (solution.status.ok or bool(why))
+    return tuple(dict.fromkeys(found + _doubts(solution, explained)))
 
 
 def _wrong_forces(solution: Solution) -> tuple[str, ...]:
     """Return that it is the forces which keep an answer from being ok."""
     if solution.status is not Status.INACCURATE or not solution.error_bound <= tolerances.SOLVED:
-        return ()
-    if undetermined(solution):
         return ()
     return (
         f"a is right to {solution.error_bound:.1e}, the forces are not: the equation of a joint is "
@@ -75,11 +77,14 @@ def undetermined(solution: Solution) -> str:
     )
 
 
-def off_the_constraints(solution: Solution) -> tuple[str, ...]:
-    """Notice of a state that leaves loops open, or whose velocity contradicts the rows."""
-    scene, doubt, rest = solution.scene, solution.doubt, solution.rest
-    if why := undetermined(solution):
+def _off_the_constraints(solution: Solution, why: str) -> tuple[str, ...]:
+    """Notice of a state that leaves loops open, or whose velocity contradicts the rows.
+
+    `why` no acceleration belongs to it, if none does, is all of it.
+    """
+    if why:
         return (why,)
+    scene, doubt, rest = solution.scene, solution.doubt, solution.rest
     is_open = solution.state_error.position > tolerances.OPEN
     gap = worst(gaps(scene, equations_of(scene).violation(solution.q))) if is_open else None
     missed = ", ".join(f"{row} by {abs(by):.2g}" for row, by in rest.items())
@@ -108,8 +113,11 @@ def _largest(model: Any, move: Array) -> tuple[str, float]:
     return model.names[joint.id], float(abs(move[i]))
 
 
-def _doubts(solution: Solution, off: tuple[str, ...]) -> tuple[str, ...]:
-    """Return what `Scene.rank` says where it is singular, or the answer is not as it should be."""
+def _doubts(solution: Solution, explained: bool) -> tuple[str, ...]:
+    """Return what `Scene.rank` says where it is singular, or the answer is not as it should be.
+
+    Not of an answer that is so because of its state, if another notice has `explained` that.
+    """
     scene, ok = solution.scene, solution.status.ok
     if not ok:
         share = tolerances.NEARLY_MASSLESS
@@ -123,7 +131,6 @@ def _doubts(solution: Solution, off: tuple[str, ...]) -> tuple[str, ...]:
     # of contradicting rows the best a is still unique, and may be ok
     missed = max(map(abs, solution.rest.values()), default=0.0)
     unmet = max(solution.constraint_error, missed) > tolerances.SOLVED * scale
-    explained = bool(off) and (ok or bool(undetermined(solution)))
     try:
         at = scene.rank(solution.q)
     except (InvalidModel, InvalidArgument):  # numbers that nothing can be said of

@@ -11,7 +11,6 @@ is at most |s| / sigma, with sigma the smallest nonzero singular value of J L^-T
     |e|_M <= |r|_(M^-1) + |s| / sigma <= sum_j w_j |r_j| + |s| / sigma,    w_j^2 = (M^-1)_jj
     |e_i| <= w_i |e|_M.
 
-
 To this comes what rounding of M itself does, eps cond(D M D) with D = diag(M_jj^-1/2).
 
 w and sigma are taken once, at the nominal state of the scene, so this is a bound there and an

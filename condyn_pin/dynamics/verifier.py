@@ -141,8 +141,7 @@ class Verifier:
         if solution.status is not Status.INACCURATE or solution.doubt >= tolerances.DOUBT:
             return None
         largest = float(np.abs(solution.a).max())
-        for digit in range(-14, 0):
-            accuracy = float(f"1e{digit}")
+        for accuracy in tolerances.ADVISED_ACCURACIES:
             if residuals.bound <= accuracy and self._forces_hold(
                 state, residuals, largest, accuracy, load
             ):

@@ -17,10 +17,8 @@ def near_edges(severity: float, rng: Rng) -> Case:
 
     On two edges a foot stands as on a surface, however near they are; on one it can roll.
     """
-    cassie, edge = (
-        load_robot("cassie", variant={"feet": "lines"}, precision=tolerances.ROUNDED_GEOMETRY),
-        "left-foot/edge",
-    )
+    feet, edge = {"feet": "lines"}, "left-foot/edge"
+    cassie = load_robot("cassie", variant=feet, precision=tolerances.ROUNDED_GEOMETRY)
     cassie = cassie.with_frame("turned", edge, np.zeros(3), pin.rpy.rpyToMatrix(0, 0, severity))
     others = [*cassie.loops, *(foot for foot in cassie.contacts if foot.name != edge)]
     flat = Scene(cassie, [*others, SurfaceContact(edge)])

@@ -73,25 +73,3 @@ def noisy_states(severity: float, rng: Rng) -> Case:
     changed = float(np.abs(given - right).max()) / size
     within = min(_TIMES * changed + tolerances.SOLVED, _MOST)
     return Case(scene, noisy, v, tau, right=(right,), within=within)
-
-
-def _whitened(equations: Equations, q: Array, rank: int) -> tuple[Array, Array, Array, Array]:
-    """L, and J L^-T = U S V^T at a rank, for M = L L^T."""
-    L = np.asarray(np.linalg.cholesky(equations.mass(q)))
-    U, S, Vt = np.linalg.svd(np.linalg.solve(L, equations.jacobian(q).T).T, full_matrices=False)
-    return L, U[:, :rank], S[:rank], Vt[:rank].T
-
-
-def _least(equations: Equations, q: Array, s: Array, rank: int) -> Array:
-    """The least d (nv,) in the metric of M with J d = s."""
-    L, U, S, V = _whitened(equations, q, rank)
-    return np.asarray(np.linalg.solve(L.T, V @ (U.T @ s / S)))
-
-
-def _answer(equations: Equations, q: Array, v: Array, tau: Array, rank: int) -> Array:
-    """Accelerations (nv,) with as many rows as count on the constraints."""
-    terms = equations.terms(q, v)
-    L, U, S, V = _whitened(equations, q, rank)
-    free = np.linalg.solve(L, tau - terms.h)
-    x = free - V @ (V.T @ free) - V @ (U.T @ terms.gamma / S)
-    return np.asarray(np.linalg.solve(L.T, x))

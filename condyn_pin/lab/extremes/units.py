@@ -94,9 +94,12 @@ class Units:
             relaxed = float(along_v[i]) * spring.reference
             springs.append(replace(spring, stiffness=stiffness, reference=relaxed))
         name = f"{robot.name} in other units"
-        in_units = Robot(name, model, postures, actuated=robot.actuated, springs=springs)
+        in_units = Robot(
+            name, model, postures, actuated=robot.actuated, springs=springs,
+            precision=robot.precision,
+        )  # fmt: skip
         return Scene(
-            replace(in_units, precision=robot.precision),
+            in_units,
             [self._constraint(constraint, robot.model) for constraint in scene.constraints],
         )
 
