@@ -40,7 +40,6 @@ private:
   bool factorise();
   bool factorise_kept(VectorXd & missing);
 
-
   int rank_ = 0; // that a factor of `close` is to have
   std::vector<Moved> moved_;
   Rows rows_;

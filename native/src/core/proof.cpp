@@ -66,13 +66,13 @@ Proof::Proof(const Scene & scene)
     moved_.emplace_back(scene.model, k);
 }
 
-/// What is left out of the rows at the state that was evaluated.
 void Proof::place_rows()
 {
   pinocchio::computeJointJacobians(scene_.model, data_);
   write_jacobian(scene_, data_, moved_, J_);
 }
 
+/// What is left out of the rows at the state that was evaluated.
 const Redundancy & Proof::redundant()
 {
   place_rows();
