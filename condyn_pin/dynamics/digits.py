@@ -29,7 +29,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.pivots import rank_of
 from condyn_pin._core.names import counted
-from condyn_pin.constraints.rows.bound import Bound
+from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import (
     TIMES_THE_PRECISION,
@@ -207,7 +207,7 @@ def _note(
         gap = float(gaps[bound.rows].max(initial=0.0))
         if weights[bound.rows].max(initial=0.0) <= _NAMED * weights.max() or gap <= _EXACT:
             continue
-        off = _off(rows, bound, constraint.frames, gap) if isinstance(bound, Bound) else None
+        off = _off(rows, bound, constraint.frames, gap)
         if off is None:
             text = f"closes but for {_short(gap)} rad or sizes of the loop"
             off = _Off(text, "redundant", False)
@@ -233,16 +233,19 @@ def _note(
     )
 
 
-def _off(rows: Equations, bound: Bound, frames: Sequence[str], gap: float) -> _Off | None:
+def _off(rows: Equations, bound: AnyBound, frames: Sequence[str], gap: float) -> _Off | None:
     """Axes of a loop that are off parallel or square as its gap says, or a gap off its plane."""
-    axes = list(_axes(rows, bound))
+    ends = bound.ends(rows.data.oMi)
+    if bound.joints is None or ends is None:
+        return None
+    axes = list(_axes(rows, bound.joints))
     turning = [axis for _, axis, turns in axes if turns]
     planar = len(turning) > 1 and all(_angle(turning[0], axis) < _MEANT for axis in turning)
-    ends = bound.ends(rows.data.oMi)
     pairs = [pair for pair in _pairs(axes) if _EXACT < pair[3] < _AS_FAR * gap]
-    if planar and bound.is_hinge and not pairs:
+    hinge = bound.hinge_axis
+    if planar and hinge is not None and not pairs:
         frames = frames[::-1] if bound.sign < 0 else frames
-        own = [(f, c.rotation[:, bound.axis], True) for f, c in zip(frames, ends, strict=True)]
+        own = [(f, c.rotation[:, hinge], True) for f, c in zip(frames, ends, strict=True)]
         pairs = [pair for pair in _pairs([*axes, *own]) if _EXACT < pair[3] < _AS_FAR * gap]
     if pairs:
         one, other, how, off = max(pairs, key=lambda pair: round(pair[3], 9))
@@ -254,10 +257,10 @@ def _off(rows: Equations, bound: Bound, frames: Sequence[str], gap: float) -> _O
     return _Off(f"closes but for {_length(across)} across its plane", "in the plane", planar)
 
 
-def _axes(rows: Equations, bound: Bound) -> Iterator[tuple[str, Array, bool]]:
+def _axes(rows: Equations, ends: tuple[int, int]) -> Iterator[tuple[str, Array, bool]]:
     """Joints of a loop with one axis, in order: name, axis in the world, and if it turns."""
     model, J = rows.model, rows.data.J
-    one, two = (list(model.supports[joint]) for joint in (bound.joint1, bound.joint2))
+    one, two = (list(model.supports[joint]) for joint in ends)
     common = set(one) & set(two)
     around = [j for j in one if j not in common] + [j for j in two[::-1] if j not in common]
     for joint in around:

@@ -93,6 +93,16 @@ class AnyBound(ABC):
         return False
 
     @property
+    def hinge_axis(self) -> int | None:
+        """The axis of c1 about which a hinge turns: 0, 1 or 2; None if it is no hinge."""
+        return None
+
+    @property
+    def joints(self) -> tuple[int, int] | None:
+        """The joints that carry its frames c1 and c2; None if it has no frames."""
+        return None
+
+    @property
     def one_body(self) -> int | None:
         """The joint of the body that both its sides are on; None where they are on two."""
         return None
@@ -184,6 +194,11 @@ class OnFrames(AnyBound, ABC):
     placement1: Any
     joint2: int
     placement2: Any
+
+    @property
+    def joints(self) -> tuple[int, int]:
+        """Joints 1 and 2."""
+        return self.joint1, self.joint2
 
     @property
     def one_body(self) -> int | None:

@@ -80,6 +80,11 @@ class Bound(OnFrames):
         return self.size == 5 and self.selection[:3] == POINT
 
     @property
+    def hinge_axis(self) -> int | None:
+        """Its axis, if it is a hinge."""
+        return self.axis if self.is_hinge else None
+
+    @property
     def is_planar(self) -> bool:
         """Whether its rows are all shifts but one."""
         return self.size == 2

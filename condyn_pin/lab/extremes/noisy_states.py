@@ -30,9 +30,7 @@ _STEPS: Final = 12
 
 
 def _by_hinges(robot: Robot) -> Scene:
-    balls = (loop for loop in robot.loops if isinstance(loop, Loop))
-    loops = [Loop(x.frame_a, x.frame_b, "hinge", axis=x.axis, name=x.name) for x in balls]
-    return Scene(robot, loops)
+    return Scene(robot, [Loop(*ball.frames, "hinge", name=ball.name) for ball in robot.loops])
 
 
 _MACHINES: Final[tuple[Callable[[], Scene], ...]] = (
