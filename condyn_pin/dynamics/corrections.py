@@ -49,8 +49,8 @@ if TYPE_CHECKING:
 # Squares of violations [m] and velocities [m/s] from which on a loop counts as open.
 OPEN_SQUARED: Final = tolerances.OPEN**2
 
-# Velocity of rows from which on hot loops have the scene's own rows [m/s, rad/s]: stages of steps
-# leave less, and what points in place of a hinge differ by is as small as that.
+# Velocity of rows from which on hot loops have the scene's own rows [m/s, rad/s]: what points in
+# place of a hinge differ by is as small as that. Stages of a step have one field and no limit.
 SLIPPING: Final = 1e-4
 
 
@@ -139,10 +139,14 @@ def exact_where_open(workspace: Workspace, closed: BoundSolver, slips: bool = Fa
     run, squares = closed.acceleration, [(gap.dot, gap) for gap in views]
     least = -1.0 if workspace.scene.nominal.rounded_file else OPEN_SQUARED
     least = SLIPPING**2 if slips else least
+    rows = closed.open_rows
 
     def acceleration(q: Array, v: Array, tau: Array) -> Array:
         nonlocal method
         a = run(q, v, tau)
+        if rows and rows.held:
+            method = closed
+            return a
         for square, gap in squares:
             if square(gap) > least:
                 if not dense:
