@@ -16,6 +16,7 @@ from campaign_oracle import Oracle, solve
 from campaign_rows import rows
 
 import condyn_pin as cp
+from condyn_pin.constraints.loop import axis_of
 
 Random = np.random.Generator
 
@@ -233,10 +234,12 @@ def _loops(frames: _Frames, kind: Any, name: str, rng: Random) -> list[cp.constr
             frames.data.oMi[f.parentJoint] * f.placement for f in frames.model.frames.tolist()[-2:]
         ]
         length = float(np.linalg.norm(ends[1].translation - ends[0].translation))
-    made = [cp.Loop(a, b, kind, axis=axis, length=length, name=name)]
+    made = [cp.Loop(a, b, kind, axis=axis_of(kind, axis), length=length, name=name)]
     pick = rng.random()
     if pick < 0.15:
-        made.append(cp.Loop(a, b, kind, axis=axis, length=length, name=f"{name}_twice"))
+        made.append(
+            cp.Loop(a, b, kind, axis=axis_of(kind, axis), length=length, name=f"{name}_twice")
+        )
     elif pick < 0.25 and kind in ("ball", "weld", "hinge"):
         made.append(cp.Loop(b, a, "ball", name=f"{name}_ball"))
     return list(made)

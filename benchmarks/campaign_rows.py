@@ -96,7 +96,7 @@ def _together(a: Place, b: Place, axis: int | None) -> list[Jet]:
 
 
 def _loop(c: cp.Loop, a: Place, b: Place) -> list[Jet]:
-    axis = "xyz".index(c.axis)
+    axis = "xyz".index(c.axis or "z")
     others = [i for i in range(3) if i != axis]
     if c.kind == "ball":
         return [b.p - a.p]

@@ -14,6 +14,7 @@ import numpy as np
 import pinocchio as pin
 
 import condyn_pin as cp
+from condyn_pin.constraints.loop import axis_of
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -57,7 +58,7 @@ class Drawing:
         pin.framesForwardKinematics(self.model, data, np.concatenate(self.q))
         place = data.oMi[base].actInv(data.oMf[self.model.getFrameId(end)])
         place.translation /= self.unit
-        self.loops.append(cp.Loop(end, self.frame(base, place), kind, axis=axis))
+        self.loops.append(cp.Loop(end, self.frame(base, place), kind, axis_of(kind, axis)))
 
     def scene(self, name: str, *more: Any) -> tuple[cp.Scene, Array]:
         """Return the machine, and the state that it is drawn in."""
@@ -231,7 +232,7 @@ def flat(rng: Rng) -> Machine:
     other = drawing.joint(0, shifted(b), y(), 0.5, a, 1.0)
     ends = drawing.frame(bar, shifted(b)), drawing.frame(other, shifted(a))
     kind = str(rng.choice(["ball", "planar", "hinge"]))
-    drawing.loops.append(cp.Loop(*ends, kind, axis="y"))
+    drawing.loops.append(cp.Loop(*ends, kind, axis=axis_of(kind, "y")))
     return drawing.scene("flat")[0], np.array([angle, -angle, angle])
 
 
@@ -245,7 +246,9 @@ def flat_posture(rng: Rng) -> Machine:
 
 def with_kind(robot: cp.Robot, kind: str) -> cp.Scene:
     """Return the loops of a robot as loops of another kind."""
-    loops = [cp.Loop(x.frame_a, x.frame_b, kind, axis=x.axis, name=x.name) for x in robot.loops]
+    loops = [
+        cp.Loop(x.frame_a, x.frame_b, kind, axis_of(kind, "z"), name=x.name) for x in robot.loops
+    ]
     return cp.Scene(robot, loops)
 
 
@@ -297,14 +300,15 @@ def peaucellier(kind: str) -> Machine:
     (a_c, a_d), (b_c, b_d) = ends
     for first, second, x in ((a_c, b_c, k), (a_d, b_d, k), (a_c, crank, e)):
         pair = drawing.frame(first, shifted(k)), drawing.frame(second, shifted(x))
-        drawing.loops.append(cp.Loop(*pair, kind, axis="y"))
+        drawing.loops.append(cp.Loop(*pair, kind, axis=axis_of(kind, "y")))
     return drawing.scene(f"peaucellier {kind}")
 
 
 def bar(kind: str) -> cp.Scene:
     """Return the four-bar linkage, closed by a loop of some kind."""
     return cp.Scene(
-        cp.model.four_bar(), [cp.Loop("coupler_tip", "rocker_tip", kind, axis="y", name="tip")]
+        cp.model.four_bar(),
+        [cp.Loop("coupler_tip", "rocker_tip", kind, axis=axis_of(kind, "y"), name="tip")],
     )
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 
 import numpy as np
+from shared import axis_of
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -111,7 +112,8 @@ def cart_with_a_door(open_by: float = 0.0, precision: float | None = None) -> cp
 def with_kind(robot: cp.Robot, kind: str) -> cp.Scene:
     """A robot whose loops are all of one kind."""
     return cp.Scene(
-        robot, [cp.Loop(x.frame_a, x.frame_b, kind, axis=x.axis, name=x.name) for x in robot.loops]
+        robot,
+        [cp.Loop(x.frame_a, x.frame_b, kind, axis=axis_of(kind), name=x.name) for x in robot.loops],
     )
 
 
@@ -148,7 +150,7 @@ def machines() -> dict[str, cp.Scene]:
         "stewart, hinges": with_kind(load("stewart"), "hinge"),
         "talos on eight points": on_eight_points(load("talos")),
         **{
-            f"four_bar, {kind}": cp.Scene(four_bar, [cp.Loop(*ends, kind, axis="y")])
+            f"four_bar, {kind}": cp.Scene(four_bar, [cp.Loop(*ends, kind, axis=axis_of(kind, "y"))])
             for kind in ("ball", "hinge", "planar")
         },
         "cart with a door": cart_with_a_door(),

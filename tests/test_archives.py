@@ -216,6 +216,20 @@ def test_files_of_before_are_refused_by_name(kind, tmp_path):
         KINDS[kind].load(path)
 
 
+def test_a_loop_of_before_has_an_axis_that_its_kind_has_not(tmp_path):
+    path = tmp_path / "x.npz"
+    bar = robot("four_bar")
+    scene = cp.Scene(bar, bar.loops)
+    cp.simulate(scene, *scene.state(), duration=0.002).save(path)
+    members = fuzz_files.members_of(path)
+    header = str(np.load(io.BytesIO(members["header.npy"])))
+    assert '"axis": null' in header
+    older = header.replace('"axis": null', '"axis": "z"')
+    members["header.npy"] = fuzz_files.npy(np.array(older))
+    path.write_bytes(fuzz_files.zipped(members, zipfile.ZIP_STORED))
+    assert cp.Trajectory.load(path).scene.constraints == bar.loops
+
+
 def test_a_robot_comes_back_whole(tmp_path):
     wanted = dataclasses.replace(
         robot("cassie"), postures={"one": robot("cassie").postures["standing"]}

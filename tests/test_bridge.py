@@ -19,6 +19,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 from referee import MujocoReferee
+from shared import axis_of
 from typer.testing import CliRunner
 
 import condyn_pin as cp
@@ -586,7 +587,7 @@ def test_open_loops_are_compared_by_their_gaps():
     for frame, on, at in (("a", "hinge", 0.1), ("b", "slide", 0.2)):
         robot = robot.with_frame(frame, on, (at, 0.0, 0.3), pin.exp3(np.array([at, 0.0, 0.2])))
     kinds = ("ball", "weld", "hinge")
-    loops = [cp.Loop("a", "b", kind, name=f"the {kind}") for kind in kinds]
+    loops = [cp.Loop("a", "b", kind, axis_of(kind), name=f"the {kind}") for kind in kinds]
     gear = cp.constraints.Coupling("hinge", "oblique hinge", ratio=-2.0, offset=0.1, name="gear")
     robot = replace(robot, loops=[*loops, gear])
     (q,), (v,) = states(robot, 1)

@@ -9,6 +9,7 @@ from math import asin, atan, pi, sin, tan
 import numpy as np
 import pinocchio as pin
 import pytest
+from shared import axis_of
 
 import condyn_pin as cp
 from condyn_pin import dynamics, errors, mechanism
@@ -72,7 +73,9 @@ def four_bar(folder, digits=EXACT, kind="hinge", **options):
     text = four_links(digits)
     posture = {"crank": -1.0, "coupler": 0.75, "rocker": -1.25}
     robot = text.robot(folder, posture, **options)
-    return cp.Scene(robot, [cp.Loop("l_tip", "l_pin", kind, axis="y", name="tip~pin")])
+    return cp.Scene(
+        robot, [cp.Loop("l_tip", "l_pin", kind, axis=axis_of(kind, "y"), name="tip~pin")]
+    )
 
 
 def bennett(folder, digits=EXACT, **options):
@@ -118,7 +121,10 @@ def two_loops(folder, digits=EXACT, kind="ball", **options):
     text.joint("eye", "arm", xyz=(0.25, 0, 0), rpy=(-pi / 2, 0, 0), kind="fixed")
     posture = {"crank": -1.0, "coupler": 0.72, "rocker": -1.27, "link": 1.45, "arm": -1.6}
     robot = text.robot(folder, posture, **options)
-    loops = [cp.Loop("l_tip", "l_pin", kind, axis="y"), cp.Loop("l_hand", "l_eye", kind, axis="y")]
+    loops = [
+        cp.Loop("l_tip", "l_pin", kind, axis=axis_of(kind, "y")),
+        cp.Loop("l_hand", "l_eye", kind, axis=axis_of(kind, "y")),
+    ]
     return cp.Scene(robot, loops)
 
 

@@ -274,8 +274,8 @@ def test_what_is_no_path_is_refused(along, said):
     "constraint",
     [
         cp.Loop("tool", "world", "weld"),
-        cp.Loop("tool", "world", "hinge"),
-        cp.Loop("tool", "world", "slider"),
+        cp.Loop("tool", "world", "hinge", axis="z"),
+        cp.Loop("tool", "world", "slider", axis="z"),
         cp.PointContact("tool"),
         cp.SurfaceContact("tool", 0.1, 0.1),
     ],

@@ -188,9 +188,9 @@ PLACED = (0.1, 0.2, 0.3, 0.5, 0.5, 0.5, 0.5)
 EVERY_KIND = {
     "ball": cp.Loop("hand", "foot"),
     "weld": cp.Loop("foot", "world", "weld"),
-    "hinge": cp.Loop("foot", "world", "hinge"),
-    "slider": cp.Loop("foot", "world", "slider"),
-    "planar": cp.Loop("hand", "foot", "planar"),
+    "hinge": cp.Loop("foot", "world", "hinge", axis="z"),
+    "slider": cp.Loop("foot", "world", "slider", axis="z"),
+    "planar": cp.Loop("hand", "foot", "planar", axis="z"),
     "rod": cp.Loop("hand", "foot", "rod", length=0.7),
     "point": cp.PointContact("foot", (0.1, 0.2, 0.3), anchor=(0.3, 0.1, 0.2)),
     "surface": cp.SurfaceContact("foot", 0.1, 0.05, PLACED),

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shared import all_scenes, each_scene, robot, states
+from shared import all_scenes, axis_of, each_scene, robot, states
 from test_traps import two_boxes
 
 import condyn_pin as cp
@@ -46,8 +46,8 @@ HUNG = {
     "ball, world first": (cp.Loop("ceiling", "hook"), "ceiling", "hook", "hook", -1.0),
     "weld": (cp.Loop("hook", "ceiling", "weld"), "hook", "ceiling", "hook", 1.0),
     "weld, world first": (cp.Loop("ceiling", "hook", "weld"), "ceiling", "hook", "hook", -1.0),
-    "hinge": (cp.Loop("hook", "ceiling", "hinge"), "hook", "ceiling", "hook", 1.0),
-    "slider": (cp.Loop("ceiling", "hook", "slider"), "ceiling", "hook", "ceiling", None),
+    "hinge": (cp.Loop("hook", "ceiling", "hinge", "z"), "hook", "ceiling", "hook", 1.0),
+    "slider": (cp.Loop("ceiling", "hook", "slider", "z"), "ceiling", "hook", "ceiling", None),
     "plane": (cp.constraints.PlanarContact("hook"), "hook", "world", "hook/plane", 1.0),
 }
 
@@ -128,13 +128,14 @@ def test_force_and_opposite_do_the_work_of_the_rows(label):
 def test_newtons_third_law(kind, order):
     """Force and opposite, with their moments about the origin of the world, are nothing."""
     length = 0.8 if kind == "rod" else None
-    scene = cp.Scene(two_boxes(), [cp.Loop(*order, kind, length=length, name="it")])
+    axis = axis_of(kind)
+    scene = cp.Scene(two_boxes(), [cp.Loop(*order, kind, axis, length, name="it")])
     rng = np.random.default_rng(0)
     q, v = scene.sample(rng, spread=0.5)
     tau = rng.normal(size=12)
     solution = cp.solve(scene, q, v, tau)
     force = solution.forces["it"]
-    other = cp.Scene(two_boxes(), [cp.Loop(*order[::-1], kind, length=length, name="it")])
+    other = cp.Scene(two_boxes(), [cp.Loop(*order[::-1], kind, axis, length, name="it")])
     if kind in ("ball", "weld"):  # the others have other rows, in other axes, off their loops
         named_otherwise = cp.solve(other, q, v, tau).forces["it"].in_world()
         assert np.allclose(named_otherwise[:3], -force.in_world()[:3], atol=1e-8)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from shared import all_scenes, central, each_scene, robot, states
+from shared import all_scenes, axis_of, central, each_scene, robot, states
 from test_derivatives import CONSTRAINTS, ROOTS, two_arms
 from test_traps import two_boxes
 
@@ -230,7 +230,7 @@ def test_a_loop_that_snaps_shut_keeps_the_momentum(kind):
     """Two bodies in space: linear and angular momentum of both together stay."""
     boxes = two_boxes()
     length = 0.8 if kind == "rod" else None
-    scene = cp.Scene(boxes, [cp.Loop("one_corner", "two_corner", kind, length=length)])
+    scene = cp.Scene(boxes, [cp.Loop("one_corner", "two_corner", kind, axis_of(kind), length)])
     rng = np.random.default_rng(0)
     q, _ = scene.sample(rng, spread=0.5)
     v = rng.normal(size=12)

@@ -56,11 +56,11 @@ JOINTS = [
     ("slider", "x", pin.JointModelPX()),
     ("slider", "y", pin.JointModelPY()),
     ("slider", "z", pin.JointModelPZ()),
-    ("ball", "z", pin.JointModelSpherical()),
+    ("ball", None, pin.JointModelSpherical()),
 ]
 
 
-def motion_of(kind: str, axis: str) -> np.ndarray:
+def motion_of(kind: str, axis: str | None) -> np.ndarray:
     """The motion subspace of the joint, (6, nv)."""
     if kind == "ball":
         return np.vstack([np.zeros((3, 3)), np.eye(3)])
@@ -203,7 +203,7 @@ def test_an_edge_is_its_two_ends():
 def test_an_axis_that_points_backwards_is_half_a_turn_off():
     """Not closed: the cross product of the axes alone would be zero."""
     _, free = loose(pin.JointModelRZ(), pin.SE3.Identity(), pin.SE3.Identity())
-    scene = cp.Scene(free, [cp.Loop("on_body", "on_world", "hinge")])
+    scene = cp.Scene(free, [cp.Loop("on_body", "on_world", "hinge", axis="z")])
     c = Equations(free.model, scene.bounds).violation
     upright = np.array([0, 0, 0, 0, 0, np.sin(0.7), np.cos(0.7)])
     assert np.abs(c(upright)).max() < 1e-15
@@ -237,6 +237,14 @@ BAD = {
     "a ball with a length": lambda: cp.Loop("a", "b", length=1.0),
     "a negative length": lambda: cp.Loop("a", "b", "rod", length=-1.0),
     "a length of nan": lambda: cp.Loop("a", "b", "rod", length=np.nan),
+    **{
+        f"a {kind} without an axis": lambda kind=kind: cp.Loop("a", "b", kind)
+        for kind in ("hinge", "slider", "planar")
+    },
+    **{
+        f"a {kind} with an axis": lambda kind=kind: cp.Loop("a", "b", kind, axis="y")
+        for kind in ("ball", "weld", "rod")
+    },
     "an axis w": lambda: cp.Loop("a", "b", "hinge", axis="w"),
     "an axis 2": lambda: cp.Loop("a", "b", "hinge", axis=2),
     "a ratio of zero": lambda: cp.constraints.Coupling("a", "b", 0.0),

@@ -12,6 +12,7 @@ from fuzz import assert_survived
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from referee import MujocoReferee
+from shared import axis_of
 from shared import robot as shared_robot
 
 import condyn_pin as cp
@@ -391,7 +392,7 @@ def spun(robot: cp.Robot) -> cp.Robot:
 
 def test_a_hinge_is_two_points_of_its_axis(read):
     bar = spun(shared_robot("four_bar"))
-    one = replace(bar, loops=[cp.Loop("coupler_pin", "rocker_pin", "hinge", name="pin")])
+    one = replace(bar, loops=[cp.Loop("coupler_pin", "rocker_pin", "hinge", "z", name="pin")])
     two = read(one.to_mjcf())
     assert [(loop.kind, loop.name) for loop in two.loops] == [("ball", "pin"), ("ball", "pin_axis")]
     scenes = [cp.Scene(robot, robot.loops) for robot in (one, two)]
@@ -415,7 +416,7 @@ def test_a_coupling_is_a_joint_equality(read):
 @pytest.mark.parametrize("kind", ["slider", "planar", "rod"])
 def test_kinds_that_mujoco_has_not_are_refused_or_left_out(kind):
     length = 0.5 if kind == "rod" else None
-    loops = [cp.Loop("coupler_tip", "rocker_tip", kind, length=length, name="odd")]
+    loops = [cp.Loop("coupler_tip", "rocker_tip", kind, axis_of(kind), length, name="odd")]
     bar = replace(shared_robot("four_bar"), loops=loops)
     advice = "a ball does the same.*" if kind == "planar" else ""
     with pytest.raises(cp.errors.InvalidModel, match=f"'odd' is a {kind}.*{advice}without="):

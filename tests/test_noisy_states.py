@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from scipy.linalg import null_space
+from shared import axis_of
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -25,7 +26,7 @@ def flat_parallelogram(kind: str) -> cp.Scene:
     rod(1, 0.5, 0.9, "coupler")
     rod(0, 0.9, 0.5, "rocker")
     flat = cp.Robot("flat", model, postures={"flat": np.zeros(3)})
-    return cp.Scene(flat, [cp.Loop("coupler_tip", "rocker_tip", kind, axis="y")])
+    return cp.Scene(flat, [cp.Loop("coupler_tip", "rocker_tip", kind, axis=axis_of(kind, "y"))])
 
 
 def bennett() -> tuple[cp.Scene, np.ndarray]:
@@ -47,7 +48,7 @@ def bennett() -> tuple[cp.Scene, np.ndarray]:
     ratio = np.sin((beta + alpha) / 2) / np.sin((beta - alpha) / 2)
     q = np.array([theta, 2 * np.arctan(ratio / np.tan(theta / 2)), -theta])
     robot = cp.Robot("bennett", model, postures={"drawn": q})
-    return cp.Scene(robot, [cp.Loop("end", "bearing", "hinge")]), q
+    return cp.Scene(robot, [cp.Loop("end", "bearing", "hinge", axis="z")]), q
 
 
 @pytest.mark.parametrize("noise", [1e-8, 1e-6, 1e-4])

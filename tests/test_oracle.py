@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from oracle import Oracle, mp
-from shared import all_scenes, states
+from shared import all_scenes, axis_of, states
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -18,7 +18,7 @@ from condyn_pin.lab.extremes.base import with_inertias
 from condyn_pin.lab.extremes.verdict import right_answers
 
 KINDS = {
-    **{kind: (cp.Loop("hand", "foot", kind, axis="y"),) for kind in
+    **{kind: (cp.Loop("hand", "foot", kind, axis=axis_of(kind, "y")),) for kind in
        ("ball", "weld", "hinge", "slider", "planar")},
     "rod": (cp.Loop("hand", "foot", "rod", length=0.7),),
     "to the world": (cp.Loop("world", "hand"), cp.Loop("foot", "world", "slider", axis="x")),

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shared import SOLVERS, relative, robot
+from shared import SOLVERS, axis_of, relative, robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
@@ -101,7 +101,7 @@ def test_forces_are_those_on_the_first_frame(swap):
 def test_open_loops_are_solved_as_they_are(kind, gap):
     """A ball, or two, moves at c1 where the pin moves at c2: there they are not the same."""
     bar = replace(robot("four_bar"), precision=0.0)
-    scene = cp.Scene(bar, [cp.Loop("coupler_tip", "rocker_tip", kind, axis="y")])
+    scene = cp.Scene(bar, [cp.Loop("coupler_tip", "rocker_tip", kind, axis=axis_of(kind, "y"))])
     rng = np.random.default_rng(1)
     q, _ = scene.sample(rng)
     q = pin.integrate(bar.model, q, gap * rng.normal(size=3))
@@ -154,7 +154,7 @@ def test_a_pin_in_space_has_no_equivalent():
         )
     robot_ = cp.Robot("joints", model)
     ends = [name for name in model.names if name != "universe"]
-    loops = [cp.Loop(f"{name}_tip", "universe", "planar", name=name) for name in ends]
+    loops = [cp.Loop(f"{name}_tip", "universe", "planar", "z", name=name) for name in ends]
     natives = pinocchio_constraints_of(cp.Scene(robot_, loops))
     assert natives.unsupported == ("ball", "across", "screw", "two", "slanted")
     assert natives.approximated == ("in_plane", "along", "wheel")

@@ -146,6 +146,21 @@ def test_postures_of_continuous_joints_are_angles_or_cos_and_sin(tmp_path):
     np.testing.assert_allclose(postures["b"][:2], [0.6, 0.8], atol=1e-15)
 
 
+@pytest.mark.parametrize(
+    ("kind", "match"),
+    [
+        ("hinge", r"loops\[0\]: axis: a hinge needs the axis of 'c_end'.*axis=\"x\""),
+        ('ball"\naxis = "y', r"loops\[0\]: axis = 'y' for a ball, which has no axis: leave it"),
+    ],
+)
+def test_an_axis_of_a_loop_is_there_where_its_kind_has_one(tmp_path, kind, match):
+    (tmp_path / "swing.urdf").write_text(SWING)
+    card = CARD.replace("[[loops]]", f'[[loops]]\nkind = "{kind}"')
+    (tmp_path / "robot.toml").write_text(card)
+    with pytest.raises(cp.errors.CondynError, match=match):
+        cp.load_robot(tmp_path)
+
+
 def test_a_loop_that_is_open_where_a_posture_puts_it_is_told(tmp_path):
     (tmp_path / "swing.urdf").write_text(SWING)
     (tmp_path / "robot.toml").write_text(CARD)

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from shared import all_scenes, each_scene, robot
+from shared import all_scenes, axis_of, each_scene, robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -88,7 +88,7 @@ def test_a_weld_in_place_of_a_hinge_locks_it_and_is_still_solved():
 def test_a_kind_that_costs_the_fast_solvers_is_told():
     bar = robot("four_bar")
     for kind, slow in (("slider", True), ("planar", False), ("ball", False)):
-        pin_ = cp.Loop("coupler_tip", "rocker_tip", kind, axis="y", name="pin")
+        pin_ = cp.Loop("coupler_tip", "rocker_tip", kind, axis=axis_of(kind, "y"), name="pin")
         notes = cp.Scene(bar, [pin_]).summary().notes
         assert any(note.startswith("pin: Pinocchio has no such rows") for note in notes) == slow
 
@@ -221,7 +221,7 @@ def test_what_says_nothing_holds_nothing(leaves):
     up = pin.SE3(np.eye(3), np.array([0.0, 0.0, 1.2]))
     for name, joint, place in (("door", leaves, up), ("post", leaves - 1, askew * up)):
         model.addFrame(pin.Frame(name, joint, 0, place, pin.FrameType.OP_FRAME))
-    door = cp.Scene(cp.Robot("door", model), [cp.Loop("door", "post", "hinge")])
+    door = cp.Scene(cp.Robot("door", model), [cp.Loop("door", "post", "hinge", axis="z")])
     q, v = np.full(model.nq, 0.7), np.ones(model.nv)
     free = pin.aba(model, model.createData(), q, v, v)
     assert door.rank(q).mobility == model.nv

@@ -210,7 +210,7 @@ def machine(**options) -> tuple[cp.Robot, cp.Scene]:
     read = read_sdf(
         cassie_file(), root_joint=pin.JointModelFreeFlyer(), drop=("static",), **options
     )
-    loops = [cp.Loop(c.frame_a, c.frame_b, c.kind, name=c.name) for c in closures(read)]
+    loops = [cp.Loop(c.frame_a, c.frame_b, c.kind, c.axis, name=c.name) for c in closures(read)]
     cassie = cp.Robot("cassie", read.model)
     return cassie, cp.Scene(cassie, loops)
 

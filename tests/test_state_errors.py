@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from overconstrained import machines
-from shared import robot, takes
+from shared import axis_of, robot, takes
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -280,7 +280,9 @@ def test_hot_loops_keep_their_method_where_loops_are_open():
     """Hinges and planar pins that are open by a nanometre are not solved by another method."""
     four_bar = cp.load_robot("four_bar")
     for kind in ("hinge", "planar"):
-        scene = cp.Scene(four_bar, [cp.Loop("coupler_tip", "rocker_tip", kind, axis="y")])
+        scene = cp.Scene(
+            four_bar, [cp.Loop("coupler_tip", "rocker_tip", kind, axis=axis_of(kind, "y"))]
+        )
         q, v = scene.sample(np.random.default_rng(0))
         workspace, tau = cp.Workspace(scene), np.zeros(3)
         right = workspace.acceleration(q, v, tau)

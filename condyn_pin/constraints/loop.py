@@ -24,6 +24,7 @@ from typing import Any, ClassVar, Final, Literal, get_args
 
 import numpy as np
 
+from condyn_pin._core.arrays import shown
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.between_frames import BetweenFrames, lever
 from condyn_pin.constraints.constraint_fields import Axis, check_axis, check_lengths, text
@@ -36,11 +37,23 @@ from condyn_pin.errors import InvalidArgument
 
 LoopKind = Literal["ball", "weld", "hinge", "slider", "planar", "rod"]
 
+# What the axis of a kind is; the other kinds have none.
+_AXES: Final = {
+    "hinge": "it turns about",
+    "slider": "it moves along",
+    "planar": "it leaves free, across the plane of the linkage",
+}
+
 # What MuJoCo calls them; a hinge is two of them.
 _EQUALITIES: Final = {"ball": "connect", "weld": "weld", "hinge": "connect"}
 
 # From the middle of a hinge or a weld to the points that stand for it.
 _APART: Final = 0.1  # [m]
+
+
+def axis_of(kind: str, axis: Axis = "z") -> Axis | None:
+    """Return the axis of a loop of a kind that has one, and None for the other kinds."""
+    return axis if kind in _AXES else None
 
 
 @dataclass(frozen=True)
@@ -63,9 +76,10 @@ class Loop(BetweenFrames):
         with a redundant row that ``planar`` does not have; an answer that is ok is right with
         either. Sliders, rods, and planar pins whose bodies can leave the plane have no equivalent
         in Pinocchio, and take five times as long or more. A weld in place of a hinge locks it.
-    axis : {"x", "y", "z"}
+    axis : {"x", "y", "z"}, optional
         Of `frame_a`: a hinge turns about it, a slider moves along it, and a planar pin leaves it
-        free. The same axis of `frame_b` coincides with it in a hinge. The other kinds ignore it.
+        free. These three need it; the other kinds have none. The same axis of `frame_b` coincides
+        with it in a hinge.
     length : float, optional
         Of a rod [m], which needs it; the other kinds have none.
     name : str, optional
@@ -74,7 +88,8 @@ class Loop(BetweenFrames):
     Raises
     ------
     InvalidArgument
-        If the kind or the axis is unknown, a rod has no length, or another kind has one.
+        If the kind or the axis is unknown, a kind lacks its axis or its length, or has one that
+        is of other kinds.
 
     Notes
     -----
@@ -88,7 +103,7 @@ class Loop(BetweenFrames):
     frame_a: str
     frame_b: str
     kind: LoopKind = "ball"
-    axis: Axis = "z"
+    axis: Axis | None = None
     length: float | None = None  # [m]
 
     def __post_init__(self) -> None:
@@ -98,12 +113,32 @@ class Loop(BetweenFrames):
             raise InvalidArgument(
                 f"kind = {self.kind!r}: known kinds of loops are {', '.join(get_args(LoopKind))}"
             )
-        check_axis(self.axis)
+        self._check_axis()
         check_lengths(length=self.length)
         if (self.kind == "rod") != (self.length is not None):
             wanted = "a rod needs its length" if self.kind == "rod" else "only a rod has a length"
             raise InvalidArgument(f"length = {self.length!r} for a {self.kind}: {wanted} [m]")
         self._set_name(f"{self.frame_a}~{self.frame_b}")
+
+    def _check_axis(self) -> None:
+        """Refuse a kind without the axis that it needs, and one with an axis that it has not."""
+        if self.kind in _AXES:
+            if self.axis is None:
+                raise InvalidArgument(
+                    f"axis: a {self.kind} needs the axis of {self.frame_a!r} that "
+                    f'{_AXES[self.kind]}: axis="x", "y" or "z"'
+                )
+            check_axis(self.axis)
+        elif self.axis is not None:
+            raise InvalidArgument(
+                f"axis = {shown(self.axis)} for a {self.kind}, which has no axis: leave it out, or "
+                f"name the kind that has one, {', '.join(_AXES)}"
+            )
+
+    @property
+    def _axis(self) -> int:
+        """Column of the axis in the axes of `frame_a`; that of z for a kind that reads none."""
+        return "xyz".index(self.axis or "z")
 
     @property
     def rows(self) -> int:
@@ -113,7 +148,7 @@ class Loop(BetweenFrames):
     @property
     def _selected(self) -> tuple[int, ...]:
         """The rows x y z rx ry rz of s that stay zero; none for a rod."""
-        axis = "xyz".index(self.axis)
+        axis = self._axis
         return {
             "ball": POINT,
             "weld": FRAME,
@@ -134,8 +169,8 @@ class Loop(BetweenFrames):
             one, two, sign = two, one, -1.0  # the force is reported with the other sign
         length = nan if self.length is None else self.length
         return Bound(
-            self.name, rows, *one, *two, self._selected, sign=sign, axis="xyz".index(self.axis),
-            length=length, lever=lever(machine, one[1], two[1]),
+            self.name, rows, *one, *two, self._selected, sign=sign, axis=self._axis, length=length,
+            lever=lever(machine, one[1], two[1]),
         )  # fmt: skip
 
     def bind_to_drive(self, machine: Machine, rows: slice) -> AnyBound:
@@ -177,7 +212,7 @@ class Loop(BetweenFrames):
 
     def by_points(self, robot: Any) -> tuple[Any, tuple[Constraint, ...]]:
         """Return a hinge as two balls on its axis, and a weld as three around it."""
-        along = np.eye(3)["xyz".index(self.axis)]
+        along = np.eye(3)[self._axis]
         places = {"hinge": (_APART * along, -_APART * along), "weld": tuple(_APART * np.eye(3))}
         if self.kind not in places:
             return robot, (self,)
@@ -200,7 +235,7 @@ class Loop(BetweenFrames):
         to.equate(tag, name=self.name, site1=a, site2=b)
         if self.kind == "hinge":
             far = self.bind(to.robot, slice(0, self.rows)).lever
-            x, y, z = (far * np.eye(3)["xyz".index(self.axis)]).tolist()
+            x, y, z = (far * np.eye(3)[self._axis]).tolist()
             a, b = (
                 to.site_beside(f, f"{self.name}_axis_{e}", (x, y, z))
                 for f, e in zip(self.frames, "ab", strict=True)

@@ -22,6 +22,7 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin.constraints.constraint_fields import Axis
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.sdf_span import Span
@@ -35,6 +36,7 @@ _LOOP_KINDS: Final[Mapping[str, LoopKind]] = {
     "continuous": "hinge",
     "prismatic": "slider",
 }
+_Z: Final[Axis] = "z"  # to which the frames of a cut hinge or slider are turned
 
 
 class SdfTree(Tree):
@@ -90,13 +92,13 @@ class SdfTree(Tree):
 
     def close(self, joint: Joint) -> Loop:
         """Add the two frames of a cut joint, and return what closes it."""
-        oMj = joint.pose
+        oMj, axis = joint.pose, None  # type: Any, Axis | None
         if joint.has_axis:
-            oMj = oMj * pin.SE3(_z_along(joint.axis.direction), np.zeros(3))
+            oMj, axis = oMj * pin.SE3(_z_along(joint.axis.direction), np.zeros(3)), _Z
         ends = f"{joint.name}_a", f"{joint.name}_b"
         for name, link in zip(ends, (joint.parent, joint.child), strict=True):
             self.mark(name, link, oMj)
-        return Loop(*ends, _LOOP_KINDS[joint.kind], name=joint.name)
+        return Loop(*ends, _LOOP_KINDS[joint.kind], axis, name=joint.name)
 
     def mark(self, name: str, link: str, oMx: Any) -> None:
         """Add a frame x that moves with a link."""

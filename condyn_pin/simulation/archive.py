@@ -25,6 +25,7 @@ from condyn_pin.constraints.contacts.kinds import CONTACTS
 from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.contacts.shapes import SHAPES
 from condyn_pin.constraints.kinds import named
+from condyn_pin.constraints.loop import Loop, axis_of
 from condyn_pin.constraints.path import PATHS
 from condyn_pin.contact.solvers.base import CONTACT_SOLVERS
 from condyn_pin.dynamics.scene import Scene
@@ -211,6 +212,8 @@ def decode(coded: dict[str, Any]) -> Any:
     )
     if kind is None:
         raise LookupError(f"{name} is unknown: import the module that defines it")
+    if kind is Loop:  # files of before have an axis for kinds that have none
+        values["axis"] = axis_of(values["kind"], values["axis"])
     return kind(**{k: _decoded(x) for k, x in values.items()})
 
 

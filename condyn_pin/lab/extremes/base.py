@@ -220,7 +220,7 @@ def hooked(links: Robot, q: Array, kind: Literal["ball", "planar"] = "ball") -> 
     turns = np.cumsum(q)
     tip = [np.cos(turns).sum(), 0.0, np.sin(turns).sum()]
     held = replace(links.with_frame("hook", "world", tip), postures={"held": q})
-    axis: Literal["y", "z"] = "y" if kind == "planar" else "z"
+    axis: Literal["y"] | None = "y" if kind == "planar" else None
     return Scene(held, [Loop(f"joint{len(q) - 1}_tip", "hook", kind, axis=axis)])
 
 

@@ -30,7 +30,8 @@ _STEPS: Final = 12
 
 
 def _by_hinges(robot: Robot) -> Scene:
-    return Scene(robot, [Loop(*ball.frames, "hinge", name=ball.name) for ball in robot.loops])
+    pairs = [(ball.name, *ball.frames[:2]) for ball in robot.loops]
+    return Scene(robot, [Loop(a, b, "hinge", axis="z", name=name) for name, a, b in pairs])
 
 
 _MACHINES: Final[tuple[Callable[[], Scene], ...]] = (
