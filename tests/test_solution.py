@@ -253,3 +253,76 @@ def test_a_singular_answer_still_says_what_the_state_is():
         cp.SolveFailed, match=r"error bound inf; the state is open by .*, with \|J v\| = [1-9]"
     ):
         cp.solve(scene, q, v + 0.1, tau, solver=cp.DenseKKT())
+
+
+# What tau lacks, and what was solved --------------------------------------------------------------
+
+
+def hung_mass(stiffness: float = 0.0, damping: float = 0.0) -> cp.Robot:
+    """2 kg on a vertical slide without a motor, and a driven slide beside it."""
+    model = pin.Model()
+    for name in ("mass", "driven"):
+        j = model.addJoint(0, pin.JointModelPZ(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(j, pin.Inertia.FromSphere(2.0, 0.1), pin.SE3.Identity())
+    model.damping[:] = [damping, 0.0]
+    springs = [cp.model.Spring("mass", stiffness, reference=0.1)] if stiffness else []
+    return cp.Robot("hung", model, actuated=["driven"], springs=springs)
+
+
+@pytest.mark.parametrize(
+    ("made", "kinds"),
+    [
+        ({"stiffness": 50.0}, "springs"),
+        ({"damping": 3.0}, "dampers"),
+        ({"stiffness": 50.0, "damping": 3.0}, "springs and dampers"),
+    ],
+)
+def test_springs_that_tau_lacks_are_told_with_what_they_would_change(made, kinds):
+    hung = hung_mass(**made)
+    q, v, tau = np.array([0.3, 0.0]), np.array([-0.5, 0.0]), np.array([0.0, 4.0])
+    passive = -made.get("stiffness", 0.0) * 0.2 + made.get("damping", 0.0) * 0.5
+    (said,) = cp.solve(cp.Scene(hung), q, v, tau).notices
+    assert f"tau lacks the {kinds} of the robot ({abs(passive):.3g} at mass N m or N)" in said
+    assert f"up to {abs(passive) / 2.0:.3g} rad/s^2 or m/s^2: pass tau + robot.passive" in said
+    with_them = cp.solve(cp.Scene(hung), q, v, tau + hung.passive_torque(q, v))
+    assert with_them.notices == ()
+    assert with_them.a[0] == pytest.approx(-9.81 + passive / 2.0)
+
+
+def test_springs_at_rest_or_of_no_weight_are_no_news():
+    q, v = np.array([0.1, 0.0]), np.zeros(2)
+    assert cp.solve(cp.Scene(hung_mass(50.0)), q, v, 0 * v).notices == ()
+    weak = hung_mass(stiffness=0.9)  # 0.18 N of 19.62 N
+    assert cp.solve(cp.Scene(weak), q + 0.2, v, 0 * v).notices == ()
+    assert cp.solve(cp.Scene(replace(weak, springs=())), q + 0.2, v, 0 * v).notices == ()
+
+
+def test_spring_dampers_that_tau_lacks_are_told():
+    hung = hung_mass().with_frame("hook", "world", [0.0, 0.0, 2.0])
+    model = pin.Model(hung.model)
+    model.addFrame(pin.Frame("eye", 1, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    hung = replace(hung, model=model)
+    hung = replace(hung, spring_dampers=[cp.model.SpringDamper("hook", "eye", 30.0)])
+    q, v = np.zeros(2), np.zeros(2)
+    (said,) = cp.solve(cp.Scene(hung), q, v, 0 * v).notices
+    assert "tau lacks the springs of the robot (60 at mass N m or N)" in said
+    assert cp.solve(cp.Scene(hung), q, v, hung.passive_torque(q, v)).notices == ()
+
+
+def test_a_solution_knows_its_question():
+    bar = robot("four_bar")
+    scene, drift = cp.Scene(bar, bar.loops), cp.Baumgarte(10.0, 30.0)
+    push = (cp.AppliedForce("coupler_tip", [1.0, 0.0, 2.0]),)
+    q, v = scene.sample(np.random.default_rng(3))
+    q = pin.integrate(bar.model, q, np.array([1e-5, 0.0, 0.0]))
+    tau = np.array([0.3, 0.0, 0.0])
+    found = cp.solve(scene, q, v, tau, forces=push, drift=drift)
+    q[0] = 9.0  # the caller's
+    asked = found.question
+    assert (asked.forces, asked.drift) == (push, drift)
+    again = cp.solve(scene, asked.q, asked.v, asked.tau, forces=asked.forces, drift=asked.drift)
+    assert np.array_equal(again.a, found.a)
+    assert not np.array_equal(again.a, cp.solve(scene, *asked[:3], forces=push).a)
+    batch = cp.solve_batch(scene, [asked.q], [asked.v], tau, forces=push, drift=drift)
+    assert batch[0].question.drift == drift
+    assert pickle.loads(pickle.dumps(found)).question.drift == drift

@@ -276,3 +276,13 @@ GRAVITY: Final = 9.81
 # How far points of contacts are off a plane that counts as theirs [m]: floors are no flatter, and
 # the soles of Talos, as its file has them, lean by 2e-3 rad.
 COPLANAR: Final = 1e-3
+
+# Change of a, relative to the larger of |a| and gravity, from which on a notice says that tau lacks
+# the springs and dampers of the robot: friction of bearings that nobody models is as large.
+LEFT_OUT_OF_TAU: Final = 1e-2
+
+# How deep a collision shape of the robot's file may be in the ground of a scene, unsaid [m]: meshes
+# of files are no truer. A body with contacts of its own may be deeper: points that stand for feet
+# are in their middle, 30 mm above the ground that ANYmal's balls would touch.
+IN_THE_GROUND: Final = 1e-3
+FEET_IN_THE_GROUND: Final = 4e-2

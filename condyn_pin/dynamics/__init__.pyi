@@ -9,6 +9,7 @@ from .nominal import NominalAnalysis as NominalAnalysis
 from .postures import described_posture as described_posture
 from .residuals import Residuals as Residuals
 from .scene import Scene as Scene
+from .solution import Question as Question
 from .solution import Solution as Solution
 from .solution import StateError as StateError
 from .solution import Status as Status

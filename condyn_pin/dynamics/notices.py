@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -12,6 +13,7 @@ from condyn_pin.constraints.violation import worst
 from condyn_pin.dynamics.at_state import equations_of, gaps, left_out_at
 from condyn_pin.dynamics.force import Sites, pulling
 from condyn_pin.dynamics.solution import Solution, Status
+from condyn_pin.dynamics.verbs import solve
 from condyn_pin.errors import InvalidArgument, InvalidModel
 from condyn_pin.model.soundness import massless_motion
 
@@ -20,6 +22,10 @@ _HEAVY: Final = 1e3
 
 # Doubt from which on a notice states how a state was answered: a is off by some 1e-2 of itself.
 _NOTICED: Final = 1e-2
+
+# Joints that a notice names: this many, unless their torque is a small share of the largest.
+_LISTED: Final = 3
+_SMALL: Final = 1e-3
 
 
 def notices_of(solution: Solution, sites: Sites) -> tuple[str, ...]:
@@ -30,9 +36,47 @@ def notices_of(solution: Solution, sites: Sites) -> tuple[str, ...]:
     why = undetermined(solution) if finite else ""
     off = _off_the_constraints(solution, why) if finite else ()
     wrong_forces = () if why else _wrong_forces(solution)
-    found = pulling(solution.forces, sites) + wrong_forces + said + off
+    slack = _left_out_of_tau(solution) if finite else ()
+    found = slack + pulling(solution.forces, sites) + wrong_forces + said + off
     explained = bool(off) and (solution.status.ok or bool(why))
     return tuple(dict.fromkeys(found + _doubts(solution, explained)))
+
+
+def _left_out_of_tau(solution: Solution) -> tuple[str, ...]:
+    """Notice of springs and dampers that tau lacks, where a would change with them.
+
+    tau certainly lacks them at joints where it is zero and they are not.
+    """
+    scene, (q, v, tau, forces, drift) = solution.scene, solution.question
+    of_springs = scene.robot.passive_torque(q, 0 * v)
+    passive = scene.robot.passive_torque(q, v)
+    lacking = np.abs(tau) <= tolerances.SOLVED * np.abs(passive)
+    missing = np.where(lacking, passive, 0.0)
+    if not missing.any() or not np.isfinite(passive).all():
+        return ()
+    answer = partial(solve, scene, q, v, forces=forces, drift=drift, throw=False)
+    without, with_them = answer(tau).a, answer(tau + missing).a
+    size = max(float(np.abs(without).max()), scene.nominal.gravity)
+    change = float(np.abs(with_them - without).max())
+    if not change > tolerances.LEFT_OUT_OF_TAU * size:
+        return ()
+    model = scene.robot.model
+    by_joint = {
+        model.names[j.id]: float(np.abs(missing[j.idx_v : j.idx_v + j.nv]).max())
+        for j in list(model.joints)[1:]
+    }
+    largest = sorted(by_joint, key=by_joint.__getitem__, reverse=True)[:_LISTED]
+    least = _SMALL * by_joint[largest[0]]
+    joints = ", ".join(
+        f"{by_joint[name]:.3g} at {name}" for name in largest if by_joint[name] > least
+    )
+    are_springs = bool(np.abs(of_springs[lacking]).max() > 0.0)
+    are_dampers = bool(np.abs((passive - of_springs)[lacking]).max() > 0.0)
+    kinds = " and ".join(["springs"] * are_springs + ["dampers"] * are_dampers)
+    return (
+        f"tau lacks the {kinds} of the robot ({joints} N m or N), with which a differs by up to "
+        f"{change:.3g} rad/s^2 or m/s^2: pass tau + robot.passive_torque(q, v), as simulate does",
+    )
 
 
 def _wrong_forces(solution: Solution) -> tuple[str, ...]:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import State
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.applied_force import AppliedForce
@@ -19,12 +18,16 @@ from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.dynamics.residuals import Residuals
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.baumgarte import Baumgarte
     from condyn_pin.constraints.rows.redundancy import LeftOut
     from condyn_pin.dynamics.scene import Scene
 
 
 # Rows that miss less, as a share of the largest, are not named.
 _NAMED: Final = 0.1
+
+# Of the numbers in a print.
+_WIDTH: Final = 88
 
 # Why an answer is not ok, and what repairs a state; the rest of a status is what else may help.
 _INACCURATE: Final = "the two equations do not hold well enough for the requested accuracy"
@@ -83,6 +86,26 @@ class Status(Enum):
         repair = _REPAIR if rows and self is Status.INACCURATE else ""
         parts = (cause, ", or ".join(cures), repair)
         return f"{self.name.lower()}: {'; '.join(part for part in parts if part)}"
+
+
+class Question(NamedTuple):
+    """State, torques, forces from outside and drift control of one solve.
+
+    Attributes
+    ----------
+    q, v, tau : (nq,), (nv,), (nv,) array
+        Configuration [rad, m], velocity [rad/s, m/s] and joint torques [N m, N].
+    forces : tuple of AppliedForce
+        The forces from outside that were applied.
+    drift : Baumgarte or None
+        What gave a_ref; None where it is zero.
+    """
+
+    q: Array
+    v: Array
+    tau: Array
+    forces: tuple[AppliedForce, ...] = ()
+    drift: Baumgarte | None = None
 
 
 class _Gaps(NamedTuple):
@@ -153,10 +176,9 @@ class Solution:
         Time of the solve without the proof [s].
     scene : Scene
         What was solved.
-    q, v, tau : (nq,), (nv,), (nv,) array
-        The state, and the torques [rad, m; rad/s, m/s; N m, N].
-    applied : tuple of AppliedForce
-        The forces from outside that were applied.
+    question : Question
+        At which state, with which torques, forces and drift; `q`, `v`, `tau` and `applied` are
+        those of it.
     """
 
     a: Array
@@ -166,10 +188,7 @@ class Solution:
     iterations: int
     solve_time: float  # [s]
     scene: Scene
-    q: Array
-    v: Array
-    tau: Array
-    applied: tuple[AppliedForce, ...] = ()
+    question: Question
     _missed: Array | None = None
 
     proof = renamed("residuals")
@@ -183,16 +202,34 @@ class Solution:
         iterations: int,
         solve_time: float,
         scene: Scene,
-        state: State,
-        applied: tuple[AppliedForce, ...] = (),
+        question: Question,
         missed: Array | None = None,
     ) -> None:
         # the guarded assignments of a frozen dataclass take twice as long
         its = self.__dict__
         its["a"], its["lam"], its["residuals"], its["status"] = a, lam, residuals, status
         its["iterations"], its["solve_time"] = iterations, solve_time
-        its["scene"], its["applied"], its["_missed"] = scene, applied, missed
-        its["q"], its["v"], its["tau"] = state
+        its["scene"], its["question"], its["_missed"] = scene, question, missed
+
+    @property
+    def q(self) -> Array:
+        """Configuration (nq,) [rad, m]."""
+        return self.question.q
+
+    @property
+    def v(self) -> Array:
+        """Velocity (nv,) [rad/s, m/s]."""
+        return self.question.v
+
+    @property
+    def tau(self) -> Array:
+        """Joint torques (nv,) [N m, N]."""
+        return self.question.tau
+
+    @property
+    def applied(self) -> tuple[AppliedForce, ...]:
+        """Forces from outside."""
+        return self.question.forces
 
     @property
     def dynamics_error(self) -> float:
@@ -277,9 +314,9 @@ class Solution:
         from condyn_pin.dynamics.verbs import solve
 
         error = self.state_error
-        q = np.array(pin.integrate(self.scene.robot.model, self.q, -error.q))
-        forces = self.applied
-        return solve(self.scene, q, self.v - error.v, self.tau, forces=forces, throw=False)
+        q, v, tau, forces, drift = self.question
+        q = np.array(pin.integrate(self.scene.robot.model, q, -error.q))
+        return solve(self.scene, q, v - error.v, tau, forces=forces, drift=drift, throw=False)
 
     @property
     def error_bound(self) -> float:
@@ -311,10 +348,11 @@ class Solution:
     def notices(self) -> tuple[str, ...]:
         """What deserves attention, a sentence each.
 
-        Contacts that pull, as no ground does. Forces that are wrong where a is right. A singular
-        configuration, where the equations ask for less than the loops. Where the answer is not ok,
-        rows are not met, or forces are a thousand times the weight: rows that contradict each
-        other, and those that constrain nothing there any more.
+        Springs and dampers of the robot that tau lacks, where a would change by more than a
+        hundredth. Contacts that pull, as no ground does. Forces that are wrong where a is right.
+        A singular configuration, where the equations ask for less than the loops. Where the answer
+        is not ok, rows are not met, or forces are a thousand times the weight: rows that contradict
+        each other, and those that constrain nothing there any more.
 
         Computed when first asked for; the singular values then cost a few solves.
         """
@@ -366,6 +404,8 @@ class Solution:
             f"{self.state_error.velocity:.1e} m/s, rad/s",
             f"error bound of a  {self.error_bound:.1e} (relative)",
         ]
+        a = np.array2string(self.a, precision=4, suppress_small=True, max_line_width=_WIDTH)
+        lines += ["accelerations a, entries of v [rad/s^2, m/s^2]:", a]
         if self.scene.rows:
             lines.append("forces on the first-named body, axes of each constraint [N, N m]:")
         for name, force in self.forces.items():

@@ -19,7 +19,7 @@ from condyn_pin.constraints.rows.terms import largest_torque
 from condyn_pin.constraints.violation import ConstraintViolation, worst
 from condyn_pin.dynamics.at_state import changed_by_closing, gaps
 from condyn_pin.dynamics.residuals import ErrorEstimator, Residuals
-from condyn_pin.dynamics.solution import Solution, Status
+from condyn_pin.dynamics.solution import Question, Solution, Status
 from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.errors import InvalidModel, SolveFailed
 from condyn_pin.model.soundness import massless_motion
@@ -85,11 +85,16 @@ class Verifier:
         else:
             status = Status.INACCURATE if isfinite(residuals.bound) else Status.NOT_FINITE
         iterations = self._method.iterations()
-        applied = load.forces if load else ()
-        state = q.copy(), v.copy(), tau.copy()
+        question = self._question(state, load)
         return Solution(
-            a, lam, residuals, status, iterations, solve_time, self._scene, state, applied, rest
+            a, lam, residuals, status, iterations, solve_time, self._scene, question, rest
         )
+
+    def _question(self, state: State, load: Load | None) -> Question:
+        """State, forces and drift of a solve, in arrays that the caller does not hold."""
+        q, v, tau = state
+        forces = load.forces if load else ()
+        return Question(q.copy(), v.copy(), tau.copy(), forces, self._workspace.drift)
 
     def _determined(
         self, state: State, a: Array, lam: Array, left: LeftOut | None, load: Load | None
@@ -150,7 +155,7 @@ class Verifier:
 
     def failed(self, state: State, solve_time: float, load: Load | None) -> Solution:
         """Return the solution of a method that met a singular matrix."""
-        q, v, tau = state
+        q, v, _ = state
         nothing = np.zeros(self._workspace.model.nv)
         lam = np.zeros(self._scene.rows)
         with np.errstate(all="ignore"):  # what overflows was said already
@@ -165,8 +170,7 @@ class Verifier:
             self._method.iterations(),
             solve_time,
             self._scene,
-            (q.copy(), v.copy(), tau.copy()),
-            load.forces if load else (),
+            self._question(state, load),
         )
 
     @one_blas_thread

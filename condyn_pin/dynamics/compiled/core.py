@@ -22,7 +22,7 @@ from condyn_pin.dynamics.compiled import arrays
 from condyn_pin.dynamics.compiled.derivatives import CompiledDerivatives
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.residuals import Residuals
-from condyn_pin.dynamics.solution import Solution, Status
+from condyn_pin.dynamics.solution import Question, Solution, Status
 from condyn_pin.errors import UnsupportedBackend
 
 if TYPE_CHECKING:
@@ -129,10 +129,10 @@ class CompiledCore:
         seconds: float,
     ) -> Solution:  # fmt: skip
         a, lam, q, v = self._ends
-        state = out[lam:q], out[q:v], _owned(tau)
+        question = Question(out[lam:q], out[q:v], _owned(tau), (), self.workspace.drift)
         return Solution(
             out[:a], out[a:lam], Residuals._make(residuals), _OK, iterations, seconds, self._scene,
-            state,
+            question,
         )  # fmt: skip
 
     def velocity(self, out: Array) -> Array:

@@ -14,11 +14,12 @@ from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.parallel.outcome import MISSING, Batch, Outcome, Some
 from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solution import Solution, Status
+from condyn_pin.dynamics.solution import Question, Solution, Status
 from condyn_pin.errors import WorkersLost
 
 # A status as a number is its place here.
@@ -56,6 +57,8 @@ class BatchSolution(Outcome, Batch[Solution]):
         Wall time of the whole batch [s].
     applied : tuple of AppliedForce
         The forces from outside that were applied.
+    drift : Baumgarte or None
+        What gave a_ref; None where it is zero.
 
     Notes
     -----
@@ -76,6 +79,7 @@ class BatchSolution(Outcome, Batch[Solution]):
     solve_times: Array  # [s]
     seconds: float  # [s]
     applied: tuple[AppliedForce, ...] = ()
+    drift: Baumgarte | None = None
 
     _endings: ClassVar[Sequence[Enum]] = STATUSES
 
@@ -153,8 +157,7 @@ class BatchSolution(Outcome, Batch[Solution]):
             int(self.iterations[i]),
             float(self.solve_times[i]),
             self.scene,
-            (self.q[i], self.v[i], self.tau[i]),
-            self._applied(i),
+            Question(self.q[i], self.v[i], self.tau[i], self._applied(i), self.drift),
         )
 
     def _applied(self, i: int | Some) -> tuple[AppliedForce, ...]:

@@ -115,7 +115,7 @@ def solve_batch(
         untaken=lambda: untaken(recipe.workspace()), chunk=chunk, most=2000,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 1000, progress)
-    batch = partial(_batch, scene, inputs, applied, start)
+    batch = partial(_batch, recipe, inputs, applied, start)
     return rows.fill(count, inputs | more, _of_solution(scene), batch)
 
 
@@ -177,7 +177,7 @@ def derivatives_batch(
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 100, progress)
     kinds = _of_solution(scene) | _of_derivatives(scene)
-    batch = partial(_derivatives, scene, inputs, applied, start)
+    batch = partial(_derivatives, recipe, inputs, applied, start)
     return rows.fill(count, inputs | more, kinds, batch)
 
 
@@ -209,20 +209,21 @@ def _of_derivatives(scene: Scene) -> dict[str, Kind]:
 
 
 def _batch(
-    scene: Scene, inputs: Arrays, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
+    recipe: Recipe, inputs: Arrays, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
 ) -> BatchSolution:
     """Return the outputs as a value."""
+    scene, drift = recipe.scene, recipe.drift
     parts = {name: outputs[name] for name in _of_solution(scene)}
     q, v, tau = (inputs[name] for name in ("q", "v", "tau"))
     tau = np.broadcast_to(tau, (len(q), scene.robot.nv))
     q, v, tau = (read_only(each.copy()) for each in (q, v, tau))
     seconds = perf_counter() - start
-    return BatchSolution(scene, q, v, tau, **parts, seconds=seconds, applied=applied)
+    return BatchSolution(scene, q, v, tau, **parts, seconds=seconds, applied=applied, drift=drift)
 
 
 def _derivatives(
-    scene: Scene, inputs: Arrays, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
+    recipe: Recipe, inputs: Arrays, applied: tuple[AppliedForce, ...], start: float, outputs: Arrays
 ) -> BatchDerivatives:
-    solution = _batch(scene, inputs, applied, start, outputs)
+    solution = _batch(recipe, inputs, applied, start, outputs)
     blocks = {name: outputs[name] for name in BLOCKS}
     return BatchDerivatives(solution, **blocks, seconds=solution.seconds)
