@@ -17,7 +17,6 @@ scene = cp.Scene(cassie, cassie.loops, cassie.frictional_contacts(friction=0.7))
 
 # From the posture, 5 cm up; the motors hold it. Springs and damping act by themselves.
 q, v = scene.state()
-q = cp.mechanism.put_down(scene, q)
 q[2] += 0.05
 places = [cassie.index_q(motor) for motor in cassie.actuated]
 columns = [cassie.index_v(motor) for motor in cassie.actuated]

@@ -60,7 +60,7 @@ def ilqr(start, goal, base, legs, base_v, legs_v, us):
     return xs, us
 
 
-stand = np.append(cp.mechanism.put_down(scene, scene.state()[0]), np.zeros(solo.nv))
+stand = np.append(scene.state()[0], np.zeros(solo.nv))
 up = stand + 0.06 * np.eye(len(stand))[2]  # [m] higher, and so fast that it rises 12 cm more
 up[nq + 2] = np.sqrt(2 * g * 0.12)
 held = cp.control.gravity_compensation(cp.Scene(solo, solo.contacts), stand[:nq]).u

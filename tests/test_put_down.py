@@ -58,3 +58,63 @@ def test_contacts_that_never_let_go_have_no_floor_to_be_put_on():
     scene = cp.Scene(solo, solo.contacts)
     with pytest.raises(cp.InvalidArgument, match=r"contacts=robot.frictional_contacts"):
         put_down(scene, scene.state()[0])
+
+
+def test_a_wall_attracts_nothing_and_lets_nothing_in():
+    ball = cp.model.free_ball(radius=0.1)
+    on = {"floor": Plane(), "wall": Plane((1.0, 0.0, 0.0), 0.0)}
+    scene = cp.Scene(ball, contacts=[
+        cp.FrictionalContact("ball", Ball(0.1), on=plane, friction=0.5, name=name)
+        for name, plane in on.items()
+    ])  # fmt: skip
+    q, _ = scene.state(on_ground=False)
+    q[:3] = (0.2, 0.0, 1.0)
+    assert put_down(scene, q)[:3] == pytest.approx([0.2, 0.0, 0.1])
+    q[:3] = (0.04, 0.0, 1.0)
+    assert put_down(scene, q)[:3] == pytest.approx([0.1, 0.0, 0.1])
+    beside = cp.Scene(ball, contacts=scene.contacts[1:])
+    q[:3] = (0.7, 0.0, 1.0)
+    assert np.array_equal(put_down(beside, q), q)
+
+
+def test_another_body_in_the_air_does_not_move_the_base():
+    two = cp.model.together({"a": cp.model.free_ball(), "b": cp.model.free_ball()})
+    scene = cp.Scene(two, contacts=[
+        cp.FrictionalContact(f"{name}/ball", Ball(0.05), friction=0.5) for name in "ab"
+    ])  # fmt: skip
+    q, _ = scene.state(on_ground=False)
+    q[2], q[9] = 0.4, 0.2
+    placed = put_down(scene, q)
+    assert placed[2] == pytest.approx(0.05)
+    assert np.array_equal(placed[7:], q[7:])
+
+
+def test_a_state_without_a_name_is_on_the_ground_and_a_named_one_as_described():
+    solo = cp.load_robot("solo12")
+    scene = cp.Scene(solo, contacts=solo.frictional_contacts(0.7))
+    q, v = scene.state()
+    assert min(contact_gaps(scene, q).values()) == pytest.approx(0.0, abs=1e-10)
+    assert np.array_equal(q, scene.state("standing", on_ground=True)[0])
+    for described in (scene.state("standing"), scene.state(on_ground=False)):
+        assert np.array_equal(described[0], solo.postures["standing"])
+    assert not v.any()
+    held = cp.Scene(solo, solo.contacts)
+    assert np.array_equal(held.state()[0], solo.postures["standing"])
+    with pytest.raises(cp.InvalidArgument, match=r"contacts=robot.frictional_contacts"):
+        held.state(on_ground=True)
+
+
+def test_a_base_that_is_tied_to_a_place_stays_there():
+    ball = cp.model.free_ball(radius=0.05).with_frame("hook", "world", [0.0, 0.0, 1.0])
+    hung = cp.Scene(
+        ball,
+        [cp.Loop("ball", "hook", "rod", length=0.3)],
+        contacts=[cp.FrictionalContact("ball", Ball(0.05), friction=0.5, name="floor")],
+    )
+    q, _ = hung.state()
+    assert hung.check(q).closed
+    assert contact_gaps(hung, q)["floor"] > 0.1
+    with pytest.raises(cp.InvalidArgument, match="ball~hook ties the base to a place"):
+        put_down(hung, q)
+    with pytest.raises(cp.InvalidArgument, match="ball~hook ties"):
+        hung.state(on_ground=True)

@@ -701,7 +701,7 @@ def test_corners_of_a_sole_that_constraints_hold_move_nothing(soles, scheme) -> 
     talos = cp.load_robot("talos")
     feet = talos.frictional_contacts(friction=0.7)
     scene = cp.Scene(talos, talos.contacts[:soles], contacts=feet)
-    q, _ = scene.state()
+    q, _ = scene.state(on_ground=False)
     rng = np.random.default_rng(0)
     for size in (0.0, 0.3, 3.0):
         v = cp.mechanism.project_velocity(scene, q, size * rng.normal(size=talos.nv))

@@ -73,7 +73,10 @@ class Scene:
                 "load_robot(name) loads one, Robot(name, model) wraps a pinocchio.Model"
             )
         if isinstance(self.constraints, Constraint):
-            raise InvalidArgument("constraints: a list is needed, also for a single constraint")
+            raise InvalidArgument(
+                "constraints: a list is needed, also for a single constraint: Scene(robot, "
+                f"[{self.constraints.name}])"
+            )
         for field in ("constraints", "contacts"):
             value = getattr(self, field)
             if isinstance(value, str) or not isinstance(value, Iterable):
@@ -192,13 +195,19 @@ class Scene:
 
         return rank(self, q)
 
-    def state(self, posture: str | None = None) -> tuple[Array, Array]:
+    def state(
+        self, posture: str | None = None, *, on_ground: bool | None = None
+    ) -> tuple[Array, Array]:
         """Return (q, v) at a posture: closed, and at rest.
 
         Parameters
         ----------
         posture : str, optional
             Name of a posture; the first one by default, neutral if the robot has none.
+        on_ground : bool, optional
+            Whether the base is shifted until the lowest contact touches the ground, as
+            `condyn_pin.mechanism.put_down` does. By default only where no posture is named, and
+            contacts of the scene have ground below them.
 
         Returns
         -------
@@ -215,13 +224,28 @@ class Scene:
             If there is no such posture.
         NotAssembled
             If the loops cannot be closed from there; the text says which one is open, and how far.
+        InvalidArgument
+            If `on_ground` is True and the contacts are constraints, which never let go, or
+            constraints tie the base to a place.
         """
         q = self.closed_posture(posture)
+        if on_ground or (on_ground is None and posture is None and self.contacts):
+            q = self._on_ground(q, throw=bool(on_ground))
         if self.is_driven:
             from condyn_pin.mechanism.projection import project_velocity
 
             return q, project_velocity(self, q, np.zeros(self.robot.nv))
         return q, np.zeros(self.robot.nv)
+
+    def _on_ground(self, q: Array, *, throw: bool) -> Array:
+        from condyn_pin.mechanism.put_down import put_down
+
+        try:
+            return put_down(self, q)
+        except InvalidArgument:
+            if throw:
+                raise
+            return q
 
     def closed_posture(self, posture: str | None = None) -> Array:
         """The q (nq,) of `state` at a `posture` [rad, m]."""

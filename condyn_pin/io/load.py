@@ -54,6 +54,7 @@ def available_robots() -> dict[str, Callable[[], Robot]]:
 def load_robot(
     name: str | Path,
     *,
+    floating: bool | None = None,
     root_joint: str | None = None,
     variant: Mapping[str, str] | None = None,
     precision: float | None = None,
@@ -65,9 +66,11 @@ def load_robot(
     name : str or Path
         A name that `condyn robots` lists, or a path: of a URDF, of an SDF, of an MJCF (.xml), of a
         folder with a robot.toml, or of such a file, whatever it is called.
+    floating : bool, optional
+        For a URDF or an SDF: whether its root link floats; it is fixed to the world by default.
+        Named robots and folders say it themselves.
     root_joint : {"fixed", "free_flyer"}, optional
-        For a URDF or an SDF: how its root link is attached to the world, fixed by default. Named
-        robots and folders say it themselves.
+        The same in the words of robot.toml.
     variant : mapping of str to str, optional
         Option to value, such as ``{"springs": "locked"}``, for a robot whose robot.toml has
         variants; each option that is left out has its default.
@@ -86,15 +89,27 @@ def load_robot(
     UnknownName
         If there is no such robot or variant; the text lists the nearest names.
     InvalidArgument
-        If `root_joint` is unknown, or given for what is neither a URDF nor an SDF; or `precision`
-        is no number from 0 to 1e-3.
+        If `root_joint` is unknown or contradicts `floating`, one of them is given for what is
+        neither a URDF nor an SDF, or `precision` is no number from 0 to 1e-3.
     MissingExtra
         If the package with the description is not installed.
     InvalidModel
         If a file cannot be read; the text names the file and the element.
     """
-    robot = _loaded(name, root_joint, variant)
+    robot = _loaded(name, _root_joint(floating, root_joint), variant)
     return robot if precision is None else replace(robot, precision=precision)
+
+
+def _root_joint(floating: bool | None, root_joint: str | None) -> str | None:
+    """How the root link is attached, in the words of robot.toml."""
+    if floating is None:
+        return root_joint
+    if not isinstance(floating, bool):
+        raise InvalidArgument(f"floating = {floating!r}: True or False is needed")
+    said = "free_flyer" if floating else "fixed"
+    if root_joint not in (None, said):
+        raise InvalidArgument(f"floating = {floating}: root_joint = {root_joint!r} contradicts it")
+    return said
 
 
 def _loaded(name: str | Path, root_joint: str | None, variant: Mapping[str, str] | None) -> Robot:
@@ -117,7 +132,8 @@ def _loaded(name: str | Path, root_joint: str | None, variant: Mapping[str, str]
     if root_joint is not None:
         raise InvalidArgument(
             f"root_joint = {root_joint!r}: it is for a URDF or an SDF; {str(name)!r} says itself "
-            "how its base is attached"
+            "how its base is attached; load the file that it describes, "
+            'load_robot(robot.description, root_joint="free_flyer")'
         )
     if str(name) in MECHANISMS:
         check_variant(chosen, {})

@@ -1,15 +1,21 @@
-"""put_down: a floating robot on the ground that its contacts may touch."""
+"""put_down: a floating robot on the ground that its contacts may touch.
+
+x <- x - gap n,    of the ground with the least gap, until it touches
+x <- x - gap n,    of what a contact is in, until it is in nothing
+"""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.dynamics.at_state import equations_of
+from condyn_pin.dynamics.force import upward
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.errors import InvalidArgument
@@ -17,11 +23,14 @@ from condyn_pin.errors import InvalidArgument
 # Shifts until every plane is clear: one for each of those that form a wedge, and some.
 _SHIFTS = 20
 
+# What faces up by more than this, as the sine of its angle to the vertical, is ground; else a wall.
+_FACES_UP = 0.1
+
 
 def put_down(scene: Scene, q: ArrayLike) -> Array:
     """Return a configuration with the floating base shifted until the lowest contact just touches.
 
-    x <- x - gap n,  with gap and n of the contact that is lowest, until none is below its plane
+    x <- x - gap n,  with gap and n of the ground that is nearest below, and out of walls
 
     Parameters
     ----------
@@ -33,12 +42,14 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
     Returns
     -------
     q : (nq,) array
-        q as given, if the robot has no floating base or no contact has a plane below it.
+        q as given, if the robot has no floating base or no contact has ground below it: planes and
+        boxes that face up. Walls move the robot only where it is in one.
 
     Raises
     ------
     InvalidArgument
-        If q is no configuration, or the contacts of the scene are constraints, which never let go.
+        If q is no configuration, the contacts of the scene are constraints, which never let go, or
+        other constraints tie the base to a place.
     """
     check_scene(scene)
     model = scene.robot.unedited
@@ -51,12 +62,44 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
     candidates = Candidates(model, scene.contact_bounds)
     if not candidates.cones or model.joints[1].shortname() != "JointModelFreeFlyer":
         return placed
-    data = model.createData()
+    start, own = placed.copy(), _of_the_base(scene)
+    data, up = model.createData(), upward(scene)
     for _ in range(_SHIFTS):
         pin.forwardKinematics(model, data, placed)
         gaps = candidates.gaps(data, placed)[: candidates.cones]
-        lowest = int(gaps.argmin())
-        if not tolerances.CLOSED < abs(gaps[lowest]) < np.inf:
+        n = candidates.axes(data, placed)[:, :, 2]
+        ground = (n @ up > _FACES_UP) if up.any() else np.full(len(gaps), True)
+        counts = own & (ground | (gaps < 0.0)) & np.isfinite(gaps)
+        if not counts.any():
             break
-        placed[:3] -= gaps[lowest] * candidates.axes(data, placed)[lowest, :, 2]
+        lowest = int(np.where(counts, gaps, np.inf).argmin())
+        if abs(gaps[lowest]) <= tolerances.CLOSED:
+            break
+        placed[:3] -= gaps[lowest] * n[lowest]
+    _check_ties(scene, start, placed)
     return placed
+
+
+def _of_the_base(scene: Scene) -> NDArray[np.bool_]:
+    """Whether each cone is one of the base, or of what hangs on it, with something else."""
+    hangs = [1 in list(path) for path in scene.robot.unedited.supports]
+    touches = [each for bound in scene.contact_bounds for each in bound.touches]
+    pairs = [each for bound in scene.contact_bounds for each in bound.pairs]
+    sides = [(each.joint, each.ground) for each in touches]
+    sides += [(each.joint, each.ground) for each in pairs for _ in range(each.points)]
+    return np.array([hangs[one] and not hangs[other] for one, other in sides], dtype=bool)
+
+
+def _check_ties(scene: Scene, before: Array, after: Array) -> None:
+    """Refuse a shift that opens constraints."""
+    if not scene.rows or np.array_equal(before, after):
+        return
+    equations = equations_of(scene)
+    was, found = (np.abs(equations.violation(each)) for each in (before, after))
+    for bound in scene.bounds:
+        opened = found[bound.rows].max(initial=0.0)
+        if opened > was[bound.rows].max(initial=0.0) + tolerances.NEARLY_CLOSED:
+            raise InvalidArgument(
+                f"scene: {bound.name} ties the base to a place, and a shift onto the ground opens "
+                "it; leave it out, or move what it is tied to"
+            )

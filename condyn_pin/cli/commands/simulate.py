@@ -46,16 +46,14 @@ def simulate(
     Ctrl-C keeps the motion so far.
     """
     from condyn_pin.cli.words import drift_of, feet_of, integrator_of, scene_of, solver_of
-    from condyn_pin.mechanism.put_down import put_down
     from condyn_pin.simulation.run import simulate as simulate_scene
 
     check_ending(save, ".npz")
     check_written(save, csv)
     scene = scene_of(robot, contacts, loops, variant, floating)
-    q, v = scene.state(posture)
-    if feet := feet_of(scene.robot, friction):
-        scene = replace(scene, contacts=feet)
-        q = put_down(scene, q)
+    feet = feet_of(scene.robot, friction)
+    scene = replace(scene, contacts=feet)
+    q, v = scene.state(posture, on_ground=bool(feet))
     found = simulate_scene(
         scene, q, v, duration=duration, dt=dt, record=record,
         integrator=integrator_of(integrator), drift=drift_of(drift, gain),
