@@ -286,3 +286,49 @@ def test_the_solve_itself_computes_no_force():
     force.in_world()
     assert "placements" in vars(force._sites)
     assert "jacobian" not in vars(force._sites)
+
+
+# Pulls that redundant contacts need not exert -----------------------------------------------------
+
+
+def table(x: float, y: float) -> cp.Scene:
+    """4 kg on legs at (+-1, +-1) m, the centre of mass over (x, y)."""
+    model = pin.Model()
+    i = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), "root")
+    body = pin.Inertia(4.0, np.array([x, y, 0.6]), 0.3 * np.eye(3))
+    model.appendBodyToJoint(i, body, pin.SE3.Identity())
+    for k, corner in enumerate([(1, 1, 0), (1, -1, 0), (-1, 1, 0), (-1, -1, 0)]):
+        at = pin.SE3(np.eye(3), np.array(corner, dtype=float))
+        model.addFrame(pin.Frame(f"leg{k}", i, 0, at, pin.FrameType.OP_FRAME))
+    return cp.Scene(cp.Robot("table", model), [cp.PointContact(f"leg{k}") for k in range(4)])
+
+
+def test_a_leg_that_pulls_in_the_smallest_forces_alone_is_no_news():
+    """Its share is W (1 - x - y) / 4 there, but three legs carry what is between them."""
+    scene = table(0.7, 0.7)
+    q, v = scene.state()
+    solution = cp.solve(scene, q, v, np.zeros(6))
+    assert solution.forces["leg3"][2] == pytest.approx(4 * 9.81 * (1 - 1.4) / 4)
+    assert not [said for said in solution.notices if "pull" in said]
+    run = cp.simulate(scene, q, v, duration=2e-3)
+    assert not [said for said in run.notices if "pull" in said]
+
+
+def test_a_load_outside_of_the_legs_pulls_however_it_is_shared():
+    """Both legs on the left share W (1 - x) / 2 < 0."""
+    scene = table(1.2, 0.3)
+    q, v = scene.state()
+    least = 4 * 9.81 * 0.2 / 4
+    (said,) = [n for n in cp.solve(scene, q, v, np.zeros(6)).notices if "pull" in n]
+    assert said.startswith("leg0, leg1, leg2, leg3: one of them pulls with ")
+    assert f"{least:.4g} N or more" in said
+    (said,) = [n for n in cp.simulate(scene, q, v, duration=2e-3).notices if "pull" in n]
+    assert f"{least:.4g} N at t = 0 s or more" in said
+
+
+def test_three_legs_are_determined():
+    scene = table(0.9, 0.9)
+    three = cp.Scene(scene.robot, scene.constraints[1:])
+    q, v = three.state()
+    (said,) = [n for n in cp.solve(three, q, v, np.zeros(6)).notices if "pull" in n]
+    assert said.startswith(f"leg3: the contact pulls with {0.9 * 4 * 9.81:.4g} N")

@@ -421,7 +421,7 @@ def test_what_deserves_attention_is_told():
     found = rolling()
     pushed = replace(found, tau=np.ones_like(found.tau))
     assert "without work" in "".join(pushed.notices)
-    beyond = "joint is 96.2 mm beyond its limits; the dynamics ignore joint limits"
+    beyond = "joint is 96.2 mm beyond its limits, and the scene has no stops there"
     assert beyond in str(limited(-0.1, 0.1, 0.0, 0.2))
 
 

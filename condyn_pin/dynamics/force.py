@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -136,22 +136,91 @@ class ConstraintForce(AsArray):
 
 
 def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -> tuple[str, ...]:
-    """Return a sentence for each contact with the world that pulls, as no ground does.
+    """Sentences on contacts with the world that pull, as no ground does.
 
     The normal is the z axis of a `SurfaceContact` and that of the plane of a `PlanarContact` and
     of what rolls. A point or a line has none: the vertical stands for it, if there is gravity.
+    Where rows are redundant, forces N z may be added, J^T N = 0: a normal force counts that no z
+    changes, and else the least pull that some z leaves.
     """
     up = upward(sites.scene)
     largest = max((float(np.abs(f.components).max()) for f in forces.values()), default=0.0)
-    said = []
-    for constraint in sites.scene.constraints:
-        force = forces[constraint.name]
-        if not constraint.presses:
-            continue
-        normal = force[2] if constraint.has_normal else force.in_world()[:3] @ up
-        if normal < -tolerances.SOLVED * largest:
-            said.append(pull_text(constraint, f"{-float(normal):.4g} {unit}"))
+    least = -tolerances.SOLVED * largest
+    pressing = [each for each in sites.scene.constraints if each.presses]
+    normals = {
+        each.name: float(force[2] if each.has_normal else force.in_world()[:3] @ up)
+        for each in pressing
+        for force in (forces[each.name],)
+    }
+    pulls = [each for each in pressing if normals[each.name] < least]
+    if not pulls:
+        return ()
+    shared = shared_normals(sites, normals)
+    said = [
+        pull_text(each, f"{-normals[each.name]:.4g} {unit}")
+        for each in pulls
+        if each.name not in shared.names
+    ]
+    if len(said) < len(pulls) and shared.most < least:
+        said.append(shared_text(shared, f"{-shared.most:.4g} {unit}"))
     return tuple(said)
+
+
+class SharedNormals(NamedTuple):
+    """Normal forces that redundant rows share among contacts.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Contacts whose normal force is not determined: forces N z without effect change it.
+    most : float
+        The least of them, where z makes that as large as can be, 0 at most [N].
+    """
+
+    names: tuple[str, ...]
+    most: float  # [N]
+
+
+def shared_normals(sites: Sites, normals: dict[str, float]) -> SharedNormals:
+    """Contacts whose normal forces [N] redundant rows leave open, and how little they must pull."""
+    scene = sites.scene
+    if not scene.nominal.dependent:
+        return SharedNormals((), 0.0)
+    N = scene.nominal.redundancy.at(sites._equations(), sites.q).N
+    rates = np.array([_normal_row(sites, name) @ N for name in normals])
+    changed = np.abs(rates).max(axis=1, initial=0.0) > tolerances.RANK
+    if not changed.any():
+        return SharedNormals((), 0.0)
+    # imported here: scipy takes as long to import as Pinocchio
+    from scipy.optimize import linprog
+
+    # max s,  s <= n_i + rates_i z,  s <= 0
+    rates, at = rates[changed], np.array(list(normals.values()))[changed]
+    scale, free = float(np.abs(at).max()), [(None, None)] * N.shape[1]
+    rows = np.column_stack((-rates, np.ones(len(at))))
+    cost = np.append(np.zeros(N.shape[1]), -1.0)
+    best = linprog(cost, rows, at / (scale or 1.0), bounds=[*free, (None, 0.0)])
+    most = -float(best.fun) * scale if best.status == 0 else float(at.min())
+    return SharedNormals(tuple(np.array(list(normals))[changed].tolist()), most)
+
+
+def shared_text(shared: SharedNormals, pull: str) -> str:
+    """Sentence on contacts that cannot all press, however they share the load."""
+    return (
+        f"{', '.join(shared.names)}: one of them pulls with {pull} or more, however they share "
+        "the load; the ground would let go"
+    )
+
+
+def _normal_row(sites: Sites, name: str) -> Array:
+    """How the normal force of a contact changes with lam (m,)."""
+    up, i = upward(sites.scene), sites.scene.names.index(name)
+    constraint, rows = sites.scene.constraints[i], sites.scene.bounds[i].rows
+    found = np.zeros(sites.scene.rows)
+    for row, unit in zip(range(rows.start, rows.stop), np.eye(rows.stop - rows.start), strict=True):
+        force = _force(sites, i, unit)
+        found[row] = force[2] if constraint.has_normal else force.in_world()[:3] @ up
+    return found
 
 
 def upward(scene: Scene) -> Array:

@@ -25,14 +25,21 @@ _KINDS: Final = ("plane", "height field", "sphere", "capsule", "ellipsoid", "cyl
                  "mesh", "signed distance field")  # fmt: skip
 
 
-def geoms_of(path: Path) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
-    """Return the shapes of an MJCF file, and what could not be drawn, a sentence each."""
+def geoms_of(path: Path, *, collide: bool) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+    """Return the shapes of an MJCF file, and what could not be drawn, a sentence each.
+
+    Those that are seen, or those that `collide`.
+    """
     try:
         mj, missing = compiled(path)
     except (InvalidModel, MissingExtra) as error:
         return (), (f"{path.name}: its geoms are not drawn: {error}",)
-    chosen = [g for g in range(mj.ngeom) if mj.geom_group[g] < _HIDDEN] or range(mj.ngeom)
-    kinds = {g: _KINDS[int(mj.geom_type[g])] for g in chosen if _colour(mj, g)[3] > 0.0}
+    if collide:
+        chosen = [g for g in range(mj.ngeom) if mj.geom_contype[g] or mj.geom_conaffinity[g]]
+    else:
+        seen = [g for g in range(mj.ngeom) if mj.geom_group[g] < _HIDDEN] or range(mj.ngeom)
+        chosen = [g for g in seen if _colour(mj, g)[3] > 0.0]
+    kinds = {g: _KINDS[int(mj.geom_type[g])] for g in chosen}
     unknown = sorted({kind for kind in kinds.values() if kind not in (*_SIZES, "mesh", "plane")})
     missing += tuple(f"{path.name}: a {kind} is not drawn" for kind in unknown)
     shapes = (_shape(mj, g, kind) for g, kind in kinds.items() if kind in (*_SIZES, "mesh"))

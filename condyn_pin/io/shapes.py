@@ -1,4 +1,6 @@
-"""What a description draws: the <visual> elements of a URDF or an SDF, the geoms of an MJCF.
+"""Shapes of a description: what it draws, and what collides.
+
+The <visual> or <collision> elements of a URDF or an SDF, the geoms of an MJCF.
 
 The physics of a file is read, and checked, by its own reader. Here nothing is refused: a shape that
 cannot be read is left out, and a sentence says so.
@@ -9,7 +11,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -23,17 +25,21 @@ from condyn_pin.io.xml import open_xml
 _SIZES = {"mesh": 3, "box": 3, "ellipsoid": 3, "cylinder": 2, "capsule": 2, "sphere": 1}
 
 
-def shapes_of(description: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+def shapes_of(
+    description: str, element: Literal["visual", "collision"] = "visual"
+) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     """Return the shapes of a file, and what could not be drawn, a sentence each.
 
     Parameters
     ----------
     description : str
         Path of a URDF, an SDF or an MJCF; of any other file, or of none, nothing is drawn.
+    element : {"visual", "collision"}
+        Which of them.
     """
     path = Path(description)
     if path.suffix == ".xml" and path.is_file():
-        return geoms_of(path)
+        return geoms_of(path, collide=element == "collision")
     if path.suffix not in (".urdf", ".sdf") or not path.is_file():
         return (), ()
     root = open_xml(path)
@@ -45,7 +51,7 @@ def shapes_of(description: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     shapes: list[Shape] = []
     missing: list[str] = []
     for link in root.iter("link"):
-        for visual in link.findall("visual"):
+        for visual in link.findall(element):
             try:
                 shapes.append(_shape(path, link.get("name", ""), visual, colours))
             except (ValueError, TypeError, OSError) as error:
@@ -56,7 +62,7 @@ def shapes_of(description: str) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
 def _shape(path: Path, link: str, visual: Element, colours: dict[str | None, Colour]) -> Shape:
     geometry = visual.find("geometry")
     if geometry is None or not len(geometry):
-        raise ValueError("a <visual> without <geometry>")
+        raise ValueError(f"a <{visual.tag}> without <geometry>")
     form = geometry[0]
     if form.tag not in _SIZES:
         raise ValueError(f"a <{form.tag}> is an unknown shape")

@@ -232,10 +232,13 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
             f"{', '.join(rolling)}: rows on the velocity; mobility counts directions of motion, "
             "and they may lead to more places than that (is_integrable)"
         )
-    outside = chains_of(scene).limits.beyond(at.q)
+    limits = chains_of(scene).limits
+    stops = {stop.iq for bound in scene.contact_bounds for stop in bound.stops}
+    held = {joint for joint, iq in zip(limits.joints, limits.iq, strict=True) if iq in stops}
+    outside = {j: by for j, by in limits.beyond(at.q).items() if j not in held}
     if outside:
         joints = ", ".join(f"{joint} by {by}" for joint, by in outside.items())
-        yield f"beyond joint limits, which the dynamics do not know: {joints}"
+        yield f"beyond joint limits, which the scene has no stops for: {joints}"
 
 
 def _massless(model: Any) -> list[str]:

@@ -35,6 +35,7 @@ from condyn_pin.model.spring_dampers import spring_dampers_of
 if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.base import Contact
     from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
+    from condyn_pin.constraints.contacts.joint_limit import JointLimit
     from condyn_pin.constraints.contacts.plane import Plane
 
 
@@ -353,6 +354,13 @@ class Robot:
         from condyn_pin.constraints.contacts.feet import feet_of
 
         return feet_of(self.contacts, friction, on)
+
+    def limits(self) -> tuple[JointLimit, ...]:
+        """Return the stops of all joints with a finite limit, for `Scene(contacts=...)`."""
+        from condyn_pin.constraints.contacts.joint_limit import JointLimit
+        from condyn_pin.model.limits import Limits
+
+        return tuple(JointLimit(joint) for joint in dict.fromkeys(Limits.of(self.model).joints))
 
     def passive_torque(self, q: ArrayLike, v: ArrayLike) -> Array:
         """Return the torque (nv,) of springs and dampers [N m, N]; add it to the tau of `solve`.

@@ -11,12 +11,12 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, worst
-from condyn_pin.dynamics.force import pull_text, upward
+from condyn_pin.constraints.violation import worst
+from condyn_pin.dynamics.force import Sites, pull_text, shared_normals, shared_text, upward
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.mechanism.check import check
-from condyn_pin.model.limits import Limits
+from condyn_pin.simulation.left_out import bodies_passed, limits_passed
 from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.plan import default_solver
@@ -35,7 +35,7 @@ _LOOKS = 20
 
 
 def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
-    """Return what there is to say: of its end, gaps, solver, pulls, energy and joint limits."""
+    """Return what there is to say: of its end, gaps, solver, pulls, energy, limits and bodies."""
     said = []
     if not trajectory.status.ok:
         said.append(f"{trajectory.status}; {trajectory.reason}")
@@ -54,9 +54,7 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
             f"steps added {added:.3g} J that no contact would, of {scale:.3g} J exchanged: use a "
             "smaller dt"
         )
-    if beyond := _beyond_limits(trajectory):
-        said.append(f"{beyond_text(beyond)}; the dynamics ignore joint limits")
-    return tuple(said)
+    return (*said, *limits_passed(trajectory), *bodies_passed(trajectory))
 
 
 def _open_constraints(trajectory: Trajectory) -> list[str]:
@@ -132,18 +130,6 @@ def _hardly_lifted(scene: Scene) -> float:
     return tolerances.ENERGY_KEPT * scene.robot.mass * gravity
 
 
-def _beyond_limits(trajectory: Trajectory) -> dict[str, ConstraintViolation]:
-    """Return the joints that leave their limits, and how far at most, unless they began so."""
-    q, limits = trajectory.q, Limits.of(trajectory.scene.robot.model)
-    inside = limits.beyond(q[0]).keys()
-    most = limits.beyond(q.min(axis=0)) | limits.beyond(q.max(axis=0))
-    return {
-        joint: gap
-        for joint, gap in most.items()
-        if joint not in inside and gap.size > tolerances.CLOSED
-    }
-
-
 def solver_notices(trajectory: Trajectory) -> list[str]:
     """Return a sentence on the error of the accelerations, if it is larger than its solver's.
 
@@ -192,22 +178,34 @@ def _tensile_contacts(trajectory: Trajectory) -> list[str]:
     """
     forces = trajectory.forces
     worst: dict[str, tuple[float, float, Constraint]] = {}  # normal force [N], t [s]
+    together: tuple[float, str] = (0.0, "")  # of contacts that share a load [N], and the sentence
+    least = -tolerances.SOLVED * float(np.abs(trajectory.lam).max(initial=0.0))
     for phase in trajectory.phases:
         t, q = trajectory.t[phase.samples], trajectory.q[phase.samples]
+        normals: dict[str, Array] = {}
         for i, constraint in enumerate(phase.scene.constraints):
             force = forces[constraint.name][phase.samples]
             if not constraint.presses:
                 continue
             along = force[:, :3]
             normal = force[:, 2] if constraint.has_normal else _upwards(phase.scene, i, q, along)
-            k = int(normal.argmin())
-            if constraint.name not in worst or normal[k] < worst[constraint.name][0]:
-                worst[constraint.name] = float(normal[k]), float(t[k]), constraint
-    least = -tolerances.SOLVED * float(np.abs(trajectory.lam).max(initial=0.0))
-    return [
+            normals[constraint.name] = normal
+        for constraint in phase.scene.constraints:
+            its = normals.get(constraint.name)
+            if its is None or its.min() >= least:
+                continue
+            k = int(its.argmin())
+            here = {name: float(each[k]) for name, each in normals.items()}
+            shared = shared_normals(Sites(phase.scene, q[k]), here)
+            if constraint.name not in shared.names:
+                if constraint.name not in worst or its[k] < worst[constraint.name][0]:
+                    worst[constraint.name] = float(its[k]), float(t[k]), constraint
+            elif shared.most < min(least, together[0]):
+                pull = f"{-shared.most:.4g} N at t = {t[k]:.4g} s"
+                together = shared.most, f"{shared_text(shared, pull)}; an Event takes it off"
+    return [together[1]] * bool(together[1]) + [
         f"{pull_text(constraint, f'{-normal:.4g} N at t = {t:.4g} s')}; an Event takes it off"
         for normal, t, constraint in worst.values()
-        if normal < least
     ]
 
 

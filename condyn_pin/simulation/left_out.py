@@ -1,0 +1,223 @@
+"""Parts of the robot's file that a motion reaches and its scene leaves out: stops, and shapes.
+
+    out   = max(lower - q, q - upper) > 0          a joint without a stop
+    depth = height - min_k n . (R x_k + p) > 0     corners x_k of a shape in ground n . x <= height
+
+Shapes are looked at where they are at some samples; those that cannot be read are passed over.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from math import inf
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.violation import ConstraintViolation, beyond_text
+from condyn_pin.errors import CondynError
+from condyn_pin.io.shapes import shapes_of
+from condyn_pin.model.limits import Limits
+
+if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
+    from condyn_pin.model.robot import Robot
+    from condyn_pin.simulation.recorder import Phase
+    from condyn_pin.simulation.trajectory import Trajectory
+
+# Samples of a phase at which shapes are looked at: a body that falls by 1 m moves 2 cm between two.
+_LOOKS: Final = 50
+
+# How many bodies a notice names.
+_LISTED: Final = 3
+
+
+def limits_passed(trajectory: Trajectory) -> list[str]:
+    """Sentences on joints that leave their limits, unless they began so."""
+    q, limits = trajectory.q, Limits.of(trajectory.scene.robot.model)
+    inside = limits.beyond(q[0]).keys()
+    most = limits.beyond(q.min(axis=0)) | limits.beyond(q.max(axis=0))
+    stops = {stop.iq for bound in trajectory.scene.contact_bounds for stop in bound.stops}
+    held = {joint for joint, iq in zip(limits.joints, limits.iq, strict=True) if iq in stops}
+    beyond: dict[bool, dict[str, ConstraintViolation]] = {True: {}, False: {}}
+    for joint, gap in most.items():
+        least = tolerances.NEARLY_CLOSED if joint in held else tolerances.CLOSED
+        if joint not in inside and gap.size > least:
+            beyond[joint in held][joint] = gap
+    said = []
+    if beyond[False]:
+        said.append(
+            f"{beyond_text(beyond[False])}, and the scene has no stops there: "
+            "Scene(..., contacts=[..., *robot.limits()]) adds them"
+        )
+    if beyond[True]:
+        said.append(f"{beyond_text(beyond[True])}, although the scene has stops: use a smaller dt")
+    return said
+
+
+class _Solid(NamedTuple):
+    """A collision shape of the file on a joint."""
+
+    link: str
+    joint: int
+    corners: Array  # (k, 3), on the joint [m]
+    middle: Array  # (3,) [m]
+    radius: float  # of the ball around the middle that holds all corners [m]
+    kind: str
+    size: Array  # (3,), half edges of its box in the axes of the link [m]
+    centre: Array  # (3,), of that box, in the axes of the link [m]
+
+
+class _Passed(NamedTuple):
+    """How deep a body was in a plane of the ground."""
+
+    solid: _Solid
+    plane: str
+    depth: float  # [m]
+    t: float  # [s], when it was deepest
+    first: float  # [s], when it was first seen inside
+    friction: float
+
+
+def bodies_passed(trajectory: Trajectory) -> list[str]:
+    """Sentences on bodies whose collision shape of the file goes into the ground of the scene."""
+    if not any(bound.touches for p in trajectory.phases for bound in p.scene.contact_bounds):
+        return []
+    solids = _solids(trajectory.scene.robot)
+    worst: dict[tuple[str, str], _Passed] = {}
+    for phase in trajectory.phases if solids else ():
+        for found in _passed(trajectory, phase, solids):
+            key = found.solid.link, found.plane
+            before = worst.get(key)
+            first = min(found.first, before.first) if before else found.first
+            deepest = found if before is None or found.depth > before.depth else before
+            worst[key] = deepest._replace(first=first)
+    return [_text(each, t0=float(trajectory.t[0])) for each in _deepest(worst.values())]
+
+
+def _deepest(found: Any) -> list[_Passed]:
+    return sorted(found, key=lambda each: -each.depth)[:_LISTED]
+
+
+def _text(found: _Passed, t0: float) -> str:
+    solid = found.solid
+    when = "from the start" if found.first <= t0 else f"from t = {found.first:.3g} s on"
+    half = ", ".join(f"{x:.3g}" for x in solid.size)
+    at = ", ".join(f"{x:.3g}" for x in solid.centre)
+    offset = f", ({at})" if np.abs(solid.centre).max() > tolerances.CLOSED else ""
+    return (
+        f"{solid.link} (a {solid.kind} in the file) is in the ground {found.plane} {when}, "
+        f"{1e3 * found.depth:.3g} mm deep at t = {found.t:.3g} s: only the scene's contacts touch; "
+        f'add FrictionalContact("{solid.link}", Box({half}){offset}, friction={found.friction:g}), '
+        "its bounding box"
+    )
+
+
+def _passed(trajectory: Trajectory, phase: Phase, solids: tuple[_Solid, ...]) -> list[_Passed]:
+    """Bodies that are in a plane at some samples of a phase, by more than they may be."""
+    scene, (start, stop, _) = phase.scene, phase.samples.indices(len(trajectory.t))
+    planes = _planes(scene)
+    model = scene.robot.unedited
+    data = model.createData()
+    found: dict[tuple[int, int], _Passed] = {}
+    for i in np.unique(np.linspace(start, stop - 1, _LOOKS).astype(int)):
+        pin.forwardKinematics(model, data, trajectory.q[i])
+        t = float(trajectory.t[i])
+        for k, plane in enumerate(planes):
+            oMp = data.oMi[plane.ground] * plane.placement
+            n, height = oMp.rotation[:, 2], float(oMp.rotation[:, 2] @ oMp.translation)
+            for s, solid in enumerate(solids):
+                if solid.joint == plane.ground:
+                    continue
+                oMi = data.oMi[solid.joint]
+                down = oMi.rotation.T @ n
+                level = height - float(n @ oMi.translation)
+                allowed = plane.allowed.get(solid.joint, tolerances.IN_THE_GROUND)
+                if level + solid.radius - float(down @ solid.middle) <= allowed:
+                    continue
+                depth = level - float((solid.corners @ down).min())
+                before = found.get((k, s))
+                if depth > allowed and (before is None or depth > before.depth):
+                    first = before.first if before else t
+                    found[k, s] = _Passed(solid, plane.name, depth, t, first, plane.friction)
+    return list(found.values())
+
+
+class _Ground(NamedTuple):
+    """A plane that contacts of a scene may touch."""
+
+    name: str
+    ground: int  # the joint that carries it
+    placement: Any  # z out of the ground
+    friction: float
+    allowed: dict[int, float]  # by joint: how deep its shapes may be [m]
+
+
+def _planes(scene: Scene) -> list[_Ground]:
+    """Planes of the contacts of a scene, each once."""
+    found: dict[tuple[Any, ...], _Ground] = {}
+    for bound in scene.contact_bounds:
+        for touch in bound.touches:
+            n, at = touch.plane.rotation[:, 2], touch.plane.translation
+            height = float(n @ at)
+            key = (touch.ground, *np.round([*n, height], 9).tolist())
+            if key not in found:
+                found[key] = _Ground(
+                    _called(scene, touch.ground, n, height), touch.ground, touch.plane,
+                    touch.friction, {},
+                )  # fmt: skip
+            found[key].allowed[touch.joint] = tolerances.FEET_IN_THE_GROUND
+    return list(found.values())
+
+
+def _called(scene: Scene, ground: int, n: Array, height: float) -> str:
+    if ground:
+        return f"that {scene.robot.model.names[ground]} carries"
+    if n[2] > 1.0 - tolerances.CLOSED:
+        return f"z = {height:.4g} m"
+    return f"({', '.join(f'{x:.3g}' for x in n)}) . x = {height:.4g} m"
+
+
+def _solids(robot: Robot) -> tuple[_Solid, ...]:
+    """Collision shapes of a robot's file on the joints that move."""
+    frames = {f.name: f for f in robot.model.frames if f.type == pin.FrameType.BODY}
+    made = []
+    for link, kind, corners in _read(robot.description, _age(robot.description)):
+        frame = frames.get(link)
+        if frame is None or not frame.parentJoint:
+            continue
+        placed = corners @ frame.placement.rotation.T + frame.placement.translation
+        middle = (placed.min(axis=0) + placed.max(axis=0)) / 2.0
+        radius = float(np.linalg.norm(placed - middle, axis=1).max())
+        low, high = corners.min(axis=0), corners.max(axis=0)
+        made.append(
+            _Solid(
+                link, int(frame.parentJoint), placed, middle, radius, kind, (high - low) / 2.0,
+                (high + low) / 2.0,
+            )
+        )  # fmt: skip
+    return tuple(made)
+
+
+def _age(description: str) -> float:
+    """When a file was written last; never if there is none."""
+    try:
+        return Path(description).stat().st_mtime
+    except (OSError, ValueError):
+        return -inf
+
+
+@lru_cache(maxsize=16)
+def _read(description: str, _age: float) -> tuple[tuple[str, str, Array], ...]:
+    """Link, kind and corners (k, 3) in the axes of the link of each collision shape of a file."""
+    found = []
+    for shape in shapes_of(description, "collision")[0] if _age > -inf else ():
+        try:
+            found.append((shape.link, shape.kind, shape.mesh().vertices))
+        except (CondynError, ValueError, OSError):
+            continue
+    return tuple(found)
