@@ -24,6 +24,13 @@ Modes = NDArray[np.int_]
 MODES: Final = ("open", "stick", "slide")
 OPEN, STICK, SLIDE = range(3)
 
+
+def mode_words(codes: NDArray[np.generic]) -> NDArray[np.object_]:
+    """Return modes as texts, an entry each, of places in `MODES`."""
+    words: NDArray[np.object_] = np.array(MODES, dtype=object)[codes.astype(int)]
+    return words
+
+
 # Velocity along a row that counts as zero, relative to |g|: ten times what a solved problem leaves.
 MOVES: Final = 10 * tolerances.CONTACT_SOLVED
 

@@ -49,7 +49,11 @@ class ControlLimits:
 
     def __post_init__(self) -> None:
         if not isinstance(self.torque, bool):
-            raise InvalidArgument(f"torque = {self.torque!r}: True or False is needed")
+            raise InvalidArgument(
+                f"torque = {self.torque!r}: True or False is needed; limits in N m are those of "
+                "the robot: model = robot.model.copy(), model.effortLimit[:] = 5.0, and "
+                "dataclasses.replace(robot, model=model)"
+            )
         if self.dt is not None:
             check_positive("time [s]", dt=self.dt)
         if self.acceleration is not None:

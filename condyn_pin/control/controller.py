@@ -112,7 +112,7 @@ class Controller(OneThread):
         scene: Scene,
         tasks: Sequence[Task] | Hierarchy,
         *,
-        cones: Cones,
+        cones: Cones | None = None,
         qp: QPSolver | None = None,
         limits: ControlLimits | None = None,
         actuation: Actuation | None = None,
@@ -122,6 +122,11 @@ class Controller(OneThread):
         native: Native = False,
     ) -> None:
         check_scene(scene)
+        if cones is None:
+            raise InvalidArgument(
+                "cones is missing: it has no default; FrictionCone(0.6) is usual for feet that are "
+                "points, WrenchCone(0.6) for soles, a dict has one by contact, and {} none"
+            )
         limits = ControlLimits() if limits is None else limits
         stiff = checked("rigid", rigid, scene.robot.joints, "joint")
         self._settings = Settings(
@@ -289,7 +294,10 @@ class Controller(OneThread):
         return q_, v_, time, still if passive is None else finite("passive", passive, len(still))
 
     def __repr__(self) -> str:
-        return f"Controller({self.scene.robot.name}, {list(self.scene.names)}: {self.tasks})"
+        named = repr(self.tasks)
+        if not isinstance(self.tasks, Hierarchy):
+            named = f"[{', '.join(task.name for task in self.tasks)}]"
+        return f"Controller({self.scene.robot.name}, {list(self.scene.names)}: {named})"
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own

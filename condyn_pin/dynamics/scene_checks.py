@@ -5,12 +5,17 @@ from __future__ import annotations
 from condyn_pin._core.names import counted
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
+from condyn_pin.model.robot import Robot
 
 
 def check_scene(scene: object, argument: str = "scene") -> None:
     """Refuse what is no scene."""
     if not isinstance(scene, Scene):
-        raise InvalidArgument(f"{argument} = {type(scene).__name__}: a Scene is needed")
+        cure = ""
+        if isinstance(scene, Robot):
+            of = "Scene(robot, robot.loops)" if scene.loops else "Scene(robot, robot.contacts)"
+            cure = f", the robot with the constraints that count: {of}"
+        raise InvalidArgument(f"{argument} = {type(scene).__name__}: a Scene is needed{cure}")
 
 
 def check_bilateral(scene: Scene) -> None:

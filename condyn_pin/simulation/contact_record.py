@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.modes import MODES, OPEN, Modes
+from condyn_pin.contact.modes import MODES, OPEN, Modes, mode_words
 from condyn_pin.simulation.contact_work import ContactWork
 
 
@@ -72,9 +72,9 @@ class ContactRecord:
         return self.columns[:, last] if self.columns.shape[1] > last else None
 
     @property
-    def modes(self) -> dict[str, NDArray[np.str_]]:
+    def modes(self) -> dict[str, NDArray[np.object_]]:
         """Open, stick or slide at each sample (k,), by candidate."""
-        words = np.array(MODES)[self.codes.astype(int)]
+        words = mode_words(self.codes)
         return {name: words[:, i] for i, name in enumerate(self.names)}
 
 

@@ -114,7 +114,7 @@ class Trajectory:
         return joined
 
     @property
-    def modes(self) -> dict[str, NDArray[np.str_]]:
+    def modes(self) -> dict[str, NDArray[np.object_]]:
         """Mode of each contact at each sample (k,): open, stick or slide.
 
         One without an impulse is open, also where it touches: which corners of a flat foot carry it

@@ -6,9 +6,12 @@ from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
+from condyn_pin._core.names import counted
+from condyn_pin.contact.modes import MODES
 from condyn_pin.simulation.measures import Energy
 
 if TYPE_CHECKING:
+    from condyn_pin.dynamics.scene import Scene
     from condyn_pin.simulation.trajectory import Trajectory
 
 # Events that are listed, at most.
@@ -21,18 +24,42 @@ def trajectory_text(motion: Trajectory) -> str:
     ratio = motion.t[-1] / run.wall_time if run.wall_time else float("nan")
     return "\n".join(
         [
-            f"{scene.robot.name}, {scene.rows} rows: {motion.t[-1]:.6g} s in steps of "
+            f"{scene.robot.name}, {_counts(scene)}: {motion.t[-1]:.6g} s in steps of "
             f"{1e3 * run.dt:.4g} ms, {len(motion.t)} samples, {motion.status.name.lower()}",
             run.choices,
             run.effects.text(scene.robot),
             f"took        {run.wall_time:.3g} s, {ratio:.3g} x real time",
-            f"violation   {motion.violation.max():.1e} m, rad at most; "
-            f"{motion.constraint_velocity.max():.1e} m/s, rad/s",
+            *_constraint_lines(motion),
             *_energy_lines(energy, is_driven=any(phase.scene.is_driven for phase in motion.phases)),
             *_event_lines(motion),
             *(f"note: {notice}" for notice in motion.notices),
         ]
     )
+
+
+def _counts(scene: Scene) -> str:
+    """How many rows of constraints, and how many contacts, a scene has."""
+    contacts = sum(len(bound.candidates) for bound in scene.contact_bounds)
+    rows = [f"{scene.rows} rows"] if scene.rows or not contacts else []
+    return ", ".join([*rows, *([counted(contacts, "contact")] if contacts else [])])
+
+
+def _constraint_lines(motion: Trajectory) -> list[str]:
+    """How far constraints were violated, how deep contacts were, and what these do at the end."""
+    lines = []
+    if any(phase.scene.rows for phase in motion.phases):
+        lines.append(
+            f"violation   {motion.violation.max():.1e} m, rad at most; "
+            f"{motion.constraint_velocity.max():.1e} m/s, rad/s"
+        )
+    if motion.contact:
+        deepest = max((-float(np.nanmin(gap)) for gap in motion.gaps.values()), default=0.0)
+        last = [its[-1] for its in motion.modes.values()]
+        modes = ", ".join(f"{last.count(mode)} {mode}" for mode in MODES if mode in last)
+        lines.append(
+            f"contacts    penetrate by {max(deepest, 0.0):.1e} m, rad at most; at the end {modes}"
+        )
+    return lines
 
 
 def _energy_lines(energy: Energy, *, is_driven: bool) -> list[str]:

@@ -75,10 +75,23 @@ def _share_legend(figure: Any, places: Sequence[Any], columns: int) -> None:
     )  # fmt: skip
 
 
+def _ticks(low: float, high: float) -> list[float]:
+    """Round numbers on an axis of time [us]; two digits more where it has less than a decade."""
+    ticks = [float(tick) for tick in _TICKS if low <= tick <= high]
+    if len(ticks) > 1:
+        return ticks
+    step = 10.0 ** np.floor(np.log10((high - low) / 2.0))
+    for step_ in (5.0 * step, 2.0 * step, step):
+        found = step_ * np.arange(np.ceil(low / step_), np.floor(high / step_) + 1)
+        if len(found) > 1:
+            break
+    return [float(f"{tick:.6g}") for tick in found]
+
+
 def _in_microseconds(ax: Any, x: str, y: str, title: str) -> Any:
     """Return axes of time against error, both in decades."""
     ax.set(xscale="log", yscale="log")
-    ticks = [tick for tick in _TICKS if ax.get_xlim()[0] <= tick <= ax.get_xlim()[1]]
+    ticks = _ticks(*ax.get_xlim())
     ax.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     ax.minorticks_off()
     return finished(ax, title=title, x=x, y=y)

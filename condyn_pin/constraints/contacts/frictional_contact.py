@@ -109,10 +109,10 @@ class FrictionalContact(Contact):
     def _check_ground(self) -> None:
         if isinstance(self.on, Plane):
             if self.on_shape is not None:
-                raise InvalidArgument(
-                    f"on_shape = {shown(self.on_shape)}: it is on a frame; "
-                    "name that frame of a second body with on=..."
-                )
+                cure = "it is the shape of a second body: name a frame of that one, on='frame'"
+                if isinstance(self.on_shape, Plane):
+                    cure = f"a plane of the world is on={self.on_shape!r}; {cure}"
+                raise InvalidArgument(f"on_shape = {shown(self.on_shape)}: {cure}")
             return
         if not isinstance(self.on, str) or not self.on:
             raise InvalidArgument(

@@ -6,7 +6,7 @@ Columns are tangent: column i is the derivative along ``pin.integrate(model, q, 
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -16,6 +16,10 @@ from condyn_pin._core.blas_threads import one_blas_thread
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.solution import Solution
+
+
+# What answers are derived by.
+_BY: Final = ("q", "v", "tau")
 
 
 class Derivatives(ABC):
@@ -34,9 +38,13 @@ class Derivatives(ABC):
         Of the joint accelerations a; the columns by q are tangent.
     dlam_dq, dlam_dv, dlam_dtau : (m, nv) array
         Where rows are redundant, those of the smallest lam.
+    disagreement : float or None
+        Largest difference to central differences, relative to the largest entry of its block [1], where
+        these were taken (``check=True``).
     """
 
     _formed: tuple[Array, Array, Array] | None = None  # as soon as one of them was asked for
+    disagreement: float | None = None  # relative to the largest entry of a block
 
     def __init__(self, solution: Solution) -> None:
         self.solution = solution
@@ -108,3 +116,13 @@ class Derivatives(ABC):
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.solution!r})"
+
+    def __str__(self) -> str:
+        n, m = self._n, self._m
+        blocks = [f"d{x}_d{y} {(k, n)}" for x, k in (("a", n), ("lam", m)) for y in _BY]
+        checked = (
+            "not checked by differences; check=True does"
+            if self.disagreement is None
+            else f"differ from central differences by {self.disagreement:.1e} of the largest entry"
+        )
+        return "\n".join([repr(self), ", ".join(blocks), checked])

@@ -135,8 +135,10 @@ def _central(f: Callable[[Array], Array], directions: Array, h: float, size: int
 def check_derivatives(found: Derivatives, differences: DifferenceDerivatives) -> None:
     """Raise `DerivativesDisagree` where derivatives differ from central differences.
 
-    By q, where rows are redundant and loops closed, only along the constraints.
+    By q, where rows are redundant and loops closed, only along the constraints. The largest
+    difference is kept as the `disagreement` of what was `found`.
     """
+    worst = 0.0
     for name in BLOCKS:
         wanted: Array = getattr(differences, name)
         had: Array = getattr(found, name)
@@ -151,3 +153,5 @@ def check_derivatives(found: Derivatives, differences: DifferenceDerivatives) ->
                 f"{differences.step:g} give {wanted[row, column]:.9g}; the largest entry is "
                 f"{size:.3g}. Near a singular state or at an open loop neither is reliable"
             )
+        worst = max(worst, float(error.max(initial=0.0)) / size)
+    found.disagreement = worst

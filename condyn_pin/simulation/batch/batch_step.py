@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.parallel.outcome import MISSING, Batch, Outcome, Some
-from condyn_pin.contact.modes import MODES
+from condyn_pin.contact.modes import mode_words
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import WorkersLost
@@ -86,9 +86,9 @@ class BatchStep(Outcome, Batch[StepSolution]):
     _endings: ClassVar[Sequence[Enum]] = STATUSES
 
     @property
-    def modes(self) -> dict[str, NDArray[np.str_]]:
+    def modes(self) -> dict[str, NDArray[np.object_]]:
         """Mode of each contact in each step (N,): open, stick or slide."""
-        words = np.array(MODES)[self.codes]
+        words = mode_words(self.codes)
         names = candidates_of(self.scene).names
         return {name: words[:, i] for i, name in enumerate(names)}
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.parallel.outcome import MISSING, Batch, Some
-from condyn_pin.contact.modes import MODES
+from condyn_pin.contact.modes import MODES, mode_words
 from condyn_pin.errors import SolveFailed, WorkersLost
 from condyn_pin.simulation.batch.batch_step import BatchStep
 from condyn_pin.simulation.contact_columns import candidates_of
@@ -81,9 +81,9 @@ class BatchStepDerivatives(Batch[StepDerivatives]):
         return np.asarray(self.margins < tolerances.SWITCHES)
 
     @property
-    def modes(self) -> dict[str, NDArray[np.str_]]:
+    def modes(self) -> dict[str, NDArray[np.object_]]:
         """Mode of each contact in each step (N,): open, stick or slide."""
-        words = np.array(MODES)[self.codes]
+        words = mode_words(self.codes)
         names = candidates_of(self.step.scene).names
         return {name: words[:, i] for i, name in enumerate(names)}
 
