@@ -118,3 +118,5 @@ def test_a_base_that_is_tied_to_a_place_stays_there():
         put_down(hung, q)
     with pytest.raises(cp.InvalidArgument, match="ball~hook ties"):
         hung.state(on_ground=True)
+    with pytest.raises(cp.InvalidArgument, match="on_ground = 'yes': True, False or None"):
+        hung.state(on_ground="yes")

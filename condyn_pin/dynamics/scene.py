@@ -228,6 +228,8 @@ class Scene:
             If `on_ground` is True and the contacts are constraints, which never let go, or
             constraints tie the base to a place.
         """
+        if on_ground not in (None, True, False):
+            raise InvalidArgument(f"on_ground = {on_ground!r}: True, False or None is needed")
         q = self.closed_posture(posture)
         if on_ground or (on_ground is None and posture is None and self.contacts):
             q = self._on_ground(q, throw=bool(on_ground))

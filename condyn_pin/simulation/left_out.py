@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
@@ -26,11 +27,10 @@ from condyn_pin.model.limits import Limits
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
     from condyn_pin.model.robot import Robot
-    from condyn_pin.simulation.recorder import Phase
     from condyn_pin.simulation.trajectory import Trajectory
 
-# Samples of a phase at which shapes are looked at: a body that falls by 1 m moves 2 cm between two.
-_LOOKS: Final = 50
+# Samples at which shapes are looked at: a body that falls by 1 m moves 2 cm from one to the next.
+_LOOKS: Final = 100
 
 # How many bodies a notice names.
 _LISTED: Final = 3
@@ -72,15 +72,25 @@ class _Solid(NamedTuple):
     centre: Array  # (3,), of that box, in the axes of the link [m]
 
 
+class _Ground(NamedTuple):
+    """A plane that contacts of a scene may touch."""
+
+    name: str
+    made: str  # how a FrictionalContact says it; empty where that is the default
+    ground: int  # the joint that carries it
+    placement: Any  # z out of the ground
+    friction: float
+    allowed: dict[int, float]  # by joint: how deep its shapes may be [m]
+
+
 class _Passed(NamedTuple):
     """How deep a body was in a plane of the ground."""
 
     solid: _Solid
-    plane: str
+    plane: _Ground
     depth: float  # [m]
     t: float  # [s], when it was deepest
     first: float  # [s], when it was first seen inside
-    friction: float
 
 
 def bodies_passed(trajectory: Trajectory) -> list[str]:
@@ -88,43 +98,46 @@ def bodies_passed(trajectory: Trajectory) -> list[str]:
     if not any(bound.touches for p in trajectory.phases for bound in p.scene.contact_bounds):
         return []
     solids = _solids(trajectory.scene.robot)
+    looks = np.unique(np.linspace(0, len(trajectory.t) - 1, _LOOKS).astype(int))
     worst: dict[tuple[str, str], _Passed] = {}
     for phase in trajectory.phases if solids else ():
-        for found in _passed(trajectory, phase, solids):
-            key = found.solid.link, found.plane
+        start, stop, _ = phase.samples.indices(len(trajectory.t))
+        here = looks[(start <= looks) & (looks < stop)]
+        for found in _passed(trajectory, phase.scene, here, solids):
+            key = found.solid.link, found.plane.name
             before = worst.get(key)
             first = min(found.first, before.first) if before else found.first
             deepest = found if before is None or found.depth > before.depth else before
             worst[key] = deepest._replace(first=first)
-    return [_text(each, t0=float(trajectory.t[0])) for each in _deepest(worst.values())]
+    deepest_first = sorted(worst.values(), key=lambda each: -each.depth)
+    taken = {contact.name for contact in trajectory.scene.contacts}
+    return [_text(each, float(trajectory.t[0]), taken) for each in deepest_first[:_LISTED]]
 
 
-def _deepest(found: Any) -> list[_Passed]:
-    return sorted(found, key=lambda each: -each.depth)[:_LISTED]
-
-
-def _text(found: _Passed, t0: float) -> str:
-    solid = found.solid
+def _text(found: _Passed, t0: float, taken: set[str]) -> str:
+    solid, plane = found.solid, found.plane
     when = "from the start" if found.first <= t0 else f"from t = {found.first:.3g} s on"
     half = ", ".join(f"{x:.3g}" for x in solid.size)
     at = ", ".join(f"{x:.3g}" for x in solid.centre)
     offset = f", ({at})" if np.abs(solid.centre).max() > tolerances.CLOSED else ""
+    name = f', name="{solid.link} box"' if solid.link in taken else ""
     return (
-        f"{solid.link} (a {solid.kind} in the file) is in the ground {found.plane} {when}, "
+        f"{solid.link} (a {solid.kind} in the file) is in the ground {plane.name} {when}, "
         f"{1e3 * found.depth:.3g} mm deep at t = {found.t:.3g} s: only the scene's contacts touch; "
-        f'add FrictionalContact("{solid.link}", Box({half}){offset}, friction={found.friction:g}), '
-        "its bounding box"
+        f'add FrictionalContact("{solid.link}", Box({half}){offset}{plane.made}, '
+        f"friction={plane.friction:g}{name}), its bounding box"
     )
 
 
-def _passed(trajectory: Trajectory, phase: Phase, solids: tuple[_Solid, ...]) -> list[_Passed]:
-    """Bodies that are in a plane at some samples of a phase, by more than they may be."""
-    scene, (start, stop, _) = phase.scene, phase.samples.indices(len(trajectory.t))
+def _passed(
+    trajectory: Trajectory, scene: Scene, looks: NDArray[np.int_], solids: tuple[_Solid, ...]
+) -> list[_Passed]:
+    """Bodies that are in a plane of a scene at some samples, by more than they may be."""
     planes = _planes(scene)
     model = scene.robot.unedited
     data = model.createData()
     found: dict[tuple[int, int], _Passed] = {}
-    for i in np.unique(np.linspace(start, stop - 1, _LOOKS).astype(int)):
+    for i in looks:
         pin.forwardKinematics(model, data, trajectory.q[i])
         t = float(trajectory.t[i])
         for k, plane in enumerate(planes):
@@ -143,18 +156,8 @@ def _passed(trajectory: Trajectory, phase: Phase, solids: tuple[_Solid, ...]) ->
                 before = found.get((k, s))
                 if depth > allowed and (before is None or depth > before.depth):
                     first = before.first if before else t
-                    found[k, s] = _Passed(solid, plane.name, depth, t, first, plane.friction)
+                    found[k, s] = _Passed(solid, plane, depth, t, first)
     return list(found.values())
-
-
-class _Ground(NamedTuple):
-    """A plane that contacts of a scene may touch."""
-
-    name: str
-    ground: int  # the joint that carries it
-    placement: Any  # z out of the ground
-    friction: float
-    allowed: dict[int, float]  # by joint: how deep its shapes may be [m]
 
 
 def _planes(scene: Scene) -> list[_Ground]:
@@ -166,20 +169,21 @@ def _planes(scene: Scene) -> list[_Ground]:
             height = float(n @ at)
             key = (touch.ground, *np.round([*n, height], 9).tolist())
             if key not in found:
-                found[key] = _Ground(
-                    _called(scene, touch.ground, n, height), touch.ground, touch.plane,
-                    touch.friction, {},
-                )  # fmt: skip
+                words = _words(scene, touch.ground, n, height)
+                found[key] = _Ground(*words, touch.ground, touch.plane, touch.friction, {})
             found[key].allowed[touch.joint] = tolerances.FEET_IN_THE_GROUND
     return list(found.values())
 
 
-def _called(scene: Scene, ground: int, n: Array, height: float) -> str:
+def _words(scene: Scene, ground: int, n: Array, height: float) -> tuple[str, str]:
+    """Name of a plane, and how a FrictionalContact says it."""
     if ground:
-        return f"that {scene.robot.model.names[ground]} carries"
-    if n[2] > 1.0 - tolerances.CLOSED:
-        return f"z = {height:.4g} m"
-    return f"({', '.join(f'{x:.3g}' for x in n)}) . x = {height:.4g} m"
+        return f"that {scene.robot.model.names[ground]} carries", ", on=..., on_shape=Plane(...)"
+    normal = ", ".join(f"{x:.6g}" for x in n)
+    if n[2] < 1.0 - tolerances.CLOSED:
+        return f"({normal}) . x = {height:.4g} m", f", on=Plane(({normal}), {height:.6g})"
+    made = f", on=Plane(height={height:.6g})" if abs(height) > tolerances.CLOSED else ""
+    return f"z = {height:.4g} m", made
 
 
 def _solids(robot: Robot) -> tuple[_Solid, ...]:

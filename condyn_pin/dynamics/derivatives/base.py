@@ -39,8 +39,8 @@ class Derivatives(ABC):
     dlam_dq, dlam_dv, dlam_dtau : (m, nv) array
         Where rows are redundant, those of the smallest lam.
     disagreement : float or None
-        Largest difference to central differences, relative to the largest entry of its block [1], where
-        these were taken (``check=True``).
+        Largest difference to central differences, relative to the largest entry of its block [1],
+        where these were taken (``check=True``).
     """
 
     _formed: tuple[Array, Array, Array] | None = None  # as soon as one of them was asked for
