@@ -426,7 +426,7 @@ def test_corners_beside_soles_that_constraints_hold(soles: int, corners: slice) 
     its = robot("talos")
     feet = its.frictional_contacts(friction=0.7)[corners]
     scene = cp.Scene(its, its.contacts[:soles], contacts=feet)
-    q, _ = scene.state()
+    q, _ = scene.state(on_ground=False)
     rng = np.random.default_rng(0)
     V = [cp.mechanism.project_velocity(scene, q, rng.normal(size=its.nv)) for _ in range(3)]
     Q, V, tau = np.tile(q, (3, 1)), np.array(V), np.zeros(its.nv)
