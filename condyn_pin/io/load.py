@@ -132,8 +132,8 @@ def _loaded(name: str | Path, root_joint: str | None, variant: Mapping[str, str]
     if root_joint is not None:
         raise InvalidArgument(
             f"root_joint = {root_joint!r}: it is for a URDF or an SDF; {str(name)!r} says itself "
-            "how its base is attached; load the file that it describes, "
-            'load_robot(robot.description, root_joint="free_flyer")'
+            "how its base is attached; load_robot(robot.description, floating=True) loads its file "
+            "alone"
         )
     if str(name) in MECHANISMS:
         check_variant(chosen, {})

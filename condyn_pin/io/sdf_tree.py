@@ -92,7 +92,8 @@ class SdfTree(Tree):
 
     def close(self, joint: Joint) -> Loop:
         """Add the two frames of a cut joint, and return what closes it."""
-        oMj, axis = joint.pose, None  # type: Any, Axis | None
+        oMj = joint.pose
+        axis: Axis | None = None
         if joint.has_axis:
             oMj, axis = oMj * pin.SE3(_z_along(joint.axis.direction), np.zeros(3)), _Z
         ends = f"{joint.name}_a", f"{joint.name}_b"
