@@ -452,7 +452,7 @@ def test_a_tower_of_boxes_that_slide_on_each_other(seed, solver):
     problem = touching(np.vstack(rows), M, v.ravel(), np.full(64, 0.5)).problem
     found = solve_contact(problem, solver)
     assert natural(problem, found.lam) <= 1.01 * CONTACT_SOLVED
-    assert set(found.path) <= {"ADMM", "Newton"}
+    assert set(found.path) <= {"ADMM", "Newton", "equal compliance"}
 
 
 @pytest.mark.parametrize("R", [0.2, 0.05, 0.01, 1e-3, 1e-6])
@@ -680,7 +680,7 @@ def test_a_solution_says_what_it_is():
         assert word in text
     assert "ContactSolution(6 contacts: ok" in repr(found)
     sliding = solve_contact(PROBLEMS["box slides"])
-    assert any("redundant" in notice and "slide" in notice for notice in sliding.notices)
+    assert sliding.notices == ("the contacts are redundant: lam is one of many",)
     assert solve_contact(PROBLEMS["solo12"]).notices == ()
 
 

@@ -4,6 +4,7 @@ from .attempts import attempt_contact as attempt_contact
 from .cone import ConeRows as ConeRows
 from .cone import Margin as Margin
 from .friction_cone import FrictionCone as FrictionCone
+from .indeterminacy import Indeterminacy as Indeterminacy
 from .judge import solve_contact as solve_contact
 from .problem import ContactProblem as ContactProblem
 from .residuals import ContactResiduals as ContactResiduals

@@ -1,16 +1,20 @@
-"""Attempts at a contact problem: island by island, until a natural residual is accepted."""
+"""Attempts at a contact problem: island by island, until a natural residual is accepted.
+
+Where several motions obey Coulomb's law, the answer is that of `indeterminacy`, whatever the solver
+found.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from math import isnan
+from math import isfinite, isnan, nan
 from typing import TypeAlias
 
 import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.tolerances import FINEST
+from condyn_pin.contact.indeterminacy import Indeterminacy, by_rule
 from condyn_pin.contact.islands import islands
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
@@ -19,6 +23,7 @@ from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 _Answer: TypeAlias = Callable[
     [ContactProblem, ContactSolver, Array | None, float], tuple[Attempt, float]
 ]
+_Choose: TypeAlias = Callable[[ContactProblem, Attempt, float, float], tuple[Attempt, float]]
 
 
 @one_blas_thread
@@ -56,6 +61,14 @@ def attempt_contact(
 
 
 @one_blas_thread
+def attempt_near(
+    problem: ContactProblem, solver: ContactSolver, guess: Array, accuracy: float
+) -> tuple[Attempt, float]:
+    """Return the impulses that the solver finds from a guess, whatever other answers there are."""
+    return _apart(problem, solver, guess, accuracy, _insist, _as_found)
+
+
+@one_blas_thread
 def first_attempt(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
 ) -> tuple[Attempt, float]:
@@ -86,24 +99,35 @@ def _apart(
     guess: Array | None,
     accuracy: float,
     answer: _Answer,
+    choose: _Choose = by_rule,
 ) -> tuple[Attempt, float]:
-    """Return the answers of all islands of a problem as one."""
+    """Return the answers of all islands of a problem as one, each as chosen among several."""
     if not problem.rows:
         return Attempt(np.zeros(0), 0, ()), 0.0
     apart = islands(problem)
     if not apart:
-        return answer(problem, solver, guess, accuracy)
+        return choose(problem, *answer(problem, solver, guess, accuracy), accuracy)
     lam, iterations, path, answered = np.empty(problem.rows), 0, dict[str, None](), True
+    naturals, several = list[float](), list[Indeterminacy]()
     for island in apart:
         part = island.problem(problem)
         begin = None if guess is None else guess[island.rows]
-        enough = max(accuracy * _share(part, problem), FINEST)
-        found, _ = answer(part, solver, begin, enough)
+        found, natural = choose(part, *answer(part, solver, begin, accuracy), accuracy)
         lam[island.rows] = found.lam
         iterations += found.iterations
         path |= dict.fromkeys(found.path)
         answered &= found.answered
-    return Attempt(lam, iterations, tuple(path), answered), natural_residual(problem, lam)
+        naturals.append(natural)
+        several += found.several
+    found = Attempt(lam, iterations, tuple(path), answered, tuple(several))
+    return found, max(naturals) if isfinite(sum(naturals)) else nan
+
+
+def _as_found(
+    problem: ContactProblem, found: Attempt, natural: float, accuracy: float
+) -> tuple[Attempt, float]:
+    """Return an answer as it is."""
+    return found, natural
 
 
 def _first(
@@ -152,9 +176,3 @@ def _closes_unmoved(problem: ContactProblem, accuracy: float) -> bool:
         return False
     slowest, g = -accuracy * problem.scale[1], problem.g.tolist()
     return any(g[n] < slowest and stiffness[n] == 0.0 for n in problem.sets.normals.tolist())
-
-
-def _share(part: ContactProblem, whole: ContactProblem) -> float:
-    """Return how much more accurate a part has to be: its errors are measured by the whole, too."""
-    (stiff, speed), (of_part, slow) = whole.scale, part.scale
-    return min(of_part * speed / (stiff * slow), 1.0)

@@ -26,12 +26,15 @@ class Island(NamedTuple):
         Of these rows.
     names : tuple of str
         Of these contacts.
+    contacts : (k,) array of int
+        Their places among the names of the problem.
     """
 
     rows: Indices
     block: tuple[Indices, ...]
     sets: ContactSets
     names: tuple[str, ...]
+    contacts: Indices
 
     def problem(self, whole: ContactProblem) -> ContactProblem:
         """Return the problem that they are by themselves."""
@@ -62,13 +65,17 @@ def islands(problem: ContactProblem) -> tuple[Island, ...]:
 @lru_cache(maxsize=16)
 def _islands(sets: ContactSets, names: tuple[str, ...], pattern: bytes) -> tuple[Island, ...]:
     """Return the components of a graph of contacts, given by its matrix."""
-    felt = np.frombuffer(pattern, dtype=bool).reshape(len(names), len(names)).copy()
-    np.fill_diagonal(felt, True)
-    label = _labels(felt)
-    found = np.unique(label)
+    felt = np.frombuffer(pattern, dtype=bool).reshape(len(names), len(names))
+    found = components(felt)
     if len(found) == 1:
         return ()
-    return tuple(island_of(sets, names, np.flatnonzero(label == each)) for each in found)
+    return tuple(island_of(sets, names, np.flatnonzero(each)) for each in found)
+
+
+def components(felt: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Return which contacts are in each component of a graph (k, k), of all contacts."""
+    label = _labels(felt | np.eye(len(felt), dtype=bool))
+    return [label == each for each in np.unique(label)]
 
 
 def _labels(felt: NDArray[np.bool_]) -> Indices:
@@ -88,4 +95,5 @@ def island_of(sets: ContactSets, names: tuple[str, ...], contacts: Indices) -> I
     cones, intervals = contacts[contacts < k], contacts[contacts >= k + lines]
     stops = len(contacts) - len(cones) - len(intervals)
     its_sets = ContactSets(sets.friction[cones], stops, sets.limits[intervals - k - lines])
-    return Island(rows, np.ix_(rows, rows), its_sets, tuple(names[i] for i in contacts))
+    its_names = tuple(names[i] for i in contacts)
+    return Island(rows, np.ix_(rows, rows), its_sets, its_names, contacts)

@@ -124,5 +124,6 @@ def judged(
         status = ContactStatus.NOT_FINITE
     lam, sigma = read_only((found.lam, problem.velocities(found.lam)))
     return ContactSolution(
-        lam, sigma, natural, status, found.iterations, found.path, solve_time, problem, unmet
-    )
+        lam, sigma, natural, status, found.iterations, found.path, solve_time, problem, unmet,
+        found.several,
+    )  # fmt: skip

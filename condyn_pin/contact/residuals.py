@@ -1,8 +1,9 @@
 """ContactResiduals: by how much impulses miss each condition of a contact problem.
 
-Impulses are measured by |g| / mean diag (G + R), and velocities by |g| (`ContactProblem.scale`), so
-that all seven are plain numbers. With l and s the impulse and the velocity of one contact, t and n
-their tangential and normal parts, and d what is dual to l,
+Impulses are measured by |g| / mean diag (G + R), and velocities by |g| (`ContactProblem.scale`) of
+the contacts that feel each other, so that all seven are plain numbers, and those of one body are
+the same whatever stands beside it. With l and s the impulse and the velocity of one contact, t and
+n their tangential and normal parts, and d what is dual to l,
 
     cone             distance of l from K
     dual             distance of d from the dual cone K*
@@ -32,6 +33,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
+from condyn_pin.contact.islands import islands
 from condyn_pin.contact.problem import ContactProblem
 
 _EPS = float(np.finfo(np.float64).eps)
@@ -91,6 +93,9 @@ def natural_residual(problem: ContactProblem, lam: Array) -> float:
     """
     if not len(lam):
         return 0.0
+    if apart := islands(problem):
+        parts = [natural_residual(each.problem(problem), lam[each.rows]) for each in apart]
+        return max(parts) if isfinite(sum(parts)) else nan
     sets, (stiff, speed) = problem.sets, problem.scale
     l = (lam * stiff).tolist()  # noqa: E741  of the equations above, times |g|
     s = problem.velocities(lam).tolist()
@@ -159,6 +164,9 @@ def contact_residuals(problem: ContactProblem, lam: Array) -> ContactResiduals:
     -----
     Cost: one product G lam and some forty passes over the rows.
     """
+    if apart := islands(problem):
+        parts = [contact_residuals(each.problem(problem), lam[each.rows]) for each in apart]
+        return ContactResiduals(*(float(np.max(each)) for each in zip(*parts, strict=True)))
     stiff, speed = problem.scale
     sigma = problem.velocities(lam)
     d = problem.dual(sigma)

@@ -12,6 +12,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.certificate import unmet_contacts
+from condyn_pin.contact.indeterminacy import Indeterminacy, is_determined
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import ContactResiduals, contact_residuals
 
@@ -91,6 +92,9 @@ class ContactSolution:
         What was solved.
     unmet : tuple of str
         Contacts that no impulse can meet together, if the status is infeasible.
+    several : tuple of Indeterminacy
+        Contacts whose velocities Coulomb's law does not determine: `lam` is then chosen by the rule
+        of contacts that give way alike, in the limit of hard ones.
     """
 
     lam: Array  # [N s]
@@ -102,6 +106,7 @@ class ContactSolution:
     solve_time: float  # [s]
     problem: ContactProblem
     unmet: tuple[str, ...] = ()
+    several: tuple[Indeterminacy, ...] = ()
 
     @cached_property
     def residuals(self) -> ContactResiduals:
@@ -110,19 +115,39 @@ class ContactSolution:
             return contact_residuals(self.problem, self.lam)
 
     @cached_property
-    def unique_forces(self) -> bool:
-        """Whether lam is the only answer: G + R has full rank.
+    def unique_motion(self) -> bool | None:
+        """Whether sigma is the only one that obeys the law; None where that is not decided.
 
-        Where it is not, as on four corners of a box, contacts share a load in many ways that move
-        nothing: compare J^T lam, and not lam.
+        False: `several` says which contacts leave it open. True where the problem is convex, and
+        where no contact of one that is proved alone can hold what it touches by itself. Contacts
+        with friction that feel each other have one motion most often, and no cheap proof of it.
+        """
+        return False if self.several else True if is_determined(self.problem) else None
+
+    @property
+    def could_hold(self) -> tuple[str, ...]:
+        """Contacts that move, or of which others do, and could hold what they touch by friction."""
+        wedges = (each for each in self.several if each.kind == "wedge")
+        return tuple(name for each in wedges for name in each.names)
+
+    @cached_property
+    def unique_forces(self) -> bool:
+        """Whether lam is the only answer: G + R has full rank, but for rows that nothing moves.
+
+        Where it has not, as on four corners of a box, contacts share a load in many ways that move
+        nothing: compare J^T lam, and not lam. A row of friction that nothing moves, as that out of
+        the plane of a plane mechanism, has no force.
         """
         problem = self.problem
         G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
         size = np.sqrt(G.diagonal())
-        if not size.all():
-            return not len(size)
-        eigenvalues = np.linalg.eigvalsh(G / np.outer(size, size))
-        return not len(size) or bool(eigenvalues[0] > tolerances.CONTACT_RANK * eigenvalues[-1])
+        n = problem.sets.normals
+        if not size[n].all() or not size[problem.sets.parts[2]].all():
+            return False
+        moved = np.flatnonzero(size)
+        scaled = G[moved[:, None], moved] / np.outer(size[moved], size[moved])
+        eigenvalues = np.linalg.eigvalsh(scaled)
+        return not len(moved) or bool(eigenvalues[0] > tolerances.CONTACT_RANK * eigenvalues[-1])
 
     @property
     def forces(self) -> dict[str, Array]:
@@ -141,14 +166,12 @@ class ContactSolution:
                 f"friction locks {', '.join(self._locked)}: they carry any load among themselves, "
                 "and Coulomb's law need not have an answer; with less friction it has"
             )
-        if self.status.ok and not self.unique_forces:
-            said.append("the contacts are redundant: lam is one of many, what it does is not")
-            sliding = int((self._slips > tolerances.CONTACT_SOLVED).sum())
-            if sliding > 1 and self.problem.law == "ncp":
-                said[-1] = (
-                    f"{sliding} contacts slide, and the contacts are redundant: Coulomb's law "
-                    "leaves lam open there, and may leave the velocities open by a little"
-                )
+        said += [each.text for each in self.several]
+        if self.status.ok and not self.several and not self.unique_forces:
+            said.append(
+                "the contacts are redundant: lam is one of many"
+                + ("; the motion is the same" if self.unique_motion else "")
+            )
         return tuple(said)
 
     @cached_property
@@ -158,14 +181,6 @@ class ContactSolution:
             return ()
         with np.errstate(all="ignore"):
             return unmet_contacts(self.problem.replaced(law="ccp"))
-
-    @property
-    def _slips(self) -> Array:
-        """How fast cones that press slide, relative to |g|."""
-        cones, (stiff, speed) = self.problem.sets.parts[0], self.problem.scale
-        S, L = self.sigma[cones].reshape(-1, 3), self.lam[cones].reshape(-1, 3)
-        presses = L[:, 2] * stiff / speed > tolerances.CONTACT_SOLVED
-        return np.asarray(np.hypot(S[presses, 0], S[presses, 1]) / speed)
 
     def __repr__(self) -> str:
         return (

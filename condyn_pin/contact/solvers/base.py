@@ -22,12 +22,15 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import TYPE_CHECKING, ClassVar, NamedTuple
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import Grid
 from condyn_pin._core.registry import enter
 from condyn_pin.contact.problem import ContactProblem, Law
+
+if TYPE_CHECKING:
+    from condyn_pin.contact.indeterminacy import Indeterminacy
 
 CONTACT_SOLVERS: dict[str, type[ContactSolver]] = {}
 
@@ -44,12 +47,15 @@ class Attempt(NamedTuple):
         Titles of the methods that had a part; the one that answered is last.
     answered : bool
         Whether a method that is not `exact` solved the problem that it puts in place of this one.
+    several : tuple of Indeterminacy
+        Contacts whose velocities Coulomb's law leaves open; no solver fills it in.
     """
 
     lam: Array  # (m,) [N s]
     iterations: int
     path: tuple[str, ...]  # titles of the methods that had a part, the one that answered last
     answered: bool = True  # whether a method that is not `exact` solved what it puts in its place
+    several: tuple[Indeterminacy, ...] = ()
 
     def after(self, before: Attempt) -> Attempt:
         """Return these impulses, with the iterations and methods of what came `before`."""

@@ -14,9 +14,9 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import difference
-from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
+from condyn_pin.contact.modes import OPEN, SLIDE, STICK, InModes, Modes
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.simulation.routes.active_set import ActiveSet, InModes
+from condyn_pin.simulation.routes.active_set import ActiveSet
 from condyn_pin.simulation.routes.base import Route
 from condyn_pin.simulation.routes.landings import RESTS, TOUCHES, Cut, HeldSteps, Landings
 from condyn_pin.simulation.routes.law import Law, least
