@@ -468,3 +468,22 @@ def test_impulses_that_rounding_balances_are_not_ok_here_either(r):
     ok = np.delete(np.arange(2), batch.failed)
     assert len(ok) == 2 or r < 1e-6
     assert (batch.errors[ok, ERRORS.index("dynamics_error")] < 1e-9).all()
+
+
+def test_steps_that_may_have_several_motions_are_pythons():
+    """A box that slides and spins, one in a slot, and a ball that walls press from both sides."""
+    cube = Box(0.1, 0.1, 0.1)
+    floor = FrictionalContact("box", cube, friction=0.5, name="floor")
+    walls = [
+        FrictionalContact("box", cube, on=Plane((s, 0, 0), -0.1), friction=0.2, name=name)
+        for s, name in ((1, "left"), (-1, "right"))
+    ]
+    tight = [replace(each, on=replace(each.on, height=-0.1 + 2e-3)) for each in walls]
+    for contacts in ([floor], [*walls, floor], tight):
+        scene = cp.Scene(free_box(), contacts=contacts)
+        q, v = scene.state()
+        v[1], v[5] = 1.0, 2.0 if contacts == [floor] else 0.0
+        ended = step_batch(scene, [q], [v], dt=DT, **CORE)
+        alone = cp.step(scene, q, v, dt=DT)
+        assert_array_equal(ended.v[0], alone.v)
+        assert_array_equal(ended.q[0], alone.q)

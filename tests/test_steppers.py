@@ -20,11 +20,14 @@ from condyn_pin.constraints import (
     Ball,
     Box,
     Capsule,
+    Driven,
     FrictionalContact,
+    HeldJoint,
     JointFriction,
     JointLimit,
     Plane,
     Point,
+    Polynomial,
 )
 from condyn_pin.constraints.contacts.shapes import Shape
 from condyn_pin.contact import ADMM, ContactProblem, SemismoothNewton
@@ -502,18 +505,24 @@ def test_a_first_attempt_that_fails_is_made_once(monkeypatch: pytest.MonkeyPatch
 
 
 def test_a_run_that_ends_in_the_infeasible_names_what_no_impulse_can_meet() -> None:
-    """A ball between a floor and a ceiling that are 0.1 mm nearer than it is wide."""
+    """A ball between a floor and a lid that is driven down, at which nothing yields."""
+    model = pin.Model()
+    for name, joint in (("ball", pin.JointModelFreeFlyer()), ("lid", pin.JointModelPZ())):
+        i = model.addJoint(0, joint, pin.SE3.Identity(), name)
+        model.appendBodyToJoint(i, pin.Inertia.FromSphere(1.0, 0.05), pin.SE3.Identity())
+        model.addFrame(pin.Frame(name, i, 0, pin.SE3.Identity(), pin.FrameType.BODY))
     floor = FrictionalContact("ball", Ball(0.05), friction=0.5, name="floor")
-    ceiling = replace(floor, on=Plane((0, 0, -1), -0.0999), name="ceiling")
+    ceiling = replace(floor, on="lid", on_shape=Plane((0, 0, -1), 0.0), name="ceiling")
     wall = replace(floor, on=Plane((-1, 0, 0), -1.0), name="wall")
-    scene = cp.Scene(free_ball(mass=1.0, radius=0.05), contacts=[floor, ceiling, wall])
-    q = np.array([0, 0, 0.04995, 0, 0, 0, 1.0])
+    down = Driven(HeldJoint("lid"), Polynomial((0.1, -1.0)))
+    scene = cp.Scene(cp.Robot("pressed", model), [down], contacts=[floor, ceiling, wall])
+    q, v = np.array([0, 0, 0.05, 0, 0, 0, 1.0, 0.1]), np.append(np.zeros(6), -1.0)
     with pytest.raises(cp.SolveFailed) as caught:
-        cp.step(scene, q, np.zeros(6), dt=1e-3)
+        cp.step(scene.at(0.0), q, v, dt=1e-3)
     answer = caught.value.solution.contact
     assert (answer.status.name, answer.unmet) == ("INFEASIBLE", ("floor", "ceiling"))
     with pytest.raises(StepFailed) as told:
-        cp.simulate(scene, q, np.zeros(6), duration=0.01)
+        cp.simulate(scene, q, v, duration=0.01)
     assert str(answer.status) in str(told.value)
     assert "no impulse can meet floor, ceiling" in str(told.value)
 

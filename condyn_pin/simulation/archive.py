@@ -38,6 +38,7 @@ from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.outcome import Effects
+from condyn_pin.simulation.remarks import Remark
 
 Path_ = str | PathLike[str]
 Header = dict[str, Any]
@@ -173,7 +174,7 @@ def choice(name: str, coded: dict[str, Any], kind: type) -> Any:
 _KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        *(Effects, Happened, Spring, SpringDamper, Plane),
+        *(Effects, Happened, Remark, Spring, SpringDamper, Plane),
         *(INTEGRATORS | DRIFTS | SOLVERS).values(),
     )
 }

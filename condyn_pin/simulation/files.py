@@ -32,6 +32,7 @@ from condyn_pin.simulation.contact_record import ContactRecord, width, written_b
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.outcome import Effects, Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
+from condyn_pin.simulation.remarks import Remark
 from condyn_pin.simulation.trajectory import Trajectory
 
 _ARRAYS = ("t", "q", "v", "a", "lam", "tau")
@@ -67,6 +68,7 @@ def _header(trajectory: Trajectory) -> Header:
             "happened": [encode(event) for event in run.happened],
             "missed": run.missed,
             "differenced": run.differenced,
+            "remarks": [encode(remark) for remark in run.remarks],
         },
     }
 
@@ -107,6 +109,7 @@ def _run(run: dict[str, Any]) -> Run:
         happened=tuple(decode(event) for event in run["happened"]),
         missed=tuple(run.get("missed", ())),  # files of before have none
         differenced=int(run.get("differenced", 0)),
+        remarks=tuple(decode(remark) for remark in run.get("remarks", ())),
     )
 
 
@@ -151,6 +154,10 @@ def _check_run(run: Run, count: int) -> None:
     check_times(duration=run.duration, dt=run.dt, wall_time=run.wall_time)
     if not all(isinstance(why, str) for why in run.missed):
         raise TypeError(f"missed = {run.missed!r}")
+    for remark in run.remarks:
+        if not isinstance(remark, Remark) or not isinstance(remark.text, str):
+            raise TypeError(f"remarks = {run.remarks!r}")
+        check_times(t=remark.t, steps=remark.steps)
     for event in run.happened:
         if not isinstance(event, Happened) or not _fits(event, count):
             raise ValueError(f"event {event!r} of {count} samples")

@@ -14,7 +14,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.check import Check
 from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.contact_scheme import PUSHES, ContactScheme
 from condyn_pin.simulation.measures import gauge_of
 
 
@@ -46,9 +46,11 @@ def velocity_of_steps(scene: Scene, q: Array, v: Array, integrator: Integrator, 
 
 def check_penetration(scene: Scene, q: Array, integrator: Integrator) -> None:
     """Raise NotAssembled if a contact penetrates at q, unless it does at rest too."""
+    pushes = isinstance(integrator, ContactScheme) and integrator.closes_gaps
+    steps = "the steps" if pushes else "steps of StewartTrinkle()"
     cure = (
-        "mechanism.put_down(scene, q) puts a floating robot onto the floor; with "
-        "close_start=False the steps push it out"
+        "mechanism.put_down(scene, q) puts a floating robot onto the floor; with close_start=False "
+        f"{steps} push it out, at {PUSHES:g} m/s at most"
     )
     _raise_if_deep(scene, q, integrator, tolerances.NEARLY_CLOSED, "", f" at the start: {cure}")
 

@@ -29,6 +29,7 @@ from condyn_pin.simulation.fit import check_deeper, check_fit, check_velocity, v
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.plan import Plan
 from condyn_pin.simulation.recorder import BLOCK
+from condyn_pin.simulation.remarks import Remark
 from condyn_pin.simulation.snapshot import Snapshot
 from condyn_pin.simulation.switching import Switch, switch
 from condyn_pin.simulation.watch import Watch
@@ -59,6 +60,8 @@ class HybridSimulator:
         self.phase.use(placed)
         self._contact_work = self.phase.system.contact_work = NO_WORK
         self.phase.system.located = ()
+        self._remarks = self.phase.system.remarks
+        self._remarks.clear()
         self.recorders = [self.phase.begin(self.t, q, v)]
         self.happened: list[Happened] = []
         self._watch = Watch(plan.events)
@@ -105,6 +108,11 @@ class HybridSimulator:
             self._contact_work = self.phase.system.contact_work
             if tick:
                 tick(k + 1)
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What its steps have to say."""
+        return self._remarks.all
 
     def missed(self) -> tuple[str, ...]:
         """Return a sentence for each event that did not happen."""
@@ -229,6 +237,7 @@ class HybridSimulator:
             self._asked = event.scene
             self.phase = HybridPhase(after, self.plan)
             self.phase.system.contact_work = self._contact_work
+            self.phase.system.remarks = self._remarks
         self.recorders.append(self.phase.begin(self.t, self.q, self.v))
         self.happened.append(_happened(event, self.t, sample, before, self.phase.scene, change))
         self._watch.after_event(event, left, self._look(self.t, self.q, self.v), self._asked)

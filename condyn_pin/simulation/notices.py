@@ -40,6 +40,7 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
     if not trajectory.status.ok:
         said.append(f"{trajectory.status}; {trajectory.reason}")
     said += _open_constraints(trajectory)
+    said += [str(remark) for remark in trajectory.run.remarks]
     said += _coarse_turns(trajectory) + _differenced(trajectory) + _shocks(trajectory)
     said += solver_notices(trajectory) + _tensile_contacts(trajectory)
     energy = trajectory.energy

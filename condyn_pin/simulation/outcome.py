@@ -14,6 +14,7 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.remarks import Remark
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory
@@ -119,6 +120,8 @@ class Run:
         Events that did not happen, and why not.
     differenced : int
         How often the function of torques was called for its differences.
+    remarks : tuple of Remark
+        What its steps have to say, each once with its first time.
     wall_time : float
         [s]
     """
@@ -134,6 +137,7 @@ class Run:
     happened: tuple[Happened, ...] = ()
     missed: tuple[str, ...] = ()
     differenced: int = 0
+    remarks: tuple[Remark, ...] = ()
     wall_time: float = 0.0  # [s]
 
     @property

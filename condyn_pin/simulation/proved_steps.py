@@ -78,7 +78,7 @@ class ProvedSteps:
         begun = perf_counter()
         q1, v1, a = self._steps.attempt(self._t, q, v)
         took = perf_counter() - begun
-        posed, ended, found, natural, work, _ = self._steps.last
+        posed, ended, found, natural, work, *_ = self._steps.last
         lam = self._steps.impulses()
         contact = judged(posed.problem, found, natural, tolerances.CONTACT_SOLVED, took)
         dynamics, constraint = self._errors(posed, ended, a, lam / self._dt)

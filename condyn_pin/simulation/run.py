@@ -19,7 +19,7 @@ from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_at_all_times, check_scene
 from condyn_pin.dynamics.solvers import Solver
-from condyn_pin.errors import CondynError, InvalidArgument
+from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
 from condyn_pin.simulation.breakdown import hint_of, is_lost, remedy_of
 from condyn_pin.simulation.events import Ended, Event, ZenoDetected
 from condyn_pin.simulation.fit import check_fit, check_penetration, velocity_of_steps
@@ -103,8 +103,9 @@ def simulate(
     events : sequence of Event, optional
         Changes on the way: other contacts, impacts, the end.
     close_start : bool
-        Whether the start has to satisfy the constraints. With False the drift scheme closes what is
-        open, as `Baumgarte` does at the rate of its gains; it has to be one that does.
+        Whether the start has to satisfy the constraints, and bodies to be apart. With False the
+        drift scheme closes what is open, as `Baumgarte` does at the rate of its gains; it has to be
+        one that does. Penetrations are pushed out by `StewartTrinkle`, at 0.2 m/s at most.
     gravity, springs, damping, armature : bool
         Which effects of the robot's model are on; see `Effects`.
     progress : callable, optional
@@ -153,9 +154,18 @@ def simulate(
     state = start(scene, q, v, planned, closed=close_start)
     if close_start:
         check_penetration(scene, state[0], planned.integrator)
-    elif scene.rows:
+    elif scene.rows and not _is_closed(scene, *state, planned):
         check_closing(planned.integrator, planned.drift)
     return follow(planned, *state, progress)[0]
+
+
+def _is_closed(scene: Scene, q: Array, v: Array, plan: Plan) -> bool:
+    """Return whether loops are closed at a state, and their velocities."""
+    try:
+        check_fit(scene, q, v, allowed=velocity_of_steps(scene, q, v, plan.integrator, plan.dt))
+    except NotAssembled:
+        return False
+    return True
 
 
 @one_blas_thread
@@ -181,7 +191,8 @@ def follow(
         duration=plan.duration, dt=plan.dt, integrator=plan.integrator, drift=plan.drift,
         solver=simulator.phase.solver, effects=plan.effects, status=status, reason=reason,
         happened=tuple(simulator.happened), missed=simulator.missed(),
-        differenced=plan.tau.differenced, wall_time=perf_counter() - begun,
+        differenced=plan.tau.differenced, remarks=simulator.remarks,
+        wall_time=perf_counter() - begun,
     )  # fmt: skip
     motion = Trajectory(phases, t, positions, velocities, a, lam, torques, run, contact)
     return motion, simulator.phase

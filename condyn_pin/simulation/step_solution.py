@@ -162,6 +162,7 @@ class StepSolution:
                 f"be closed from there: take a shorter step than {1e3 * self.dt:.4g} ms, from a "
                 "state with closed loops"
             )
+        said += [note.text for note in self._taken.notes]
         return (*said, *self.contact.notices)
 
     @property

@@ -30,6 +30,7 @@ from condyn_pin.simulation.contact_work import NO_WORK
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.recorder import Row
+from condyn_pin.simulation.remarks import Remarks
 from condyn_pin.simulation.torques import Applied, Torque
 
 if TYPE_CHECKING:
@@ -67,6 +68,8 @@ class System:
         Since the start of the run.
     located : tuple of ContactEvent
         Events of contacts in the last step, of an integrator that finds them.
+    remarks : Remarks
+        What the steps of the run have to say.
     look : callable
         (t, q, v) -> a sample of the state, by a step where contacts open and slide.
     """
@@ -89,6 +92,7 @@ class System:
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.contacts, self.contact_work = Candidates(self.model, contacts), NO_WORK
         self.located: tuple[ContactEvent, ...] = ()
+        self.remarks = Remarks()
         self.look: Callable[[float, Array, Array], Row] = self.sample
         self._is_driven = workspace.scene.is_driven
         self._last = _NOTHING

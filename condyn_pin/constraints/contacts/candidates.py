@@ -46,6 +46,8 @@ class Candidates:
         The largest dry friction [N m, N].
     is_length : (cones + half_lines,) bool array
         Which gaps are lengths [m]; the others are angles [rad].
+    blocks : (rows,) array of int
+        Which candidate each row belongs to.
     row_names : tuple of str
         ``name.t1``, ``name.t2``, ``name.n`` of a cone, the name of the others.
 
@@ -86,6 +88,7 @@ class Candidates:
         for row, each in enumerate(dry, start=len(stops)):
             self._coordinates[row, each.iv] = 1.0
         self._sizes = np.repeat((3, 1), (self.cones, len(others)))
+        self.blocks = read_only(np.repeat(np.arange(len(self.names)), self._sizes))
 
     def with_coefficients(self, friction: Array, restitution: Array) -> Candidates:
         """Return the same candidates with others, one a cone; they share what they evaluate in."""

@@ -30,7 +30,8 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.attempts import attempt_contact
+from condyn_pin.contact.attempts import attempt_contact, attempt_near
+from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
 from condyn_pin.contact.problem import ContactProblem, Level
 from condyn_pin.contact.sets import ContactSets
@@ -72,6 +73,7 @@ class NextModes:
 
     def __init__(self, candidates: Candidates, solver: ContactSolver) -> None:
         self._candidates, self._solver = candidates, solver
+        self.several: tuple[Indeterminacy, ...] = ()  # of the last problem
         k, n = candidates.cones, candidates.half_lines
         self._all_dry = np.ones(candidates.intervals, dtype=bool)
         self._parts = slice(0, 3 * k), slice(3 * k, 3 * k + n), slice(3 * k + n, candidates.rows)
@@ -172,7 +174,11 @@ class NextModes:
         return Struck(v, impulse, work, driven), natural
 
     def _answer(self, problem: ContactProblem, guess: Array | None) -> tuple[Array, float]:
-        found, natural = attempt_contact(problem, self._solver, guess, _ACCURATE)
+        if guess is None:
+            found, natural = attempt_contact(problem, self._solver, None, _ACCURATE)
+        else:  # no impulse is an answer, and no force goes on from there
+            found, natural = attempt_near(problem, self._solver, guess, _ACCURATE)
+        self.several = found.several
         return found.lam, natural
 
     def _problem(

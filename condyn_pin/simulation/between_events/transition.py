@@ -22,6 +22,7 @@ from condyn_pin.simulation.between_events.load_sharing import AT_ITS_END, let_go
 from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics
 from condyn_pin.simulation.between_events.next_modes import NextModes
 from condyn_pin.simulation.events import ZenoDetected
+from condyn_pin.simulation.remarks import notes_of
 from condyn_pin.simulation.system import System
 
 # Velocities of what stands still that are rounding, relative to the speed of the robot.
@@ -93,8 +94,10 @@ class Transition:
             terms = ContactTerms(self._system, t, q, v)
             if terms.approaches.any():
                 struck, what = self._choice.impact(terms), "impact"
+                self._note(t)
             else:
                 choice = self._choice.next(terms)
+                self._note(t)
                 if choice.dynamics is not None:
                     dynamics, held = self._shared(terms, choice.dynamics, at_end)
                     settled = self._settled(terms, dynamics, held)
@@ -109,6 +112,11 @@ class Transition:
             work, driven = work + struck.work, driven + struck.driven
             at_end = False
         raise ZenoDetected(f"contacts go on striking at t = {t:g} s; take a stepper, as Moreau()")
+
+    def _note(self, t: float) -> None:
+        """Note what the last contact problem leaves open."""
+        if self._choice.several:
+            self._system.remarks.note(t, notes_of(self._choice.several))
 
     def _shared(
         self, terms: ContactTerms, dynamics: ModeDynamics, at_end: bool

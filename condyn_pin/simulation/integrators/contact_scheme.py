@@ -17,13 +17,14 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.islands import components
 from condyn_pin.contact.problem import Law
 from condyn_pin.contact.solvers.admm import ADMM
 from condyn_pin.contact.solvers.base import ContactSolver
@@ -38,8 +39,20 @@ _NEAR = 1e-3
 # push redundant contacts against each other, with impulses up to the limits of friction.
 _PUSHED_OUT, AT_REST = 0.2, 1e-9
 
+# How fast a penetration is pushed out at most [m/s, rad/s]: a body keeps that velocity, and is
+# thrown up by 2 mm.
+PUSHES: Final = 0.2
+
+# Compliance of pushes that give way, relative to G_nn, and of what does not; shares of a push that
+# count as all of it and as none of it, and the part of one that keeps rounding from contradiction.
+_YIELDS: Final = 1e-4
+_HARD: Final = 1e-10
+_ALL, _NONE, _BUT_ROUNDING = 0.99, 1e-3, 1.0 - 1e-6
+
 # Gaps that are rounding [m, rad].
 _TOUCHES = 1e-13
+
+_NO_GAPS: Final = np.zeros(0)
 
 
 class Near(NamedTuple):
@@ -63,6 +76,9 @@ class Near(NamedTuple):
         J_c v, and J_c v+ of a step without impulses [m/s].
     blocks : (m,) array of int
         Which contact each row belongs to.
+    allowed : (k,) array
+        By how much gaps may shrink in the step, of a scheme that closes them; of what is pushed out
+        that is negative [m, rad].
     """
 
     dt: float
@@ -74,6 +90,13 @@ class Near(NamedTuple):
     before: Array
     free: Array
     blocks: Indices
+    allowed: Array = _NO_GAPS
+
+    @property
+    def pressed(self) -> NDArray[np.bool_]:
+        """Which gaps (k,) are pushed out by less than they would be alone: nothing can follow."""
+        alone = allowed_gaps(self.gaps, self.dt)
+        return np.asarray((alone < 0.0) & (self.allowed > _ALL * alone))
 
     @property
     def depth(self) -> Array:
@@ -191,12 +214,13 @@ class ContactScheme(Integrator, ABC):
 def closing_velocities(near: Near) -> Array:
     """Return g of gaps that are zero at the end of a step, and penetrations a fifth less.
 
-    g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + (s + 0.2 gap) / dt  (gap < 0)
+    g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + s / dt - p  (gap < 0)
 
-    Where G_nn is zero, constraints hold the contact: it goes where they go, whatever is asked for.
+    with p = min(-0.2 gap / dt, 0.2 m/s), or what of it a rigid motion can follow. Where G_nn is
+    zero, constraints hold the contact: it goes where they go, whatever is asked for.
     """
     g, n = near.free.copy(), near.normals
-    g[n] += (near.bends + allowed_gaps(near.gaps)) / near.dt
+    g[n] += (near.bends + near.allowed) / near.dt
     stiff = near.G.diagonal()
     if 0.0 in stiff.tolist():
         g[n] = np.where(stiff[n] == 0.0, np.maximum(g[n], 0.0), g[n])
@@ -214,18 +238,68 @@ def are_slower(v: Array, limit: float) -> bool:
     return bool(v.dot(v) < limit * limit) or fastest(v) < limit
 
 
-def allowed_gaps(gaps: Array) -> Array:
+def allowed_gaps(gaps: Array, dt: float) -> Array:
     """Return by how much gaps may shrink in a step: to zero, and penetrations by -0.2 of them.
 
-    A penetration of up to a nanometre stays.
+    A penetration of up to a nanometre stays; no other is pushed out faster than at `PUSHES`.
     """
-    return np.array([_allowed(gap) for gap in gaps.tolist()])
+    return np.array([_allowed(gap, -PUSHES * dt) for gap in gaps.tolist()])
 
 
-def _allowed(gap: float) -> float:
+def _allowed(gap: float, fastest: float) -> float:
     if gap > _TOUCHES:
         return gap
-    return _PUSHED_OUT * gap if gap < -AT_REST else 0.0
+    return max(_PUSHED_OUT * gap, fastest) if gap < -AT_REST else 0.0
+
+
+def yielding_gaps(near: Near) -> Array:
+    """Return the same of what is near, where pushes give way to each other and to what touches.
+
+        y = argmin_{y >= 0}  y . (G_nn + soft) y / 2 - ask . y
+
+    with ask = p and a little softness of what is pushed out, and ask = -gap / dt of all else, which
+    is hard. The motion M^-1 J_n^T y can follow p' = min(p, G_nn y), and so does what Signorini's
+    condition asks for: two walls that overlap by more than a body leave it where it is.
+    """
+    allowed = allowed_gaps(near.gaps, near.dt)
+    if len(allowed) < 2 or not min(allowed.tolist()) < 0.0:
+        return allowed
+    rows = np.arange(len(near.free))[near.normals]
+    N = near.G[rows[:, None], rows]
+    moved = N.diagonal() > 0.0  # all else is held by constraints
+    for island in components((N != 0.0) & moved):
+        its = np.flatnonzero(island & moved)
+        if len(its) > 1 and (allowed[its] < 0.0).any():
+            wanted, bent = -allowed[its] / near.dt, near.bends[its] / near.dt
+            followed = _followed(N[its[:, None], its], wanted, bent)
+            less = followed < wanted
+            allowed[its[less]] = -near.dt * followed[less]
+    return allowed
+
+
+def _followed(N: Array, wanted: Array, bent: Array) -> Array:
+    """Return the velocities that can be followed of those `wanted`, which are p or -gap / dt.
+
+    `bent` is what paths bend by beside them.
+    """
+    from scipy.optimize import nnls
+
+    size, pushed = np.sqrt(N.diagonal()), wanted > 0.0
+    S = N / np.multiply.outer(size, size)
+    ask, soft = (wanted - bent) / size, np.where(pushed, _YIELDS, _HARD)
+    for _ in range(len(N) + 1):
+        L = np.linalg.cholesky(S + np.diag(soft))
+        try:
+            y, _ = nnls(L.T, np.linalg.solve(L, ask))
+        except RuntimeError:  # out of iterations: as it was
+            return wanted
+        got = (S @ y) * size + bent
+        sinks = (got < -1e-6 * wanted.max()) & (soft == _YIELDS)
+        if not sinks.any():
+            break
+        soft[sinks], ask[sinks] = _HARD, -bent[sinks] / size[sinks]
+    part = np.where(got <= _NONE * wanted, 0.0, np.minimum(got, wanted) * _BUT_ROUNDING)
+    return np.where(pushed & (got < _ALL * wanted), np.maximum(part, 0.0), wanted)
 
 
 def closing_by(near: Near) -> AskedBy:
@@ -235,14 +309,17 @@ def closing_by(near: Near) -> AskedBy:
     that is zero decides nothing.
     """
     # numbers one by one: for the few of a robot they take half the time of numpy's calls
-    gaps = [(_PUSHED_OUT if gap < -AT_REST else 1.0) / near.dt for gap in near.gaps.tolist()]
+    gaps = [
+        (1.0 if gap >= -AT_REST else _PUSHED_OUT if allowed == _PUSHED_OUT * gap else 0.0) / near.dt
+        for gap, allowed in zip(near.gaps.tolist(), near.allowed.tolist(), strict=True)
+    ]
     return AskedBy(gaps=np.array(gaps), bends=np.array(len(gaps) * [1 / near.dt]))
 
 
-def sizes_of_gaps() -> tuple[float, float, float, float]:
+def sizes_of_gaps() -> tuple[float, float, float, float, float]:
     """Return what gaps are compared with, for steps taken elsewhere.
 
     How near contacts are that take part [m], the share of a penetration that a step takes back, how
-    deep one is that stays, and what touches [m, rad].
+    fast at most [m/s, rad/s], how deep one is that stays, and what touches [m, rad].
     """
-    return _NEAR, _PUSHED_OUT, AT_REST, _TOUCHES
+    return _NEAR, _PUSHED_OUT, PUSHES, AT_REST, _TOUCHES

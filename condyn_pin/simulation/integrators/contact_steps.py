@@ -35,13 +35,14 @@ from condyn_pin.simulation.contact_record import touch_of
 from condyn_pin.simulation.dead_ends import pressed_in
 from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.closings import Closings
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.path_ends import MISSED, next_path
-from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.integrators.contact_scheme import AT_REST, ContactScheme
+from condyn_pin.simulation.integrators.path_ends import MISSED, kept_paths, next_path
+from condyn_pin.simulation.integrators.posed import Kept, Posed
 from condyn_pin.simulation.integrators.posed_steps import PosedSteps
 from condyn_pin.simulation.integrators.step_work import drive_work, step_work
 from condyn_pin.simulation.integrators.tried import Taken, Tried, answered
 from condyn_pin.simulation.recorder import Row
+from condyn_pin.simulation.remarks import notes_of
 from condyn_pin.simulation.system import System
 
 # How often a step is posed anew because its paths end elsewhere, at most: each time their error
@@ -66,6 +67,7 @@ class ContactSteps(PosedSteps):
         self.closings = Closings(system, self._factors)
         self._normals = self._candidates.normals
         self._driven = system.equations.driven
+        self._furthest: tuple[str, float] | None = None
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return q and v at the end of a step, and the mean acceleration.
@@ -77,6 +79,9 @@ class ContactSteps(PosedSteps):
             self.check_path(t, taken[0])
         if not self.last.natural <= tolerances.CONTACT_SOLVED:
             self._check_answer(t)
+        last = self.last
+        if last.attempt.several or last.missed or last.posed.near.gaps.min(initial=0.0) < -AT_REST:
+            self._system.remarks.note(t, (*notes_of(last.attempt.several), *last.notes))
         return taken
 
     def check_path(self, t: float, q1: Array) -> None:
@@ -134,7 +139,7 @@ class ContactSteps(PosedSteps):
         self._system.contact_work = self._system.contact_work.plus(work)
         if not isfinite(q1.dot(q1).item() + v1.dot(v1).item() + work.total):
             natural = nan  # also where no contact takes part
-        self.last = Taken(posed, v1, found, natural, work, tuple(tried))
+        self.last = Taken(posed, v1, found, natural, work, tuple(tried), self._furthest)
         return q1, turned, a
 
     def lam(self) -> Array:
@@ -171,18 +176,54 @@ class ContactSteps(PosedSteps):
 
     def _answered(self, t: float, q: Array, v: Array) -> list[Tried]:
         """Return a step as it was tried, each time along the path before; the last one is taken."""
-        tried, solver = [self._first(t, q, v)], self._scheme.contact
+        tried, self._furthest = [self._first(t, q, v)], None
         off = self._off(tried[0])
-        best, least = 1, off
-        while off > MISSED and len(tried) <= _AGAIN:
-            last = tried[-1]
+        return tried if off is None else self._along_paths(tried, off)
+
+    def _along_paths(self, tried: list[Tried], off: Array) -> list[Tried]:
+        """Return a step as it was tried again along its paths, until each ends where it should.
+
+        Contacts that do not feel each other end by themselves: each group keeps the best of its
+        attempts, whatever those of others bring.
+        """
+        solver, first = self._scheme.contact, tried[0].posed
+        of_gaps, of_velocities = self.ends.alone(first)
+        groups = np.arange(int(of_gaps.max(initial=-1)) + 1)
+
+        def by_group(off: Array | None) -> Array:
+            return np.array([0.0 if off is None else off[of_gaps == i].max() for i in groups])
+
+        def again(of_groups: NDArray[np.int_]) -> Tried:
+            """Return the next attempt, of each group along its path in an attempt, or the next."""
+            last, of, kept = tried[-1], np.append(of_groups, -1)[of_velocities], None
             path = last.posed.v if last.posed.path is None else last.posed.path
             along = next_path(last.posed, path, last.v)
-            tried.append(answered(self.pose_along(last.posed, along), solver))
-            off = self._off(tried[-1])
-            if off < least and tried[-1].is_answer_of(solver):
-                best, least = len(tried), off
-        return tried[:best]
+            if (of_groups >= 0).any():
+                kept = Kept(of, np.append(of_groups == 0, False)[of_gaps], first)
+                along = kept_paths(of, paths, along)
+            paths.append(along)
+            return answered(self.pose_along(last.posed, along, kept), solver)
+
+        paths, best, least = [first.v], 0 * groups, by_group(off)
+        while (least > MISSED).any() and len(tried) <= _AGAIN:
+            ended = np.where(least > MISSED, -1, best)
+            tried.append(again(ended))
+            if not tried[-1].is_answer_of(solver):
+                del tried[-1], paths[-1]
+                break
+            now = by_group(self._off(tried[-1]))
+            better = now < least
+            best[better], least[better] = len(tried) - 1, now[better]
+            at_last = np.where(ended < 0, len(tried) - 1, ended)
+        if len(groups) and not least.max() <= MISSED:
+            its = of_gaps == int(least.argmax())
+            name = self._candidates.names[int(np.where(its, off, -1.0).argmax())]
+            self._furthest = name, float(least.max())
+        if (best == best[:1]).all():
+            return tried[: 1 + int(best.max(initial=0))]
+        if (best != at_last).any():
+            tried.append(again(best))
+        return tried
 
     def _first(self, t: float, q: Array, v: Array) -> Tried:
         """Return a step with all contacts that it closes, as they are where it begins."""
@@ -196,10 +237,10 @@ class ContactSteps(PosedSteps):
             tried = answered(posed, solver)
         return tried
 
-    def _off(self, tried: Tried) -> float:
-        """Return how far from where it should a step ends [m, rad]; 0 of what is no answer."""
+    def _off(self, tried: Tried) -> Array | None:
+        """Return how far from where they should contacts end (k,) [m, rad]; None if near enough."""
         if not self._scheme.closes_gaps or not tried.is_answer_of(self._scheme.contact):
-            return 0.0
+            return None
         return self.ends.off(tried.posed, tried.attempt.lam, tried.v)
 
     def _missed(self, posed: Posed, v1: Array) -> NDArray[np.bool_] | None:

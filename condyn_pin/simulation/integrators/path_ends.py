@@ -18,13 +18,16 @@ there, and may penetrate by as much as the deepest of them did at the beginning.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dtrtrs
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.contact.islands import components
 from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.contact_scheme import allowed_gaps, are_slower
 from condyn_pin.simulation.integrators.posed import Posed
@@ -52,8 +55,8 @@ class PathEnds:
         self._contacts, self._data = system.contacts, system.equations.data
         self._pairs = self._contacts.several
 
-    def off(self, posed: Posed, lam: Array, v1: Array) -> float:
-        """Return how far from where it should a contact ends at most [m, rad].
+    def off(self, posed: Posed, lam: Array, v1: Array) -> Array | None:
+        """Return how far from where they should contacts end (k,) [m, rad]; None if near enough.
 
         Too deep, or pressed on before it touches; or pressed on along J at the beginning where its
         path bends into the ground from there.
@@ -61,22 +64,44 @@ class PathEnds:
         dt, near = self._dt, posed.near
         bent = max(map(abs, near.bends.tolist()), default=0.0)
         if posed.path is None and bent < MISSED and are_slower(v1, STRAIGHT / dt):
-            return 0.0
+            return None
         q1 = self._floating.integrate(posed.at, dt * v1)
         pin.forwardKinematics(self._system.model, self._data, q1)
         start, _ = self.begun(posed)
-        above = self._contacts.gaps(self._data, q1) - (start - allowed_gaps(start))
+        allowed, its = allowed_gaps(start, dt), posed.chosen.gaps
+        allowed[its] = np.where(near.pressed, near.allowed, allowed[its])
+        above = self._contacts.gaps(self._data, q1) - (start - allowed)
         for places in self._pairs:  # they have other points there
             above[places] = above[places].min()
-        deep = -float(above.min(initial=0.0))
-        if not len(lam):
-            return deep
-        n = near.normals
-        speeds = posed.problem.velocities(lam)[n]  # those that the law leaves
-        presses = lam[n] * posed.problem.scale[0] > np.abs(speeds)
-        early = float((above[posed.chosen.gaps] - dt * speeds)[presses].max(initial=0.0))
-        lifted = -float(near.bends[presses].min(initial=0.0)) if posed.path is None else 0.0
-        return max(deep, early, lifted)
+        off = np.maximum(-above, 0.0)
+        if len(lam):
+            n = near.normals
+            speeds = posed.problem.velocities(lam)[n]  # those that the law leaves
+            presses = lam[n] * posed.problem.scale[0] > np.abs(speeds)
+            early = np.where(presses, above[its] - dt * speeds, 0.0)
+            lifted = np.where(presses, -near.bends, 0.0)
+            if posed.path is not None:
+                lifted[slice(None) if posed.kept is None else ~posed.kept.gaps[its]] = 0.0
+            off[its] = np.maximum(off[its], np.maximum(early, lifted))
+        return off if off.max(initial=0.0) > MISSED else None
+
+    def alone(self, posed: Posed) -> tuple[Array, Array]:
+        """Return to which group each gap and each velocity belongs that feel each other.
+
+        Gaps that nothing moves, and velocities that move none, are in no group: -1.
+        """
+        contacts, condensed = self._contacts, posed.condensed.with_contacts(posed.J)
+        X, L = condensed.X, condensed.factors.L
+        starts = np.searchsorted(contacts.blocks, np.arange(len(contacts.names)))
+        moves, pulls = (
+            np.logical_or.reduceat(rows.T != 0.0, starts, axis=0) for rows in (dtrtrs(L.T, X)[0], X)
+        )
+        gaps, velocities = np.full(len(posed.gaps), -1), np.full(len(X), -1)
+        for i, group in enumerate(components(pulls.astype(float) @ pulls.T != 0.0)):
+            velocities[moves[group].any(axis=0)] = i
+            gaps[group[: len(gaps)]] = i
+        gaps[(X[:, contacts.normals] == 0.0).all(axis=0)] = -1
+        return gaps, velocities
 
     def begun(self, posed: Posed) -> tuple[Array, Array]:
         """Return gaps at the beginning, and their rates, for the places of candidates at the end.
@@ -118,3 +143,14 @@ def next_path(posed: Posed, path: Array, v1: Array) -> Array:
     The first of them is along v, and with an impact nothing goes on as it did.
     """
     return v1 if posed.path is None else 0.5 * (path + v1)
+
+
+def kept_paths(of: NDArray[np.int_], paths: Sequence[Array], after: Array) -> Array:
+    """Return velocities of a path, or how they change: those of attempts before, or `after` them.
+
+    That of the first attempt is zero: its contacts are taken where they begin.
+    """
+    path = after.copy()
+    for i, before in enumerate(paths):
+        path[of == i] = before[of == i] if i else 0.0
+    return path

@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from typing import NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.condense import Condensed
 from condyn_pin.contact.problem import ContactProblem
@@ -31,3 +34,12 @@ class Posed(NamedTuple):
     condensed: Condensed
     near: Near
     problem: ContactProblem
+    kept: Kept | None = None
+
+
+class Kept(NamedTuple):
+    """What of a step that is taken again along a path stays as it was in an attempt before."""
+
+    of: NDArray[np.int_]  # (nv,), the attempt whose path each velocity has; -1 for the next one
+    gaps: NDArray[np.bool_]  # of all candidates, which are taken at the beginning
+    first: Posed  # as they were there

@@ -17,10 +17,10 @@ from condyn_pin.contact.condense import condense
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near, yielding_gaps
 from condyn_pin.simulation.integrators.curved_paths import CurvedPaths
 from condyn_pin.simulation.integrators.path_ends import PathEnds
-from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.integrators.posed import Kept, Posed
 from condyn_pin.simulation.system import System, total_torque
 
 
@@ -95,27 +95,42 @@ class PosedSteps:
             dt, here, bends, chosen.restitution, chosen.normals, now.G, before,
             now.contact_velocities, chosen.sets.blocks,
         )  # fmt: skip
+        if scheme.closes_gaps:
+            near = near._replace(allowed=yielding_gaps(near))
         problem = chosen.problem(scheme, near)
         J_n = J_c[chosen.normals]
         return Posed(
             at, v, mean, turning, tau, gaps, J, end, None, J_c, J_n, chosen, now, near, problem
         )
 
-    def pose_along(self, posed: Posed, u: Array) -> Posed:
-        """Return a step again, with its contacts as they are where a path along u ends."""
+    def pose_along(self, posed: Posed, u: Array, kept: Kept | None = None) -> Posed:
+        """Return a step again, with its contacts as they are where a path along u ends.
+
+        Those that are `kept` at the beginning bend as they did there.
+        """
         there, dt = self.ends.there(posed.at, u), self._dt
         near_there = self._scheme.near(there.gaps, u, dt)
-        chosen = self._choose(self.ends.takes_part(posed, there, near_there))
-        J_c, (begun, rates) = there.J[chosen.rows], self.ends.begun(posed)
+        active = self.ends.takes_part(posed, there, near_there)
+        begun, rates = self.ends.begun(posed)
+        bent = there.gaps - begun
+        if kept is not None:
+            its, first = kept.gaps, kept.first
+            active[its] = first.chosen.near[its]
+            begun, rates = np.where(its, first.gaps, begun), rates.copy()
+            rates[its], bent[its] = first.J[self._candidates.normals[its]], 0.0
+            bent[first.chosen.near & its] = first.near.bends[its[first.chosen.near]]
+        chosen = self._choose(active)
+        J_c = there.J[chosen.rows]
         now, gaps = posed.condensed.with_contacts(J_c), begun[chosen.gaps]
-        bends = there.gaps[chosen.gaps] - gaps - dt * J_c.dot(u)[chosen.normals]
+        bends = bent[chosen.gaps] - dt * J_c.dot(u)[chosen.normals]
         near = Near(
             dt, gaps, bends, chosen.restitution, chosen.normals, now.G, J_c.dot(posed.v),
             now.contact_velocities, chosen.sets.blocks,
         )  # fmt: skip
+        near = near._replace(allowed=yielding_gaps(near))
         return posed._replace(
             path=u, J_c=J_c, J_n=rates[chosen.gaps], chosen=chosen, condensed=now, near=near,
-            problem=chosen.problem(self._scheme, near),
+            problem=chosen.problem(self._scheme, near), kept=kept,
         )  # fmt: skip
 
     def _choose(self, near: NDArray[np.bool_]) -> Chosen:

@@ -2,9 +2,9 @@
 
     W = lam . w,    w = (J_c v + J_c v+) / 2
 
-is what impulses do to the kinetic energy. With p = 0.2 max(-gap, 0) / dt, at which a step pushes
-out, lam_n p / 2 of it is there only because a gap was negative, and so is lam_n (J_n v) / 2 where
-such a contact still moves out as the step before has left it: `correction`.
+is what impulses do to the kinetic energy. With p, at which a step pushes out, lam_n p / 2 of it is
+there only because a gap was negative, and so is lam_n (J_n v) / 2 where such a contact still moves
+out as the step before has left it: `correction`.
 
 The rest has a sign. Impulses act against velocities: lam . (J_c v+) is -mu |lam_n| |sigma_t| of
 friction and -lam_n gap / dt of gaps that close, and what they change them by is lost. But they
@@ -24,7 +24,6 @@ from condyn_pin.simulation.integrators.contact_scheme import (
     AT_REST,
     ContactScheme,
     Near,
-    allowed_gaps,
 )
 from condyn_pin.simulation.integrators.posed import Posed
 
@@ -61,7 +60,7 @@ def _pushing_out(near: Near, lam: Array, work: float) -> float:
     """Return the part of work that is there only because gaps were negative [J]."""
     if min(near.gaps.tolist(), default=0.0) >= -AT_REST:
         return 0.0
-    rates = allowed_gaps(near.gaps) / near.dt  # -p
+    rates = near.allowed / near.dt  # -p
     deep = rates < 0.0
     lam_n, before = lam[near.normals][deep], near.before[near.normals][deep]
     now = -0.5 * float(lam_n.dot(rates[deep]))

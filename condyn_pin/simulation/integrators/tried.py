@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from math import isfinite
-from typing import NamedTuple
+from typing import Final, NamedTuple
+
+import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
@@ -12,6 +14,10 @@ from condyn_pin.contact.consistent import without_contradiction
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.simulation.contact_work import ContactWork
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.remarks import Note
+
+# How deep a penetration is that is spoken of [m, rad].
+_SEEN: Final = 1e-6
 
 
 class Tried(NamedTuple):
@@ -38,6 +44,33 @@ class Taken(NamedTuple):
     natural: float
     work: ContactWork
     tried: tuple[Tried, ...]  # what it came from, in turn, and itself
+    missed: tuple[str, float] | None = None  # a contact, and how far off it ends [m, rad]
+
+    @property
+    def notes(self) -> list[Note]:
+        """What the step has to say, beside its contact problem."""
+        notes, near = list[Note](), self.posed.near
+        deep = near.gaps < -_SEEN
+        if (
+            len(near.allowed) > 1
+            and deep.any()
+            and (its := np.flatnonzero(deep & near.pressed)).size
+        ):
+            names = tuple(self.posed.problem.names[i] for i in its)
+            depths = ", ".join(f"{-gap:.2g}" for gap in near.gaps[its])
+            text = (
+                f"{', '.join(names)}: pressed from more than one side, {depths} m or rad deep, and "
+                "not pushed out: gaps and shapes contradict each other"
+            )
+            notes.append(Note("pressed", names, text))
+        if self.missed is not None:
+            name, off = self.missed
+            text = (
+                f"{name} ends {off:.2g} m or rad from where its step would have it, for paths bend "
+                "too far within one: take a smaller dt"
+            )
+            notes.append(Note("missed", (), text))
+        return notes
 
 
 def answered(posed: Posed, solver: ContactSolver) -> Tried:

@@ -60,6 +60,7 @@ class Route(ABC):
     use: ClassVar[str]  # when to take it
     on_request: ClassVar[tuple[str, ...]] = ("inertias",)  # parameters left out unless named
     sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look
+    is_smooth: ClassVar[bool] = False  # whether its law has no kinks: those of a scheme are said
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -77,7 +77,9 @@ class Kappa(LawRoute):
     Notes
     -----
     The differentiated step has different impulses from the step that was taken: `q` and `v` of the
-    result are its own end. It needs no modes, and has derivatives everywhere. What rests is
+    result are its own end. It needs no modes, and has no kinks of its own. That of a scheme stays:
+    `StewartTrinkle` closes a gap in one step and pushes a penetration out in five, so that at a gap
+    of zero derivatives hold on one side, and `one_sided` is set. What rests is
     kappa g dt^2 above the floor; `Moreau`, whose contacts take part at a gap of zero, has them take
     part up to a hundred times that, and sigma_n is gap / dt more.
 
@@ -92,6 +94,8 @@ class Kappa(LawRoute):
     use: ClassVar[str] = "in optimisers that begin far away: smooth, and with a slope in stick"
 
     sweeps: ClassVar[tuple[Grid, ...]] = ({"kappa": (1e-2, 1e-4, 1e-6)},)
+
+    is_smooth: ClassVar[bool] = True
 
     kappa: float = 1e-4
 

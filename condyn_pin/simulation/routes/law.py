@@ -14,7 +14,9 @@ import numpy as np
 from scipy.linalg.lapack import dgetrf, dgetri, dlange
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.contact.indeterminacy import COMPLIANCE, compliance
 from condyn_pin.contact.modes import Modes
+from condyn_pin.contact.problem import ContactProblem
 
 # Singular values of a law that redundant contacts leave, relative to the largest.
 _REDUNDANT: Final = 1e-10
@@ -45,6 +47,13 @@ class Law(NamedTuple):
     margin: float
     by_size: Array | None = None
     modes: Modes | None = None
+
+    def giving_way(self, problem: ContactProblem) -> Law:
+        """Return the law of contacts that give way alike, a little: of an answer chosen by that."""
+        if self.modes is None:
+            return self
+        R = COMPLIANCE * compliance(problem)
+        return self._replace(by_lam=self.by_lam + self.by_sigma * R)
 
 
 def least(A: Array, b: Array) -> Array:

@@ -25,6 +25,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.partials.contacts import ContactTurning
 from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.raw import weightless
@@ -33,7 +34,7 @@ from condyn_pin.dynamics.scene_checks import time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
-from condyn_pin.simulation.integrators.path_ends import next_path
+from condyn_pin.simulation.integrators.path_ends import kept_paths, next_path
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.integrators.tried import Taken
 from condyn_pin.simulation.routes.asked_partials import add_asked
@@ -76,6 +77,7 @@ class Ended(NamedTuple):
     dv: Array  # (nv, columns)
     posed: Posed
     law: Law
+    several: tuple[Indeterminacy, ...]  # contacts whose velocities Coulomb's law leaves open
 
 
 class LinearSteps:
@@ -147,21 +149,29 @@ class LinearSteps:
         if taken is None:
             self.steps.attempt(t, q, v)
             taken = self.steps.last
-        along: Array | None = None
+        after, alongs = np.zeros(0), list[Array]()
         self.system.at(self.steps.looks_at(t))
         for posed, _, attempt, natural in taken.tried:
+            if posed.kept is not None:
+                after = kept_paths(posed.kept.of, alongs, after)
+            if posed.path is not None:
+                alongs.append(after)
             of = law if path is None or posed is taken.posed else path
             found = of(posed.problem, attempt.lam, natural)
+            if attempt.several:
+                found = found.giving_way(posed.problem)
             v1 = posed.condensed.velocity(found.lam)
-            dv1 = self._velocity(posed, found, v1, along)
-            along = dv1 if along is None else next_path(posed, along, dv1)
+            dv1 = self._velocity(posed, found, v1, alongs[-1] if alongs else None)
+            if not alongs:
+                alongs.append(np.zeros_like(dv1))
+            after = next_path(posed, alongs[-1], dv1)
         self.system.at(t + self.dt)  # where loops are closed behind the step
         q1, v1, dq, dv = moved(self, posed, v1, dv1)
         chain = self._starts.chain(t, q, v)
         if chain is not None:
             for by in (dq, dv):
                 by[:, : len(chain)] = by[:, : len(chain)].dot(chain)
-        return Ended(q1, v1, dq, dv, posed, found)
+        return Ended(q1, v1, dq, dv, posed, found, attempt.several)
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of a step of the scheme."""

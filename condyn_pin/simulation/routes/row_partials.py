@@ -40,6 +40,10 @@ def row_partials(
     if posed.path is not None:
         assert along is not None  # where a step goes along a path, one has led to it
         return _at_the_end(steps, posed, posed.path, lam, v1, along)
+    return _at_the_beginning(steps, posed, lam, v1)
+
+
+def _at_the_beginning(steps: LinearSteps, posed: Posed, lam: Array, v1: Array) -> RowPartials:
     rows = posed.chosen.rows
     all_lam = np.zeros(len(posed.J))
     all_lam[rows] = lam
@@ -86,4 +90,8 @@ def _at_the_end(
         changes[:, i] = size * slope(rows, moves[:, i] / size)
     bends = changes[m + len(v1) :]
     bends[:, columns.q] -= posed.J_n
+    if posed.kept is not None:
+        its = posed.kept.gaps[chosen.near]
+        begun = _at_the_beginning(steps, posed, lam, v1).bends
+        bends[its], bends[its, : begun.shape[1]] = 0.0, begun[its]
     return RowPartials(changes[:m], changes[m : m + len(v1)], bends)

@@ -48,7 +48,8 @@ class Softened(LawRoute):
 
     Notes
     -----
-    Contacts that have not closed play no part. Stiff contacts have large derivatives, which near
+    Contacts that have not closed play no part: at a gap of zero the end of a step jumps where a
+    contact approaches, and `one_sided` is set. Stiff contacts have large derivatives, which near
     the time of an impact are mere noise.
 
     References
@@ -60,6 +61,8 @@ class Softened(LawRoute):
     title: ClassVar[str] = "softened"
     cost: ClassVar[str] = "as ActiveSet, and one evaluation more for each contact"
     use: ClassVar[str] = "to see the slopes that MuJoCo's contacts have"
+
+    is_smooth: ClassVar[bool] = True
 
     solref: SolRef = DEFAULT_SOLREF  # [s, 1], or [1/s^2, 1/s]
     solimp: SolImp = DEFAULT_SOLIMP

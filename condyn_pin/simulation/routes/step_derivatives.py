@@ -12,14 +12,17 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.modes import MODES, OPEN, contact_modes
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.errors import InvalidArgument, SolveFailed
+from condyn_pin.simulation.integrators.contact_scheme import AT_REST
 from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.law import Law
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+    from condyn_pin.simulation.integrators.posed import Posed
     from condyn_pin.simulation.routes.base import Route
     from condyn_pin.simulation.routes.linear_steps import Ended, LinearSteps
 
@@ -48,6 +51,9 @@ class StepDerivatives:
     matrices : tuple of (nv, columns) array
         q+ and v+ by q, v, tau, friction, restitution and solref, side by side [mixed], and by
         inertias if they were asked for.
+    several : tuple of Indeterminacy
+        Contacts whose velocities Coulomb's law does not determine: the derivatives are those of
+        the rule that chose one, contacts that give way alike.
     """
 
     q: Array
@@ -58,11 +64,20 @@ class StepDerivatives:
     names: tuple[str, ...]
     matrices: tuple[Array, Array]  # of q+ and of v+, (nv, columns) each
     parameters: tuple[str, ...]
+    several: tuple[Indeterminacy, ...] = ()
 
     @property
     def one_sided(self) -> bool:
-        """Whether a contact is so near to another mode that the derivative holds on one side."""
+        """Whether the derivative holds on one side only, or by a rule.
+
+        A contact is so near to another mode, or Coulomb's law leaves its velocity open.
+        """
         return self.margin < tolerances.SWITCHES
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each."""
+        return tuple(f"slopes are those of the rule: {each.text}" for each in self.several)
 
     @property
     def dq_dq(self) -> Array:
@@ -166,18 +181,21 @@ def differentiated(route: Route, steps: LinearSteps, ended: Ended) -> StepDeriva
     if not isfinite(ended.dq.sum() + ended.dv.sum()):
         raise SolveFailed(f"{route!r}: the derivatives of this step are not finite", None)
     state, matrices = (ended.q, ended.v), (ended.dq, ended.dv)
-    return made(route, steps, state, matrices, modes_of(steps, ended), _margin(steps, ended))
+    is_one_sided = ended.several or (route.is_smooth and _is_at_a_kink(steps, ended.posed))
+    margin = 0.0 if is_one_sided else _margin(steps, ended)
+    return made(route, steps, state, matrices, modes_of(steps, ended), margin, ended.several)
 
 
 def made(
     route: Route, steps: LinearSteps, state: tuple[Array, Array],
     matrices: tuple[Array, Array], modes: dict[str, str], margin: float,
+    several: tuple[Indeterminacy, ...] = (),
 ) -> StepDerivatives:  # fmt: skip
     """Return the derivatives with these `matrices`, of a step that ends in this `state`."""
     candidates, parameters = steps.system.contacts, found_parameters(route, steps.scheme, steps.wrt)
     q, v, dq, dv = read_only((*state, *matrices))
     names = candidates.names[: candidates.cones]
-    return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters)
+    return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters, several)
 
 
 def found_parameters(route: Route, scheme: ContactScheme, wrt: Sequence[str]) -> tuple[str, ...]:
@@ -201,6 +219,18 @@ def _found(problem: ContactProblem, law: Law) -> list[int]:
     if found is None:
         found = contact_modes(problem, law.lam, 100 * tolerances.CONTACT_POLISHED)
     return found.tolist()  # type: ignore[no-any-return]
+
+
+def _is_at_a_kink(steps: LinearSteps, posed: Posed) -> bool:
+    """Return whether a gap is where a scheme begins to push out, or lets a contact take part.
+
+    Between a gap of zero and a penetration of a nanometre nothing is pushed out, deeper a fifth of
+    it, and no gap closes further than to zero: kinks of a scheme, whatever the law of a route.
+    Where contacts take part from a gap of zero on, a step jumps there.
+    """
+    gaps = posed.near.gaps if steps.scheme.closes_gaps else posed.gaps
+    off = np.maximum(gaps, -AT_REST - gaps) if steps.scheme.closes_gaps else np.abs(gaps)
+    return bool((off < tolerances.TOUCHES).any())
 
 
 def _margin(steps: LinearSteps, ended: Ended) -> float:

@@ -22,6 +22,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.outcome import RunStatus
+from condyn_pin.simulation.remarks import Note, Remarks
 from condyn_pin.simulation.routes.active_set import ActiveSet
 from condyn_pin.simulation.routes.base import Route, check_parameters
 from condyn_pin.simulation.routes.chain import Chain
@@ -56,8 +57,9 @@ class TrajectoryDerivatives:
     steps : int
         How many there are.
     one_sided : tuple of int
-        The steps in which a contact is so near to another mode that derivatives hold on one side;
-        known after a sweep.
+        The steps in which a contact is so near to another mode that derivatives hold on one side,
+        or moves by a rule where Coulomb's law leaves its velocity open. It takes a sweep, if none
+        was made.
     """
 
     def __init__(
@@ -68,12 +70,27 @@ class TrajectoryDerivatives:
         self._chain, self._columns = Chain(route, steps, count), steps.columns
         self._kept = self._chain.kept(start)
         self.q, self.v = read_only(self._kept[-1])
-        self._one_sided: set[int] = set()
+        self._one_sided, self._notes, self._swept = set[int](), dict[int, list[Note]](), False
 
     @property
     def one_sided(self) -> tuple[int, ...]:
         """Steps, as in the list of attributes."""
+        self._sweep()
         return tuple(sorted(self._one_sided))
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each."""
+        self._sweep()
+        remarks = Remarks()
+        for i in sorted(self._notes):
+            remarks.note(i * self._chain.steps.dt, self._notes[i])
+        return tuple(str(remark) for remark in remarks.all)
+
+    def _sweep(self) -> None:
+        """Make a sweep, if none was made."""
+        if not self._swept:
+            assert self._matrices
 
     @property
     def dx_dx(self) -> Array:
@@ -142,8 +159,12 @@ class TrajectoryDerivatives:
             yield of
 
     def _note(self, i: int, of: StepDerivatives) -> None:
+        self._swept |= i == self.steps - 1
         if of.one_sided:
             self._one_sided.add(i)
+        if of.several:
+            of_them = zip(of.several, of.notices, strict=True)
+            self._notes[i] = [Note(each.kind, each.whole_names, text) for each, text in of_them]
 
     def __repr__(self) -> str:
         return f"TrajectoryDerivatives({self.route!r}: {self.steps} steps)"

@@ -4,6 +4,7 @@
 //
 // `condyn_pin/simulation/integrators/path_ends.py` has the same in Python.
 #include "contact_steps.hpp"
+#include "islands.hpp"
 #include <algorithm>
 #include <cmath>
 
@@ -86,6 +87,8 @@ bool ContactSteps::nearest()
   double off_by = off();
   if (!(off_by > plan_.missed))
     return true;
+  if (!islands(touching_.problem).empty()) // Python takes each by its own paths
+    return false;
   Touching best = touching_;
   double least = off_by, its_natural = natural;
   for (int tried = 1; off_by > plan_.missed && tried <= again_at_most; ++tried)
@@ -98,6 +101,6 @@ bool ContactSteps::nearest()
       best = touching_, least = off_by, its_natural = natural;
   }
   touching_ = std::move(best), natural = its_natural;
-  return true;
+  return !(least > plan_.missed); // Python notes what ends elsewhere
 }
 } // namespace condyn

@@ -1,4 +1,5 @@
 #include "contact_problem.hpp"
+#include "islands.hpp"
 #include <cmath>
 #include <limits>
 
@@ -91,10 +92,27 @@ double natural_residual(const ContactProblem & problem, const VectorXd & lam)
 Eigen::VectorXi contact_modes(const ContactProblem & problem, const VectorXd & lam, double moves)
 {
   enum { open, stick, slide };
+  const int count = problem.cones() + problem.rows() - problem.lines();
+  if (const std::vector<Island> apart = islands(problem); !apart.empty())
+  {
+    Eigen::VectorXi of_all(count);
+    for (const Island & each : apart)
+    {
+      const Eigen::VectorXi its = contact_modes(each.problem, lam(each.rows), moves);
+      int i = -1, before = -1;
+      for (int row : each.rows) // three rows of a cone are one contact
+      {
+        const int contact = row < problem.lines() ? row / 3 : problem.cones() + row - problem.lines();
+        if (contact != before)
+          of_all[contact] = its[++i], before = contact;
+      }
+    }
+    return of_all;
+  }
   const Scale scale(problem);
   const double quiet = moves * scale.speed;
   const VectorXd s = problem.velocities(lam);
-  Eigen::VectorXi modes(problem.cones() + problem.rows() - problem.lines());
+  Eigen::VectorXi modes(count);
   int contact = 0;
   for (; contact < problem.cones(); ++contact)
   {

@@ -1,6 +1,7 @@
 #include "contact_steps.hpp"
 #include "anchors.hpp"
 #include "contact_solve.hpp"
+#include "indeterminacy.hpp"
 #include <algorithm>
 #include <cmath>
 
@@ -74,7 +75,9 @@ void ContactSteps::pose()
 bool ContactSteps::solve()
 {
   natural = solve_contact(touching_.problem, plan_.method, plan_.solved, touching_.lam);
-  if (!(natural <= plan_.solved))
+  if (!(natural <= plan_.solved) || touching_.presses(plan_))
+    return false;
+  if (may_be_indeterminate(touching_.problem, touching_.lam, plan_.moves))
     return false;
   touching_.forget_held();
   VectorXd & v1 = touching_.v1;

@@ -9,7 +9,7 @@ namespace condyn
 StepPlan Contacts::plan(
   const List & numbers, const Integers & driven, const Array<const double, 3> & path, int steps) const
 {
-  want(numbers.size() == 23, "plan of a step");
+  want(numbers.size() == 24, "plan of a step");
   const double * x = numbers.data();
   want(x[0] > 0, "dt");
   const auto counts = [](double y) { return 0 <= y && y <= std::numeric_limits<int>::max(); };
@@ -18,7 +18,7 @@ StepPlan Contacts::plan(
   const ContactMethod method{x[1] != 0, x[2] != 0, x[3] != 0, int(x[4]), directions, int(x[8])};
   x += 9;
   return {numbers.data()[0], method, x[0], x[1], x[2], x[3], x[4], x[5], x[6], x[7], x[8], x[9], x[10], x[11], x[12],
-          x[13], read_path(scene_, driven, path, steps)};
+          x[13], x[14], read_path(scene_, driven, path, steps)};
 }
 
 Contacts::Contacts(const Core & core, const ContactArrays & arrays, int rank)

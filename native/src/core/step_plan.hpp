@@ -3,6 +3,7 @@
 #pragma once
 #include "contact_solve.hpp"
 #include "path.hpp"
+#include <algorithm>
 
 namespace condyn
 {
@@ -10,7 +11,7 @@ struct StepPlan
 {
   double dt; // [s]
   ContactMethod method; // that finds the impulses
-  double near, pushed_out, at_rest, touches; // of gaps [m, rad], and the share of a penetration
+  double near, pushed_out, pushes, at_rest, touches; // of gaps [m, rad]; share of a penetration, and its speed [m/s]
   double solved, moves; // natural residual, and what slides faster than that share of |g|
   double straight, missed; // where paths are looked at, and how far from where they should they may end [m, rad]
   double closed, small; // gaps of loops: left, and closed by the factors of the step [m, rad]
@@ -21,6 +22,9 @@ struct StepPlan
   Path path; // of driven rows
 
   /// How far a contact with this gap may close in a step; negative for what is pushed out [m, rad].
-  double allowed(double gap) const { return gap > touches ? gap : gap < -at_rest ? pushed_out * gap : 0.0; }
+  double allowed(double gap) const
+  {
+    return gap > touches ? gap : gap < -at_rest ? std::max(pushed_out * gap, -pushes * dt) : 0.0;
+  }
 };
 } // namespace condyn

@@ -54,6 +54,23 @@ void Touching::ask(const VectorXd & here, const VectorXd & bent, const FreeStep 
   }
 }
 
+/// Unless impulses that push out each contact by itself push all out, and nothing in: a motion can follow them then.
+bool Touching::presses(const StepPlan & plan) const
+{
+  if (with_gaps < 2 || !(gaps.minCoeff() < -plan.at_rest))
+    return false;
+  const auto & G = problem.G;
+  VectorXd y = VectorXd::Zero(problem.rows());
+  for (int i = 0; i < with_gaps; ++i)
+    if (const int n = problem.normal(i); gaps[i] < -plan.at_rest && G(n, n) > 0.0)
+      y[n] = -plan.allowed(gaps[i]) / (plan.dt * G(n, n));
+  const VectorXd moved = plan.dt * (G * y);
+  for (int i = 0; i < with_gaps; ++i)
+    if (const int n = problem.normal(i); G(n, n) > 0.0 && !(moved[n] >= -plan.allowed(gaps[i]) * (1 - 1e-12)))
+      return true;
+  return false;
+}
+
 void Touching::forget_held()
 {
   for (int i = 0; i < with_gaps; ++i)
@@ -64,7 +81,7 @@ void Touching::forget_held()
   }
 }
 
-//   W = lam . (J_c v + J_c v+) / 2,    pushed out: lam_n p / 2 with p = 0.2 max(-gap, 0) / dt
+//   W = lam . (J_c v + J_c v+) / 2,    pushed out: lam_n p / 2
 Vector3d Touching::work(const StepPlan & plan) const
 {
   if (!lam.size())

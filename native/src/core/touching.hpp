@@ -1,7 +1,7 @@
 // The contacts that take part in a step, and what it asks of their impulses.
 //
 //   X = (1 - V V^T) S^-T J_c^T,    G = X^T X,    g = X^T S v_free + (V^T S^-T J_c^T)^T h
-//   g_n += (s + gap) / dt  (gap > 0),    (s + 0.2 gap) / dt  (gap < 0)
+//   g_n += (s + gap) / dt  (gap > 0),    s / dt - p,  p = min(-0.2 gap / dt, 0.2 m/s)  (gap < 0)
 //
 // s is how much a gap bends away from the straight line along which its row would take it.
 #pragma once
@@ -30,6 +30,8 @@ struct Touching
   void eliminate(const MatrixXd & all, const Candidates & candidates, const FreeStep & free);
   /// G and g of gaps and bends of the chosen that have them.
   void ask(const VectorXd & gaps, const VectorXd & bends, const FreeStep & free, const StepPlan & plan);
+  /// Whether what is pushed out may be in the way of something else.
+  bool presses(const StepPlan & plan) const;
   /// Takes no impulse for what constraints hold, where any would meet the law.
   void forget_held();
   /// What friction and impacts took, what pushing out gave, and what impulses gave against the laws of contact.

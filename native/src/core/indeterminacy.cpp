@@ -1,0 +1,79 @@
+#include "indeterminacy.hpp"
+#include "islands.hpp"
+#include <cmath>
+
+namespace condyn
+{
+namespace
+{
+constexpr double opened = 1e-9; // by how much, as `_OPENS`
+constexpr double least_pivot = 1e-5; // below which rows may be combinations of others, as `_PIVOT`
+constexpr int open_mode = 0, slide_mode = 2;
+
+/// Whether impulses along all normals open all contacts that impulses move, and no contact alone holds what it touches.
+bool opens_all(const ContactProblem & problem)
+{
+  VectorXd e = VectorXd::Zero(problem.rows());
+  const int contacts = problem.cones() + problem.half_lines;
+  for (int i = 0; i < contacts; ++i)
+    e[problem.normal(i)] = 1.0;
+  const MatrixXd & G = problem.G;
+  const VectorXd S = G * e;
+  const double enough = opened * S.cwiseAbs().maxCoeff();
+  for (int i = 0; i < contacts; ++i)
+  {
+    const int n = problem.normal(i);
+    if (G(n, n) == 0.0)
+      continue;
+    const double mu = i < problem.cones() ? problem.friction[i] : 0.0;
+    const double slip = mu > 0.0 ? mu * std::hypot(S[n - 2], S[n - 1]) : 0.0;
+    if (!(S[n] - slip > enough) || (mu > 0.0 && !(G(n, n) > mu * std::hypot(G(n - 2, n), G(n - 1, n)))))
+      return false;
+  }
+  return true;
+}
+
+bool is_redundant(const ContactProblem & problem, const Eigen::VectorXi & modes)
+{
+  std::vector<int> rows;
+  for (int i = 0; i < modes.size(); ++i)
+  {
+    const int first = i < problem.cones() ? 3 * i : problem.lines() + i - problem.cones();
+    for (int row = first; modes[i] != open_mode && row < first + (i < problem.cones() ? 3 : 1); ++row)
+      if (problem.G(row, row) > 0.0)
+        rows.push_back(row);
+  }
+  MatrixXd G = problem.G(rows, rows);
+  const VectorXd size = G.diagonal().cwiseSqrt().cwiseInverse();
+  G = size.asDiagonal() * G * size.asDiagonal();
+  const Eigen::LLT<MatrixXd> factor(G);
+  return factor.info() != Eigen::Success || !(factor.matrixLLT().diagonal().minCoeff() > least_pivot);
+}
+
+bool may_be_indeterminate_alone(const ContactProblem & problem, const VectorXd & lam, double moves)
+{
+  if (!(problem.friction.array() > 0.0).any()) // convex
+    return false;
+  if (!opens_all(problem))
+    return true;
+  const Eigen::VectorXi modes = contact_modes(problem, lam, moves);
+  bool slides = false;
+  for (int i = 0; i < problem.cones(); ++i)
+    slides = slides || (modes[i] == slide_mode && problem.friction[i] > 0.0);
+  return slides && modes.size() > 1 && is_redundant(problem, modes);
+}
+} // namespace
+
+bool may_be_indeterminate(const ContactProblem & problem, const VectorXd & lam, double moves)
+{
+  if (!problem.rows())
+    return false;
+  const std::vector<Island> found = islands(problem);
+  if (found.empty())
+    return may_be_indeterminate_alone(problem, lam, moves);
+  for (const Island & island : found)
+    if (may_be_indeterminate_alone(island.problem, lam(island.rows), moves))
+      return true;
+  return false;
+}
+} // namespace condyn
