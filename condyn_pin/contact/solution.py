@@ -119,14 +119,14 @@ class ContactSolution:
         """Whether sigma is the only one that obeys the law; None where that is not decided.
 
         False: `several` says which contacts leave it open. True where the problem is convex, and
-        where no contact of one that is proved alone can hold what it touches by itself. Contacts
-        with friction that feel each other have one motion most often, and no cheap proof of it.
+        where each contact with friction is alone and has G_nn > mu |G_nt|. Contacts with friction
+        that feel each other have one motion most often, and no cheap proof of it.
         """
         return False if self.several else True if is_determined(self.problem) else None
 
     @property
     def could_hold(self) -> tuple[str, ...]:
-        """Contacts that move, or of which others do, and could hold what they touch by friction."""
+        """Contacts that could hold what they touch by friction, although one of them moves."""
         wedges = (each for each in self.several if each.kind == "wedge")
         return tuple(name for each in wedges for name in each.names)
 

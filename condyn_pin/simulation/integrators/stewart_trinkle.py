@@ -22,13 +22,14 @@ from condyn_pin.simulation.system import System
 class StewartTrinkle(ContactScheme):
     """Time stepping without penetration and rebound: the default with contacts.
 
-    g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + (s + 0.2 gap) / dt  (gap < 0)
+    g_n = J_n v_free + (s + gap) / dt  (gap > 0),    J_n v_free + s / dt - p  (gap < 0)
     q+  = q (+) dt v+,    s = gap(q (+) dt v) - gap - dt J_n v
 
     A contact touches at the end of the step in which it would have gone through; s is how far a
     path over a plane bends in that time. Where the step ends 0.1 mm from there, or s < -0.1 mm of
     what presses, it is taken again, with gaps and J_c as they are at its end: impulses then act
-    against what goes through there. What penetrates still is pushed out over five steps.
+    against what goes through there. What penetrates still is pushed out with p = -0.2 gap / dt, at
+    0.2 m/s at most; by less where that presses a body into something else, as between two walls.
 
     Parameters
     ----------
