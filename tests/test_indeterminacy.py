@@ -19,6 +19,7 @@ from condyn_pin.contact import (
     solve_contact,
 )
 from condyn_pin.simulation import EventDriven, Softened, contact_problem, trajectory_derivatives
+from condyn_pin.simulation.integrators import contact_steps
 
 GRAVITY, CUBE = 9.81, Box(0.1, 0.1, 0.1)
 SOLVERS = [ADMM(), ADMM(polish=True), SemismoothNewton(), PGS()]
@@ -412,3 +413,13 @@ def test_softened_jumps_are_flagged_where_contacts_touch():
         q[2] = height
         of = cp.step(scene, q, v, dt=1e-3, throw=False).derivatives(route=Softened())
         assert of.one_sided == flagged
+
+
+@pytest.mark.parametrize("beside", [(), (0.0,)])
+def test_a_step_that_ends_elsewhere_than_it_should_is_noted(monkeypatch, beside):
+    """If it may not be tried again, a rod that turns by 0.3 rad ends beside where its step says."""
+    assert not any("bend too far" in notice for notice in striking_rod(beside=beside).notices)
+    monkeypatch.setattr(contact_steps, "_AGAIN", 0)
+    (notice,) = [each for each in striking_rod(beside=beside).notices if "bend too far" in each]
+    assert notice.startswith("rod 00 ends")
+    assert "take a smaller dt" in notice
