@@ -287,6 +287,8 @@ def _followed(N: Array, wanted: Array, bent: Array) -> Array:
     size, pushed = np.sqrt(N.diagonal()), wanted > 0.0
     S = N / np.multiply.outer(size, size)
     ask, soft = (wanted - bent) / size, np.where(pushed, _YIELDS, _HARD)
+    if not np.isfinite(S.sum() + ask.sum()):  # which the step finds out
+        return wanted
     for _ in range(len(N) + 1):
         L = np.linalg.cholesky(S + np.diag(soft))
         try:
