@@ -40,7 +40,7 @@ def slot(turn=0.0, play=0.0, speed=1.0, friction=0.2, overlap=0.0):
     floor = cp.FrictionalContact("box", CUBE, friction=friction, name="floor")
     scene = cp.Scene(cp.model.free_box(), contacts=[*walls, floor])
     q, v = scene.state()
-    q[5:7], v[1] = (np.sin(turn / 2), np.cos(turn / 2)), speed
+    q[:3], q[5:7], v[1] = (0, 0, 0.1), (np.sin(turn / 2), np.cos(turn / 2)), speed
     return scene, q, v
 
 
