@@ -63,7 +63,8 @@ def tints(part, found):
 def test_a_shape_has_its_size_and_its_place(shape, size):
     box = cp.model.free_box()
     contact = c.FrictionalContact("box", shape, (0.0, 0.0, 0.5), friction=0.5)
-    found = drawing(cp.Scene(box, contacts=[contact]))
+    scene = cp.Scene(box, contacts=[contact])
+    found = drawing(scene, scene.state(on_ground=False)[0])
     (part,) = (p for p in found.parts if p.path == "candidates/box/shape 0")
     mesh, _ = part.meshes[0]
     world = mesh.moved(part.place(found.instants[0])).vertices
