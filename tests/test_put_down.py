@@ -120,3 +120,15 @@ def test_a_base_that_is_tied_to_a_place_stays_there():
         hung.state(on_ground=True)
     with pytest.raises(cp.InvalidArgument, match="on_ground = 'yes': True, False or None"):
         hung.state(on_ground="yes")
+
+
+def test_walls_too_near_each_other_do_not_move_it():
+    """A ball of 20 cm in a slot of 10 cm: out of either wall it is in the other."""
+    walls = {"left": Plane((1.0, 0.0, 0.0), -0.05), "right": Plane((-1.0, 0.0, 0.0), -0.05)}
+    touches = [
+        cp.FrictionalContact("ball", Ball(0.1), on=on, friction=0.5, name=name)
+        for name, on in (walls | {"floor": Plane()}).items()
+    ]
+    scene = cp.Scene(cp.model.free_ball(radius=0.1), contacts=touches)
+    q, _ = scene.state()
+    assert q[:3] == pytest.approx([0.0, 0.0, 0.1], abs=1e-12)

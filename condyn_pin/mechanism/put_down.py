@@ -43,7 +43,8 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
     -------
     q : (nq,) array
         q as given, if the robot has no floating base or no contact has ground below it: planes and
-        boxes that face up. Walls move the robot only where it is in one.
+        boxes that face up. A wall moves the robot only where it is in one, and not where that takes
+        it into another.
 
     Raises
     ------
@@ -62,22 +63,31 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
     candidates = Candidates(model, scene.contact_bounds)
     if not candidates.cones or model.joints[1].shortname() != "JointModelFreeFlyer":
         return placed
-    start, own = placed.copy(), _of_the_base(scene)
-    data, up = model.createData(), upward(scene)
+    down = _shifted(scene, candidates, placed, walls=False)[0]
+    clear, ends = _shifted(scene, candidates, down, walls=True)
+    found = clear if ends else down
+    _check_ties(scene, placed, found)
+    return found
+
+
+def _shifted(scene: Scene, candidates: Candidates, q: Array, *, walls: bool) -> tuple[Array, bool]:
+    """Q on the ground, and out of `walls`; whether a shift was the last."""
+    model, up, own = scene.robot.unedited, upward(scene), _of_the_base(scene)
+    data, placed = model.createData(), q.copy()
     for _ in range(_SHIFTS):
         pin.forwardKinematics(model, data, placed)
         gaps = candidates.gaps(data, placed)[: candidates.cones]
         n = candidates.axes(data, placed)[:, :, 2]
         ground = (n @ up > _FACES_UP) if up.any() else np.full(len(gaps), True)
-        counts = own & (ground | (gaps < 0.0)) & np.isfinite(gaps)
-        if not counts.any():
-            break
+        near = own & np.isfinite(gaps)
+        counts = near & (ground | (walls & (gaps < 0.0)))
+        if not (near & ground).any():
+            return placed, True
         lowest = int(np.where(counts, gaps, np.inf).argmin())
         if abs(gaps[lowest]) <= tolerances.CLOSED:
-            break
+            return placed, True
         placed[:3] -= gaps[lowest] * n[lowest]
-    _check_ties(scene, start, placed)
-    return placed
+    return placed, False
 
 
 def _of_the_base(scene: Scene) -> NDArray[np.bool_]:
