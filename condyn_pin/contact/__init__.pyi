@@ -10,6 +10,11 @@ from .problem import ContactProblem as ContactProblem
 from .residuals import ContactResiduals as ContactResiduals
 from .residuals import contact_residuals as contact_residuals
 from .residuals import natural_residual as natural_residual
+from .restitution import RESTITUTION_LAWS as RESTITUTION_LAWS
+from .restitution import Energetic as Energetic
+from .restitution import Newton as Newton
+from .restitution import Poisson as Poisson
+from .restitution import RestitutionLaw as RestitutionLaw
 from .scene_cones import cone_rows as cone_rows
 from .scene_cones import margins as margins
 from .sets import ContactSets as ContactSets

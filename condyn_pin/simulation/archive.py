@@ -27,6 +27,7 @@ from condyn_pin.constraints.contacts.shapes import SHAPES
 from condyn_pin.constraints.kinds import named
 from condyn_pin.constraints.loop import Loop, axis_of
 from condyn_pin.constraints.path import PATHS
+from condyn_pin.contact.restitution import RESTITUTION_LAWS
 from condyn_pin.contact.solvers.base import CONTACT_SOLVERS
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
@@ -209,7 +210,7 @@ def decode(coded: dict[str, Any]) -> Any:
         _KINDS.get(name)
         or named(name)
         or (CONTACTS | SHAPES | PATHS).get(name)
-        or (INTEGRATORS | DRIFTS | SOLVERS | CONTACT_SOLVERS).get(name.lower())
+        or (INTEGRATORS | DRIFTS | SOLVERS | CONTACT_SOLVERS | RESTITUTION_LAWS).get(name.lower())
     )
     if kind is None:
         raise LookupError(f"{name} is unknown: import the module that defines it")

@@ -16,6 +16,7 @@ from condyn_pin.dynamics.force import Sites, pull_text, shared_normals, shared_t
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.mechanism.check import check
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.left_out import bodies_passed, limits_passed
 from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.passive import Passive
@@ -41,6 +42,7 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
         said.append(f"{trajectory.status}; {trajectory.reason}")
     said += _open_constraints(trajectory)
     said += [str(remark) for remark in trajectory.run.remarks]
+    said += _stays_deep(trajectory)
     said += _coarse_turns(trajectory) + _differenced(trajectory) + _shocks(trajectory)
     said += solver_notices(trajectory) + _tensile_contacts(trajectory)
     energy = trajectory.energy
@@ -80,6 +82,28 @@ def _open_constraints(trajectory: Trajectory) -> list[str]:
     if not run.solver.exact:
         remedy = f"{run.solver.title} lets them give way; use a stiffer solref"
     return [f"{name} is open by {gap} at t = {trajectory.t[when]:.4g} s: {remedy}"]
+
+
+def _stays_deep(trajectory: Trajectory) -> list[str]:
+    """Return a sentence on the contact that carries deepest in another body, if none pushes out."""
+    scheme, record = trajectory.run.integrator, trajectory.contact
+    if not isinstance(scheme, ContactScheme) or scheme.closes_gaps or scheme.gives_way:
+        return []
+    deepest, name, when = 0.0, "", 0
+    for each, modes in (record.modes if record else {}).items():
+        if each not in trajectory.gaps:  # dry friction
+            continue
+        deep = np.where(modes != "open", -trajectory.gaps[each], 0.0)
+        i = int(np.nanargmax(deep))
+        if deep[i] > deepest:
+            deepest, name, when = float(deep[i]), each, i
+    if not deepest > tolerances.NEARLY_CLOSED:
+        return []
+    return [
+        f"{name} is {deepest:.3g} m or rad deep at t = {trajectory.t[when]:.4g} s: "
+        f"steps of {scheme.title} do not push out what an impact takes in, up to dt times its "
+        "speed; take a smaller dt, StewartTrinkle(), or EventDriven()"
+    ]
 
 
 def _coarse_turns(trajectory: Trajectory) -> list[str]:

@@ -114,9 +114,9 @@ class ProvedSteps:
         self._system.at(self._steps.looks_at(self._t))
         at, v, rows = posed.at, posed.v, self._scene.rows
         gained = (ended - v) / self._dt
-        tau = posed.tau - passive.inertia(self._dt) * gained
+        tau = posed.tau - passive.inertia(posed.span) * gained
         if passive.between is not None:
-            U, weights = passive.between.inertia_rows(at, self._dt)
+            U, weights = passive.between.inertia_rows(at, posed.span)
             tau -= U.T @ (weights * (U @ gained))
         push = self._push(posed, lam[rows:])
         left, _ = equations.residuals(at, posed.mean, tau + push.torque, a, lam[:rows], push)

@@ -20,10 +20,10 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
 from condyn_pin.contact.modes import OPEN
-from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.between_events.contact_terms import ContactTerms
 from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics
+from condyn_pin.simulation.between_events.next_modes import NextModes
 from condyn_pin.simulation.between_events.segment import Segment, Segments
 from condyn_pin.simulation.between_events.transition import Begun, Transition
 from condyn_pin.simulation.contact_event import ContactEvent
@@ -49,10 +49,10 @@ class EventSteps:
     """The steps of one system with contacts."""
 
     def __init__(
-        self, system: System, dt: float, inner: Integrator, solver: ContactSolver, shortest: float
+        self, system: System, dt: float, inner: Integrator, choice: NextModes, shortest: float
     ) -> None:
         self._system, self._dt = system, dt
-        self._begin = Transition(system, solver, shortest)
+        self._begin = Transition(system, choice, shortest)
         self._segment = Segments(system, inner)
         self._begun: tuple[float, Begun] | None = None
         self._v: Array | None = None  # as the state that has begun was handed in

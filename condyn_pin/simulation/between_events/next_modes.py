@@ -9,7 +9,8 @@ on (Painlevé), and only an impulse does: a frictional shock,
 
     M (v+ - v) = J_b^T l_b + J_c^T l,    J_b v+ = 0,    sigma+ = J_c v+,    l in K
 
-although nothing approaches. Impacts are the same problem, with Newton's law of restitution,
+although nothing approaches. Impacts obey a law of restitution (`contact.restitution`); where that
+is Newton's, or gives the same, they are this problem with
 
     sigma_n+ + e min(sigma_n, 0) >= 0,    orthogonal to l_n.
 
@@ -34,6 +35,7 @@ from condyn_pin.contact.attempts import attempt_contact, attempt_near
 from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
 from condyn_pin.contact.problem import ContactProblem, Level
+from condyn_pin.contact.restitution import RestitutionLaw
 from condyn_pin.contact.sets import ContactSets
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.errors import StepFailed
@@ -66,13 +68,16 @@ class Struck(NamedTuple):
     impulse: Array  # (rows,) [N s]
     work: float  # [J]
     driven: float  # work of driven constraints [J]
+    notes: tuple[tuple[str, tuple[str, ...], str], ...] = ()
 
 
 class NextModes:
     """Finds modes and impulses for the contacts of one system."""
 
-    def __init__(self, candidates: Candidates, solver: ContactSolver) -> None:
-        self._candidates, self._solver = candidates, solver
+    def __init__(
+        self, candidates: Candidates, solver: ContactSolver, restitution: RestitutionLaw
+    ) -> None:
+        self._candidates, self._solver, self._restitution = candidates, solver, restitution
         self.several: tuple[Indeterminacy, ...] = ()  # of the last problem
         k, n = candidates.cones, candidates.half_lines
         self._all_dry = np.ones(candidates.intervals, dtype=bool)
@@ -109,12 +114,10 @@ class NextModes:
         return Choice(ModeDynamics(candidates, modes, along, sense, lam), natural, lam)
 
     def impact(self, terms: ContactTerms) -> Struck:
-        """Return what follows where contacts approach, by Newton's law of restitution."""
+        """Return what follows where contacts approach, by the law of restitution."""
         e = np.zeros(len(terms.gaps))
         e[: self._candidates.cones] = self._candidates.restitution
-        rebound = np.zeros(len(terms.J))
-        rebound[self._candidates.normals] = e * np.minimum(terms.closing, 0.0)
-        struck, natural = self._struck(terms, rebound, None)
+        struck, natural = self._struck(terms, e, None)
         if not natural <= tolerances.CONTACT_SOLVED:
             self._check_path(terms)
             raise StepFailed(
@@ -136,7 +139,7 @@ class NextModes:
 
     def shock(self, terms: ContactTerms, choice: Choice) -> Struck:
         """Return the impulse that stops what no force lets slide on."""
-        struck, natural = self._struck(terms, np.zeros(len(terms.J)), choice.guess)
+        struck, natural = self._struck(terms, np.zeros(len(terms.gaps)), choice.guess)
         changed = np.abs(struck.v - terms.v).max(initial=0.0) > _NONE * terms.fastest
         if not (natural <= tolerances.CONTACT_SOLVED and changed):
             raise StepFailed(
@@ -157,21 +160,31 @@ class NextModes:
         sticks = ~slides & ~moves & (self._candidates.friction > 0)
         return np.where(force[2::3] > _NONE, np.where(sticks, STICK, SLIDE), OPEN)
 
-    def _struck(
-        self, terms: ContactTerms, rebound: Array, guess: Array | None
-    ) -> tuple[Struck, float]:
-        """Return what impulses of all that touches do, and their natural residual."""
+    def _struck(self, terms: ContactTerms, e: Array, guess: Array | None) -> tuple[Struck, float]:
+        """Return what impulses of all that touches do, and their natural residual.
+
+        What the law of restitution answers by itself is thrown off first, and the rest by Newton's.
+        """
         active = np.concatenate((terms.touches, ~self._all_dry))
         rows, impulse = self._candidates.rows_of(active), np.zeros(len(terms.J))
         now = terms.struck(np.flatnonzero(rows))
-        g = now.contact_velocities + rebound[rows]
-        problem = self._problem(active, now.G, g, np.zeros(0), "impulse")
+        problem = self._problem(active, now.G, now.contact_velocities, np.zeros(0), "impulse")
+        e, first = e[terms.touches], np.zeros(problem.rows)
+        notes: tuple[tuple[str, tuple[str, ...], str], ...] = ()
+        missed = 0.0
+        if e.any():
+            strike = self._restitution.strike(problem, e)
+            first, e, notes = strike.lam, np.where(strike.apart, 0.0, e), strike.notes
+            missed = strike.natural
+        g = problem.velocities(first) if first.any() else problem.g.copy()
+        g[problem.sets.normals] += e * np.minimum(terms.closing[terms.touches], 0.0)
         begin = None if guess is None else guess[rows]
-        impulse[rows], natural = self._answer(problem, begin)
+        found, natural = self._answer(problem.replaced(g=g), begin)
+        impulse[rows], natural = first + found, max(natural, missed)
         v = now.velocity(impulse[rows])
         work = 0.5 * float(impulse.dot(terms.sigma + terms.J.dot(v)))
         driven = float(now.constraint_impulses(impulse[rows]).dot(terms.path[1]))
-        return Struck(v, impulse, work, driven), natural
+        return Struck(v, impulse, work, driven, notes), natural
 
     def _answer(self, problem: ContactProblem, guess: Array | None) -> tuple[Array, float]:
         if guess is None:

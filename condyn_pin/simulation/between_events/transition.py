@@ -16,19 +16,18 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.simulation.between_events.contact_terms import ContactTerms
 from condyn_pin.simulation.between_events.load_sharing import AT_ITS_END, let_go, shared
 from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics
 from condyn_pin.simulation.between_events.next_modes import NextModes
 from condyn_pin.simulation.events import ZenoDetected
-from condyn_pin.simulation.remarks import notes_of
+from condyn_pin.simulation.remarks import Note, notes_of
 from condyn_pin.simulation.system import System
 
 # Velocities of what stands still that are rounding, relative to the speed of the robot.
 _ROUNDED = 1e-14
 
-# Impacts in one instant, at most: Newton's law lets contacts approach again only by rounding.
+# Impacts in one instant, at most: behind one contacts approach again only by rounding.
 _MOST = 100
 
 
@@ -74,14 +73,14 @@ class Transition:
     Parameters
     ----------
     system : System
-    solver : ContactSolver
+    choice : NextModes
     shortest : float
         The shortest bounce [s].
     """
 
-    def __init__(self, system: System, solver: ContactSolver, shortest: float) -> None:
+    def __init__(self, system: System, choice: NextModes, shortest: float) -> None:
         self._system, self._shortest = system, shortest
-        self._choice = NextModes(system.contacts, solver)
+        self._choice = choice
 
     def at(self, t: float, q: Array, v: Array, *, at_end: bool = False) -> Begun:
         """Return how motion goes on from a state.
@@ -95,6 +94,7 @@ class Transition:
             if terms.approaches.any():
                 struck, what = self._choice.impact(terms), "impact"
                 self._note(t)
+                self._system.remarks.note(t, [Note(*note) for note in struck.notes])
             else:
                 choice = self._choice.next(terms)
                 self._note(t)

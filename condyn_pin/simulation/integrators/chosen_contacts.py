@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cached_property
 from itertools import compress
 
 import numpy as np
@@ -37,6 +38,19 @@ class Chosen:
         self.limits = candidates.limits[active[lines:]] * dt  # [N s]
         self.names = tuple(compress(candidates.names, active))
         self.sets = ContactSets(self.friction, self.half_lines, self.limits)
+
+    def impact(self, near: Near) -> ContactProblem:
+        """Return the cones and half-lines of a step as they are before it: g is J_c v."""
+        m = self._striking.size
+        return ContactProblem.trusted(
+            G=near.G[:m, :m], g=near.before[:m], friction=self.friction,
+            half_lines=self.half_lines, limits=self._striking.limits, R=None, law="ncp",
+            level="impulse", names=self.names[: len(near.gaps)], sets=self._striking,
+        )  # fmt: skip
+
+    @cached_property
+    def _striking(self) -> ContactSets:
+        return ContactSets(self.friction, self.half_lines, np.zeros(0))
 
     def problem(self, scheme: ContactScheme, near: Near) -> ContactProblem:
         """Return the contact problem of a step."""

@@ -26,6 +26,7 @@ from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.islands import components
 from condyn_pin.contact.problem import Law
+from condyn_pin.contact.restitution import RestitutionLaw, Strike
 from condyn_pin.contact.solvers.admm import ADMM
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.errors import InvalidArgument
@@ -109,6 +110,18 @@ class Near(NamedTuple):
         diagonal = self.G.diagonal()
         return self._by_row(diagonal[self.normals], diagonal)
 
+    def behind(self, strike: Strike) -> Near:
+        """Return it behind an impact: what that has thrown off may go on as it goes then.
+
+        g_n = J_n v_free - max(J_n v', 0),    v' the velocity behind the impact
+        """
+        m = len(strike.lam)
+        thrown = self.G[:, :m].dot(strike.lam)
+        free, n = self.free + thrown, self.normals
+        off = np.maximum(self.before[n] + thrown[n], 0.0)
+        free[n] -= np.where(strike.apart, off, 0.0)
+        return self._replace(free=free, restitution=np.where(strike.apart, 0.0, self.restitution))
+
     def _by_row(self, of_contacts: Array, of_dry: Array) -> Array:
         """Return numbers of contacts and stops, and for dry friction those of its rows."""
         k = len(self.gaps)
@@ -171,6 +184,8 @@ class ContactScheme(Integrator, ABC):
     at_midpoint: ClassVar[bool] = False
     # whether no gap is below zero at the end of a step, of what was near before it or not
     closes_gaps: ClassVar[bool] = False
+    # whether what rests on a plane follows it where its path bends, of a scheme that closes no gaps
+    follows_planes: ClassVar[bool] = False
     touching: ClassVar[float] = 0.0  # gap up to which contacts take part, if no others do [m, rad]
     takes_restitution: ClassVar[bool] = False
     gives_way: ClassVar[bool] = False  # whether contacts at rest penetrate
@@ -187,6 +202,11 @@ class ContactScheme(Integrator, ABC):
                 f"contact = {self.contact!r}: {self.title} poses the {self.law}, and "
                 f"{self.contact.title} solves {' and '.join(self.contact.laws)}; use ADMM()"
             )
+
+    @property
+    def impacts(self) -> RestitutionLaw | None:
+        """The law by which contacts rebound; None where none does."""
+        return None
 
     def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
         """Return which gaps (k,) [m, rad] are so small that their contacts take part in a step."""

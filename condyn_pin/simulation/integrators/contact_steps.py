@@ -49,6 +49,9 @@ from condyn_pin.simulation.system import System
 # falls by a factor of two at least, and most often by one of about dt |v|.
 _AGAIN = 6
 
+# Places on the way to the next step at which shapes are looked at that may pass each other.
+_LOOKS = 64
+
 
 class ContactSteps(PosedSteps):
     """The steps of one system with one scheme and one dt.
@@ -80,7 +83,13 @@ class ContactSteps(PosedSteps):
         if not self.last.natural <= tolerances.CONTACT_SOLVED:
             self._check_answer(t)
         last = self.last
-        if last.attempt.several or last.missed or last.posed.near.gaps.min(initial=0.0) < -AT_REST:
+        if (
+            last.attempt.several
+            or last.missed
+            or last.through
+            or last.posed.strike is not None
+            or last.posed.near.gaps.min(initial=0.0) < -AT_REST
+        ):
             self._system.remarks.note(t, (*notes_of(last.attempt.several), *last.notes))
         return taken
 
@@ -124,7 +133,7 @@ class ContactSteps(PosedSteps):
         """Return the same of whatever the contact solver has answered."""
         tried = self._answered(t, q, v)
         posed, v1, found, natural = tried[-1]
-        lam, dt, floating = found.lam, self._dt, self.floating
+        lam, dt, floating = posed.total(found.lam), self._dt, self.floating
         a = v1 - posed.v
         a /= dt
         a -= posed.turning
@@ -139,8 +148,45 @@ class ContactSteps(PosedSteps):
         self._system.contact_work = self._system.contact_work.plus(work)
         if not isfinite(q1.dot(q1).item() + v1.dot(v1).item() + work.total):
             natural = nan  # also where no contact takes part
-        self.last = Taken(posed, v1, found, natural, work, tuple(tried), self._furthest)
+        self.last = Taken(
+            posed, v1, found, natural, work, tuple(tried), self._furthest, self._through(posed, v1)
+        )
         return q1, turned, a
+
+    def _through(self, posed: Posed, v1: Array) -> tuple[str, ...]:
+        """Return the pairs of shapes that meet on the way to the next step, and not at its end."""
+        candidates, dt = self._candidates, self._dt
+        k, cones = candidates.contact_points, candidates.cones
+        if self._scheme.closes_gaps or k == cones:
+            return ()
+        rows = slice(3 * k + 2, 3 * cones, 3)
+        comes = (posed.gaps[k:cones] > 0.0) & (
+            posed.gaps[k:cones] + dt * posed.J[rows].dot(v1) < 0.0
+        )
+        if not comes.any():
+            return ()
+        data, floating = self._equations.data, self.floating
+
+        def met(share: float) -> NDArray[np.bool_]:
+            q = floating.integrate(posed.at, share * dt * v1)
+            pin.forwardKinematics(self._system.model, data, q)
+            return np.asarray(candidates.gaps(data, q)[k:cones] <= 0.0)
+
+        def each(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
+            flags = flags.copy()
+            for places in candidates.several:  # one pair, wherever it meets
+                its = slice(places.start - k, places.stop - k)
+                flags[its] = flags[its].any()
+            return flags
+
+        comes = each(comes) & ~each(met(1.0))
+        if not comes.any():
+            return ()
+        through = np.zeros_like(comes)
+        for i in range(1, _LOOKS):
+            through |= comes & each(met(i / _LOOKS))
+        names = candidates.names[k:cones]
+        return tuple(dict.fromkeys(names[i].split("/point ")[0] for i in np.flatnonzero(through)))
 
     def lam(self) -> Array:
         """Return the forces of the last step: of constraints, then of all candidates [N, N m]."""
@@ -148,7 +194,8 @@ class ContactSteps(PosedSteps):
 
     def impulses(self) -> Array:
         """Return the impulses of the last step, in the same order [N s, N m s]."""
-        posed, rows, found = self.last.posed, self._equations.m, self.last.attempt.lam
+        posed, rows = self.last.posed, self._equations.m
+        found = posed.total(self.last.attempt.lam)
         impulses = np.zeros(rows + self._candidates.rows)
         impulses[:rows] = posed.condensed.constraint_impulses(found)
         impulses[rows:][posed.chosen.rows] = found

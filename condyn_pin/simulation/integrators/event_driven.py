@@ -7,10 +7,12 @@ from typing import ClassVar
 
 from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.restitution import Energetic, RestitutionLaw, check_law
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.simulation.between_events.event_steps import EventSteps
+from condyn_pin.simulation.between_events.next_modes import NextModes
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.simulation.integrators.explicit import ExplicitEuler, RungeKutta4, StormerVerlet
@@ -30,7 +32,7 @@ class EventDriven(Integrator):
     with s the direction of what slides, and gamma less the second derivative of the path of driven
     rows. The order is that of the integrator between events, and
     across them too: they are found where a gap, a normal force, the margin to the friction cone or
-    a speed of slip is zero. The next modes solve a contact problem: in impulses, with Newton's
+    a speed of slip is zero. The next modes solve a contact problem: in impulses, by a law of
     restitution, if contacts approach, and in accelerations if they do not; if no acceleration
     exists (Painlevé), in impulses again, a shock. The events are in `Trajectory.run.happened`, with
     modes and impulses; each one begins a new phase.
@@ -45,12 +47,14 @@ class EventDriven(Integrator):
         g s^2 / 8, and comes to rest earlier by s e / (1 - e): with 1e-7 s by 1e-14 m and 4e-7 s.
     contact : ContactSolver
         What answers the contact problems; Newton's method does to rounding.
+    restitution_law : RestitutionLaw
+        The law by which contacts rebound: `Energetic()`, `Newton()` or `Poisson()`.
 
     Raises
     ------
     InvalidArgument
-        If `inner` is none of these, the shortest bounce is not positive, or `contact` does not
-        solve Coulomb's law itself.
+        If `inner` is none of these, the shortest bounce is not positive, `contact` does not solve
+        Coulomb's law itself, or `restitution_law` is none.
 
     Notes
     -----
@@ -81,6 +85,7 @@ class EventDriven(Integrator):
     inner: Integrator = RungeKutta4()  # noqa: RUF009  a value
     shortest_bounce: float = 1e-7  # [s]
     contact: ContactSolver = SemismoothNewton()  # noqa: RUF009  a value
+    restitution_law: RestitutionLaw = Energetic()  # noqa: RUF009  a value
 
     def __post_init__(self) -> None:
         if not isinstance(self.inner, _INNER):
@@ -89,6 +94,7 @@ class EventDriven(Integrator):
                 f"inner = {self.inner!r}: one of {can} is needed, which ask for accelerations only"
             )
         check_positive(shortest_bounce=self.shortest_bounce)
+        check_law(self.restitution_law)
         if not isinstance(self.contact, ContactSolver) or not self.contact.exact:
             raise InvalidArgument(
                 f"contact = {self.contact!r}: a contact solver that solves Coulomb's law itself is "
@@ -121,10 +127,12 @@ class EventDriven(Integrator):
             name = candidates.names[candidates.contact_points]
             raise UnsupportedConstraint(
                 f"{name}: where shapes of two bodies meet changes from one edge to the next, and "
-                f"{self.title} motion takes planes only; use Moreau(), or on_shape=Plane(...)"
+                f"{self.title} motion is between planes and bodies; use StewartTrinkle(), or "
+                "Moreau() in small steps where they rebound, or on_shape=Plane(...)"
             )
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        steps = EventSteps(system, dt, self.inner, self.contact, self.shortest_bounce)
+        choice = NextModes(system.contacts, self.contact, self.restitution_law)
+        steps = EventSteps(system, dt, self.inner, choice, self.shortest_bounce)
         return Stepper(steps.step, sample=steps.sample)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
+from condyn_pin.contact.restitution import Energetic, RestitutionLaw, check_law
 from condyn_pin.simulation.integrators.base import Order, Stepper
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
 from condyn_pin.simulation.integrators.contact_steps import contact_stepper
@@ -22,15 +23,31 @@ class Moreau(ContactScheme):
     q_m = q (+) dt v / 2,    contacts with a gap <= 0 there take part,
     g_n = J_n v_free + e J_n v,    q+ = q (+) dt (v + v+) / 2
 
-    Contacts rebound by Newton's law, all in the same instant; if several touch, as in Newton's
-    cradle, other impact laws give other velocities. While no contact opens, closes or slides, a
-    step is of second order, and exact in a constant field where M is constant. A penetration, up to
-    dt v / 2 at an impact, is not pushed out.
+    Where the law of restitution is not Newton's, nor gives the same, what strikes is thrown off
+    first, and e J_n v is -max(J_n v', 0) of the velocity v' behind the impact. What rests on a
+    plane that its path bends away from or into, such as a board that tilts, follows it: g_n has
+    dt Jdot_n v / 2 more.
+
+    While nothing touches, a step is of second order, also with torques that are functions, springs
+    and damping; it is exact in a constant field where M is constant. Torques are those of the
+    middle of the step, and so are springs and damping, but for stiff ones that dt does not resolve,
+    trace M^-1 (dt D + dt^2 K) > 1: these act at its end, which is of first order and does not swing
+    on. A penetration, up to dt v at an impact at speed v, is not pushed out; notices say how deep
+    bodies are. Shapes that pass through each other within one step do not touch, and notices say
+    so.
 
     Parameters
     ----------
     contact : ContactSolver
         What answers the contact problem of each step.
+    restitution_law : RestitutionLaw
+        The law by which contacts rebound: `Energetic()`, `Newton()` or `Poisson()`. Impacts of
+        several contacts are all in the same instant, but for ``Energetic(chain=True)``.
+
+    Raises
+    ------
+    InvalidArgument
+        If `contact` or `restitution_law` is none.
 
     References
     ----------
@@ -40,11 +57,23 @@ class Moreau(ContactScheme):
 
     title: ClassVar[str] = "Moreau"
     use: ClassVar[str] = "where contacts rebound, and for the energy of falls"
-    order: ClassVar[Order] = Order(2, 2, 1)  # while no contact opens, closes or slides
+    order: ClassVar[Order] = Order(2, 2, 1)  # while nothing touches
     at_midpoint: ClassVar[bool] = True
     # what rests on a plane is above it by rounding in half of its steps
     touching: ClassVar[float] = 1e-9  # [m, rad]
     takes_restitution: ClassVar[bool] = True
+    follows_planes: ClassVar[bool] = True
+
+    restitution_law: RestitutionLaw = Energetic()  # noqa: RUF009  a value
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_law(self.restitution_law)
+
+    @property
+    def impacts(self) -> RestitutionLaw:
+        """The law by which contacts rebound."""
+        return self.restitution_law
 
     def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
         """Return which contacts touch in the middle of the step."""
@@ -53,7 +82,7 @@ class Moreau(ContactScheme):
     def asked(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
         g = near.free.copy()
-        g[near.normals] += near.restitution * near.before[near.normals]
+        g[near.normals] += near.restitution * near.before[near.normals] + near.bends / near.dt
         return g, None
 
     def asked_by(self, near: Near) -> AskedBy:
@@ -61,7 +90,8 @@ class Moreau(ContactScheme):
         before = np.zeros_like(near.free)
         before[near.normals] = near.restitution
         approach = near.before[near.normals]
-        return AskedBy(before=before, restitution=approach)
+        follows = (near.bends != 0.0) / near.dt
+        return AskedBy(before=before, restitution=approach, bends=follows)
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""

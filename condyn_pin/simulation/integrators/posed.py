@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.condense import Condensed
 from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.restitution import Strike
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
 from condyn_pin.simulation.integrators.contact_scheme import Near
 
@@ -34,7 +35,22 @@ class Posed(NamedTuple):
     condensed: Condensed
     near: Near
     problem: ContactProblem
+    strike: Strike | None = None  # the impact with which the step begins
+    span: float = 0.0  # over which springs and damping act: dt, or its half in the middle [s]
+    t: float = 0.0  # when the equations are taken [s]
     kept: Kept | None = None
+
+    def total(self, lam: Array) -> Array:
+        """Return all impulses of the contacts (m,), of the impact and of the step behind it."""
+        if self.strike is None:
+            return lam
+        total = lam.copy()
+        total[: len(self.strike.lam)] += self.strike.lam
+        return total
+
+    def velocity(self, lam: Array) -> Array:
+        """Return v+ (nv,) of impulses (m,) of the step behind the impact."""
+        return self.condensed.velocity(self.total(lam))
 
 
 class Kept(NamedTuple):

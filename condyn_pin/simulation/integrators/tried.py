@@ -45,11 +45,13 @@ class Taken(NamedTuple):
     work: ContactWork
     tried: tuple[Tried, ...]  # what it came from, in turn, and itself
     missed: tuple[str, float] | None = None  # a contact, and how far off it ends [m, rad]
+    through: tuple[str, ...] = ()  # contacts that it has gone past, from one side to the other
 
     @property
     def notes(self) -> list[Note]:
         """What the step has to say, beside its contact problem."""
-        notes, near = list[Note](), self.posed.near
+        strike, near = self.posed.strike, self.posed.near
+        notes = [] if strike is None else [Note(*note) for note in strike.notes]
         deep = near.gaps < -_SEEN
         if (
             len(near.allowed) > 1
@@ -70,6 +72,15 @@ class Taken(NamedTuple):
                 "too far within one: take a smaller dt"
             )
             notes.append(Note("missed", (), text))
+        notes += [
+            Note(
+                "through",
+                (name,),
+                f"{name}: the bodies pass through each other within a step, in which they come "
+                "nearer by more than they are thick: take a smaller dt, or StewartTrinkle()",
+            )
+            for name in self.through
+        ]
         return notes
 
 
@@ -97,4 +108,6 @@ def answered(posed: Posed, solver: ContactSolver) -> Tried:
 
 
 def _with(posed: Posed, found: Attempt, natural: float) -> Tried:
-    return Tried(posed, posed.condensed.velocity(found.lam), found, natural)
+    if posed.strike is not None and not posed.strike.natural <= natural:
+        natural = posed.strike.natural
+    return Tried(posed, posed.velocity(found.lam), found, natural)

@@ -36,8 +36,10 @@ def add_asked(added: Array, steps: LinearSteps, posed: Posed, law: Law, rows: Ro
         added[:, columns.q] += by.before[:, None] * rows.before
         added[:, columns.v] += by.before[:, None] * J_c
     if by.restitution is not None:
-        cones = len(posed.chosen.friction)
-        added[2 : 3 * cones : 3, steps.restitution(posed)] += np.diag(by.restitution[:cones])
+        cones, approach = len(posed.chosen.friction), by.restitution
+        if posed.strike is not None:
+            approach = np.where(posed.strike.apart, 0.0, approach)
+        added[2 : 3 * cones : 3, steps.restitution(posed)] += np.diag(approach[:cones])
     if by.solref is not None:
         added[:, columns.solref] += by.solref
     if posed.problem.R is not None:
@@ -78,5 +80,5 @@ def _compliance_by(steps: LinearSteps, posed: Posed, y: Array, l_b: Array, row: 
     turned = steps.turning.velocity_by_q(y)
     by_q = 2 * turned[posed.chosen.rows][row] + y @ of.rhs[:n, :n] - l_b @ of.rhs[n:, :n]
     if steps.system.passive.between is not None:
-        by_q = by_q - y @ stiffness_partial(steps, posed.at, y)
+        by_q = by_q - y @ stiffness_partial(steps, posed, posed.at, y)
     return np.asarray(by_q)

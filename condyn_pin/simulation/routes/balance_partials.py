@@ -51,7 +51,7 @@ def left_of_momentum(
         a = (v1 - posed.v) / dt - posed.turning
         f[:, columns.inertias] -= dt * steps.inertias.forces(posed.at, posed.mean, a)
     if steps.system.passive.between is not None:
-        f[:, columns.q] -= stiffness_partial(steps, posed.at, v1 - posed.v)
+        f[:, columns.q] -= stiffness_partial(steps, posed, posed.at, v1 - posed.v)
     return f
 
 
@@ -92,6 +92,15 @@ def untouched(steps: LinearSteps, posed: Posed, v1: Array) -> Array:
     l_b = posed.condensed.constraint_impulses(np.zeros(0))
     again = linearised(steps, posed, v1, l_b)
     f = left_of_momentum(steps, again, posed, v1, mean)
+    applied = steps.system.applied
+    if steps.scheme.at_midpoint and applied.constant is None:
+        # torques at the mean velocity, in place of those at the one before
+        (q0, v0), (q1, v1_) = (
+            applied.slopes(posed.t, posed.at, each) for each in (posed.v, posed.mean)
+        )
+        f += dt * v1_.dot(mean)
+        f[:, columns.q] += dt * (q1 - q0)
+        f[:, columns.v] -= dt * v0
     # rows of constraints with the first h, and this v+
     if len(l_b):
         turned = steps.linearisation.turning(posed.at, 2 / dt * (v1 - first))
@@ -99,13 +108,13 @@ def untouched(steps: LinearSteps, posed: Posed, v1: Array) -> Array:
     return factors.solve(f, s)[0]
 
 
-def stiffness_partial(steps: LinearSteps, q: Array, x: Array) -> Array:
+def stiffness_partial(steps: LinearSteps, posed: Posed, q: Array, x: Array) -> Array:
     """Return U^T w U x by q (nv, nv), what springs between frames add to M x in implicit steps."""
     between = steps.system.passive.between
     assert between is not None
 
     def pull(step: Array) -> Array:
-        U, weights = between.inertia_rows(pin.integrate(steps.system.model, q, step), steps.dt)
+        U, weights = between.inertia_rows(pin.integrate(steps.system.model, q, step), posed.span)
         return np.asarray(U.T @ (weights * (U @ x)))
 
     return np.column_stack([slope(pull, along) for along in np.eye(len(x))])

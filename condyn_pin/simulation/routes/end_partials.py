@@ -41,13 +41,20 @@ def moved(
         for part in parts:
             of_step = part.factors is posed.condensed.factors
             at, d_at = (posed.at, steps.itself) if of_step else (part.begin, dq)
-            dq = _closed(steps, part, dq, at, d_at, whole=part is parts[-1])
+            dq = _closed(steps, posed, part, dq, at, d_at, whole=part is parts[-1])
     turned = partials.turned(v1, rest, by_move).dot(dv1)
     return way[-1].end, steps.floating.turned(v1, rest), dq, turned
 
 
 def _closed(
-    steps: LinearSteps, part: Closing, dq: Array, at: Array, d_at: Array, *, whole: bool
+    steps: LinearSteps,
+    posed: Posed,
+    part: Closing,
+    dq: Array,
+    at: Array,
+    d_at: Array,
+    *,
+    whole: bool,
 ) -> Array:
     """Return dq behind moves x = M^-1 J_b^T y, M and J_b of `at`; M has implicit springs in it.
 
@@ -61,7 +68,7 @@ def _closed(
     of = steps.weightless.at(at, np.zeros(n), x, y)
     left = of.rhs[:, :n] @ d_at
     if system.passive.between is not None:
-        left[:n] -= stiffness_partial(steps, at, x) @ d_at
+        left[:n] -= stiffness_partial(steps, posed, at, x) @ d_at
     if steps.inertias:
         left[:n, steps.columns.inertias] -= steps.inertias.momenta(at, x)
     turned, along = factors.solve_mass(left[:n]), np.asarray(dtrtrs(factors.L.T, factors.V)[0])

@@ -59,6 +59,8 @@ class EventLocated(Route):
                 f"route = EventLocated(): impacts obey Coulomb's law, and {scheme.title} poses its "
                 "convex relaxation; take StewartTrinkle() or Moreau()"
             )
+        if isinstance(scheme, Moreau):
+            return Moreau(scheme.contact, scheme.restitution_law)
         return Moreau(contact=scheme.contact)
 
     def at(

@@ -110,7 +110,7 @@ class Kappa(LawRoute):
     def scheme(self, scheme: ContactScheme) -> ContactScheme:
         """Return the scheme, with contacts that hover where it would let them drop."""
         if type(scheme) is Moreau:
-            return _Hovering(scheme.contact, _HOVERS * self.kappa * _G)
+            return _Hovering(scheme.contact, scheme.restitution_law, _HOVERS * self.kappa * _G)
         return scheme
 
     def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:

@@ -47,6 +47,7 @@ from condyn_pin.simulation.routes.balance_partials import (
 from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.end_partials import moved
 from condyn_pin.simulation.routes.floating_partials import FloatingPartials
+from condyn_pin.simulation.routes.impact_partials import agrees_by_chance, impact_partials, is_open
 from condyn_pin.simulation.routes.inertia_partials import InertiaPartials
 from condyn_pin.simulation.routes.law import Law, least
 from condyn_pin.simulation.routes.row_partials import row_partials
@@ -149,6 +150,8 @@ class LinearSteps:
         if taken is None:
             self.steps.attempt(t, q, v)
             taken = self.steps.last
+        if agrees_by_chance(self, taken.posed):
+            taken = self._with_impact_apart(t, q, v)
         after, alongs = np.zeros(0), list[Array]()
         self.system.at(self.steps.looks_at(t))
         for posed, _, attempt, natural in taken.tried:
@@ -160,18 +163,29 @@ class LinearSteps:
             found = of(posed.problem, attempt.lam, natural)
             if attempt.several:
                 found = found.giving_way(posed.problem)
-            v1 = posed.condensed.velocity(found.lam)
+            if is_open(posed):
+                found = found._replace(margin=0.0)
+            v1 = posed.velocity(found.lam)
             dv1 = self._velocity(posed, found, v1, alongs[-1] if alongs else None)
             if not alongs:
                 alongs.append(np.zeros_like(dv1))
             after = next_path(posed, alongs[-1], dv1)
         self.system.at(t + self.dt)  # where loops are closed behind the step
         q1, v1, dq, dv = moved(self, posed, v1, dv1)
-        chain = self._starts.chain(t, q, v)
+        chain = self._starts.chain(t, q, v, taken.posed)
         if chain is not None:
             for by in (dq, dv):
                 by[:, : len(chain)] = by[:, : len(chain)].dot(chain)
         return Ended(q1, v1, dq, dv, posed, found, attempt.several)
+
+    def _with_impact_apart(self, t: float, q: Array, v: Array) -> Taken:
+        """Return the step with its impact by itself, also where Newton's law is the same."""
+        self.steps.always_strikes = True
+        try:
+            self.steps.attempt(t, q, v)
+        finally:
+            self.steps.always_strikes = False
+        return self.steps.last
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of a step of the scheme."""
@@ -182,7 +196,7 @@ class LinearSteps:
         """Return what `end` does, without derivatives."""
         self.steps.attempt(t, q, v)
         posed, _, attempt, natural = self.steps.last.tried[-1]
-        v1 = posed.condensed.velocity(law(posed.problem, attempt.lam, natural).lam)
+        v1 = posed.velocity(law(posed.problem, attempt.lam, natural).lam)
         moved = self.floating.integrate(posed.at, self.share * v1)
         q1 = self.steps.closings.closed(posed.condensed.factors, moved)
         return q1, self.floating.turned(v1, self.share)
@@ -194,15 +208,20 @@ class LinearSteps:
         """
         if not len(law.lam):
             return untouched(self, posed, v1)
-        condensed = posed.condensed
-        l_b = condensed.constraint_impulses(law.lam)
+        condensed, lam = posed.condensed, posed.total(law.lam)
+        l_b = condensed.constraint_impulses(lam)
         of = linearised(self, posed, v1, l_b)
-        rows = row_partials(self, posed, law.lam, v1, along)
+        rows = row_partials(self, posed, lam, v1, along)
         f = left_of_momentum(self, of, posed, v1)
         f[:, : rows.pulls.shape[1]] += rows.pulls
         free, dsigma = condensed.changed(f, left_of_constraints(self, of, posed, v1))
         dsigma[:, : rows.slips.shape[1]] += rows.slips
         add_asked(dsigma, self, posed, law, rows)
+        if posed.strike is not None and posed.strike.apart.any():
+            struck, off = impact_partials(self, posed)
+            dsigma += condensed.G.dot(struck)
+            dsigma[posed.near.normals] -= off
+            free += condensed.X.dot(struck)
         R = posed.problem.R
         G = posed.problem.G if R is None else posed.problem.G + np.diag(R)
         A = law.by_sigma.dot(G)

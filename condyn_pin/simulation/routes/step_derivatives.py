@@ -247,6 +247,6 @@ def _margin(steps: LinearSteps, ended: Ended) -> float:
         away = ~posed.chosen.near
         missed = (posed.gaps[away] - steps.scheme.touching) / steps.dt
         if steps.scheme.closes_gaps:
-            missed += posed.J[steps.system.contacts.normals[away]] @ posed.condensed.velocity(lam)
+            missed += posed.J[steps.system.contacts.normals[away]] @ posed.velocity(lam)
         off = min(off, float(np.abs(missed).min()))
     return off / max(speed, steps.falls)

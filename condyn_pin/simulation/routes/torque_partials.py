@@ -13,11 +13,13 @@ from condyn_pin.dynamics.derivatives.carried import slope
 from condyn_pin.simulation.system import System
 
 
-def torque_partials(system: System, t: float, q: Array, v: Array, dt: float) -> tuple[Array, Array]:
-    """Return the torques by q and by v (nv, nv), springs and damping as at the end of a step."""
+def torque_partials(
+    system: System, t: float, q: Array, v: Array, ahead: float
+) -> tuple[Array, Array]:
+    """Return the torques by q and by v (nv, nv), springs and damping as they act `ahead` [s]."""
     passive, n = system.passive, len(v)
     by_q = np.diag(-passive.stiffness)
-    by_v = np.diag(-passive.d - dt * passive.stiffness)
+    by_v = np.diag(-passive.d - ahead * passive.stiffness)
     if system.applied.constant is None:
         of_q, of_v = system.applied.slopes(t, q, v)
         by_q, by_v = by_q + of_q, by_v + of_v
@@ -25,9 +27,8 @@ def torque_partials(system: System, t: float, q: Array, v: Array, dt: float) -> 
     if between is not None:
 
         def pull(step: Array) -> Array:
-            return between.torque(pin.integrate(system.model, q, step), v, dt)
+            return between.torque(pin.integrate(system.model, q, step), v, ahead)
 
         by_q = by_q + np.column_stack([slope(pull, along) for along in np.eye(n)])
-        U, weights = between.inertia_rows(q, dt)
-        by_v = by_v - U.T @ (weights[:, None] * U) / dt
+        by_v = by_v - between.damping(q) - ahead * between.stiffness(q)
     return by_q, by_v

@@ -14,6 +14,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import Grid, read_call
 from condyn_pin._core.timing import Call, State
+from condyn_pin.contact.restitution import RESTITUTION_LAWS
 from condyn_pin.contact.solvers import CONTACT_SOLVERS
 from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.scene import Scene
@@ -39,7 +40,9 @@ _PARTS = 10
 _FINE, _FINE_PARTS = Moreau(), 5000
 
 # What parameters of a measure may be.
-SCHEMES: Final[Mapping[str, type]] = {**INTEGRATORS, **DRIFTS, **CONTACT_SOLVERS}
+SCHEMES: Final[Mapping[str, type]] = {
+    **INTEGRATORS, **DRIFTS, **CONTACT_SOLVERS, **RESTITUTION_LAWS,
+}  # fmt: skip
 
 
 def schemes_made(how: Mapping[str, Parameter]) -> dict[str, Any]:
