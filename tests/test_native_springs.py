@@ -13,7 +13,15 @@ from native_contacts import assert_motions_of_python, assert_steps_of_python, at
 from numpy.testing import assert_allclose, assert_array_equal
 from shared import all_scenes
 from test_applied_forces import chain_on
-from test_native import DRIFTS, STEPS, assert_moved_alike, assert_moved_like_python, near
+from test_native import (
+    CLOSED,
+    DRIFTS,
+    MOVED,
+    STEPS,
+    assert_moved_alike,
+    assert_moved_like_python,
+    near,
+)
 from test_native_contact import CORE, DT, EXACT, assert_same_steps, on_feet, only_the_core
 from test_native_contact import cassie as cassie_on_points
 from test_native_step_derivatives import assert_same, beginning_to_fall, both
@@ -75,7 +83,8 @@ def chain() -> cp.Scene:
 @pytest.mark.parametrize("label", ["cassie loops", "four_bar loops", "four_bar rod"])
 def test_motions_of_loops_are_those_of_python(label: str, by: str, drift: str) -> None:
     """By `Proximal`, and by `Direct`, which corrects in the metric of all that is inertia."""
-    assert_moved_like_python(*starts(sprung(all_scenes()[label])), by, drift)
+    within = CLOSED if label == "cassie loops" and drift.startswith("post") else MOVED
+    assert_moved_like_python(*starts(sprung(all_scenes()[label])), by, drift, within)
 
 
 @pytest.mark.parametrize("by", STEPS)
