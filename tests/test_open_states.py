@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+
 import numpy as np
 import pytest
 from overconstrained import cart_with_a_door, machines, state_near, trammel
@@ -10,6 +12,8 @@ from shared import central
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.tolerances import DERIVATIVES
+from condyn_pin.constraints.rows.redundancy import KeptRows, Redundancy
+from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 
 # Off the constraints by so much in q [rad, m] and v; closed loops that stay closed are of
@@ -269,3 +273,78 @@ def test_forces_have_no_part_in_the_singular_subspace(name, gap):
     U, _, _ = np.linalg.svd(scales.R[:, None] * J * scales.D)
     N = np.linalg.qr(scales.R[:, None] * U[:, found.rank :])[0]
     assert np.abs(N.T @ found.lam).max() < 1e-11 * np.abs(found.lam).max()
+
+
+def calls_of(workspace, *state):
+    """Names of all functions that a hot loop calls."""
+    names = []
+
+    def look(frame, event, function):
+        if event == "call":
+            names.append(frame.f_code.co_qualname)
+        elif event == "c_call":
+            names.append(function.__name__)
+
+    before = sys.getprofile()
+    sys.setprofile(look)
+    try:
+        workspace.acceleration(*state)
+    finally:
+        sys.setprofile(before)
+    return names
+
+
+@pytest.mark.parametrize("gap", [1e-9, 1e-6, 1e-4])
+@pytest.mark.parametrize("name", ["four_bar, hinge", "four_bar, planar", "cart with a door"])
+def test_open_loops_cost_no_more_where_rows_are_redundant_everywhere(name, gap):
+    """In a plane the points in place of a hinge say the same at every configuration."""
+    scene = machines()[name]
+    (q, v, tau), nv = state_near(scene, 0.0, 0.0), scene.robot.nv
+    at = q + gap * np.array([1.0, -0.5, 0.3])[:nv]
+    if name == "cart with a door":
+        v = np.array([v[0], 0.0])  # rows of a door that turns contradict each other
+    workspace = cp.Workspace(scene)
+    workspace.acceleration(at, v, tau)  # the first open state finds it out
+    at_open, at_closed = (calls_of(workspace, x, v, tau) for x in (at, q))
+    assert set(at_open) <= set(at_closed)
+    assert len(at_open) <= len(at_closed)
+    found = workspace.acceleration(at, v, tau)
+    right = cp.solve(scene, at, v, tau, solver=cp.dynamics.Reference(), throw=False)
+    size = max(np.abs(right.a).max(), 9.81)
+    assert np.abs(found - right.a).max() < 100 * gap * size
+    held = workspace.jacobian(at).T @ (workspace.lam() - right.lam)
+    assert np.abs(held).max() < 100 * gap * size
+
+
+@pytest.mark.parametrize("gap", [0.0, 1e-9, 1e-6, 1e-4])
+@pytest.mark.parametrize(
+    "name", ["bennett", "three cranks", "bricard", "cassie", "cassie on its feet", "delta, hinges"]
+)
+def test_products_of_rows_keep_what_pivots_keep(name, gap, monkeypatch):
+    """The basis of hot loops spans what is across N, and N is found without pivots."""
+    scene = machines()[name]
+    rows, redundancy = equations_of(scene), scene.nominal.redundancy
+    q, _, _ = state_near(scene, gap, 0.0, seed=3)
+    c, J = rows.position_level(q)
+    found = KeptRows(redundancy, scene.nominal.terms.J)
+    wanted = redundancy.left_out(J, c)
+    if gap:
+
+        def refuse(*_):
+            pytest.fail("pivots are not needed here")
+
+        monkeypatch.setattr(Redundancy, "kept_basis", refuse)
+    V = found.basis(J, c)
+    assert V.shape == (scene.rows, wanted.rank)
+    Q, _ = np.linalg.qr(V)
+    assert np.abs(Q @ Q.T + wanted.N @ wanted.N.T - np.eye(scene.rows)).max() < 1e-10
+
+
+def test_rows_that_count_beside_a_closed_state_are_kept():
+    """A row more than on closed loops, if the move that closes them is too short to explain it."""
+    scene = machines()["bennett"]
+    rows, redundancy = equations_of(scene), scene.nominal.redundancy
+    q, _, _ = state_near(scene, 1e-3, 0.0)
+    c, J = rows.position_level(q)
+    V = KeptRows(redundancy, scene.nominal.terms.J).basis(J, 1e-6 * c)
+    assert V.shape[1] == redundancy.left_out(J, 1e-6 * c).rank > redundancy.floor

@@ -179,17 +179,19 @@ class NominalAnalysis:
         return redundant_rows(self.factors.U[:, self.rank :], self._scene.row_names)
 
     @property
-    def independent(self) -> bool:
-        """Whether all rows count but those that are zero, and stay so where loops are open.
+    def every_row_counts(self) -> bool:
+        """Whether all rows count but those that are zero, and stay so where loops are open."""
+        return self.rank >= self._lively
 
-        Those that Pinocchio takes as two points do not: a row too many.
-        """
-        return self.rank == self._lively and not pinocchio_constraints_of(self._scene).approximated
+    @property
+    def independent(self) -> bool:
+        """The same of Pinocchio's rows: two points in place of a hinge are a row too many."""
+        return self.every_row_counts and not pinocchio_constraints_of(self._scene).approximated
 
     @property
     def looks_independent(self) -> bool:
         """Rows that are redundant where the loops are closed look independent beside that."""
-        return self.rank < self._lively and self._scene.robot.precision > 0.0
+        return not self.every_row_counts and self._scene.robot.precision > 0.0
 
     @cached_property
     @one_blas_thread
@@ -200,7 +202,7 @@ class NominalAnalysis:
         if self.rounded_file:
             return self.rounded_file
         rows = Equations(self._scene.robot.unedited, self._scene.bounds)
-        rank = None if self.rank < self._lively else self.rank
+        rank = self.rank if self.every_row_counts else None
         return Redundancy.of(rows, self.q, self.cancellation, rank, self.closed)
 
     @property

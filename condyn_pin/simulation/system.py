@@ -294,7 +294,7 @@ class CorrectedStepper:
         """Return q and v after a step to t1; `keep` is handed the sample that belongs to it."""
         slow, lam = self._slow, None
         if self._open_rows:
-            self._open_rows.held = True
+            self._open_rows.held = []
         if keep and self._samples_start:
             keep(self._first(t, q, v))
         if slow and v.dot(v) > slow:  # all velocities together: most often that is enough
@@ -309,7 +309,7 @@ class CorrectedStepper:
         if self._correct:
             q, v = self._correct(t + self._dt, q, v)
         if self._open_rows:
-            self._open_rows.held = False
+            self._open_rows.held = None
         if keep and lam is not None:
             touch = self._touch() if self._touch else NO_TOUCH
             keep((t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v), touch))

@@ -25,6 +25,15 @@ and what is left out of the equations of motion:
 
 At closed states N is the left null space of J, and these are the equations as they stand.
 
+Hot loops have that subspace at a third of the cost (`KeptRows`). The rows that are pivots where the
+loops are closed come first, A = [A_1; A_2], and where they are independent enough to be squared,
+
+    A_1 A_1^T x = -A_1 A_2^T,    E = A_2 + x^T A_1,    |y|^2 = g_1^T (A_1 A_1^T)^-1 g_1,    g = R c.
+
+The largest row of E is the next pivot d_(k+1): where it is below 4 |y|, k rows count, and
+
+    A_1 A_1^T x = -A_1 A_2^T + x H,    (1 + x_0^T x) H = E E^T.
+
 Files round. A row that only their digits tell from a redundant one has a pivot of its own there, at
 closed states too, and at all of them: `condyn_pin.dynamics.digits` finds the rank that is meant.
 
@@ -68,6 +77,15 @@ _LOOKS, _APART = 4, 0.3
 
 # Levers that are rounding [m].
 _NO_LEVER: Final = 1e-9
+
+# Pivots of kept rows over the largest, above which products of rows lose no digits that count:
+# x is off by eps over the square of that.
+_SQUARED: Final = 1e-2
+
+# A step towards the singular subspace leaves (d_(k+1) / sigma_k)^2 of what the one before has
+# turned it by, and sigma_k is a third of the last pivot or more. Below _FEW a few steps do.
+_PER_PIVOT: Final = 10.0
+_FEW: Final = 0.1
 
 # Closed states at which the rank is counted, besides the nominal one: moved by so much [rad, l]
 # along the motion that is left, and closed by Levenberg's and Marquardt's steps. Those end on the
@@ -182,9 +200,18 @@ class Redundancy:
         """Combinations of rows that are left out where the rows are J (m, nv), open by c (m,)."""
         return _Pivoted(self, J, c, rank).left_out
 
+    def kept(self, s: Array, J: Array, c: Array) -> Array:
+        """Rows s (m,) without the combinations that are left out: (1 - N N^T) s."""
+        N = _Pivoted(self, J, c).N
+        return s if N is None else np.asarray(s - N.dot(N.T.dot(s)))
+
     def kept_basis(self, J: Array, c: Array) -> Array:
-        """Orthonormal combinations of rows that are kept, U (m, rank) with U U^T = 1 - N N^T."""
+        """Combinations of rows that are kept: a basis (m, rank) of those across N."""
         return _Pivoted(self, J, c).kept_basis
+
+    def pivots(self, J: Array) -> Indices:
+        """Rows of J (m, nv) in the order in which they are pivots (m,)."""
+        return _Pivoted(self, J, np.zeros(len(J))).order
 
     def at(self, rows: ConstraintRows, q: Array) -> LeftOut:
         """Combinations of rows that are left out at q.
@@ -291,8 +318,8 @@ class _Pivoted:
         # arguments by place: by name they take half as long again
         T, order, self._reflectors, _, _ = self._lapack.dgeqp3(J.T * of.outer, 3 * (len(J) + 1), 1)
         self._T = T
-        self._order = order - 1  # LAPACK counts from one
-        self._gaps = (of.R * c)[self._order]
+        self.order: Indices = order - 1  # LAPACK counts from one
+        self._gaps = (of.R * c)[self.order]
         if rank is None and self.by_digits:
             rank = of.digits
         self.rank = self._usual or self._counted if rank is None else min(rank, self._alive)
@@ -359,31 +386,36 @@ class _Pivoted:
     @property
     def left_out(self) -> LeftOut:
         """Combinations of rows that are left out."""
+        N = self.N
+        if N is None:
+            N = np.zeros((self._m, 0))
+        return LeftOut(N, self.rank, self.doubt, self.pivot)
+
+    @property
+    def N(self) -> Array | None:
+        """Orthonormal combinations that are left out (m, m - rank), R P [x; 1]; None if all count.
+
+        Of the rows as they are.
+        """
         m, k = self._m, self.rank
         if k == m:
-            return LeftOut(np.zeros((m, 0)), k, self.doubt, self.pivot)
-        packed, tau, _, _ = self._lapack.dgeqrf(self._combinations, m, 1)
-        return LeftOut(self._lapack.dorgqr(packed, tau, m, 1)[0], k, self.doubt, self.pivot)
+            return None
+        Z = np.empty((m, m - k), order="F")
+        Z[self.order[:k]], Z[self.order[k:]] = self._dependence, _unit(m - k)
+        Z *= self._of.R[:, None]
+        packed, tau, _, _ = self._lapack.dgeqrf(Z, m, 1)
+        return self._lapack.dorgqr(packed, tau, m, 1)[0]  # type: ignore[no-any-return]
 
     @property
     def kept_basis(self) -> Array:
-        """Orthonormal combinations of rows that are kept, U (m, rank)."""
+        """Combinations of rows that are kept, R^-1 P [1; -x^T] (m, rank)."""
         m, k = self._m, self.rank
-        if k == m:
-            return np.eye(m)
-        Q = np.zeros((m, m), order="F")
-        Q[:, : m - k], tau, _, _ = self._lapack.dgeqrf(self._combinations, m, 1)
-        return self._lapack.dorgqr(Q, tau, m, 1)[0][:, m - k :]  # type: ignore[no-any-return]
-
-    @property
-    def _combinations(self) -> Array:
-        """R P [x; 1] (m, m - rank): combinations that are left out, of the rows as they are."""
-        m, k = self._m, self.rank
-        Z = np.empty((m, m - k), order="F")
-        Z[:k], Z[k:] = self._dependence, _unit(m - k)
-        Z[self._order] = Z.copy()
-        Z *= self._of.R[:, None]
-        return Z
+        V = np.empty((m, k))
+        V[self.order[:k]] = _unit(k)
+        if k < m:
+            V[self.order[k:]] = -self._dependence.T
+        V /= self._of.R[:, None]
+        return V
 
     @property
     def _dependence(self) -> Array:
@@ -431,6 +463,64 @@ class _Pivoted:
         columns = self._T[:, : len(self._reflectors)]
         turned = self._lapack.dormqr("L", "N", columns, self._reflectors, x[:, None], len(x))[0]
         return np.asarray(turned[:, 0])
+
+
+class KeptRows:
+    """Combinations of rows that are kept at open states, where as many count as on closed loops.
+
+    Parameters
+    ----------
+    of : Redundancy
+    J : (m, nv) array
+        The rows at a closed state: their pivots there come first at every state.
+    """
+
+    def __init__(self, of: Redundancy, J: Array) -> None:
+        m, k = J.shape[0], of.floor
+        self.redundancy, self._k, self._lapack = of, k, lapack()
+        self._order = of.pivots(J)
+        self._scales = np.ascontiguousarray(of.outer.T[self._order])
+        P = np.eye(m)[:, self._order]
+        self._gaps = (P * of.R[:, None]).T[:k].copy()  # g_1 = (P^T R)_1 c
+        P /= of.R[:, None]
+        self._first, self._others = P[:, :k].copy(), P[:, k:].copy()
+        self._goes = 0 < k < m and of.digits is None
+
+    def basis(self, J: Array, c: Array) -> Array:
+        """A basis (m, rank) of the combinations across N, where the rows are J, open by c."""
+        if self._goes:
+            X = self._dependence(J, c)
+            if X is not None:
+                return np.asarray(self._first + self._others.dot(X.T))
+        return self.redundancy.kept_basis(J, c)
+
+    def _dependence(self, J: Array, c: Array) -> Array | None:
+        """X = -x (k, m - k) of the singular subspace; None where pivots are to tell it."""
+        k, solve, solve_again = self._k, self._lapack.dposv, self._lapack.dpotrs
+        A = J.take(self._order, 0) * self._scales
+        A1 = A[:k]
+        G = A.dot(A1.T).T  # columns, as LAPACK has them
+        F, X0, info = solve(G[:, :k], G[:, k:], 0, 1, 1)
+        if info:
+            return None
+        pivots = F.diagonal().tolist()
+        least = min(pivots)
+        if not least > _SQUARED * max(pivots):
+            return None
+        E = A[k:] - X0.T.dot(A1)
+        S = E.dot(E.T)
+        d, g = max(S.diagonal().tolist()), self._gaps.dot(c)
+        if not d <= _TIMES_THE_MOVE**2 * g.dot(solve_again(F, g)[0]).item():
+            return None
+        turned = left = _PER_PIVOT * d / least**2
+        if not turned < _FEW:
+            return None
+        X: Array = X0
+        while left > _EPS:  # what the next step would turn it by
+            H = solve(_unit(X0.shape[1]) + X0.T.dot(X), S)[1]
+            X = X0 + solve_again(F, X.dot(H))[0]
+            left *= turned
+        return X
 
 
 @cache

@@ -50,9 +50,9 @@ from condyn_pin._core.registry import enter
 from condyn_pin._core.tolerances import SOLVED
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.corrections import OpenRows
     from condyn_pin.dynamics.derivatives.base import Derivatives
     from condyn_pin.dynamics.solution import Solution
+    from condyn_pin.dynamics.solvers.proximal import OpenRows
     from condyn_pin.dynamics.workspace import Workspace
 
 SOLVERS: dict[str, type[Solver]] = {}

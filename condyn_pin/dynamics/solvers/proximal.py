@@ -1,10 +1,23 @@
-"""Proximal: Pinocchio's constraintDynamics."""
+"""Proximal: Pinocchio's constraintDynamics, and the rows that it keeps where loops are open.
+
+Rows that are redundant where the loops are closed look independent beside that, and
+Pinocchio's iteration believes them. With N the combinations that are left out at the precision of
+the state (`condyn_pin.constraints.rows.redundancy`), P = 1 - N N^T, and its answer (a, l),
+
+    V^T G V eta = V^T (a_ref - gamma - J a + G l),    V across N,
+    lam = V eta,      a <- a + M^-1 J^T (lam - l),
+
+all from the factor that is there: G = J M^-1 J^T without its damping, and M^-1 J^T y with
+K [y'; M^-1 J^T y] = [(G + mu) y; 0]. On closed loops whose J v is not 0 the rows contradict each
+other along N: a does not change, and lam keeps P l. Rows that are redundant at every configuration,
+as in a linkage in a plane, are no others where it is open: the iteration ends, and is the answer.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from functools import cache
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, ClassVar, Literal, NamedTuple
 
 import numpy as np
@@ -12,6 +25,7 @@ import numpy as np
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.mass_factor import lapack
 from condyn_pin._core.parameters import (
     ACCURACIES,
     ITERATIONS,
@@ -23,15 +37,15 @@ from condyn_pin._core.parameters import (
 )
 from condyn_pin.dynamics.corrections import (
     OPEN_SQUARED,
-    OpenRows,
     Refinement,
     exact_where_open,
     exact_where_slipping,
 )
 from condyn_pin.dynamics.proximal_mu import FEW, MuAtState, default_accuracy, default_mu
-from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
+from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.redundancy import KeptRows
     from condyn_pin.dynamics.nominal import NominalAnalysis
     from condyn_pin.dynamics.workspace import Workspace
 
@@ -176,7 +190,7 @@ class Proximal(Solver):
         workspace.proximal_settings = settings
         at_state = cache(lambda: self.mu_at_state(workspace))
         approximated = bool(workspace.pinocchio_constraints.approximated)
-        rows = OpenRows(workspace) if approximated or nominal.looks_independent else None
+        rows = OpenRows(workspace, mu) if approximated or nominal.looks_independent else None
         method = _pinocchios(workspace, accuracy, at_state if patient else None, rows)
         if refinements:
             method = _refined(workspace, method, refinements, rows)
@@ -202,7 +216,7 @@ def _pinocchios(
     models, datas = workspace.constraint_models, workspace.constraint_datas
     gaps = rows.gaps if rows else []
     least = -1.0 if rows and rows.always_open else OPEN_SQUARED
-    scene_forces = workspace.scene_forces
+    to_scene = workspace.pinocchio_constraints.to_scene
 
     def acceleration(q: Array, v: Array, tau: Array) -> Array:
         return solve(model, data, q, v, tau, models, datas, settings)  # type: ignore[no-any-return]
@@ -211,8 +225,10 @@ def _pinocchios(
         a = solve(model, data, q, v, tau, models, datas, settings)
         workspace.proximal_settings = settings
         for square, gap in gaps:
-            if square(gap) > least:
-                return rows.answer(a, settings.mu)  # type: ignore[union-attr]
+            if rows and square(gap) > least:
+                if settings.relative_residual <= accuracy and rows.redundant_everywhere:
+                    break  # lam has come to an end: no row is beside the others
+                return rows.answer(a)
         if rows:
             rows.is_open = False
         step = settings.relative_residual
@@ -223,9 +239,10 @@ def _pinocchios(
         return solve(model, data, q, v, tau, models, datas, better)  # type: ignore[no-any-return]
 
     def lam() -> Array:
-        if rows is None:
-            return scene_forces(np.array(data.lambda_c))
-        return rows.forces()
+        if rows:
+            return rows.forces()
+        lam = np.array(data.lambda_c)
+        return lam if to_scene is None else to_scene.dot(lam)
 
     def iterations() -> int:
         last = workspace.proximal_settings
@@ -259,7 +276,7 @@ def _refined_where_open(method: BoundSolver, rows: OpenRows) -> BoundSolver:
     """The method with a correction of its answers on open loops."""
 
     def acceleration(q: Array, v: Array, tau: Array) -> Array:
-        rows.held = False  # that of this state alone
+        rows.held = None  # those of this state alone
         a = method.acceleration(q, v, tau)
         return rows.refined(q, v, tau, a) if rows.is_open else a
 
@@ -270,3 +287,174 @@ def _refinements(nominal: NominalAnalysis) -> int:
     """Return how many corrections a scene needs: one where rounding alone spoils an answer."""
     most = tolerances.SOLVED / _EPS
     return int(nominal.delassus_condition > most or nominal.factors.mass.condition_exceeds(most))
+
+
+class _Open(NamedTuple):
+    """An open state, in rows of Pinocchio's."""
+
+    J: Array  # (m, nv)
+    V: Array  # (m, rank), a basis of the combinations that are kept
+    damped: Array  # (m, m), J M^-1 J^T + mu 1
+    G: Array  # (m, m), J M^-1 J^T
+    R: Array  # (rank, rank), V^T G V = R^T R
+
+
+class OpenRows:
+    """The rows that are kept at open states, solved by the factor of `pin.constraintDynamics`.
+
+    Parameters
+    ----------
+    workspace : Workspace
+    mu : float
+        What the factor has on the diagonal of G [1/kg].
+
+    Attributes
+    ----------
+    gaps : list of pairs
+        c of each constraint that has a position, with its own product: views of Pinocchio's memory.
+    is_open : bool
+        The last answer is that of kept rows; who has another sets it back.
+    held : list or None
+        Within a step, a list of its own: the basis of the rows that its first open state keeps, and
+        all after it. On closed loops every choice of independent rows is the same field, and beside
+        them a smooth one, so that the stages keep their order. None outside of steps.
+    always_open : bool
+        Digits of the file hide which rows are redundant, on closed loops too.
+    """
+
+    held: list[Array] | None
+    _last: _Open
+
+    def __init__(self, workspace: Workspace, mu: float) -> None:
+        natives, nominal = workspace.pinocchio_constraints, workspace.scene.nominal
+        data, datas = workspace.data, workspace.constraint_datas
+        self._workspace, self._nominal = workspace, nominal
+        self._cholesky = _pin.constraint_cholesky(data)
+        self._jacobian = _pin.placed_jacobian(
+            workspace.model, data, workspace.constraint_models, datas
+        )
+        self.gaps: list[tuple[Callable[[Array], float], Array]] = []
+        self._moving: list[Array] = []
+        self._c: list[Array] = []
+        for native, its_data in zip(natives.constraints, datas, strict=True):
+            gap = its_data.contact_placement_error.vector[: native.size]
+            if native.anchored:
+                self.gaps.append((gap.dot, gap))
+            self._c.append(gap if native.anchored else np.zeros(native.size))
+            self._moving.append(its_data.contact_velocity_error.vector[: native.size])
+        m = self._m = sum(map(len, self._c))
+        # views of Pinocchio's memory, as the gaps are
+        self._wanted, self._damped_lam = data.primal_rhs_contact[:m], data.lambda_c
+        self._damping = mu * np.eye(m)
+        self._right = np.zeros((m + workspace.model.nv, 2), order="F")
+        self._one_right = self._right[:, 0]
+        self._lam = np.zeros(0)
+        self.is_open, self.held = False, None
+        self.always_open = nominal.rounded_file is not None
+
+    @cached_property
+    def redundant_everywhere(self) -> bool:
+        """Rows that are redundant on closed loops are so at every configuration.
+
+        As in a linkage in a plane, and as points of one body are. J is made of analytic functions
+        of q: at a place of no special choice its rank is the largest.
+        """
+        workspace, found = self._workspace, self._kept_rows.redundancy
+        if self.always_open:
+            return False
+        model, data = workspace.model, workspace.model.createData()
+        datas = pin.StdVec_RigidConstraintData()
+        models = workspace.constraint_models
+        for constraint in models:
+            datas.append(constraint.createData())
+        anywhere = np.random.default_rng(0).normal(size=model.nv)
+        pin.computeJointJacobians(model, data, pin.integrate(model, self._nominal.q, anywhere))
+        J = _pin.constraints_jacobian(model, data, models, datas)()
+        return found.left_out(J, np.zeros(self._m)).rank == found.floor
+
+    @cached_property
+    def _kept_rows(self) -> KeptRows:
+        """Those of Pinocchio's rows."""
+        from condyn_pin.constraints.rows.redundancy import KeptRows  # closed loops need none
+
+        to_scene, found = self._workspace.pinocchio_constraints.to_scene, self._nominal.redundancy
+        J = self._nominal.terms.J
+        if to_scene is None:
+            return KeptRows(found, J)
+        # s' = E s: a row of Pinocchio's is as large as the scales of the rows that it is made of
+        sizes = (np.abs(to_scene.T) / found.R).max(axis=1)
+        R = 1.0 / np.where(sizes > 0.0, sizes, sizes.max())
+        return KeptRows(replace(found, R=R), to_scene.T.dot(J))
+
+    @cached_property
+    def _from_natives(self) -> Array | None:
+        """E^+ (m, m'): rows of the scene from Pinocchio's; None where they are the same."""
+        to_scene = self._workspace.pinocchio_constraints.to_scene
+        return None if to_scene is None else np.asarray(np.linalg.pinv(to_scene.T))
+
+    def answer(self, a: Array) -> Array:
+        """Accelerations a (nv,) with the kept rows, from those with all."""
+        J, held = self._jacobian(), self.held
+        if held:
+            V = held[0]
+        else:
+            V = self._kept_rows.basis(J, np.concatenate(self._c))
+            if held is not None:
+                held.append(V)
+        damped = self._cholesky.getInverseOperationalSpaceInertiaMatrix()
+        G, lam = damped - self._damping, self._damped_lam
+        missing = self._wanted - J.dot(a) + G.dot(lam)
+        R, x, info = lapack().dposv(V.T.dot(G).dot(V), V.T.dot(missing), 0, 1, 1)
+        if info:
+            raise Singular
+        self._last, self.is_open = _Open(J, V, damped, G, R), True
+        self._lam = V.dot(x.ravel())
+        return a + self._pulled(damped.dot(self._lam - lam))
+
+    def closing_moves(self, gaps: Array) -> Array:
+        """Moves (nv, 2) that close two gaps (m, 2) along the rows kept in the last answer."""
+        _, V, damped, _, R = self._last
+        self._right[: self._m] = damped.dot(V.dot(lapack().dpotrs(R, V.T.dot(gaps))[0]))
+        return np.asarray(self._cholesky.solve(self._right)[self._m :])
+
+    def refined(self, q: Array, v: Array, tau: Array, a: Array) -> Array:
+        """Accelerations a (nv,) of an open state after a correction by recomputed residuals."""
+        workspace, m = self._workspace, self._m
+        J, V, damped, G, R = self._last
+        r, s = workspace.equations.residuals(q, v, tau, a, self.forces())
+        s = workspace.pinocchio_velocity(s)
+        steps = self._cholesky.solve(np.concatenate([s, r])).ravel()
+        da: Array = -steps[m:]
+        dlam = steps[:m]
+        missing = G.dot(dlam) - J.dot(da) - s
+        kept = V.dot(lapack().dpotrs(R, V.T.dot(missing))[0].ravel())
+        self._lam = self._lam + kept
+        return a + da + self._pulled(damped.dot(kept - dlam))
+
+    def _pulled(self, x: Array) -> Array:
+        """M^-1 J^T lam (nv,) by the damped factor, from x = (G + mu 1) lam (m,)."""
+        self._one_right[: self._m] = x
+        return self._cholesky.solve(self._one_right).ravel()[self._m :]  # type: ignore[no-any-return]
+
+    def forces(self, lam: Array | None = None) -> Array:
+        """Forces (m,) of the scene's rows, without a part that moves nothing.
+
+        `lam` are those of Pinocchio's rows on closed loops, by default of its last answer.
+        """
+        if self.is_open:
+            return self._smallest(self._last.J, np.concatenate(self._c), self._lam)
+        lam = self._damped_lam.copy() if lam is None else lam
+        if self._from_natives is None and not any(
+            gap.dot(gap) > OPEN_SQUARED for gap in (*self._moving, *self._c)
+        ):
+            return lam
+        return self._smallest(self._jacobian(), np.zeros(len(lam)), lam)
+
+    def _smallest(self, J: Array, c: Array, lam: Array) -> Array:
+        """Forces (m,) of the scene's rows, the smallest, from those of Pinocchio's."""
+        if self._nominal.every_row_counts:
+            return self._workspace.scene_forces(lam)
+        back, kept = self._from_natives, self._nominal.redundancy.kept
+        if back is None:
+            return kept(lam, J, c)
+        return kept(self._workspace.scene_forces(lam), back.dot(J), back.dot(c))
