@@ -17,7 +17,7 @@ DT = 1e-3  # [s]
 
 # Changes of file in a step of RungeKutta4 with PostStabilization whose sample is kept: four solves
 # that go to the solver's file and back, the integrator, the correction, and the sample's forces.
-MOST = 18
+MOST = 14
 
 
 def files_of(scene: cp.Scene, steps: int) -> list[str]:
