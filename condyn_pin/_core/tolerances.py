@@ -195,6 +195,21 @@ EXACT: Final = 1e-9
 # larger is told to the user. A pendulum by Runge-Kutta 4 and 1 ms has 1e-9, by Euler's 1e-3.
 BALANCED: Final = 1e-2
 
+# The same, from which on a motion is not ok. A light cart under a heavy pendulum, whose steps miss
+# its fast turns, loses a third in 3 s and goes on as another machine.
+UNBALANCED: Final = 0.1
+
+# Gap or depth that a motion may leave and still be ok, relative to the size of the machine: a
+# millimetre of a metre. Schemes that resolve a motion leave 1e-6 of it and less.
+LEFT_OPEN: Final = 1e-3
+
+# Estimated error of a motion that is told to the user, relative to how far bodies moved. RATTLE
+# with 0.1 rad a step has 1e-3 after a second of a four-bar, 0.1 of a heavy top of 200 rad/s.
+OFF: Final = 1e-2
+
+# The same relative to the size of the machine: no one asks for the error of what hardly moves.
+HARDLY_OFF: Final = 1e-4
+
 # The same relative to the energy itself, for motions that exchange next to nothing: a ball that
 # rolls for 4 s by Runge-Kutta 4 and 1 ms has 1.3e-10. Also in metres: what lifts the robot by that.
 ENERGY_KEPT: Final = 1e-9

@@ -86,7 +86,7 @@ def errors(
         float(energy.max()),
         float(energy[:tenth].max()),
         float(energy[-tenth:].max()),
-        run.status.name.lower(),
+        run.run.status.name.lower(),
     )
 
 

@@ -43,6 +43,7 @@ from .integrators.stewart_trinkle import StewartTrinkle as StewartTrinkle
 from .measures import Energy as Energy
 from .motion_balance import MotionBalance as MotionBalance
 from .motion_balance import motion_balance as motion_balance
+from .motion_limits import MotionLimits as MotionLimits
 from .outcome import Effects as Effects
 from .outcome import RunStatus as RunStatus
 from .routes import ROUTES as ROUTES

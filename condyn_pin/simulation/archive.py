@@ -38,6 +38,7 @@ from condyn_pin.model.spring import Spring, SpringDamper
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
+from condyn_pin.simulation.motion_limits import MotionLimits, check_limits
 from condyn_pin.simulation.outcome import Effects
 from condyn_pin.simulation.remarks import Remark
 
@@ -171,11 +172,17 @@ def choice(name: str, coded: dict[str, Any], kind: type) -> Any:
     return value
 
 
+def limits_of(words: dict[str, Any]) -> MotionLimits:
+    """Return the limits of a motion in a file; files of before have none."""
+    limits = choice("limits", words["limits"], MotionLimits) if "limits" in words else None
+    return check_limits(limits)
+
+
 # What a value in a file may be, by the name of its class.
 _KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        *(Effects, Happened, Remark, Spring, SpringDamper, Plane),
+        *(Effects, Happened, MotionLimits, Remark, Spring, SpringDamper, Plane),
         *(INTEGRATORS | DRIFTS | SOLVERS).values(),
     )
 }

@@ -22,6 +22,7 @@ from condyn_pin.simulation.archive import (
     choice,
     decode,
     encode,
+    limits_of,
     read,
     scene_of,
     write,
@@ -64,6 +65,7 @@ def _header(trajectory: Trajectory) -> Header:
         "run": {
             **{key: getattr(run, key) for key in _PLAIN},
             **{key: encode(getattr(run, key)) for key in _CHOICES},
+            "limits": encode(run.limits),
             "status": run.status.name,
             "happened": [encode(event) for event in run.happened],
             "missed": run.missed,
@@ -105,6 +107,7 @@ def _run(run: dict[str, Any]) -> Run:
     return Run(
         **{key: run[key] for key in _PLAIN},
         **{key: choice(key, run[key], kind) for key, kind in _CHOICES.items()},
+        limits=limits_of(run),
         status=RunStatus[run["status"]],
         happened=tuple(decode(event) for event in run["happened"]),
         missed=tuple(run.get("missed", ())),  # files of before have none

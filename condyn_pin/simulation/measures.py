@@ -10,11 +10,12 @@ is the error of the integration.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
@@ -24,9 +25,14 @@ from condyn_pin.constraints.along import along_at
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.many import MANY, ManyGaps
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.passive import Passive
 
 # Samples for which a matrix of them all is small.
 _FEW = 64
+
+# Order of velocities from which on a cubic spline is less accurate than the motion.
+_ACCURATE = 4
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -56,6 +62,9 @@ class Energy:
         Energy that contacts added since the start although friction and impacts only take it,
         because a step has J at one place only; not negative, and zero in the limit of small steps
         [J].
+    doubt : (k,) array
+        How far the work of torques, damping and drives may be off since the start, as an integral
+        over the samples: by what trapezoids, or mean velocities between them, differ [J].
     """
 
     kinetic: Array
@@ -68,6 +77,7 @@ class Energy:
     contact: Array
     correction: Array
     algorithmic: Array
+    doubt: Array
 
     @property
     def total(self) -> Array:
@@ -76,7 +86,7 @@ class Energy:
 
     @property
     def error(self) -> Array:
-        """Change of the total energy that no work accounts for (k,) [J]."""
+        """Change of the total energy that no work accounts for (k,) [J], right to `doubt`."""
         total = self.total
         done = self.work + self.damping + self.impacts + self.driven
         done = done + self.contact + self.correction + self.algorithmic
@@ -92,10 +102,20 @@ class Energy:
         return float(max(np.ptp(part) for part in parts))
 
     @property
+    def passed(self) -> float:
+        """The largest energy that came in or went out, by one way [J]."""
+        parts = self.work, self.damping, self.impacts, self.driven, self.contact
+        return float(max(np.ptp(part) for part in parts))
+
+    @property
     def kept(self) -> float:
         """An error that is rounding beside the energies themselves [J]."""
         parts = (self.kinetic, self.potential, self.springs)
         return tolerances.ENERGY_KEPT * float(max(np.abs(part).max() for part in parts))
+
+    def of(self, motion: int) -> Energy:
+        """Return the energies of one of many motions, whose samples are (k, N)."""
+        return Energy(*(getattr(self, field.name)[:, motion] for field in fields(self)))
 
     def __repr__(self) -> str:
         total = self.total
@@ -179,19 +199,123 @@ def drive_power(scene: Scene, t: Array, lam: Array) -> Array:
     return power
 
 
-def work(t: Array, power: Array) -> Array:
+def is_accurate(integrator: Integrator) -> bool:
+    """Whether a cubic spline through powers is less accurate than motions by an integrator."""
+    return integrator.order.v >= _ACCURATE
+
+
+def damping_rate(passive: Passive, v: Array, a: Array) -> Array | None:
+    """Return the rate of the power of joint damping, d/dt (-d v^2), at samples (..., nv) [W/s].
+
+    None where frames are damped, whose rows change too.
+    """
+    if passive.between is not None and passive.between.c.any():
+        return None
+    return np.asarray(-2.0 * (v * a) @ passive.d)
+
+
+def work(t: Array, power: Array, rate: Array | None = None) -> Array:
     """Return the integral of power (k, ...) over t (k,), zero at the first sample.
 
-    By a cubic spline through the samples: of order 4 where the power is smooth. NaN where a run was
-    lost and its power overflows.
+    By a cubic spline through the samples, of order 4 where the power is smooth; with the `rate` of
+    the power [W/s] at the samples by polynomials of degree 7, of order 8. NaN where a run was lost
+    and its power overflows.
     """
     if not np.isfinite(power).all():
         return np.full(power.shape, np.nan)
     if len(t) < 2 or not power.any():
         return np.zeros(power.shape)
+    if rate is not None and np.isfinite(rate).all():
+        of_power, of_rate = hermite_weights(t) if len(t) > _FEW else _weights(t.tobytes())
+        near = _stencils(len(t))
+        each = np.einsum("ij,ij...->i...", of_power, power[near])
+        each += np.einsum("ij,ij...->i...", of_rate, rate[near])
+        return np.concatenate((np.zeros((1, *power.shape[1:])), np.cumsum(each, axis=0)))
     if len(t) <= _FEW:
         return np.asarray(_integrals(t.tobytes()).dot(power))
     return _integral(t, power)
+
+
+def doubt(t: Array, power: Array, done: Array, between: Array, v: Array | None = None) -> Array:
+    """Return how far an integral `done` of power over t may be off (k, ...).
+
+    Trapezoids differ by it, or the powers (k - 1, ...) of the mean velocity `between` two samples:
+    where a stiff damper alternates from step to step, those at the samples say nothing. Where
+    velocities v (k, ..., nv) bend between samples by as much as they are, nothing is known of the
+    power in between.
+    """
+    if len(t) < 2 or not power.any():
+        return np.zeros(power.shape)
+    spans = np.diff(t).reshape(-1, *(1,) * (power.ndim - 1))
+    with np.errstate(all="ignore"):  # a run that was lost
+        each = np.diff(done, axis=0)
+        trapezoids = 0.5 * spans * (power[1:] + power[:-1])
+        off = np.maximum(np.abs(each - trapezoids), np.abs(each - spans * between))
+        if v is not None:
+            off += 0.5 * spans * _bent(v) * (np.abs(power[1:]) + np.abs(power[:-1]))
+        return np.concatenate((np.zeros((1, *power.shape[1:])), np.cumsum(off, axis=0)))
+
+
+def _bent(v: Array) -> Array:
+    """Return how much velocities bend in each interval (k - 1, ...), as a share of what they are.
+
+    (omega h)^2 of a frequency that samples resolve, 1 where they do not.
+    """
+    size = np.linalg.norm(v, axis=-1)
+    if len(v) < 3:
+        return np.zeros((len(v) - 1, *size.shape[1:]))
+    bend = np.linalg.norm(v[2:] - 2.0 * v[1:-1] + v[:-2], axis=-1)
+    share = bend / np.maximum(size[2:] + size[:-2], np.finfo(float).tiny)
+    share = np.minimum(share, 1.0)
+    before, after = np.concatenate((share[:1], share)), np.concatenate((share, share[-1:]))
+    return np.asarray(np.maximum(before, after))
+
+
+# Samples of a stencil, and the largest ratio of their spacings: two samples that an event has put
+# next to each other would make a difference of rounding out of their powers.
+_STENCIL, _EVEN = 4, 4.0
+
+
+def _stencils(count: int) -> NDArray[np.intp]:
+    """Samples whose polynomial is integrated over each interval (k - 1, s)."""
+    size = min(_STENCIL, count)
+    first = np.clip(np.arange(count - 1) - (size // 2 - 1), 0, count - size)
+    return np.asarray(first[:, None] + np.arange(size))
+
+
+@lru_cache(maxsize=8)
+def _weights(times: bytes) -> tuple[Array, Array]:
+    return hermite_weights(np.frombuffer(times))
+
+
+def hermite_weights(t: Array) -> tuple[Array, Array]:
+    """Weights (k - 1, s) of powers [s] and of their rates [s^2] in the integral over each interval.
+
+    Exact for the polynomial that has both at the samples of a stencil; of the two ends of the
+    interval alone where those beside them are much nearer or further.
+    """
+    near = _stencils(len(t))
+    spans = np.diff(t)
+    x = (t[near] - t[:-1, None]) / spans[:, None]
+    powers = np.arange(2 * near.shape[1])
+    values = x[:, :, None] ** powers
+    slopes = powers * x[:, :, None] ** np.maximum(powers - 1, 0)
+    integral = np.broadcast_to(1.0 / (powers + 1.0), (len(x), len(powers)))
+    rows = np.concatenate((values, slopes), axis=1)
+    steps = np.diff(x, axis=1)
+    even = (steps.max(axis=1) < _EVEN) & (steps.min(axis=1) > 1 / _EVEN)
+    found = np.zeros((len(x), len(powers)))
+    if even.any():
+        transposed = rows[even].transpose(0, 2, 1)
+        found[even] = np.linalg.solve(transposed, integral[even][:, :, None])[:, :, 0]
+    size = near.shape[1]
+    here = near == np.arange(len(t) - 1)[:, None]
+    there = near == np.arange(1, len(t))[:, None]
+    of_power, of_rate = found[:, :size], found[:, size:]
+    uneven = ~even[:, None]
+    of_power[uneven & (here | there)] = 0.5
+    of_rate[uneven & here], of_rate[uneven & there] = 1 / 12, -1 / 12
+    return of_power * spans[:, None], of_rate * spans[:, None] ** 2
 
 
 @lru_cache(maxsize=8)

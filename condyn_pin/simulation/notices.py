@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Iterator
+from contextlib import suppress
 from math import pi
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
@@ -11,77 +14,160 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
 from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.contacts.bound import Stop
 from condyn_pin.constraints.violation import worst
-from condyn_pin.dynamics.force import Sites, pull_text, shared_normals, shared_text, upward
+from condyn_pin.dynamics.force import (
+    Sites,
+    pull_text,
+    pulling,
+    shared_normals,
+    shared_text,
+    upward,
+)
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import CondynError
 from condyn_pin.mechanism.check import check
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.left_out import bodies_passed, limits_passed
 from condyn_pin.simulation.measures import gauge_of
+from condyn_pin.simulation.motion_status import (
+    LARGER,
+    energy_cure,
+    left_open,
+    opening_cure,
+    penetrated,
+    smallest_energy,
+    unbalanced,
+    unexplained,
+)
 from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.plan import default_solver
+from condyn_pin.simulation.proved_steps import ProvedSteps
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.solvers.base import Solver
     from condyn_pin.simulation.recorder import Phase
     from condyn_pin.simulation.trajectory import Trajectory
 
-# A gap that is larger than that of an open start by this factor has opened on the way: one that
-# closes at a critical rate grows first by what its velocity brings.
-_LARGER = 2.0
-
 # Samples of a phase that are checked. A solver that does not converge misses at most of them.
-_LOOKS = 20
+_LOOKS: Final = 20
+
+# Energy in or out that an error is compared with, as a share of what was exchanged, at least.
+_LITTLE: Final = 0.1
+
+# Order of the methods that are advised where others are not accurate.
+_HIGH: Final = 4
+
+# What the fastest joint turns by in a step that is worth naming [rad].
+_FAST: Final = 0.05
+
+# Times of samples [s], and answers there.
+Answers = list[tuple[float, Solution]]
+
+# Numbers in a sentence.
+_NUMBER: Final = re.compile(r"\d+(\.\d+)?(e[-+]?\d+)?")
 
 
 def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
-    """Return what there is to say: of its end, gaps, solver, pulls, energy, limits and bodies."""
+    """Return what there is to say of its end, gaps, answers, pulls, energy, error and limits."""
     said = []
     if not trajectory.status.ok:
         said.append(f"{trajectory.status}; {trajectory.reason}")
+    went_on = trajectory.run.status.ok
     said += _open_constraints(trajectory)
     said += [str(remark) for remark in trajectory.run.remarks]
     said += _stays_deep(trajectory)
     said += _coarse_turns(trajectory) + _differenced(trajectory) + _shocks(trajectory)
-    said += solver_notices(trajectory) + _tensile_contacts(trajectory)
-    energy = trajectory.energy
-    error, scale = float(np.abs(energy.error).max()), energy.scale
-    small = max(tolerances.BALANCED * scale, energy.kept, _hardly_lifted(trajectory.scene))
-    if error > small:
-        said.append(
-            f"{error:.3g} J of energy appeared or vanished without work, of {scale:.3g} J exchanged"
-        )
-    if (added := float(energy.algorithmic[-1])) > small:
-        said.append(
-            f"steps added {added:.3g} J that no contact would, of {scale:.3g} J exchanged: use a "
-            "smaller dt"
-        )
-    return (*said, *limits_passed(trajectory), *bodies_passed(trajectory))
+    answers = _answers(trajectory) if went_on and not trajectory.contact else []
+    said += solver_notices(trajectory, answers) + _tensile_contacts(trajectory)
+    if np.isfinite(trajectory.energy.error).all():  # else the run was lost
+        said += _energy(trajectory)
+    said += _error(trajectory) if went_on else []
+    said += _past_stops(trajectory)
+    said += [*limits_passed(trajectory), *bodies_passed(trajectory)]
+    return tuple(said + answer_notices(trajectory, answers))
 
 
 def _open_constraints(trajectory: Trajectory) -> list[str]:
     """Return a sentence on the largest gap, if it is larger than a closed state has."""
-    violation, run = trajectory.violation, trajectory.run
+    violation, course = trajectory.violation, trajectory.course
     largest, first = float(violation.max()), float(violation[0])
-    if not largest > tolerances.NEARLY_CLOSED:
+    if not largest > tolerances.NEARLY_CLOSED or left_open(course):  # its status says it
         return []
-    if first > tolerances.NEARLY_CLOSED and largest < _LARGER * first:
+    if first > tolerances.NEARLY_CLOSED and largest < LARGER * first:
         left = float(violation[-1])
         return [
             f"the constraints were open by {first:.2g} m or rad at the start, as close_start=False "
             f"allows, and are by {left:.2g} at the end"
         ]
     when = int(violation.argmax())
-    scenes = [
-        p.scene for p in trajectory.phases if when in range(*p.samples.indices(len(violation)))
+    t = float(trajectory.t[when])
+    scene = course.scene_at(when).at(t)
+    name, gap = worst(check(scene, trajectory.q[when], None).violation)
+    return [f"{name} is open by {gap} at t = {t:.4g} s: {opening_cure(trajectory.run.solver)}"]
+
+
+def _energy(trajectory: Trajectory) -> list[str]:
+    """Return sentences on energy that no work accounts for, and on what steps added."""
+    course, energy, said = trajectory.course, trajectory.energy, []
+    rest, least, scale = unexplained(course), smallest_energy(course), energy.scale
+    most, share = float(rest.max(initial=0.0)), tolerances.BALANCED
+    # of what went in or out, unless that is next to nothing beside what went to and fro
+    limit = max(least, share * max(min(energy.passed, scale), _LITTLE * scale))
+    status_says = trajectory.run.status.ok and unbalanced(course)
+    if not most <= limit and not status_says:
+        t = float(trajectory.t[int(rest.argmax())])
+        passed = f", {energy.passed:.3g} J in or out" if energy.passed < scale else ""
+        said.append(
+            f"{most:.3g} J of energy appeared or vanished without work until t = {t:.4g} s, of "
+            f"{scale:.3g} J exchanged{passed}: {energy_cure(course)}"
+        )
+    if (added := float(energy.algorithmic[-1])) > max(least, share * scale):
+        said.append(
+            f"steps added {added:.3g} J that no contact would, of {scale:.3g} J exchanged: use a "
+            "smaller dt"
+        )
+    return said
+
+
+def _error(trajectory: Trajectory) -> list[str]:
+    """Return a sentence on the estimated error of a motion by fixed steps, if it is large."""
+    run, (off, moved, size, turned) = trajectory.run, trajectory._error
+    if not off > max(run.limits.error * moved, tolerances.HARDLY_OFF * size):
+        return []
+    order, cures = run.integrator.order.q, ["a smaller dt"]
+    if not trajectory.contact:
+        cures += ["RungeKutta4()"] * (order < _HIGH) + ["DormandPrince()"]
+    turns = f", in which the fastest joint turns by {turned:.2g} rad" if turned > _FAST else ""
+    return [
+        f"bodies that moved by {moved:.2g} m may be off by {off:.2g} m at the end, estimated by "
+        f"doubled steps: {run.integrator.title} of order {order} in steps of "
+        f"{1e3 * run.dt:.4g} ms{turns}; use {' or '.join(cures)}"
     ]
-    open_by = [worst(check(scene, trajectory.q[when], None).violation) for scene in scenes]
-    name, gap = max(open_by, key=lambda item: item[1].size)
-    remedy = "use a smaller dt, a higher order, or another drift scheme"
-    if not run.solver.exact:
-        remedy = f"{run.solver.title} lets them give way; use a stiffer solref"
-    return [f"{name} is open by {gap} at t = {trajectory.t[when]:.4g} s: {remedy}"]
+
+
+def _past_stops(trajectory: Trajectory) -> list[str]:
+    """Return a sentence for each stop of the scene that a joint has gone past."""
+    stops = {stop.name for stop in _stops(trajectory)}
+    if not stops or (trajectory.run.status.ok and penetrated(trajectory.course)):
+        return []
+    said = []
+    for name in [name for name in trajectory.gaps if name in stops]:
+        gap = trajectory.gaps[name]
+        deepest, t = -float(np.nanmin(gap)), float(trajectory.t[int(np.nanargmin(gap))])
+        if deepest > tolerances.NEARLY_CLOSED:
+            said.append(
+                f"{name}: the joint is past its stop by {deepest:.3g} rad or m at t = {t:.4g} s: "
+                "use a smaller dt, or StewartTrinkle()"
+            )
+    return said
+
+
+def _stops(trajectory: Trajectory) -> list[Stop]:
+    """Return the stops of joints that the scene has, those of all phases."""
+    bounds = [bound for phase in trajectory.phases for bound in phase.scene.contact_bounds]
+    return [stop for bound in bounds for stop in bound.stops]
 
 
 def _stays_deep(trajectory: Trajectory) -> list[str]:
@@ -118,7 +204,7 @@ def _coarse_turns(trajectory: Trajectory) -> list[str]:
         for k, length in enumerate(lengths(joint))
         if not length and speed[joint.idx_v + k] * run.dt > pi
     }
-    if not turns or not trajectory.status.ok:
+    if not turns or not run.status.ok:
         return []
     joint = max(turns, key=turns.__getitem__)
     return [
@@ -149,13 +235,7 @@ def _differenced(trajectory: Trajectory) -> list[str]:
     ]
 
 
-def _hardly_lifted(scene: Scene) -> float:
-    """Return what lifts the robot by a nanometre [J]; one at rest may have no energies at all."""
-    gravity = float(np.linalg.norm(scene.robot.model.gravity.linear))
-    return tolerances.ENERGY_KEPT * scene.robot.mass * gravity
-
-
-def solver_notices(trajectory: Trajectory) -> list[str]:
+def solver_notices(trajectory: Trajectory, answers: Answers | None = None) -> list[str]:
     """Return a sentence on the error of the accelerations, if it is larger than its solver's.
 
     A run calls the hot loop, which proves nothing, and a drift scheme closes what a wrong a has
@@ -167,33 +247,94 @@ def solver_notices(trajectory: Trajectory) -> list[str]:
     rows = any(phase.scene.rows for phase in trajectory.phases)
     if not (run.status.ok and run.solver.exact and rows) or trajectory.contact:
         return []
-    by_default = run.solver == default_solver(trajectory.phases[-1].scene)
-    worst, when = max(
-        _bound(trajectory, phase, default_solver(phase.scene) if by_default else run.solver)
-        for phase in trajectory.phases
-    )
-    if worst <= run.solver.accuracy:
+    answers = _answers(trajectory) if answers is None else answers
+    largest, when = max((each.error_bound, t) for t, each in answers)
+    if largest <= run.solver.accuracy:
         return []
     return [
-        f"the accelerations may be off by {worst:.2g}, relative, at t = {when:.4g} s: give "
+        f"the accelerations may be off by {largest:.2g}, relative, at t = {when:.4g} s: give "
         f"{run.solver.title} more iterations or a smaller mu, or take Proximal() or Reference()"
     ]
 
 
-def _bound(trajectory: Trajectory, phase: Phase, solver: Solver) -> tuple[float, float]:
-    """Return the largest error bound at some samples of a phase, and its time [s]."""
+def answer_notices(trajectory: Trajectory, answers: Answers) -> list[str]:
+    """Return the notices of `answers`, or of steps, at some samples: each once, with its time.
+
+    Two that differ in their numbers alone are one.
+    """
+    run = trajectory.run
+    if not (run.status.ok and run.solver.exact):
+        return []
+    if isinstance(run.integrator, ContactScheme):
+        found = _step_notices(trajectory)
+    elif trajectory.contact:
+        return []  # modes have rows of their own between events
+    else:
+        found = [
+            (t, notice)
+            for t, answer in answers
+            for notice in answer.notices
+            if notice not in _pulls(answer)  # the largest pull of the motion is said
+        ]
+    said: dict[str, str] = {}
+    remarked = [str(remark) for remark in run.remarks]
+    for t, notice in found:
+        if not any(notice in remark for remark in remarked):
+            said.setdefault(_NUMBER.sub("#", notice), f"t = {t:.4g} s: {notice}")
+    return list(said.values())
+
+
+def _pulls(answer: Solution) -> tuple[str, ...]:
+    return pulling(answer.forces, Sites(answer.scene, answer.q))
+
+
+def _answers(trajectory: Trajectory) -> Answers:
+    """Return times of some samples [s], and the answers there with their proof."""
+    return [each for phase in trajectory.phases for each in _answers_in(trajectory, phase)]
+
+
+def _answers_in(trajectory: Trajectory, phase: Phase) -> Iterator[tuple[float, Solution]]:
     run, effects = trajectory.run, trajectory.run.effects
+    by_default = run.solver == default_solver(trajectory.phases[-1].scene)
+    solver = default_solver(phase.scene) if by_default else run.solver
     workspace = Workspace(phase.scene.at(0.0), solver, drift=run.drift.rows)
     passive = Passive.of(phase.scene.robot, springs=effects.springs, damping=effects.damping)
     start, stop = phase.samples.start, phase.samples.stop
-    bounds = []
     for i in np.unique(np.linspace(start, stop - 1, _LOOKS).astype(int)):
-        q, v = trajectory.q[i], trajectory.v[i]
+        t, q, v = float(trajectory.t[i]), trajectory.q[i], trajectory.v[i]
         tau = trajectory.tau[i] + passive.torque(q, v)
-        workspace.equations.at(float(trajectory.t[i]))
-        solution = workspace.solve(q, v, tau, throw=False)
-        bounds.append((solution.error_bound, float(trajectory.t[i])))
-    return max(bounds)
+        workspace.equations.at(t)
+        yield t, workspace.solve(q, v, tau, throw=False)
+
+
+def _step_notices(trajectory: Trajectory) -> list[tuple[float, str]]:
+    """Return what steps with contacts say that begin at some samples, and their times [s]."""
+    run, found = trajectory.run, []
+    scheme, effects = run.integrator, run.effects
+    if not isinstance(scheme, ContactScheme) or not (effects.springs and effects.damping):
+        return []
+    for phase in trajectory.phases:
+        steps = None
+        for i in _telling(trajectory, phase):
+            t = float(trajectory.t[i])
+            with suppress(CondynError):  # a path that leads on no further, at the last sample
+                if steps is None or phase.scene.is_driven:
+                    steps = ProvedSteps(phase.scene.at(t), run.dt, scheme)
+                step = steps.step(trajectory.q[i], trajectory.v[i], trajectory.tau[i], ())
+                found += [(t, notice) for notice in step.notices]
+    return found
+
+
+def _telling(trajectory: Trajectory, phase: Phase) -> list[int]:
+    """Return samples of a phase to look at: some spread over it, and some where modes change."""
+    start, stop = phase.samples.start, phase.samples.stop
+    looks = set(np.linspace(start, stop - 1, _LOOKS // 2).astype(int).tolist())
+    if trajectory.contact:
+        codes = trajectory.contact.codes[start:stop]
+        changes = start + np.flatnonzero((codes[1:] != codes[:-1]).any(axis=1))
+        spread = np.linspace(0, len(changes) - 1, min(_LOOKS // 2, len(changes)))
+        looks |= set(changes[spread.astype(int)].tolist())
+    return sorted(looks)
 
 
 def _tensile_contacts(trajectory: Trajectory) -> list[str]:

@@ -14,6 +14,7 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.motion_limits import MotionLimits
 from condyn_pin.simulation.remarks import Remark
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ class Effects:
 
 
 class RunStatus(Enum):
-    """How a run ended."""
+    """How a run ended, or which of its limits a motion has left."""
 
     FINISHED = "it went to its end"
     ENDED = "an event ended it"
@@ -89,11 +90,21 @@ class RunStatus(Enum):
     FAILED = "a step could not be taken"
     PILED_UP = "events piled up"
     INTERRUPTED = "what came before is kept"
+    OPENED = "constraints came open, or their sides moved apart"
+    PENETRATED = "bodies went into each other, or joints past their stops"
+    UNBALANCED = "energy appeared or vanished without work"
 
     @property
     def ok(self) -> bool:
-        """Whether it went to its end, or to that of an event."""
+        """Whether the run came to its end, or to that of an event, within the limits."""
         return self in (RunStatus.FINISHED, RunStatus.ENDED)
+
+    @property
+    def went_on(self) -> bool:
+        """Whether the run came to its end, within the limits of the motion or not."""
+        return self.ok or self in (
+            RunStatus.OPENED, RunStatus.PENETRATED, RunStatus.UNBALANCED,
+        )  # fmt: skip
 
     def __str__(self) -> str:
         return f"{self.name.lower()}: {self.value}"
@@ -111,7 +122,10 @@ class Run:
         What was used.
     effects : Effects
         What of the robot's model was on.
+    limits : MotionLimits
+        Of what `Trajectory.status` calls ok.
     status : RunStatus
+        How it ended.
     reason : str
         Why it ended where it did; empty if it went to its end.
     happened : tuple of Happened
@@ -132,6 +146,7 @@ class Run:
     drift: Drift
     solver: Solver
     effects: Effects = field(default_factory=Effects)
+    limits: MotionLimits = field(default_factory=MotionLimits)
     status: RunStatus = RunStatus.FINISHED
     reason: str = ""
     happened: tuple[Happened, ...] = ()
@@ -160,6 +175,6 @@ def uninterrupted(motion: Trajectory) -> Trajectory:
     `simulate` keeps what it has and returns, which is right for viewing the motion, and
     wrong for comparing it with others: a part of one is no measurement.
     """
-    if motion.status is RunStatus.INTERRUPTED:
+    if motion.run.status is RunStatus.INTERRUPTED:
         raise KeyboardInterrupt
     return motion

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import ceil
 
 from numpy.typing import ArrayLike
@@ -25,6 +25,7 @@ from condyn_pin.simulation.events import Event
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.integrators.explicit import RungeKutta4
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
+from condyn_pin.simulation.motion_limits import MotionLimits, check_limits
 from condyn_pin.simulation.outcome import Effects
 from condyn_pin.simulation.scenes_of_events import checked_events
 from condyn_pin.simulation.stability_limit import check_stability_limit
@@ -55,6 +56,7 @@ class Plan:
     solver: Solver | None
     effects: Effects
     events: tuple[Event, ...]
+    limits: MotionLimits = field(default_factory=MotionLimits)
     at_events: bool = True  # whether samples are kept where contacts strike, open or slide
 
 
@@ -63,7 +65,7 @@ def plan(
     integrator: Integrator | None, drift: Drift | None, solver: Solver | None, record: int,
     effects: Effects | None = None, events: Sequence[Event] = (),
     forces: Sequence[AppliedForce] = (),
-    jacobian: TorqueJacobian | None = None,
+    jacobian: TorqueJacobian | None = None, limits: MotionLimits | None = None,
 ) -> Plan:  # fmt: skip
     """Return the plan of a run; arguments and errors are those of `simulate`."""
     check_scene(scene)
@@ -84,7 +86,7 @@ def plan(
     torque = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
     return Plan(
         scene, torque, duration, dt, steps, record, integrator, drift, solver, effects,
-        happenings,
+        happenings, check_limits(limits),
     )  # fmt: skip
 
 

@@ -3,12 +3,15 @@
     M (v+ - v) = dt (tau - h) + J_b^T l_b + J_c^T lam,    J_b v+ = -dt gamma / 2
 
 are evaluated anew where the step has taken them, by recursive Newton-Euler and by the velocities of
-the frames, whatever solved them.
+the frames, whatever solved them; and the account of energy from the two states,
+
+    E(q+, v+) - E(q, v) = (tau - d u) . dt u + work of impulses,    u = (q+ - q) / dt.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import nan
 from time import perf_counter
 
 import numpy as np
@@ -31,6 +34,7 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.plan import check_scheme
 from condyn_pin.simulation.step_solution import StepSolution
 from condyn_pin.simulation.step_start import StepStart
@@ -53,6 +57,8 @@ class ProvedSteps:
         self._scene, self._dt, self._scheme = scene, float(dt), scheme
         self._system = System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
         self._steps = ContactSteps(scheme, self._system, self._dt)
+        gravity = float(np.linalg.norm(scene.robot.model.gravity.linear))
+        self._weight = scene.robot.mass * gravity  # [N]
 
     @one_blas_thread
     def pose(
@@ -82,6 +88,7 @@ class ProvedSteps:
         lam = self._steps.impulses()
         contact = judged(posed.problem, found, natural, tolerances.CONTACT_SOLVED, took)
         dynamics, constraint = self._errors(posed, ended, a, lam / self._dt)
+        energy, energy_limit = self._energy_error(start, q1, v1)
         equations, candidates = self._system.equations, self._system.contacts
         self._system.at(self._t + self._dt)
         if self._scene.is_driven:
@@ -97,8 +104,9 @@ class ProvedSteps:
             dynamics_error=dynamics, dynamics_limit=self._dynamics_limit(posed, ended, a),
             constraint_error=constraint, violation=violation,
             penetration=float(np.maximum(-gaps, 0.0).max(initial=0.0)),
-            energy_lost=0.0 - work.contact, correction_work=work.correction,
-            algorithmic_work=work.algorithmic, driven_work=work.driven,
+            energy_error=energy, energy_limit=energy_limit, energy_lost=0.0 - work.contact,
+            correction_work=work.correction, algorithmic_work=work.algorithmic,
+            driven_work=work.driven,
             dt=self._dt, scene=self._scene, integrator=self._scheme, start=start,
             _taken=self._steps.last,
         )  # fmt: skip
@@ -135,6 +143,33 @@ class ProvedSteps:
         sizes = self._dt * (np.abs(M).dot(a) + np.abs(h) + np.abs(posed.tau))
         momenta = np.abs(M).dot(np.abs(posed.v) + v1)
         return float((tolerances.FORCES * sizes + tolerances.FINEST * momenta).max())
+
+    def _energy_error(self, start: StepStart, q1: Array, v1: Array) -> tuple[float, float]:
+        """Return the energy that no work explains, and the largest of a step that is right [J].
+
+        A step of order 1 is off by what a force does along the way that it brings about in it,
+        dt F . M^-1 F dt, and an implicit one takes of stiff springs what they have.
+        """
+        if not (np.isfinite(q1).all() and np.isfinite(v1).all()):
+            return nan, nan
+        posed, *_, work, _ = self._steps.last
+        passive, condensed = self._system.passive, posed.condensed
+        q, v = np.array((start.q, q1)), np.array((start.v, v1))
+        times = self._t + np.array((0.0, self._dt))
+        _, _, kinetic, potential = gauge_of(self._scene).measure(times, q, v)
+        springs = passive.energy(q)
+        mean = pin.difference(self._system.model, start.q, q1) / self._dt
+        tau = self._system.applied.at_sample(self._t, start.q, start.v)
+        done = self._dt * float(tau.dot(mean))
+        damped = self._dt * float(passive.dissipation(start.q[None], mean[None])[0])
+        gained = float(np.diff(kinetic + potential + springs)[0])
+        error = gained - (done - damped + work.total)
+        kick = condensed.factors.L.T.dot(condensed.free_velocity - posed.v)
+        sizes = kinetic.sum() + abs(done) + sum(map(abs, work))
+        limit = tolerances.UNBALANCED * float(sizes) + float(kick.dot(kick))
+        limit += float(np.abs(np.diff(springs))[0]) + damped
+        lifted = tolerances.ENERGY_KEPT * float(np.abs(potential).max())
+        return abs(error), limit + lifted + self._weight * tolerances.ENERGY_KEPT
 
     def _push(self, posed: Posed, lam: Array) -> Load:
         """Return what contacts do to the robot, where the step has taken them."""

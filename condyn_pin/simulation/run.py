@@ -26,6 +26,7 @@ from condyn_pin.simulation.fit import check_fit, check_penetration, velocity_of_
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.hybrid_simulator import HybridSimulator
 from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.motion_limits import MotionLimits
 from condyn_pin.simulation.outcome import Effects, Run, RunStatus
 from condyn_pin.simulation.plan import Plan, check_closing, plan
 from condyn_pin.simulation.recorder import merge
@@ -56,6 +57,7 @@ def simulate(
     springs: bool = True,
     damping: bool = True,
     armature: bool = True,
+    limits: MotionLimits | None = None,
     progress: Callable[[float], object] | None = None,
 ) -> Trajectory:
     """Return the motion of a scene from a state.
@@ -108,6 +110,9 @@ def simulate(
         one that does. Penetrations are pushed out by `StewartTrinkle`, at 0.2 m/s at most.
     gravity, springs, damping, armature : bool
         Which effects of the robot's model are on; see `Effects`.
+    limits : MotionLimits, optional
+        What gaps, penetrations and energy without work may be in a motion that is ok; by default
+        after dt and the size of the machine.
     progress : callable, optional
         Called with the share of the motion that is done, from 0 to 1, a hundred times.
 
@@ -115,7 +120,8 @@ def simulate(
     -------
     Trajectory
         Also of a run that broke down: its `status` and `reason` say so, and its samples go to the
-        last state that could be solved.
+        last state that could be solved. They say too where loops came open, bodies penetrated, or
+        energy appeared or vanished without work, by more than `limits`.
 
     Raises
     ------
@@ -146,6 +152,7 @@ def simulate(
     planned = plan(
         scene, tau, duration=duration, dt=dt, integrator=integrator, drift=drift, solver=solver,
         record=record, effects=effects, events=events, forces=forces, jacobian=jacobian,
+        limits=limits,
     )  # fmt: skip
     for bound in scene.bounds:
         if bound.drive:
@@ -189,7 +196,8 @@ def follow(
     phases, (t, positions, velocities, a, lam, torques), contact = merge(simulator.recorders)
     run = Run(
         duration=plan.duration, dt=plan.dt, integrator=plan.integrator, drift=plan.drift,
-        solver=simulator.phase.solver, effects=plan.effects, status=status, reason=reason,
+        solver=simulator.phase.solver, effects=plan.effects, limits=plan.limits, status=status,
+        reason=reason,
         happened=tuple(simulator.happened), missed=simulator.missed(),
         differenced=plan.tau.differenced, remarks=simulator.remarks,
         wall_time=perf_counter() - begun,

@@ -57,6 +57,12 @@ class StepSolution:
         max abs(c(q+)) of the constraints [m, rad].
     penetration : float
         The deepest of the contacts at the end [m, rad].
+    energy_error : float
+        The change of kinetic and potential energy and that of springs, from one state to the other,
+        that no work explains [J].
+    energy_limit : float
+        The largest `energy_error` of a step that is ok: a tenth of the energies in it, and what a
+        step of order 1 leaves of forces that begin to act [J].
     energy_lost : float
         What the contacts took, friction and impacts; not negative, springs of a `SoftStep` apart
         [J].
@@ -87,6 +93,8 @@ class StepSolution:
     constraint_error: float  # [m/s, rad/s]
     violation: float  # [m, rad]
     penetration: float  # [m, rad]
+    energy_error: float  # [J]
+    energy_limit: float  # [J]
     energy_lost: float  # [J]
     correction_work: float  # [J]
     algorithmic_work: float  # [J]
@@ -139,9 +147,9 @@ class StepSolution:
 
     @property
     def status(self) -> ContactStatus:
-        """OK if the contact problem is answered, momentum is balanced, and loops end closed."""
+        """OK if contacts are answered, momentum and energy are balanced, and loops end closed."""
         status = self.contact.status
-        if status.ok and not (self._is_balanced and self._is_closed):
+        if status.ok and not (self._is_balanced and self._is_closed and self._keeps_energy):
             return ContactStatus.INACCURATE
         return status
 
@@ -163,7 +171,18 @@ class StepSolution:
                 "state with closed loops"
             )
         said += [note.text for note in self._taken.notes]
+        if not self._keeps_energy:
+            said.append(
+                f"the energy of the two states differs by {self.energy_error:.3g} J that no work "
+                f"explains, and at most {self.energy_limit:.2g} J is right: bodies turn or move "
+                f"too far in it, take a shorter one than {1e3 * self.dt:.4g} ms"
+            )
         return (*said, *self.contact.notices)
+
+    @property
+    def _keeps_energy(self) -> bool:
+        """Whether the energies of both states differ by the work of the step, but for its order."""
+        return not np.isfinite(self.energy_limit) or self.energy_error <= self.energy_limit
 
     @property
     def _is_balanced(self) -> bool:

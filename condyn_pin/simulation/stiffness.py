@@ -42,7 +42,7 @@ def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -
     damper = _named(system, i, sizes, ("N m s/rad or N s/m", "N s/m"))
     return (
         f"the damping {damper} has a rate of {rate:.3g} / s, and "
-        f"{integrator.title} follows no more than {limit:.3g} / dt: use SemiImplicitEuler(), "
+        f"{integrator.title} follows no more than {limit:.3g} / dt: use RadauIIA(3), "
         f"LinearlyImplicitMidpoint(), or dt below {limit / rate:.2g} s"
     )
 
@@ -69,7 +69,7 @@ def stiff_springs(system: System, integrator: Integrator, dt: float, q: Array) -
     return (
         f"the spring {spring} has a frequency of {frequency:.3g} rad/s, and "
         f"{integrator.title} follows no more than about {_FOLLOWED:g} / dt: use "
-        "LinearlyImplicitMidpoint(), GeneralisedAlpha(), RadauIIA(), or dt below "
+        "RadauIIA(3), LinearlyImplicitMidpoint(), GeneralisedAlpha(), or dt below "
         f"{_FOLLOWED / frequency:.2g} s"
     )
 

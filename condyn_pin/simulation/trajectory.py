@@ -16,6 +16,8 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.contact_columns import candidates_of, contact_rows, gaps_along, row_names
 from condyn_pin.simulation.contact_record import ContactRecord
 from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of
+from condyn_pin.simulation.motion_error import MotionError, estimated_error
+from condyn_pin.simulation.motion_status import Course, judged
 from condyn_pin.simulation.notices import notices_of
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
@@ -68,13 +70,46 @@ class Trajectory:
 
     @property
     def status(self) -> RunStatus:
-        """How the run ended."""
-        return self.run.status
+        """How the run ended, or which of its `MotionLimits` the motion has left.
+
+        Ok only if constraints, their velocities, contacts, stops and energy stayed within these at
+        all samples.
+        """
+        return self._judged[0]
 
     @property
     def reason(self) -> str:
-        """Why it ended where it did; empty if it went to its end."""
-        return self.run.reason
+        """Why the run ended where it did, or where, when and how far limits were left."""
+        return self._judged[1]
+
+    @cached_property
+    def error(self) -> float:
+        """How far points of the bodies may be off at the end [m], estimated by doubled steps.
+
+        The errors of some steps, beside steps of twice the size, added up over the motion; NaN by
+        an adaptive integrator. What the motion makes of them later is not in it. Torques of a
+        function are those recorded, and are not called again.
+        """
+        return self._error.off
+
+    @cached_property
+    def _error(self) -> MotionError:
+        return estimated_error(self)
+
+    @cached_property
+    def _judged(self) -> tuple[RunStatus, str]:
+        run = self.run
+        status, reason = judged(self.course) if run.status.ok else (run.status, run.reason)
+        return (run.status, run.reason) if status.ok else (status, reason)
+
+    @property
+    def course(self) -> Course:
+        """The motion as its status is judged."""
+        run, measured = self.run, self._kinematics
+        return Course(
+            self.phases, self.t, self.q, self.v, measured.violation, measured.constraint_velocity,
+            self.energy, run.dt, run.integrator, run.solver, run.limits,
+        )  # fmt: skip
 
     @property
     def row_names(self) -> tuple[str, ...]:
@@ -151,7 +186,8 @@ class Trajectory:
     def energy(self) -> Energy:
         """Energies, and the work that explains how they change.
 
-        The work is integrated over the samples: `record` them all where it is to be accurate.
+        The work is integrated over the samples: `record` them all where it is to be accurate;
+        `Energy.doubt` bounds what it may be off by.
         """
         from condyn_pin.simulation.trajectory_energy import energy_of
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from math import inf
 from typing import TYPE_CHECKING, ClassVar, Final
 
 import numpy as np
@@ -54,8 +55,8 @@ class DenseKKT(Solver):
     -----
     Cost O((n + m)^3); Bunch-Kaufman pivoting, one call of LAPACK's dsysv. The matrix is scaled
     first, by the diagonal of M and the rows of J at the nominal state, so that neither units nor
-    light bodies look like a singularity. How close it is to a singularity is estimated by solving
-    for random right-hand sides as well: with x of unit variance,
+    light bodies look like a singularity. How close it is to a singularity, without mu, is estimated
+    by solving for random right-hand sides as well: with x of unit variance,
 
         E |K^-1 x|^2 = |K^-1|_F^2.
 
@@ -91,6 +92,8 @@ class DenseKKT(Solver):
         K, factored = np.zeros((size, size), order="F"), np.empty((size, size), order="F")
         M, J = K[:n, :n].T, K[n:, :n]
         K[n:, n:] = -self.mu * np.eye(size - n)
+        # rows that say nothing have pivots of mu: what solves with them is proved like any other
+        largest = inf if self.mu else LARGEST
         # one after the other: the right side and the random ones; D times each, and the answers
         # take their places
         sides = np.concatenate([np.zeros(size), probing(size)])
@@ -119,7 +122,7 @@ class DenseKKT(Solver):
             np.multiply(K, scale, factored)
             np.multiply(sides, scales, answers)
             factor, pivots, _, info = dsysv(factored, columns, work, *in_place)
-            if info > 0 or not probed.dot(probed) < LARGEST:
+            if info > 0 or not probed.dot(probed) < largest:
                 raise Singular
             for _ in corrections:
                 r, s = equations.residuals(q, v, tau, d_n * y_n, d_m * y_m)

@@ -47,8 +47,8 @@ def judge_run(case: Case, motion: Motion, solver: Solver) -> tuple[Verdict, floa
         integrator=SemiImplicitEuler(), drift=case.drift, solver=solver,
         gravity=False, springs=False, damping=False,
     )  # fmt: skip
-    status = run.status.name.lower()
-    if not run.status.ok:
+    status = run.run.status.name.lower()
+    if not run.run.status.ok:
         return Verdict.SAID_SO, nan, status
     step = gap_map(case.drift or Baumgarte(0.0, 0.0), motion.dt)
     if np.abs(np.linalg.eigvals(step)).max() > 1.0:
@@ -92,8 +92,8 @@ def judge_flight(case: Case, flight: Flight, solver: Solver) -> tuple[Verdict, f
         case.scene, case.q, case.v, case.tau if flight.tau is None else flight.tau,
         duration=flight.duration, dt=flight.dt, integrator=flight.integrator, solver=solver,
     )  # fmt: skip
-    status = run.status.name.lower()
-    if not run.status.ok:
+    status = run.run.status.name.lower()
+    if not run.run.status.ok:
         return Verdict.SAID_SO, nan, status
     missed = pin.difference(case.scene.robot.model, flight.end, run.q[-1])
     error = float(np.abs(missed).max())

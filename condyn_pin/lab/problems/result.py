@@ -73,7 +73,8 @@ class ProblemResult:
     @property
     def ended(self) -> str:
         """Why it ended early; empty if it did not."""
-        return "" if self.trajectory.status.ok else self.trajectory.reason
+        run = self.trajectory.run
+        return "" if run.status.ok else run.reason
 
     @property
     def judged(self) -> float:
@@ -178,7 +179,7 @@ def run_problem(problem: Problem, setting: Setting, duration: float | None) -> P
     )
     seconds = process_time() - start
     count = evaluations  # to measure the motion asks for the torque again
-    found = _errors(problem, trajectory) if trajectory.status.ok else {}
+    found = _errors(problem, trajectory) if trajectory.run.status.ok else {}
     return ProblemResult(problem, setting, duration, seconds, count, trajectory, **found)
 
 

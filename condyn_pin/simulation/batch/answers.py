@@ -57,13 +57,13 @@ def by_core(
     inputs: Arrays,
     outputs: Arrays,
     threads: int,
-) -> NDArray[np.intp]:
+) -> tuple[NDArray[np.intp], Messages]:
     """Answer some rows by the compiled core; return those that are left."""
     core = workspace.compiled
     work = core.differentiate if differentiates else core.solve
     state = inputs["q"], inputs["v"], inputs["tau"]
     applied = forces.of_all(inputs)
-    return work(state, outputs, accuracy=accuracy, threads=threads, forces=applied)
+    return work(state, outputs, accuracy=accuracy, threads=threads, forces=applied), {}
 
 
 def _put(outputs: Arrays, i: int, solution: Solution) -> None:

@@ -23,9 +23,9 @@ from condyn_pin.dynamics.compiled.core import refuse
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import MissingExtra, UnsupportedBackend
 
-# What the core of a workspace does to the rows of a chunk with some threads; it returns those that
-# it leaves.
-Work = Callable[[Workspace, Arrays, Arrays, int], NDArray[np.intp]]
+# What the core of a workspace does to the rows of a chunk with some threads: those that it leaves,
+# and what there is to say of others.
+Work = Callable[[Workspace, Arrays, Arrays, int], tuple[NDArray[np.intp], Messages]]
 
 
 @dataclass(frozen=True)
@@ -38,15 +38,15 @@ class CompiledRows:
 
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
         """Fill the outputs; return what there is to say of rows."""
-        left = self.work(workspace, inputs, outputs, self.threads)
+        left, said = self.work(workspace, inputs, outputs, self.threads)
         if not left.size:
-            return {}
+            return said
         some = {name: x if x.ndim == 1 else x[left] for name, x in inputs.items()}
         found = {name: x[left] for name, x in outputs.items()}
         words = self.python(workspace, some, found)
         for name, x in found.items():
             outputs[name][left] = x
-        return {int(left[i]): text for i, text in words.items()}
+        return said | {int(left[i]): text for i, text in words.items()}
 
 
 class Workers(NamedTuple):

@@ -11,10 +11,11 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin._core.parallel.transports import Messages
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
-from condyn_pin.simulation.batch.compiled_motions import MEASURED, put_motions
+from condyn_pin.simulation.batch.compiled_motions import MEASURED, Made, put_motions
 from condyn_pin.simulation.batch.compiled_steps import contacts_of, states_of, step_plan
 from condyn_pin.simulation.batch.driven_path import driven_path_of
 from condyn_pin.simulation.breakdown import LOST, is_lost
@@ -24,6 +25,7 @@ from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.measures import gauge_of
+from condyn_pin.simulation.motion_limits import MotionLimits
 from condyn_pin.simulation.system import System
 
 
@@ -39,11 +41,12 @@ class SteppedMotions:
     dt: float  # [s]
     steps: int
     every: int
+    limits: MotionLimits
 
     def __call__(
         self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
-    ) -> NDArray[np.intp]:
-        """Fill the outputs; return the rows that are left to Python."""
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Fill the outputs; return the rows that are left to Python, and why others are not ok."""
         q, v, tau = states_of(workspace, inputs)
         ways = _Ways(self, workspace, outputs, q, v.copy())
         core = contacts_of(workspace, self.contacts)
@@ -64,8 +67,10 @@ class SteppedMotions:
             python = python or _Steps(self, workspace)
             for i in stopped:
                 python.take(ways, int(i), tau[i])
-        put_motions(outputs, np.flatnonzero(ways.done), ways.found, tau)
-        return np.flatnonzero(ways.done == 0)
+        scene = replace(workspace.scene, contacts=self.contacts)
+        made = Made(scene, self.integrator, workspace.solver, self.dt, self.limits)
+        words = put_motions(outputs, np.flatnonzero(ways.done), ways.found, tau, made)
+        return np.flatnonzero(ways.done == 0), words
 
 
 class _Ways:

@@ -16,10 +16,14 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin._core.parallel.transports import Messages
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import LARGEST, Workspace
+from condyn_pin.mechanism.anchoring import with_anchors
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.simulation.batch.compiled_steps import states_of, untaken_steps
 from condyn_pin.simulation.batch.driven_path import driven_path_of
@@ -31,9 +35,13 @@ from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
 from condyn_pin.simulation.integrators.midpoint import ImplicitMidpoint, LinearlyImplicitMidpoint
 from condyn_pin.simulation.manifold import Manifold
-from condyn_pin.simulation.measures import Energy, work
+from condyn_pin.simulation.measures import Energy, damping_rate, doubt, is_accurate, work
+from condyn_pin.simulation.motion_limits import MotionLimits
+from condyn_pin.simulation.motion_status import Course, judged
 from condyn_pin.simulation.outcome import RunStatus
+from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.plan import Plan
+from condyn_pin.simulation.recorder import Phase
 
 # Integrators by their number there.
 _INTEGRATORS: Final[dict[Integrator, int]] = {
@@ -90,16 +98,18 @@ class MovedRows:
     dt: float  # [s]
     steps: int
     every: int
+    limits: MotionLimits
 
     def __call__(
         self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
-    ) -> NDArray[np.intp]:
-        """Fill the outputs; return the rows that are left to Python."""
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Fill the outputs; return the rows that are left to Python, and why others are not ok."""
         model, count = workspace.model, len(inputs["q0"])
         kept, nv = len(range(0, self.steps, self.every)) + 1, workspace.model.nv
         drives = driven_path_of(workspace, self.dt, self.steps)
-        # what a drive does is the work of its forces
-        answers = kept if "samples_a" in outputs or drives.rows.size else 0
+        # what a drive does is the work of its forces; that of dampers has accelerations in it
+        damped = is_accurate(self.integrator) and workspace.model.damping.any()
+        answers = kept if "samples_a" in outputs or drives.rows.size or damped else 0
         q0, v0, tau = states_of(workspace, inputs)
         found = {
             "t": np.zeros((count, kept)),
@@ -122,39 +132,83 @@ class MovedRows:
         )  # fmt: skip
         if drives.rows.size:
             found["driven"] = drives.power(found["lam"], self.every)
-        put_motions(outputs, np.flatnonzero(done), found, tau)
-        return np.flatnonzero(done == 0)
+        made = Made(workspace.scene, self.integrator, workspace.solver, self.dt, self.limits)
+        words = put_motions(outputs, np.flatnonzero(done), found, tau, made)
+        return np.flatnonzero(done == 0), words
 
 
-def put_motions(outputs: Arrays, ok: NDArray[np.intp], found: dict[str, Any], tau: Array) -> None:
-    """Put the motions that went to their end into their rows.
+@dataclass(frozen=True)
+class Made:
+    """How motions were made that the core has taken: what they are judged by."""
+
+    scene: Scene
+    integrator: Integrator
+    solver: Solver
+    dt: float  # [s]
+    limits: MotionLimits
+
+
+def put_motions(
+    outputs: Arrays, ok: NDArray[np.intp], found: dict[str, Any], tau: Array, made: Made
+) -> Messages:
+    """Put the motions that went to their end into their rows; return why some are not ok.
 
     `found` has their samples: t, q, v, a, lam and measures, the power of what is driven, and of
     contacts and drives their work and columns.
     """
     if not ok.size:
-        return
+        return {}
     found = {name: its[ok] for name, its in found.items()}
     t, q, v, measures = (found[name] for name in ("t", "q", "v", "measures"))
     outputs["t"][ok], outputs["q"][ok], outputs["v"][ok] = t[:, -1], q[:, -1], v[:, -1]
-    outputs["statuses"][ok] = tuple(RunStatus).index(RunStatus.FINISHED)
-    violation, slip, kinetic, potential, springs, damping = np.moveaxis(measures, 2, 0)
+    violation, slip, *_ = np.moveaxis(measures, 2, 0)
     outputs["violation"][ok] = violation.max(axis=1)
     outputs["constraint_velocity"][ok] = slip.max(axis=1)
-    power = np.einsum("ni,nki->kn", tau[ok], v), -damping.T
-    of_events_and_drives = np.zeros((2, *kinetic.T.shape))
-    of_contacts = np.zeros((3, *kinetic.T.shape))
-    if "work" in found:
-        of_contacts, of_events_and_drives[1] = found["work"].T[:3], found["work"].T[3]
-    elif "driven" in found:
-        of_events_and_drives[1] = work(t[0], found["driven"].T)
-    energy = Energy(
-        kinetic.T, potential.T, springs.T, *(work(t[0], each) for each in power),
-        *of_events_and_drives, *of_contacts,
-    )  # fmt: skip
+    energy = _energies(found, tau[ok], made)
     outputs["energy_error"][ok] = np.abs(energy.error).max(axis=0)
     if "samples_t" in outputs:
         for name in ("t", "q", "v", "a", "lam", "contact"):
             if name in found:
                 outputs[f"samples_{name}"][ok] = found[name]
         outputs["samples_tau"][ok] = tau[ok, None]
+    words = {}
+    for k, row in enumerate(ok.tolist()):
+        scene = with_anchors(made.scene, q[k, 0], {})
+        course = Course(
+            (Phase(scene, slice(0, len(t[k])), ()),), t[k], q[k], v[k], violation[k], slip[k],
+            energy.of(k), made.dt, made.integrator, made.solver, made.limits,
+        )  # fmt: skip
+        status, said = judged(course)
+        outputs["statuses"][row] = tuple(RunStatus).index(status)
+        if said:
+            words[row] = said
+    return words
+
+
+def _energies(found: dict[str, Any], tau: Array, made: Made) -> Energy:
+    """Return the energies of motions, each (k, N), work integrated over the samples."""
+    t, q, v = found["t"][0], found["q"], found["v"]
+    _, _, kinetic, potential, springs, damping = np.moveaxis(found["measures"], 2, 0)
+    passive, mean = Passive.of(made.scene.robot), 0.5 * (v[:, 1:] + v[:, :-1])
+    flat = (-1, *q.shape[2:]), (-1, *v.shape[2:])
+    taken = passive.dissipation(q[:, :-1].reshape(flat[0]), mean.reshape(flat[1]))
+    between = np.einsum("ni,nki->kn", tau, mean), -taken.reshape(mean.shape[:2]).T
+    power = np.einsum("ni,nki->kn", tau, v), -damping.T
+    rate = None
+    if is_accurate(made.integrator) and found["a"].shape[1] == v.shape[1]:
+        rate = damping_rate(passive, v, found["a"])
+    done = work(t, power[0]), work(t, power[1], None if rate is None else rate.T)
+    along = v.transpose(1, 0, 2)
+    off = sum(doubt(t, *each, along) for each in zip(power, done, between, strict=True))
+    none = np.zeros_like(power[0])
+    contact, correction, algorithmic, driven = none, none, none, none
+    if "work" in found:
+        contact, correction, algorithmic, driven = found["work"].T[:4]
+    elif "driven" in found:
+        drives = found["driven"].T
+        driven = work(t, drives)
+        off = off + doubt(t, drives, driven, 0.5 * (drives[1:] + drives[:-1]))
+    return Energy(
+        kinetic.T, potential.T, springs.T, *done, none, driven, contact, correction, algorithmic,
+        np.asarray(off),
+    )  # fmt: skip

@@ -19,6 +19,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
 from condyn_pin._core.kept import Kept
 from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin._core.parallel.transports import Messages
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact import modes
 from condyn_pin.contact.solution import ContactStatus
@@ -164,8 +165,8 @@ class SteppedRows:
 
     def __call__(
         self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
-    ) -> NDArray[np.intp]:
-        """Fill the outputs; return the rows that are left to Python."""
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Fill the outputs; return the rows that are left to Python, and nothing to say."""
         count = len(inputs["q0"])
         done, codes = np.zeros(count, np.int32), np.zeros(outputs["codes"].shape, np.int32)
         contacts_of(workspace, self.contacts).step(
@@ -174,4 +175,4 @@ class SteppedRows:
             modes=codes, done=done, threads=threads, **paths_of(workspace, self.dt),
         )  # fmt: skip
         outputs["codes"][:], outputs["statuses"][:] = codes, STATUSES.index(ContactStatus.OK)
-        return left_to_python(workspace, outputs, done, self.dt)
+        return left_to_python(workspace, outputs, done, self.dt), {}

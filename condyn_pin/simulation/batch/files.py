@@ -20,6 +20,7 @@ from condyn_pin.simulation.archive import (
     check_times,
     choice,
     encode,
+    limits_of,
     read,
     scene_of,
     write,
@@ -42,6 +43,7 @@ def save(batch: BatchTrajectory, path: Path_) -> None:
         "contacts": [encode(c) for c in batch.scene.contacts],
         **{key: getattr(batch, key) for key in _PLAIN},
         **{key: encode(getattr(batch, key)) for key in CHOICES},
+        "limits": encode(batch.limits),
         "endings": [status.name for status in RUN_STATUSES],
         "reasons": {int(i): batch.reasons[i] for i in np.flatnonzero(batch.reasons)},
     }
@@ -73,8 +75,8 @@ def _batch(robot: Robot, header: Header, content: Content) -> BatchTrajectory:
     arrays["statuses"] = _statuses(header["endings"], arrays["statuses"])
     parts: dict[str, Any] = {key: choice(key, header[key], kind) for key, kind in CHOICES.items()}
     parts |= {key: header[key] for key in _PLAIN} | {name: arrays[name] for name in ENDS}
-    reasons = _reasons(header["reasons"], count)
-    batch = BatchTrajectory(scene, **parts, reasons=reasons, samples=samples_in(arrays))
+    parts |= {"limits": limits_of(header), "reasons": _reasons(header["reasons"], count)}
+    batch = BatchTrajectory(scene, **parts, samples=samples_in(arrays))
     _check(batch)
     read_only((*arrays.values(), batch.reasons))
     return batch

@@ -28,6 +28,7 @@ from condyn_pin.simulation.batch.trajectory import RUN_STATUSES
 from condyn_pin.simulation.fit import check_penetration
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.motion_limits import MotionLimits
 from condyn_pin.simulation.outcome import RunStatus, uninterrupted
 from condyn_pin.simulation.plan import Plan, plan
 from condyn_pin.simulation.run import follow, start
@@ -52,6 +53,7 @@ class Motions:
     drift: Drift | None
     solver: Solver | None
     every: int = 1
+    limits: MotionLimits = field(default_factory=MotionLimits)
     forces: RowForces = field(default_factory=RowForces)
     contacts: tuple[Contact, ...] = ()  # of the scene: workspaces hold none
 
@@ -61,6 +63,7 @@ class Motions:
             scene, self.function or 0.0, duration=self.duration, dt=self.dt,
             integrator=self.integrator, drift=self.drift, solver=self.solver,
             record=self.every, forces=self.forces.forces, jacobian=self.jacobian,
+            limits=self.limits,
         )  # fmt: skip
         return replace(planned, at_events=False)  # as many samples of each motion
 

@@ -31,6 +31,7 @@ from condyn_pin.simulation.batch.recipe import Recipe
 from condyn_pin.simulation.batch.samples import samples_in
 from condyn_pin.simulation.batch.trajectory import ENDS, BatchTrajectory, kinds_of
 from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.motion_limits import MotionLimits, check_limits
 from condyn_pin.simulation.plan import Plan, default_solver
 from condyn_pin.simulation.torques import Torque, TorqueJacobian
 
@@ -60,6 +61,7 @@ def simulate_batch(
     drift: Drift | None = None,
     solver: Solver | None = None,
     record: int | None = None,
+    limits: MotionLimits | None = None,
     executor: Executor | Native | None = None,
     chunk: int | None = None,
     progress: Progress = silent,
@@ -87,14 +89,17 @@ def simulate_batch(
     record : int, optional
         Keep every `record`-th sample, in 8 (1 + nq + 3 nv + m) bytes each: 1.2 kB of Cassie on its
         loops. By default none is: every tenth is checked, or fifty of each motion.
+    limits
+        As in `simulate`, at the samples that are checked.
     executor, chunk, progress
         As in `solve_batch`; a chunk takes about a tenth of a second by default.
 
     Returns
     -------
     BatchTrajectory
-        To the bit what `simulate` returns, whoever did the work. Motions that break down, or
-        cannot begin, raise nothing: ``failed`` has their indices, ``counts`` their number.
+        To the bit what `simulate` returns, whoever did the work. Motions that break down, leave
+        their `limits`, or cannot begin, raise nothing: ``failed`` has their indices, ``counts``
+        their number, ``reasons`` what, where, when and how far.
 
     Raises
     ------
@@ -115,7 +120,8 @@ def simulate_batch(
     begun = perf_counter()
     function = TAU if callable(TAU) else None
     every = 1 if record is None else record
-    motions = Motions(function, jacobian, duration, dt, integrator, drift, solver, every)
+    limits = check_limits(limits)
+    motions = Motions(function, jacobian, duration, dt, integrator, drift, solver, every, limits)
     planned = motions.plan(scene)
     every = max(planned.steps // _LOOKS, _APART) if record is None else record
     given: ArrayLike = 0.0 if function is not None else TAU  # type: ignore[assignment]
@@ -127,10 +133,12 @@ def simulate_batch(
     recipe = Recipe(held, solver)
     if isinstance(executor, Native):  # whose workspace is that of the motions
         recipe = Recipe(held, solver or default_solver(held), planned.drift.rows)
-    moved: Work = MovedRows(planned.integrator, planned.drift, planned.dt, planned.steps, every)
+    moved: Work = MovedRows(
+        planned.integrator, planned.drift, planned.dt, planned.steps, every, limits
+    )
     if scene.contacts:
         moved = SteppedMotions(
-            tuple(scene.contacts), planned.integrator, planned.dt, planned.steps, every
+            tuple(scene.contacts), planned.integrator, planned.dt, planned.steps, every, limits
         )
     kernel, executor, chunk = workers(
         executor, moved, motions, reasons=untaken(planned, bool(applied)),
@@ -163,6 +171,6 @@ def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:
     solver = default_solver(planned.scene.bilateral) if planned.solver is None else planned.solver
     return BatchTrajectory(
         planned.scene, planned.integrator, planned.drift, solver, planned.duration, planned.dt,
-        planned.steps, **{name: outputs[name] for name in ENDS}, reasons=outputs["words"],
-        samples=samples_in(outputs), seconds=perf_counter() - begun,
+        planned.steps, planned.limits, **{name: outputs[name] for name in ENDS},
+        reasons=outputs["words"], samples=samples_in(outputs), seconds=perf_counter() - begun,
     )  # fmt: skip

@@ -25,6 +25,7 @@ from condyn_pin.simulation.batch.samples import SAMPLED, Samples
 from condyn_pin.simulation.contact_columns import candidates_of, row_names
 from condyn_pin.simulation.contact_record import ContactRecord, width
 from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.motion_limits import MotionLimits
 from condyn_pin.simulation.outcome import Run, RunStatus
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory
@@ -70,6 +71,8 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
         What was asked for, and the step [s].
     steps : int
         Of each motion that went to its end.
+    limits : MotionLimits
+        Of what a status calls ok.
     t : (N,) array
         How far each motion went [s]; 0 where it could not begin.
     q, v : (N, nq), (N, nv) array
@@ -83,7 +86,7 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
         Place in ``tuple(RunStatus)``: 0 is finished. -1 where no worker got that far, which only
         the batch of a `WorkersLost` or an `Interrupted` has.
     reasons : (N,) array of str
-        Why each ended early; empty where it did not.
+        Why each ended early, or where, when and how far it left its limits; empty of those ok.
     run_times : (N,) array
         Of each motion [s], while other processes used the machine too.
     samples : Samples or None
@@ -106,6 +109,7 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
     duration: float  # [s]
     dt: float  # [s]
     steps: int
+    limits: MotionLimits
     t: Array
     q: Array
     v: Array
@@ -176,9 +180,12 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
             raise NotRecorded(f"motion {i} could not begin: {self.reasons[i]}")
         samples = {name: column[:kept] for name, column in columns.items()}
         scene = with_anchors(self.scene, samples["q"][0], {})
+        status, reason = RUN_STATUSES[self.statuses[i]], self.reasons[i]
+        if status.went_on:  # a motion is judged by its samples
+            status, reason = RunStatus.FINISHED, ""
         run = Run(
             duration=self.duration, dt=self.dt, integrator=self.integrator, drift=self.drift,
-            solver=self.solver, status=RUN_STATUSES[self.statuses[i]], reason=self.reasons[i],
+            solver=self.solver, limits=self.limits, status=status, reason=reason,
             wall_time=float(self.run_times[i]),
         )  # fmt: skip
         phase = Phase(scene, slice(0, int(kept)), tuple(range(samples["lam"].shape[1])))

@@ -108,7 +108,7 @@ class DormandPrince(Integrator):
                 method = self._begin(slope, dt, float(method.h_abs))
         raise StepFailed(
             f"{self!r}: more than {_MOST} substeps from t = {slope.t:g} s: the motion is stiff; "
-            "use SemiImplicitEuler() or GeneralisedAlpha(), or a smaller dt"
+            "use RadauIIA(3) or GeneralisedAlpha(), or a smaller dt"
         )
 
     def _begin(self, slope: _Slope, dt: float, size: float) -> Any:

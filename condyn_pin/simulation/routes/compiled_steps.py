@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin._core.parallel.transports import Messages
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.dynamics.workspace import Workspace
@@ -49,8 +50,8 @@ class DifferentiatedRows:
 
     def __call__(
         self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
-    ) -> NDArray[np.intp]:
-        """Fill the outputs; return the rows that are left to Python."""
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Fill the outputs; return the rows that are left to Python, and nothing to say."""
         count, shape = len(inputs["q0"]), outputs["codes"].shape
         done, codes, read = np.zeros(count, np.int32), *np.zeros((2, *shape), np.int32)
         contacts_of(workspace, self.contacts).differentiate(
@@ -64,4 +65,4 @@ class DifferentiatedRows:
         outputs["codes"][:], outputs["read"][:] = codes, read
         outputs["q_end"][:], outputs["v_end"][:] = outputs["q"], outputs["v"]
         outputs["statuses"][:] = STATUSES.index(ContactStatus.OK)
-        return left_to_python(workspace, outputs, done, self.dt)
+        return left_to_python(workspace, outputs, done, self.dt), {}

@@ -223,8 +223,8 @@ def _slopes(
             scene, q0, start[1] + dv, start[2] + dtau, duration=duration, dt=duration / steps,
             integrator=EventDriven(), record=steps,
         )  # fmt: skip
-        if not uninterrupted(motion).status.ok:
-            raise InvalidArgument(f"duration = {duration!r}: no such motion: {motion.reason}")
+        if not uninterrupted(motion).run.status.ok:
+            raise InvalidArgument(f"duration = {duration!r}: no such motion: {motion.run.reason}")
         return motion.q[-1], motion.v[-1]
 
     def between(one: tuple[Array, Array], other: tuple[Array, Array]) -> Array:

@@ -155,7 +155,7 @@ class TrajectoryMeasure(Measure):
                 relative(way + off, way, gravity * self.duration**2 / 2),
                 relative(motion.v[-1], v, gravity * self.duration),
             ),
-            status="ok" if motion.status.ok else motion.status.name.lower(),
+            status="ok" if motion.run.status.ok else motion.run.status.name.lower(),
             dynamics_error=_largest(motion.energy.error),
             constraint_error=max(_largest(motion.violation), _penetration(motion)),
             iterations=len(motion.t) - 1,
@@ -196,8 +196,8 @@ def _end(scene: Scene, duration: float, q: bytes, v: bytes, tau: bytes) -> Array
         solver=default_solver(scene.bilateral),
         record=parts,
     )
-    if not uninterrupted(motion).status.ok:
-        raise InvalidArgument(f"duration = {duration!r}: no converged motion: {motion.reason}")
+    if not uninterrupted(motion).run.status.ok:
+        raise InvalidArgument(f"duration = {duration!r}: no converged motion: {motion.run.reason}")
     return np.concatenate([motion.q[-1], motion.v[-1]])
 
 

@@ -1,0 +1,265 @@
+"""The status of a motion that came to its end: which of its limits it has left, and how to keep it.
+
+    |c(q)|, |J v|, -gap      within `MotionLimits`, beyond what the start was open by
+    |E - E_0 - work|         within a share of the energy exchanged
+
+at the samples. What is named is the constraint, the contact or the stop that is furthest off, its
+time and the cure.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.violation import worst
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.mechanism.check import check
+from condyn_pin.simulation.contact_columns import gaps_along
+from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.measures import Energy, gauge_of
+from condyn_pin.simulation.motion_limits import MotionLimits, default_gap
+from condyn_pin.simulation.outcome import RunStatus
+from condyn_pin.simulation.recorder import Phase
+
+# A gap that is larger than that of an open start by this factor has opened on the way: one that
+# closes at a critical rate grows first by what its velocity brings.
+LARGER = 2.0
+
+# Share of the largest velocity that |J v| may be.
+_SLIP = 1e-2
+
+
+@dataclass(frozen=True, eq=False)
+class Course:
+    """A motion as it is judged: its samples, what they measure, and how they were made.
+
+    Attributes
+    ----------
+    phases : sequence of Phase
+    t, q, v : array
+        Samples, (k,), (k, nq) and (k, nv).
+    violation, constraint_velocity : (k,) array
+        max abs(c(q)) [m, rad] and max abs(J v) [m/s, rad/s].
+    energy : Energy
+    dt : float
+        Time step [s].
+    integrator, solver, limits
+        As in `Run`.
+    """
+
+    phases: Sequence[Phase]
+    t: Array
+    q: Array
+    v: Array
+    violation: Array
+    constraint_velocity: Array
+    energy: Energy
+    dt: float  # [s]
+    integrator: Integrator
+    solver: Solver
+    limits: MotionLimits
+
+    @property
+    def scene(self) -> Scene:
+        """The scene at the start."""
+        return self.phases[0].scene
+
+    def scene_at(self, sample: int) -> Scene:
+        """The scene of a sample."""
+        found = [p.scene for p in self.phases if p.samples.start <= sample < p.samples.stop]
+        return found[0]
+
+
+def judged(course: Course) -> tuple[RunStatus, str]:
+    """Status of a motion that came to its end, and each limit that it has left, in a sentence."""
+    found = [
+        (RunStatus.OPENED, left_open(course)),
+        (RunStatus.OPENED, moved_apart(course)),
+        (RunStatus.PENETRATED, penetrated(course)),
+        (RunStatus.UNBALANCED, unbalanced(course)),
+    ]
+    left = [(status, said) for status, said in found if said]
+    if not left:
+        return RunStatus.FINISHED, ""
+    return left[0][0], "; ".join(said for _, said in left)
+
+
+def left_open(course: Course) -> str:
+    """Largest gap of a constraint, if it is beyond the limit."""
+    limit, first = course.limits.violation, float(course.violation[0])
+    if limit is None:
+        limit = default_gap(course.scene.robot) if _is_hard(course) else inf
+    if first > tolerances.NEARLY_CLOSED:
+        limit = max(limit, LARGER * first)
+    when = int(course.violation.argmax())
+    if course.violation[when] <= limit:
+        return ""
+    scene = _at(course, when)
+    name, gap = worst(check(scene, course.q[when], None).violation)
+    return (
+        f"{name} is open by {gap} at t = {course.t[when]:.4g} s, more than {limit:.2g} m or rad: "
+        f"{opening_cure(course.solver)}"
+    )
+
+
+def opening_cure(solver: Solver) -> str:
+    """What keeps constraints closed."""
+    if not solver.exact:
+        return f"{solver.title} lets them give way; use a stiffer solref"
+    return "use a smaller dt, a higher order, or another drift scheme"
+
+
+def moved_apart(course: Course) -> str:
+    """Largest |J v|, if it is beyond the limit."""
+    limit, speeds = course.limits.constraint_velocity, course.constraint_velocity.copy()
+    speeds[: _closed_from(course)] = 0.0  # an open start closes at some speed
+    when = int(speeds.argmax())
+    if limit is None:
+        if not _is_hard(course):
+            return ""
+        fastest = max(1.0, float(np.abs(course.v).max(initial=0.0)))
+        limit = max(_SLIP * fastest, LARGER * float(speeds[0]))
+        if speeds[when] > limit:  # curved paths are tangent in the middle of a step
+            limit += _bend(course, when)
+    if speeds[when] <= limit:
+        return ""
+    scene = _at(course, when)
+    of_each = check(scene, course.q[when], course.v[when]).constraint_velocity
+    name, rate = worst(of_each)
+    return (
+        f"the sides of {name} move apart at {rate.text('/s')} at t = {course.t[when]:.4g} s, more "
+        f"than {limit:.2g} m/s or rad/s: use a smaller dt, or Projection(), which keeps J v = 0"
+    )
+
+
+def _bend(course: Course, when: int) -> float:
+    """|J v| [m/s, rad/s] at the end of a step whose velocity is tangent to curved paths within."""
+    equations = gauge_of(course.scene_at(when)).equations
+    equations.at(float(course.t[when]))
+    gamma = equations.parts(course.q[when], course.v[when])[3]
+    return 2 * course.dt * float(np.abs(gamma).max(initial=0.0))
+
+
+def penetrated(course: Course) -> str:
+    """Deepest contact, or joint past its stop, if it is beyond the limit."""
+    worst_excess, said = 0.0, ""
+    for phase in course.phases:
+        if not phase.scene.contacts:
+            continue
+        names, gaps = gaps_along(phase.scene, course.q[phase.samples])
+        if not gaps.size:
+            continue
+        t, limits = course.t[phase.samples], _depth_limits(course, phase, gaps)
+        excess = -gaps - limits
+        k, i = np.unravel_index(int(excess.argmax()), excess.shape)
+        if excess[k, i] <= worst_excess:
+            continue
+        worst_excess = float(excess[k, i])
+        said = (
+            f"{names[i]} is {-gaps[k, i]:.3g} m or rad deep at t = {t[k]:.4g} s, more than "
+            f"{limits[i]:.2g}: {_depth_cure(course)}"
+        )
+    return said
+
+
+def _depth_limits(course: Course, phase: Phase, gaps: Array) -> Array:
+    """Depth of each contact and stop [m, rad] that is within the limit."""
+    limit, scheme = course.limits.penetration, course.integrator
+    begun = np.maximum(-gaps[0], 0.0) if phase.samples.start == 0 else np.zeros(gaps.shape[1])
+    if limit is not None:
+        return np.asarray(limit + np.where(begun > tolerances.NEARLY_CLOSED, begun, 0.0))
+    if isinstance(scheme, ContactScheme) and scheme.gives_way:
+        return np.full(gaps.shape[1], inf)
+    size = max(default_gap(course.scene.robot), tolerances.NEARLY_APART)
+    limits: Array = size + begun
+    if isinstance(scheme, ContactScheme) and not scheme.closes_gaps and len(gaps) > 1:
+        spans = np.diff(course.t[phase.samples])[:, None]
+        limits += course.dt * np.abs(np.diff(gaps, axis=0) / spans).max(axis=0)
+    return limits
+
+
+def _depth_cure(course: Course) -> str:
+    scheme = course.integrator
+    if isinstance(scheme, ContactScheme) and scheme.closes_gaps:
+        return "use a smaller dt"
+    return "use a smaller dt, or StewartTrinkle(), which pushes out what penetrates"
+
+
+def unbalanced(course: Course) -> str:
+    """Largest energy without work, if it is beyond the limit."""
+    energy, limit = course.energy, course.limits.energy
+    rest, scale = unexplained(course), energy.scale
+    if _damps_springs(course.integrator):
+        lost = np.ptp(energy.springs)
+        rest = np.where(energy.error < 0.0, np.maximum(rest - lost, 0.0), rest)
+    most = float(rest.max(initial=0.0))
+    if most <= max(limit * scale, smallest_energy(course)):
+        return ""
+    since = int(np.argmax(~(rest <= limit * scale)))
+    return (
+        f"{most:.3g} J of energy appeared or vanished without work, of {scale:.3g} J exchanged, "
+        f"more than {100 * limit:.3g} % from t = {course.t[since]:.4g} s on: {energy_cure(course)}"
+    )
+
+
+def energy_cure(course: Course) -> str:
+    """What keeps energy."""
+    if course.integrator.between_events.is_adaptive:
+        return "use finer tolerances"
+    if course.scene.contacts:
+        return f"use a dt below {1e3 * course.dt:.3g} ms"
+    return (
+        f"use a dt below {1e3 * course.dt:.3g} ms, an integrator of a higher order, or "
+        "DormandPrince(), which takes smaller steps where it must"
+    )
+
+
+def unexplained(course: Course) -> Array:
+    """Energy that appeared or vanished without work since the loops were closed (k,) [J].
+
+    Less what the quadrature of work over the samples may be off by. Constraints that give way, or
+    that close an open start, do work: it is zero while they do.
+    """
+    error, doubt = course.energy.error, course.energy.doubt
+    if not _is_hard(course):
+        return np.zeros_like(error)
+    start = min(_closed_from(course), len(error) - 1)
+    rest = np.abs(error - error[start]) - (doubt - doubt[start])
+    rest[:start] = 0.0
+    return np.asarray(np.where(rest < 0.0, 0.0, rest))
+
+
+def smallest_energy(course: Course) -> float:
+    """Energy that no one misses [J]: rounding of energies, and what lifts the robot by 1 nm."""
+    gravity = float(np.linalg.norm(course.scene.robot.model.gravity.linear))
+    lifted = tolerances.ENERGY_KEPT * course.scene.robot.mass * gravity
+    return max(course.energy.kept, lifted)
+
+
+def _closed_from(course: Course) -> int:
+    """The first sample at which an open start is closed; the number of samples if it never is."""
+    closed = course.violation <= tolerances.NEARLY_CLOSED
+    return int(closed.argmax()) if closed.any() else len(closed)
+
+
+def _damps_springs(integrator: Integrator) -> bool:
+    """Whether steps of order 1 have springs at their end, and damp what they cannot follow."""
+    return isinstance(integrator, ContactScheme) or integrator.order.q == 1
+
+
+def _is_hard(course: Course) -> bool:
+    """Whether constraints are held, and do not give way by the choice of a solver."""
+    return course.solver.exact or not any(phase.scene.rows for phase in course.phases)
+
+
+def _at(course: Course, when: int) -> Scene:
+    """Scene of a sample, its driven rows where they are then."""
+    return course.scene_at(when).at(float(course.t[when]))
