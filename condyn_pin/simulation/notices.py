@@ -14,7 +14,6 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.contacts.bound import Stop
 from condyn_pin.constraints.violation import worst
 from condyn_pin.dynamics.force import (
     Sites,
@@ -37,7 +36,6 @@ from condyn_pin.simulation.motion_status import (
     energy_cure,
     left_open,
     opening_cure,
-    penetrated,
     smallest_energy,
     unbalanced,
     unexplained,
@@ -84,7 +82,6 @@ def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
     if np.isfinite(trajectory.energy.error).all():  # else the run was lost
         said += _energy(trajectory)
     said += _error(trajectory) if went_on else []
-    said += _past_stops(trajectory)
     said += [*limits_passed(trajectory), *bodies_passed(trajectory)]
     return tuple(said + answer_notices(trajectory, answers))
 
@@ -145,29 +142,6 @@ def _error(trajectory: Trajectory) -> list[str]:
         f"doubled steps: {run.integrator.title} of order {order} in steps of "
         f"{1e3 * run.dt:.4g} ms{turns}; use {' or '.join(cures)}"
     ]
-
-
-def _past_stops(trajectory: Trajectory) -> list[str]:
-    """Return a sentence for each stop of the scene that a joint has gone past."""
-    stops = {stop.name for stop in _stops(trajectory)}
-    if not stops or (trajectory.run.status.ok and penetrated(trajectory.course)):
-        return []
-    said = []
-    for name in [name for name in trajectory.gaps if name in stops]:
-        gap = trajectory.gaps[name]
-        deepest, t = -float(np.nanmin(gap)), float(trajectory.t[int(np.nanargmin(gap))])
-        if deepest > tolerances.NEARLY_CLOSED:
-            said.append(
-                f"{name}: the joint is past its stop by {deepest:.3g} rad or m at t = {t:.4g} s: "
-                "use a smaller dt, or StewartTrinkle()"
-            )
-    return said
-
-
-def _stops(trajectory: Trajectory) -> list[Stop]:
-    """Return the stops of joints that the scene has, those of all phases."""
-    bounds = [bound for phase in trajectory.phases for bound in phase.scene.contact_bounds]
-    return [stop for bound in bounds for stop in bound.stops]
 
 
 def _stays_deep(trajectory: Trajectory) -> list[str]:

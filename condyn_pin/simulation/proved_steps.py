@@ -152,7 +152,7 @@ class ProvedSteps:
         """
         if not (np.isfinite(q1).all() and np.isfinite(v1).all()):
             return nan, nan
-        posed, *_, work, _ = self._steps.last
+        posed, work = self._steps.last.posed, self._steps.last.work
         passive, condensed = self._system.passive, posed.condensed
         q, v = np.array((start.q, q1)), np.array((start.v, v1))
         times = self._t + np.array((0.0, self._dt))
