@@ -251,8 +251,9 @@ def test_a_contact_that_pulls_is_noticed():
     assert lifted.notices[0] in str(lifted)
     corners = cp.Scene(talos, [c for contact in talos.contacts for c in contact.corners()])
     pulled = cp.solve(corners, q, v, tau).notices
-    assert len(pulled) == 8
-    assert all("(the vertical is its normal)" in notice for notice in pulled)
+    (said,) = pulled  # eight corners share it, and none of their shares is determined
+    assert all(name in said for name in corners.names)
+    assert "one of them pulls with " in said
 
 
 def test_a_loop_may_pull_and_a_wall_may_push_sideways():
