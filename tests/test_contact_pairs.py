@@ -10,10 +10,12 @@ import coal
 import numpy as np
 import pinocchio as pin
 import pytest
+from scipy.spatial import ConvexHull
 
 import condyn_pin as cp
 from condyn_pin.constraints import Ball, Box, Capsule, Convex, FrictionalContact, Plane, Point
 from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.dynamics import contact_gaps
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.simulation.archive import decode, encode
 
@@ -266,6 +268,170 @@ def test_other_shapes_are_refused(mesh):
         scene_of(Ball(0.1), mesh)
 
 
+# ---- depth and distance -------------------------------------------------------
+
+
+def least_shift(one, two, q: np.ndarray) -> float:
+    """Return the signed distance of two solids: the faces of the set of differences of corners."""
+    clouds = []
+    for shape, at in zip((one, two), (q[:7], q[7:]), strict=True):
+        corners = np.array([point.middle for point in shape.contact_points])
+        clouds.append([pin.XYZQUATToSE3(at).act(corner) for corner in corners])
+    upper, lower = map(np.array, clouds)
+    differences = (upper[:, None] - lower).reshape(-1, 3)
+    return ConvexHull(differences).equations[:, 3].max()
+
+
+@pytest.mark.parametrize("turn", [2.0, 0.1, 1e-3, 1e-4, 1e-5])
+@pytest.mark.parametrize("names", [("box", "box"), ("box", "prism"), ("plank", "prism")])
+def test_the_depth_is_the_least_shift_that_takes_them_apart(names, turn):
+    shapes = SHAPES | {"prism": Convex(PRISM)}
+    one, two = (shapes[name] for name in names)
+    scene, rng = scene_of(one, two), np.random.default_rng(3)
+    compared = 0
+    for _ in range(20):
+        turned = pin.exp3(turn * rng.normal(size=3))
+        q = placed(pin.SE3(turned, 0.1 * rng.normal(size=3)))
+        right = least_shift(one, two, q)
+        if right < -1e-3:
+            assert min(contact_gaps(scene, q).values()) == pytest.approx(right, abs=1e-12)
+            assert At(scene, q).gaps.min() == pytest.approx(right, abs=1e-12)
+            compared += 1
+    assert compared >= 5
+
+
+CUBE = Box(0.2, 0.2, 0.2)
+
+
+def test_edges_that_are_nearly_parallel_keep_their_distance():
+    turned = pin.rpy.rpyToMatrix(0.0, 0.0, 5e-4)
+    on_edge = pin.rpy.rpyToMatrix(np.pi / 4, 0.0, 0.0)
+    high = 0.4 * np.sqrt(2)
+    for gap in (1e-3, -1e-5):  # two cubes, edge over edge, crossing in the middle
+        upper = pin.SE3(turned @ on_edge, np.array([0.0, 0.0, high + gap]))
+        at = At(scene_of(CUBE, CUBE), placed(upper, pin.SE3(on_edge, np.zeros(3))))
+        assert at.gaps.min() == pytest.approx(gap, abs=1e-12)
+
+
+@pytest.mark.parametrize("off", [0.3, 3.0, 300.0])
+def test_a_gap_is_a_distance_also_far_away(off):
+    """Of a ball, of a capsule and of a box from a box along its axes."""
+    rng, half = np.random.default_rng(4), np.array([0.05, 0.08, 0.12])
+    box = Box(*half)
+    for _ in range(5):
+        away = rng.normal(size=3)
+        away *= off / np.linalg.norm(away)
+        q = placed(pin.SE3(np.eye(3), away))
+        beyond = np.maximum(np.abs(away) - half, 0.0)
+        along = np.maximum(np.abs(away) - half - (0.0, 0.0, 0.1), 0.0)
+        both = np.maximum(np.abs(away) - 2 * half, 0.0)
+        for shape, distance in ((Ball(0.04), beyond), (Capsule(0.04, 0.1), along), (box, both)):
+            right = np.linalg.norm(distance) - (0.0 if shape is box else 0.04)
+            scene = scene_of(shape, box)
+            if right > 0.0:
+                assert min(contact_gaps(scene, q).values()) == pytest.approx(right, abs=1e-9)
+                assert At(scene, q).gaps.min() <= right + 1e-12  # a step does with a bound
+
+
+def test_a_motion_and_its_events_know_the_distance_of_what_is_far():
+    scene, half = scene_of(Ball(0.04), Box(0.1, 0.1, 0.1)), 0.1
+    q, v = placed(above(2.0)), np.zeros(12)
+    v[2] = v[8] = 1.0
+    v[2] -= 1.0
+    seen = []
+    run = cp.simulate(
+        scene, q, v, duration=0.05, dt=0.01, integrator=cp.StewartTrinkle(),
+        events=[cp.Event(when=lambda at: seen.append(at.gaps["pair"]) or 1.0, name="near")],
+    )  # fmt: skip
+    right = run.q[:, 2] - run.q[:, 9] - half - 0.04
+    np.testing.assert_allclose(run.gaps["pair"], right, atol=1e-9)
+    assert seen
+    assert seen[0] == pytest.approx(right[0], abs=1e-9)
+    after = cp.step(scene, q, v, dt=0.01)
+    assert after.gaps["pair"] == pytest.approx(after.q[2] - after.q[9] - half - 0.04, abs=1e-9)
+
+
+# ---- pieces side by side ------------------------------------------------------
+
+
+def floor_of_two(body: cp.Robot, shape, friction: float, higher: float = 0.0) -> cp.Scene:
+    """Return a body over two boxes of the world that share a face at x = 0.25 m."""
+    robot = body.with_frame("left", "universe", (0.0, 0.0, -0.05))
+    robot = robot.with_frame("right", "universe", (0.5, 0.0, higher - 0.05))
+    frame = body.model.frames[-1].name
+    contacts = [
+        FrictionalContact(
+            frame, shape, on=side, on_shape=Box(0.25, 0.5, 0.05), friction=friction, name=side
+        )
+        for side in ("left", "right")
+    ]
+    return cp.Scene(robot, contacts=contacts)
+
+
+@pytest.mark.parametrize(("higher", "off"), [(0.0, 1e-8), (1e-5, 2e-4), (-1e-5, 2e-4)])
+def test_a_box_slides_over_the_seam_of_two_flush_boxes(higher, off):
+    box = cp.model.free_box(size=(0.2, 0.12, 0.08))
+    scene, turn = floor_of_two(box, Box(0.1, 0.06, 0.04), 0.0, higher), above(0, (0, 0, 0.3))
+    turn.translation = np.array([0.05, 0.013, 0.04])
+    v = np.zeros(6)
+    v[:3] = turn.rotation.T @ [1.0, 0.0, 0.0]
+    run = cp.simulate(scene, pin.SE3ToXYZQUAT(turn), v, duration=0.4, dt=2e-3)
+    assert run.q[-1, 0] > 0.4
+    assert np.linalg.norm(run.v[-1, :3]) == pytest.approx(1.0, abs=off)
+    assert np.abs(run.v[-1, 3:]).max() < 10 * off
+    assert np.abs(run.q[:, 2] - 0.04).max() < 1.1 * abs(higher) + 1e-8
+
+
+def test_a_ball_rolls_over_the_seam_of_two_flush_boxes():
+    ball = cp.model.free_ball(mass=1.0, radius=0.05)
+    scene = floor_of_two(ball, Ball(0.05), 0.5)
+    q, v = np.array([0.2, 0.01, 0.05, 0, 0, 0, 1.0]), np.array([1.0, 0, 0, 0, 20.0, 0])
+    run = cp.simulate(scene, q, v, duration=0.1, dt=1e-3)
+    np.testing.assert_allclose(run.q[-1, :3], [0.3, 0.01, 0.05], atol=1e-12)
+    there = pin.Quaternion(run.q[-1, 3:]).matrix()
+    np.testing.assert_allclose(there @ run.v[-1, :3], v[:3], atol=1e-12)
+    np.testing.assert_allclose(run.v[-1, 3:], v[3:], atol=1e-12)
+
+
+@pytest.mark.parametrize("high", [0.03, 0.09])
+def test_a_box_in_the_corner_of_a_stair_touches_tread_and_riser(high):
+    """The riser goes on above the tread: nothing of it is hidden, on top of the box or below."""
+    box = cp.model.free_box(size=(0.2, 0.12, 2 * high))
+    scene = floor_of_two(box, Box(0.1, 0.06, high), 0.0, higher=0.1)
+    q = np.array([0.15, 0.0, high, 0, 0, 0, 1.0])
+    gaps = At(scene, q).gaps.reshape(2, -1)
+    assert [np.count_nonzero(np.abs(each) < 1e-12) for each in gaps] == [4, 4]
+    run = cp.simulate(scene, q, np.array([0.5, 0, 0, 0, 0, 0]), duration=0.02, dt=1e-3)
+    np.testing.assert_allclose(run.v[-1], 0.0, atol=1e-8)
+
+
+def test_feet_of_two_pieces_slide_off_an_edge():
+    """What a body wears is a piece of it too: a sole of two halves over the edge of a table."""
+    halves = cp.model.free_box(size=(0.2, 0.12, 0.08))
+    for x, name in ((0.05, "front"), (-0.05, "back")):
+        halves = halves.with_frame(name, "box", (x, 0.0, 0.0))
+    halves = halves.with_frame("table", "universe", (0.0, 0.0, -0.05))
+    contacts = [
+        FrictionalContact(
+            half, Box(0.05, 0.06, 0.04), on="table", on_shape=Box(0.06, 0.5, 0.05),
+            friction=0.0, name=half,
+        )
+        for half in ("front", "back")
+    ]  # fmt: skip
+    scene = cp.Scene(halves, contacts=contacts)
+    q, v = np.array([-0.03, 0.0, 0.04, 0, 0, 0, 1.0]), np.array([0.5, 0, 0, 0, 0, 0.0])
+    run = cp.simulate(scene, q, v, duration=0.1, dt=1e-3)
+    np.testing.assert_allclose(run.v[-1], v, atol=1e-8)
+
+
+def test_a_gap_to_a_hidden_face_is_still_the_distance_of_its_shape():
+    box = cp.model.free_box(size=(0.2, 0.12, 0.08))
+    scene = floor_of_two(box, Box(0.1, 0.06, 0.04), 0.0)
+    gaps = contact_gaps(scene, np.array([0.13, 0.0, 0.04, 0, 0, 0, 1.0]))
+    nearest = min(gap for name, gap in gaps.items() if name.startswith("right"))
+    assert nearest == pytest.approx(0.02, abs=1e-12)
+
+
 # ---- solids by their corners ------------------------------------------------
 
 CORNERS = tuple(product((0.2, -0.2), (0.15, -0.15), (0.1, -0.1)))
@@ -296,6 +462,31 @@ def test_rows_of_a_prism_are_the_rates_of_its_gaps(other):
         np.testing.assert_allclose((here.rows()[2::3] @ v)[there], rate, atol=1e-7)
 
 
+@pytest.mark.parametrize("drop", [6e-5, 6e-4, 1e-6])
+def test_faces_that_meet_flatly_are_two(drop):
+    """A roof whose eaves are far lower than rounding: its faces meet at an angle of any size."""
+    half = 0.15
+    eaves = [(x, y, z) for y in (-0.1, 0.1) for x in (-half, half) for z in (-drop, -0.1)]
+    roof = Convex([*eaves, (0.0, -0.1, 0.0), (0.0, 0.1, 0.0)])
+    scene, length = scene_of(Ball(0.02), roof), np.hypot(drop, half)
+    for side in (-1.0, 1.0):
+        foot = np.array([side * 0.13, 0.0, -drop * 0.13 / half])
+        normal = np.array([side * drop, 0.0, half]) / length
+        q = placed(pin.SE3(np.eye(3), foot + 0.021 * normal))
+        assert min(contact_gaps(scene, q).values()) == pytest.approx(1e-3, abs=1e-12)
+
+
+def test_corners_with_six_digits_make_the_faces_of_their_solid():
+    """Twelve faces of a prism, each of several triangles, whose corners are written in a file."""
+    angles = np.pi / 5 * np.arange(10) + 0.1
+    rim = 0.1 * np.column_stack((np.cos(angles), np.sin(angles)))
+    corners = np.array([(x, y, z) for z in (0.05, -0.05) for x, y in rim])
+    corners = corners @ pin.rpy.rpyToMatrix(0.3, 0.4, 0.5).T
+    core = Convex([tuple(corner) for corner in np.round(corners, 7)]).core
+    assert len(core.normals) == 12
+    assert sorted(len(loop) for loop in core.loops) == 10 * [4] + [10, 10]
+
+
 @pytest.mark.parametrize(
     ("vertices", "words"),
     [
@@ -303,6 +494,7 @@ def test_rows_of_a_prism_are_the_rates_of_its_gaps(other):
         ([(0, 0, 0), (1, 0, 0), (0, 1, 0), (1, 1, 0)], "in a plane"),
         (CORNERS[:3], "3 of them"),
         ("mesh", "a list of points"),
+        ([(x, y, z) for x in (0, 1) for y in (0, 1) for z in (0, 1e-7)], "in a plane"),
         ([(0, 0)] * 4, r"vertices\[0\]"),
     ],
 )

@@ -81,7 +81,7 @@ DRAWN: Final = 1e-6
 ON_FACE: Final = 1e-9
 
 # A corner belongs to a face of a solid if it is off its plane by no more than this share of the
-# size: files write corners with six digits.
+# size, and edges are parallel whose ends part by no more: files write corners with six digits.
 FLAT: Final = 1e-6
 
 # Points of one contact that are nearer to each other than this share of the size of a shape are

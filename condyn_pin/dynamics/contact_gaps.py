@@ -69,6 +69,6 @@ def gaps_at(scene: Scene, q: Array) -> tuple[Candidates, Array]:
     """Return the candidates of a scene and their gaps at a configuration that was checked."""
     scene.robot.check_unedited()
     model = scene.robot.model
-    candidates, data = Candidates(model, scene.contact_bounds), model.createData()
+    candidates, data = Candidates(model, scene.contact_bounds, exact=True), model.createData()
     pin.forwardKinematics(model, data, q)
     return candidates, np.array(candidates.gaps(data, q))

@@ -60,7 +60,7 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
             "scene: its contacts are held where they are; one with contacts that may let go is "
             "needed, Scene(robot, contacts=robot.frictional_contacts(friction=0.7))"
         )
-    candidates = Candidates(model, scene.contact_bounds)
+    candidates = Candidates(model, scene.contact_bounds, exact=True)
     if not candidates.cones or model.joints[1].shortname() != "JointModelFreeFlyer":
         return placed
     down = _shifted(scene, candidates, placed, walls=False)[0]

@@ -32,7 +32,8 @@ def contact_rows(candidates: Candidates) -> dict[str, slice]:
 
 def gaps_along(scene: Scene, Q: Array) -> tuple[tuple[str, ...], Array]:
     """Return the names of what has a gap, and the gaps at Q (k, nq) [m, rad]."""
-    candidates, model = candidates_of(scene), scene.robot.unedited
+    model = scene.robot.unedited
+    candidates = Candidates(model, scene.contact_bounds, exact=True)
     data = model.createData()
     count = candidates.cones + candidates.half_lines
     gaps = np.empty((len(Q), count))

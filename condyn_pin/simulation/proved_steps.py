@@ -95,7 +95,7 @@ class ProvedSteps:
             self._steps.check_path(self._t, q1)
             self._system.check_reach(self._t + self._dt, q1, v1)
         violation = equations.open_by(q1, v1)[0]
-        gaps = candidates.gaps(equations.data, q1)
+        gaps = candidates.exact.gaps(equations.data, q1)
         modes = (MODES[code] for code in self._steps.modes())
         q1, v1, lam = read_only((q1, v1, lam))
         return StepSolution(

@@ -60,7 +60,7 @@ class Snapshot:
         """Distance of each contact and stop [m, rad]."""
         data = self._system.equations.data
         pin.forwardKinematics(self._system.model, data, self.q)
-        gaps = self._system.contacts.gaps(data, self.q)
+        gaps = self._system.contacts.exact.gaps(data, self.q)
         return dict(zip(self._system.contacts.names, gaps.tolist(), strict=False))
 
     @property

@@ -78,7 +78,7 @@ def touching_at(scene: Scene, data: Any, q: Array, felt: Felt) -> Iterator[tuple
     if not scene.contacts:
         return
     model = scene.robot.model
-    candidates = Candidates(model, scene.contact_bounds)
+    candidates = Candidates(model, scene.contact_bounds, exact=True)
     grounds = dict(cone for bound in scene.contact_bounds for cone in bound.cones)
     gaps, points = candidates.gaps(data, q), candidates.points(data, q)
     axes = candidates.axes(data, q)

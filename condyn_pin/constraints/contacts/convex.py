@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, shown
 from condyn_pin.constraints.constraint_fields import Vector3, floats
-from condyn_pin.constraints.contacts.cores import Core, Indices, solid_core
+from condyn_pin.constraints.contacts.cores import Core, Indices, across, solid_core
 from condyn_pin.constraints.contacts.shapes import ContactPoint, Shape
 from condyn_pin.errors import InvalidArgument
 
@@ -53,6 +53,7 @@ class Convex(Shape):
                 f"vertices[{i}] = {vertices[i]}: it is not a corner of the convex hull; a "
                 "convex solid is needed, so split a concave mesh into convex parts"
             )
+        self.core  # noqa: B018  refuses what is too flat
 
     @property
     def contact_points(self) -> tuple[ContactPoint, ...]:
@@ -65,9 +66,11 @@ class Convex(Shape):
     def core(self) -> Core:
         """The solid: triangles of one plane are one face."""
         points = np.array(self.vertices)
-        normals, heights = _planes(self._hull.equations)
-        size = float(np.ptp(points, axis=0).max())
-        on = np.abs(points.dot(normals.T) - heights) <= tolerances.FLAT * size
+        off = tolerances.FLAT * float(np.ptp(points, axis=0).max())
+        normals, heights = _planes(points, self._hull, off)
+        on = np.abs(points.dot(normals.T) - heights) <= off
+        if on.all(axis=0).any():
+            raise _flat()
         loops = tuple(
             _around(points, np.flatnonzero(on[:, face]), normal)
             for face, normal in enumerate(normals)
@@ -86,19 +89,27 @@ class Convex(Shape):
         try:
             return ConvexHull(np.array(self.vertices))
         except QhullError as error:
-            raise InvalidArgument(
-                "vertices: they lie in a plane, or nearly; a solid is needed"
-            ) from error
+            raise _flat() from error
 
 
-def _planes(equations: Array) -> tuple[Array, Array]:
-    """Return outward normals and heights of faces from the planes of their triangles."""
-    kept: list[Array] = []
-    for plane in equations:
-        if all(plane[:3].dot(other[:3]) < 1.0 - tolerances.PARALLEL**2 / 2 for other in kept):
-            kept.append(plane)
-    planes = np.array(kept)
+def _planes(points: Array, hull: Any, off: float) -> tuple[Array, Array]:
+    """Return outward normals and heights of the faces of a hull: triangles of one plane are one.
+
+    A triangle belongs to the plane of a larger one if its corners are `off` it by no more [m].
+    """
+    corners = points[hull.simplices]
+    _, twice = across(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    above = np.abs(corners.dot(hull.equations[:, :3].T) + hull.equations[:, 3]).max(axis=1)
+    kept: list[int] = []
+    for i in np.argsort(-twice, kind="stable").tolist():  # a sliver has no normal of its own
+        if (above[i, kept] > off).all():
+            kept.append(i)
+    planes = hull.equations[sorted(kept)]
     return planes[:, :3], -planes[:, 3]
+
+
+def _flat() -> InvalidArgument:
+    return InvalidArgument("vertices: they lie in a plane, or nearly; a solid is needed")
 
 
 def _around(points: Array, corners: Indices, normal: Array) -> Indices:

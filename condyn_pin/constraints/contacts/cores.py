@@ -104,18 +104,23 @@ def _core(
     loops: tuple[Indices, ...],
     radius: float,
 ) -> Core:
-    along = vertices[edges[:, 1]] - vertices[edges[:, 0]]
-    _, units = lengths_of(along)
-    kept: list[Array] = []
-    for unit in units:
-        if all(abs(unit.dot(other)) < 1.0 - tolerances.PARALLEL**2 for other in kept):
-            kept.append(unit)
+    size = float(np.ptp(vertices, axis=0).max())
     return Core(
         vertices, edges, normals, heights, loops, radius,
-        directions=np.reshape(kept, (-1, 3)),
-        size=float(np.ptp(vertices, axis=0).max()),
+        directions=_directions(vertices[edges[:, 1]] - vertices[edges[:, 0]], size), size=size,
         reach=float(lengths_of(vertices)[0].max()) + radius,
     )  # fmt: skip
+
+
+def _directions(along: Array, size: float) -> Array:
+    """Return the unit vectors along edges (e, 3), one for those whose ends part by rounding."""
+    lengths, units = lengths_of(along)
+    kept: list[int] = []
+    for i, (unit, length) in enumerate(zip(units, lengths, strict=True)):
+        _, sines = across(np.repeat(unit[None], len(kept), axis=0), units[kept])
+        if (sines * np.maximum(length, lengths[kept]) > tolerances.FLAT * size).all():
+            kept.append(i)
+    return np.asarray(units[kept])
 
 
 def nearest(core: Core, points: Array) -> tuple[Array, Array]:

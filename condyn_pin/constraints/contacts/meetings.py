@@ -103,7 +103,7 @@ def _between(A: Core, B: Core) -> Meetings:
 
     For cores that are apart.
     """
-    p, q, _, _ = _crossings(A, A.edges, B, B.edges)
+    p, q, _, _ = _crossings(A, A.edges, B, B.edges, tolerances.FLAT)
     distances, normals = lengths_of(p - q)
     crossing = Meetings(distances - A.radius - B.radius, p - A.radius * normals, normals)
     return _joined(_round(B, A).turned(), crossing)
@@ -124,7 +124,10 @@ def _solids(A: Core, B: Core) -> Meetings:
     if by_edges:
         parts.append(_edges_on_edges(A, _lowest(A, axis), B, _lowest(B, -axis), axis))
     found, size = _joined(*parts), max(A.size, B.size)
-    if (found.gaps > gap + tolerances.EDGE_ON * size).all():  # nothing is over what separates them
+    margin = tolerances.EDGE_ON * size
+    # what is deeper than the solids has a shorter way out, along what separates them
+    found = found.taken(np.flatnonzero(found.gaps >= gap - margin))
+    if (found.gaps > gap + margin).all():  # nothing is over what separates them
         first = _joined(_round(A, B), _between(A, B)) if gap > 0.0 else _first(A, axis, gap)
         found = _joined(found, first.least(1))
     found = found._replace(
@@ -173,8 +176,7 @@ def _separation(A: Core, B: Core) -> tuple[Array, float, bool]:
 def _edge_axes(A: Core, B: Core) -> Array:
     """Return the unit vectors across edges of A and of B (k, 3), without those of parallel ones."""
     normals, sines = across(*_every_pair(A.directions, B.directions))
-    skew = sines > tolerances.PARALLEL
-    return np.asarray(normals[skew])
+    return np.asarray(normals[sines > tolerances.FLAT])
 
 
 def _every_pair(one: Array, two: Array) -> tuple[Array, Array]:
@@ -200,15 +202,20 @@ def _edges_on_edges(A: Core, of_A: Indices, B: Core, of_B: Indices, axis: Array)
     return Meetings(((p - q) * normals).sum(axis=1)[above], p[above], normals[above])
 
 
-def _crossings(A: Core, of_A: Indices, B: Core, of_B: Indices) -> tuple[Array, Array, Array, Array]:
-    """Return the nearest points of lines along edges that cross, and the edges (k, 3) each."""
+def _crossings(
+    A: Core, of_A: Indices, B: Core, of_B: Indices, least: float = tolerances.PARALLEL
+) -> tuple[Array, Array, Array, Array]:
+    """Return the nearest points of lines along edges that cross, and the edges (k, 3) each.
+
+    `least` is the sine of the angle from which on edges are not parallel.
+    """
     (a, d), (b, e) = segments(A, of_A), segments(B, of_B)
     (a, b), (d, e) = _every_pair(a, b), _every_pair(d, e)
     apart = a - b
     dd, ee, de = (d * d).sum(axis=1), (e * e).sum(axis=1), (d * e).sum(axis=1)
     da, ea = (d * apart).sum(axis=1), (e * apart).sum(axis=1)
     area = dd * ee - de**2
-    skew = area > tolerances.PARALLEL**2 * dd * ee
+    skew = area > least**2 * dd * ee
     area = np.where(skew, area, 1.0)
     shares = np.array([de * ea - ee * da, dd * ea - de * da]) / area
     kept = skew & (np.abs(shares - 0.5) <= 0.5 + tolerances.ON_FACE).all(axis=0)

@@ -12,7 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.names import listed
 from condyn_pin.constraints.contacts.cores import Core
+from condyn_pin.constraints.contacts.pairs import pieces_of
 from condyn_pin.constraints.rows.compiled_rows import placement
 from condyn_pin.dynamics.compiled.arrays import JOINTS
 
@@ -25,6 +27,10 @@ def untaken_contacts(scene: Scene) -> Iterator[str]:
     for name, joint in zip(scene.robot.model.names, scene.robot.model.joints, strict=True):
         if joint.id and joint.shortname() not in JOINTS:
             yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"
+    pairs = [pair for bound in scene.contact_bounds for pair in bound.pairs]
+    at_seams = [pair.name for pair, pieces in zip(pairs, pieces_of(pairs), strict=True) if pieces]
+    if at_seams:
+        yield f"{listed(at_seams)}: pieces of one body side by side, whose seams it would meet"
 
 
 def of_contacts(scene: Scene, rank: int) -> dict[str, Any]:

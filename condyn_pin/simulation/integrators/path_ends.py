@@ -109,9 +109,9 @@ class PathEnds:
         Of two shapes that meet in several points: the deepest in all places, or zero.
         """
         gaps, J_n = posed.gaps, posed.J[self._contacts.normals]
-        if not self._pairs:
+        if not self._contacts.pairs:
             return gaps, J_n
-        gaps, J_n = gaps.copy(), J_n.copy()
+        gaps, J_n = np.where(gaps == np.inf, 0.0, gaps), J_n.copy()  # a seam hides what has no gap
         for places in self._pairs:
             deepest = places.start + int(gaps[places].argmin())
             into = float(gaps[deepest]) < 0.0

@@ -9,7 +9,8 @@
 
 namespace condyn
 {
-constexpr double parallel = 1e-3; // sine of the angle between edges: `PARALLEL` of Python
+// sine of the angle between edges, and where rounding alone is parallel: `PARALLEL` and `FLAT` of Python
+constexpr double parallel = 1e-3, flat = 1e-6;
 
 /// Where lines along edges that cross are nearest, and the edges.
 struct Crossing
@@ -17,7 +18,8 @@ struct Crossing
   Vector3d p, q, d, e;
 };
 
-inline std::vector<Crossing> crossings(const Shape & A, const Edges & of_A, const Shape & B, const Edges & of_B)
+inline std::vector<Crossing> crossings(
+  const Shape & A, const Edges & of_A, const Shape & B, const Edges & of_B, double least = parallel)
 {
   std::vector<Crossing> found;
   for (const Edge & one : of_A)
@@ -27,7 +29,7 @@ inline std::vector<Crossing> crossings(const Shape & A, const Edges & of_A, cons
       const Vector3d b = B.vertices.col(two[0]), e = B.vertices.col(two[1]) - b, apart = a - b;
       const double dd = d.dot(d), ee = e.dot(e), de = d.dot(e), da = d.dot(apart), ea = e.dot(apart);
       const double area = dd * ee - de * de;
-      if (!(area > parallel * parallel * dd * ee))
+      if (!(area > least * least * dd * ee))
         continue;
       const double s = (de * ea - ee * da) / area, t = (dd * ea - de * da) / area;
       if (std::max(std::abs(s - 0.5), std::abs(t - 0.5)) <= 0.5 + on_face)

@@ -67,7 +67,7 @@ Meetings round_on(const Shape & A, const Shape & B)
 Meetings between(const Shape & A, const Shape & B)
 {
   Meetings found = turned(round_on(B, A));
-  for (const Crossing & x : crossings(A, A.edges, B, B.edges))
+  for (const Crossing & x : crossings(A, A.edges, B, B.edges, flat))
   {
     const Length apart(x.p - x.q);
     found.push_back({apart.length - A.radius - B.radius, x.p - A.radius * apart.along, apart.along});
@@ -103,7 +103,7 @@ Separation separation(const Shape & A, const Shape & B)
     for (Eigen::Index j = 0; j < B.directions.cols(); ++j)
     {
       const Length across(Vector3d(A.directions.col(i)).cross(Vector3d(B.directions.col(j))));
-      if (!(across.length > parallel))
+      if (!(across.length > flat))
         continue;
       const VectorXd along_A = A.vertices.transpose() * across.along, along_B = B.vertices.transpose() * across.along;
       const double above = along_A.minCoeff() - along_B.maxCoeff(), below = along_B.minCoeff() - along_A.maxCoeff();
@@ -197,7 +197,11 @@ Meetings solids(const Shape & A, const Shape & B, const Separation & apart)
   append(found, edges_on_edges(A, edges, B, around(B, top), axis));
   if (apart.by_edges)
     append(found, edges_on_edges(A, lowest(A, axis), B, lowest(B, -axis), axis));
-  const double size = std::max(A.size, B.size), over = apart.gap + edge_on * size;
+  const double size = std::max(A.size, B.size), margin = edge_on * size, over = apart.gap + margin;
+  // what is deeper than the solids has a shorter way out, along what separates them
+  found.erase(
+    std::remove_if(found.begin(), found.end(), [&](const Meeting & m) { return m.gap < apart.gap - margin; }),
+    found.end());
   if (std::all_of(found.begin(), found.end(), [&](const Meeting & m) { return m.gap > over; }))
   { // nothing is over what separates them
     Meetings first{{apart.gap, A.vertices.col(first_along(A, axis)), axis}};
