@@ -17,6 +17,7 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
+from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.errors import InvalidArgument
 
@@ -103,7 +104,7 @@ class Loads:
     def at(self, q: Array, forces: Sequence[AppliedForce]) -> Load:
         """Return what forces, all constant, are at q."""
         model, data = self.model, self.data
-        pin.computeJointJacobians(model, data, q)
+        algorithms(data).computeJointJacobians(model, data, q)
         torque, size, wrenches = np.zeros(model.nv), np.zeros(model.nv), []
         for (joint, placement), in_world, wrench in self.bind(forces):
             axes = ALIGNED if in_world else LOCAL
@@ -118,7 +119,7 @@ class Loads:
 
 def frame_jacobian(model: Any, data: Any, joint: int, placement: Any, axes: Any) -> Array:
     """Return the Jacobian (6, nv) of a frame, after `pin.computeJointJacobians`."""
-    J = pin.getFrameJacobian(model, data, joint, placement, axes)
+    J = algorithms(data).getFrameJacobian(model, data, joint, placement, axes)
     # a single column comes as a vector
     return J if J.ndim == 2 else J[:, None]  # type: ignore[no-any-return]
 

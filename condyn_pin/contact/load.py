@@ -10,6 +10,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.bound import BoundContact
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.loads import Load
@@ -24,7 +25,7 @@ def contact_load(
     is that of stops and of dry friction. The data is written to.
     """
     candidates = Candidates(model, bounds)
-    pin.forwardKinematics(model, data, q)
+    algorithms(data).forwardKinematics(model, data, q)
     points, axes = candidates.points(data, q), candidates.axes(data, q)
     cones = 3 * candidates.cones
     wrenches = []

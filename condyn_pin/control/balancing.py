@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, check_overflow, finite
+from condyn_pin._core.trees import whole_data
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.contact_wrenches import wrench_margin
 from condyn_pin.control.pressure import Pressure, pressed
@@ -173,7 +174,7 @@ def balance(
 def balanced(scene: Scene, q: Array, v: Array, a: Array, pressure: Pressure) -> Balance:
     """Return the balance of a robot that moves with a and presses on a floor as is said."""
     model = scene.robot.unedited
-    data = model.createData()
+    data = whole_data(model)
     rate = pin.computeCentroidalMomentumTimeVariation(model, data, q, v, a)
     c, velocity = np.array(data.com[0]), np.array(data.vcom[0])
     gravity = np.array(model.gravity.linear)

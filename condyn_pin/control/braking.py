@@ -21,6 +21,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin._core.linalg.pivots import null_space
 from condyn_pin._core.names import checked
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.actuation import Actuation, motors_of
@@ -131,7 +132,7 @@ class Brake:
         held = np.zeros(len(self._stiff))
         for _ in range(_CORRECTIONS):
             c, J = self._equations.consistent_position_level(q)
-            A = pin.ccrba(self._model, self._model.createData(), q, self._still) / self._mass
+            A = pin.ccrba(self._model, whole_data(self._model), q, self._still) / self._mass
             A = A.reshape(6, -1)  # a single column comes as a vector
             D = np.vstack((J, self._stiff, A[:3], self._level @ A[3:]))
             M, why = self._equations.mass(q), singular_mass(self._model, q)
@@ -174,7 +175,7 @@ class Brake:
         return _Ahead(float(found.x[first - 1]), {self._actuation.motors[i] for i in held})
 
     def _center(self, q: Array) -> Array:
-        return np.array(pin.centerOfMass(self._model, self._model.createData(), q))
+        return np.array(pin.centerOfMass(self._model, whole_data(self._model), q))
 
 
 def _until_rest(s: Array, p: Array) -> tuple[Array, Array]:

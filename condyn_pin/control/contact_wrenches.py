@@ -13,6 +13,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import whole_data
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.dynamics.force import Sites
@@ -39,7 +40,7 @@ def grasp(at: Sites, cones: ContactCones) -> Array:
 def placements(at: Sites) -> Any:
     """Return the placements of the joints in the world."""
     model = at.scene.robot.unedited
-    data = model.createData()
+    data = whole_data(model)
     pin.forwardKinematics(model, data, at.q)
     return data.oMi
 

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.loads import ALIGNED, frame_jacobian
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
@@ -92,7 +93,7 @@ def moving(scene: Scene, frame: str) -> tuple[int, Any]:
 def placed(scene: Scene, joint: int, place: Any, q: Array) -> Any:
     """Return the placement of a frame in the world at q."""
     model = scene.robot.unedited
-    data = model.createData()
+    data = whole_data(model)
     pin.forwardKinematics(model, data, q)
     return data.oMi[joint] * place
 

@@ -16,6 +16,7 @@ from condyn_pin._core.arguments import State as Given
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.kept import Kept
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints import loads
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Load, Loads
@@ -158,7 +159,7 @@ def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:
         raise InvalidArgument(f"frame = {frame!r}: it belongs to the world, which does not move")
     equations = equations_of(scene)
     model, data = equations.model, equations.data
-    pin.computeJointJacobians(model, data, q)
+    algorithms(data).computeJointJacobians(model, data, q)
     return np.array(loads.frame_jacobian(model, data, joint, placement, loads.ALIGNED))
 
 

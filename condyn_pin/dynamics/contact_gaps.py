@@ -6,9 +6,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
@@ -69,6 +69,6 @@ def gaps_at(scene: Scene, q: Array) -> tuple[Candidates, Array]:
     """Return the candidates of a scene and their gaps at a configuration that was checked."""
     scene.robot.check_unedited()
     model = scene.robot.model
-    candidates, data = Candidates(model, scene.contact_bounds, exact=True), model.createData()
-    pin.forwardKinematics(model, data, q)
+    candidates, data = Candidates(model, scene.contact_bounds, exact=True), data_of(model)
+    algorithms(data).forwardKinematics(model, data, q)
     return candidates, np.array(candidates.gaps(data, q))

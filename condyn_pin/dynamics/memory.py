@@ -12,6 +12,7 @@ from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.one_thread import OneThread, alone
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Loads
 from condyn_pin.constraints.rows.any_bound import AnyBound
@@ -87,7 +88,7 @@ class Memory(OneThread):
 
     @cached_property
     def _data(self) -> Any:
-        return self.model.createData()
+        return whole_data(self.model)
 
     def scene_forces(self, lam: Array) -> Array:
         """Return the scene's forces from those of Pinocchio's constraints."""

@@ -27,6 +27,7 @@ from condyn_pin._core.arguments import (
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.one_thread import alone, in_use
 from condyn_pin._core.parameters import check_accuracy_of_a
+from condyn_pin._core.trees import Forest, is_forest
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.equations import Equations
@@ -157,10 +158,17 @@ class Workspace(Memory):
         check_time(scene)
         self._start(scene, self.analysed(scene))
 
+    def _started(self) -> BoundSolver:
+        """The solver at work; where nothing is constrained all of them do the same to a forest."""
+        if self.scene.rows or not is_forest(self.model):
+            return self.solver.start(self)
+        forest = Forest(self.model)
+        return BoundSolver(partial(forest.aba, self.model, forest), lambda: np.zeros(0), lambda: 0)
+
     def _start(self, scene: Scene, equations: Equations | None) -> None:
         check_kinds(scene, self.solver)
         self.hold(scene, equations)
-        self.bound = self.solver.start(self)  # also what a simulation calls in a step
+        self.bound = self._started()  # also what a simulation calls in a step
         differs = scene.nominal.looks_independent or self.pinocchio_constraints.approximated
         if differs and not self.solver.takes_open:
             self.bound = consistent_where_open(self, self.bound)

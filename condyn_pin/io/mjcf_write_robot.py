@@ -10,6 +10,7 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.base import WORLD, Constraint
 from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.contacts.base import Contact
@@ -59,7 +60,7 @@ class RobotWriter:
         return ElementTree.tostring(self.root, encoding="unicode") + "\n"
 
     def _add_bodies(self, world: Element) -> None:
-        data = self.model.createData()
+        data = whole_data(self.model)
         pin.forwardKinematics(self.model, data, self.drawn)
         placements = data.liMi  # of each joint in the one before, as drawn
         self.on[0] = world, pin.SE3.Identity()

@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.force import upward
@@ -73,9 +73,9 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
 def _shifted(scene: Scene, candidates: Candidates, q: Array, *, walls: bool) -> tuple[Array, bool]:
     """Q on the ground, and out of `walls`; whether a shift was the last."""
     model, up, own = scene.robot.unedited, upward(scene), _of_the_base(scene)
-    data, placed = model.createData(), q.copy()
+    data, placed = data_of(model), q.copy()
     for _ in range(_SHIFTS):
-        pin.forwardKinematics(model, data, placed)
+        algorithms(data).forwardKinematics(model, data, placed)
         gaps = candidates.gaps(data, placed)[: candidates.cones]
         n = candidates.axes(data, placed)[:, :, 2]
         ground = (n @ up > _FACES_UP) if up.any() else np.full(len(gaps), True)

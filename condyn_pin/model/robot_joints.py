@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.trees import algorithms, data_of, whole_data
 from condyn_pin.errors import InvalidArgument, UnknownName, unknown_name
 
 if TYPE_CHECKING:
@@ -109,14 +110,14 @@ def joint_vector(robot: Robot, values: Values) -> Array:
 def frame_pose(robot: Robot, q: ArrayLike, frame: str) -> Any:
     """Return the pose of a frame in the world; see `Robot.frame_pose`."""
     joint, placement = robot.frame(frame)
-    data = robot.model.createData()
-    pin.forwardKinematics(robot.model, data, _checked(robot, q))
+    data = data_of(robot.model)
+    algorithms(data).forwardKinematics(robot.model, data, _checked(robot, q))
     return data.oMi[joint] * placement
 
 
 def center_of_mass(robot: Robot, q: ArrayLike) -> Array:
     """Return the centre of mass in the world; see `Robot.center_of_mass`."""
-    return np.array(pin.centerOfMass(robot.model, robot.model.createData(), _checked(robot, q)))
+    return np.array(pin.centerOfMass(robot.model, whole_data(robot.model), _checked(robot, q)))
 
 
 def _checked(robot: Robot, q: ArrayLike) -> Array:

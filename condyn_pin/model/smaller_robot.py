@@ -18,6 +18,7 @@ from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.errors import UnknownName
 from condyn_pin.model.robot import Robot
@@ -123,7 +124,7 @@ def smaller_tree(model: Any, joints: Collection[str], q: Array, *, cut: bool = F
     small.name = model.name
     small.gravity = pin.Motion(model.gravity.vector.copy())
     small.inertias[0] = pin.Inertia(model.inertias[0])
-    data = model.createData()
+    data = whole_data(model)
     pin.forwardKinematics(model, data, q)
     carriers = [(0, pin.SE3.Identity())]  # joint of the small tree, and the old joint's place on it
     for i in range(1, model.njoints):

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable
 from functools import partial
-from math import inf
 from typing import Any, Final
 
 import numpy as np
@@ -16,6 +14,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.rotations import rotation_fault
 from condyn_pin._core.tolerances import HUGE
+from condyn_pin._core.trees import Forest, algorithms, data_of
 from condyn_pin.errors import InvalidModel
 
 # Joints of a robot.
@@ -37,8 +36,8 @@ def check_model(model: Any) -> None:
         raise InvalidModel("the model has no degree of freedom")
     _check_placements(model)
     _check_forces(model)
-    data = _data(model)
-    if not model.check(data):
+    data = data_of(model)
+    if not (data.is_sound() if isinstance(data, Forest) else model.check(data)):
         raise InvalidModel(
             "the joints were not added depth-first, and Pinocchio's crba is silently wrong on "
             "such a model; add the children of a joint before its siblings"
@@ -79,28 +78,6 @@ def _check_forces(model: Any) -> None:
                 f"the {what} of joint {_joint_of(model, int(bad[0]))!r} is {values[bad[0]]:g} "
                 f"{unit}: a number from 0 to {HUGE:g} is needed"
             )
-
-
-def _data(model: Any) -> Any:
-    """Return the Data of a model; its tensors for second derivatives are 4 x nv x nv x nv."""
-    needed = 4 * 8 * model.nv**3  # [bytes]
-    try:
-        if needed > _memory():
-            raise MemoryError
-        return model.createData()
-    except MemoryError as error:
-        raise InvalidModel(
-            f"the model has {model.nv} degrees of freedom, and Pinocchio's Data of it would take "
-            f"{needed / 1e9:.0f} GB, more than this machine has; fix or lock joints"
-        ) from error
-
-
-def _memory() -> float:
-    """Return the memory of this machine [bytes]: to ask for more may end the process."""
-    try:
-        return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
-    except (AttributeError, ValueError, OSError):  # Windows, where such a request fails
-        return inf
 
 
 def _check_bodies(model: Any) -> None:
@@ -154,7 +131,7 @@ def _check_mass_matrix(model: Any, data: Any) -> None:
             f"no inertia moves with {', '.join(names)}: M is singular there; give the body a mass "
             "and an inertia, give the joint an armature, or lock it"
         )
-    least, moved = _least_moved(model, np.array(pin.crba(model, data, anywhere)))
+    least, moved = _least_moved(model, np.array(algorithms(data).crba(model, data, anywhere)))
     if least <= tolerances.MASSLESS:
         raise InvalidModel(
             f"{', '.join(moved)} can move together without moving inertia: M is singular or "
@@ -168,11 +145,11 @@ def _unmoved(model: Any, data: Any, q: Array) -> NDArray[np.bool_]:
     Turns are compared with turns [kg m^2], and shifts with shifts [kg]: in millimetres a machine is
     as sound as in metres.
     """
-    M = np.array(pin.crba(model, data, q))
+    M = np.array(algorithms(data).crba(model, data, q))
     diagonal = np.diag(M)
     if not np.isfinite(M).all():
         raise InvalidModel("the mass matrix is not finite: a mass, inertia or placement is NaN")
-    turns = np.abs(pin.computeJointJacobians(model, data, q)[3:]).max(axis=0) > 0
+    turns = np.abs(algorithms(data).computeJointJacobians(model, data, q)[3:]).max(axis=0) > 0
     largest = [diagonal[turns == kind].max(initial=0.0) for kind in (False, True)]
     least = tolerances.MASSLESS * np.where(turns, *largest[::-1])
     return np.asarray(diagonal <= np.maximum(least, HUGE**-3))  # no inverse below that
@@ -198,7 +175,8 @@ def massless_motion(
     Hinges with massless links between them stand in for a ball until two of their axes fall
     together: there they can turn against each other, and M is singular.
     """
-    M = np.array(pin.crba(model, data or model.createData(), q))
+    data = data or data_of(model)
+    M = np.array(algorithms(data).crba(model, data, q))
     if not np.isfinite(M).all():
         return ""
     least, names = _least_moved(model, M)

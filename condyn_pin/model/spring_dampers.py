@@ -23,6 +23,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.kept import Kept
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.model.spring import SpringDamper
 
@@ -66,7 +67,7 @@ class SpringDampers:
         damping: bool = True,
     ) -> None:
         self._model = robot.unedited
-        self._data = self._model.createData()
+        self._data = whole_data(self._model)
         self._ends = [(robot.frame(each.frame_a), robot.frame(each.frame_b)) for each in chosen]
         self.names = tuple(f"{each.frame_a} - {each.frame_b}" for each in chosen)
         self.k = np.array([each.stiffness * springs for each in chosen], dtype=float)

@@ -6,8 +6,8 @@ from itertools import accumulate
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics.scene import Scene
 
@@ -34,11 +34,11 @@ def gaps_along(scene: Scene, Q: Array) -> tuple[tuple[str, ...], Array]:
     """Return the names of what has a gap, and the gaps at Q (k, nq) [m, rad]."""
     model = scene.robot.unedited
     candidates = Candidates(model, scene.contact_bounds, exact=True)
-    data = model.createData()
+    data = data_of(model)
     count = candidates.cones + candidates.half_lines
     gaps = np.empty((len(Q), count))
     for row, q in zip(gaps, Q, strict=True):
-        pin.forwardKinematics(model, data, q)
+        algorithms(data).forwardKinematics(model, data, q)
         row[:] = candidates.gaps(data, q)
     return candidates.names[:count], gaps
 

@@ -21,6 +21,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.kept import Kept
+from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.along import along_at
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.many import MANY, ManyGaps
@@ -156,11 +157,12 @@ class Gauge:
         worst, energies = np.zeros((2, 2, count))
         for start in range(0, count, MANY):
             block = range(start, min(start + MANY, count))
+            run = algorithms(data)
             for i in block:
                 states.look(i - start, q[i], v[i], t[i])
                 # the rest reads what that has left in data
-                energies[0, i] = pin.computeKineticEnergy(links, data)
-                energies[1, i] = pin.computePotentialEnergy(links, data)
+                energies[0, i] = run.computeKineticEnergy(links, data)
+                energies[1, i] = run.computePotentialEnergy(links, data)
             gaps = np.abs(states.gaps(len(block)))
             worst[:, start : block.stop] = gaps.max(axis=2, initial=0.0)
         (violation, constraint_velocity), (kinetic, potential) = worst, energies
@@ -175,7 +177,7 @@ class Gauge:
         """
         links, data, found = self._links, self.equations.data, np.zeros((len(q), 6))
         for i in range(len(q)):
-            found[i] = pin.computeCentroidalMomentum(links, data, q[i], v[i]).vector
+            found[i] = algorithms(data).computeCentroidalMomentum(links, data, q[i], v[i]).vector
         return found
 
 

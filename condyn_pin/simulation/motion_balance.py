@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, shown
+from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.control.balancing import Balance, balanced
 from condyn_pin.control.pressure import Pressure, pressed
@@ -143,8 +143,8 @@ def pressure_of(
     if not touching:
         return held
     model = scene.robot.unedited
-    data = model.createData()
-    pin.forwardKinematics(model, data, q)
+    data = data_of(model)
+    algorithms(data).forwardKinematics(model, data, q)
     axes = candidates.axes(data, q)
     # on the plane itself: what penetrates a little, or is not quite down, is on one plane as well
     gaps = candidates.gaps(data, q)[: candidates.cones]

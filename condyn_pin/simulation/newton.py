@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import whole_data
 from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
 from condyn_pin.simulation.system import System
 
@@ -92,7 +93,7 @@ class Residuals:
 
     def __init__(self, system: System) -> None:
         self._system, self._model = system, system.model
-        self._data = system.model.createData()
+        self._data = whole_data(system.model)
         self.damping = _DAMPING * system.scene.nominal.delassus_norm
 
     def at(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Residual:

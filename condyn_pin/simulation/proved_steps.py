@@ -22,6 +22,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import joint_torques
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.loads import Load
 from condyn_pin.contact.judge import judged
@@ -138,7 +139,7 @@ class ProvedSteps:
     def _dynamics_limit(self, posed: Posed, ended: Array, a: Array) -> float:
         """Return the largest error of the balance of momentum that is right [N s, N m s]."""
         model, data, L = self._system.model, self._system.equations.data, posed.condensed.factors.L
-        M, h = L.dot(L.T), pin.nonLinearEffects(model, data, posed.at, posed.mean)
+        M, h = L.dot(L.T), algorithms(data).nonLinearEffects(model, data, posed.at, posed.mean)
         a, v1 = np.abs((a, ended))
         sizes = self._dt * (np.abs(M).dot(a) + np.abs(h) + np.abs(posed.tau))
         momenta = np.abs(M).dot(np.abs(posed.v) + v1)
@@ -180,7 +181,9 @@ class ProvedSteps:
         there = floating.integrate(posed.at, self._dt * path)
         push = contact_load(model, data, there, bounds, lam)
         still = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
-        held = pin.computeStaticTorque(model, data, there, push.on_top_of(still)).copy()
-        pulled = pin.computeGeneralizedGravity(model, data, there) - held
+        held = (
+            algorithms(data).computeStaticTorque(model, data, there, push.on_top_of(still)).copy()
+        )
+        pulled = algorithms(data).computeGeneralizedGravity(model, data, there) - held
         torque = push.torque + floating.rows_before(pulled[None], path, self._dt)[0]
         return Load(torque, np.abs(torque), (), ())

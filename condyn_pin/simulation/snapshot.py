@@ -7,8 +7,8 @@ from functools import cached_property
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, locked
+from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.modes import MODES
 from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.simulation.contact_columns import contact_rows
@@ -59,7 +59,7 @@ class Snapshot:
     def gaps(self) -> dict[str, float]:
         """Distance of each contact and stop [m, rad]."""
         data = self._system.equations.data
-        pin.forwardKinematics(self._system.model, data, self.q)
+        algorithms(data).forwardKinematics(self._system.model, data, self.q)
         gaps = self._system.contacts.exact.gaps(data, self.q)
         return dict(zip(self._system.contacts.names, gaps.tolist(), strict=False))
 
@@ -73,14 +73,14 @@ class Snapshot:
         """Return where the origin of a frame is in the world (3,) [m]."""
         joint, placement = self._system.scene.robot.frame(frame)
         model, data = self._system.model, self._system.equations.data
-        pin.forwardKinematics(model, data, self.q)
+        algorithms(data).forwardKinematics(model, data, self.q)
         return np.array((data.oMi[joint] * placement).translation)
 
     def velocity(self, frame: str) -> Array:
         """Return how fast the origin of a frame moves in the world (3,) [m/s]."""
         joint, placement = self._system.scene.robot.frame(frame)
         model, data = self._system.model, self._system.equations.data
-        pin.forwardKinematics(model, data, self.q, self.v)
+        algorithms(data).forwardKinematics(model, data, self.q, self.v)
         return np.array(
             (data.oMi[joint] * placement).rotation @ placement.actInv(data.v[joint]).linear
         )

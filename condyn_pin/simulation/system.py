@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.bound import BoundContact
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.drift import Drift
@@ -241,7 +242,8 @@ class System:
 
     def mass(self, q: Array) -> Array:
         """Return M (nv, nv), both triangles, armature included."""
-        return np.array(pin.crba(self.model, self.equations.data, q))
+        data = self.equations.data
+        return np.array(algorithms(data).crba(self.model, data, q))
 
 
 def total_torque(applied: Applied, passive: Passive, dt: float = 0.0) -> Torque:

@@ -21,6 +21,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import FLOAT, joint_torques
 from condyn_pin._core.arrays import Array, finite, locked
 from condyn_pin._core.parameters import check_called
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Loads
 from condyn_pin.dynamics.derivatives.loads import load_partial
@@ -85,7 +86,7 @@ class Applied:
 
     @cached_property
     def _loads(self) -> Loads:
-        return Loads(self._robot, self._model, self._model.createData())
+        return Loads(self._robot, self._model, whole_data(self._model))
 
     def hold(self, tau: Array | None, forces: Sequence[AppliedForce]) -> None:
         """Apply these from now on: torques (nv,), None for the function's, and forces."""

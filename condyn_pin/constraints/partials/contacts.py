@@ -26,6 +26,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.contacts.bound import BoundContact, Touch
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.contacts.placements import Placements
@@ -40,7 +41,7 @@ class ContactTurning:
     """The partials of the rows of all candidates of one model; not to be shared between threads."""
 
     def __init__(self, model: Any, bounds: Sequence[BoundContact]) -> None:
-        self._model, self._data = model, model.createData()
+        self._model, self._data = model, whole_data(model)
         self._candidates = Candidates(model, bounds)
         touches = [touch for bound in bounds for touch in bound.touches]
         pairs = [pair for bound in bounds for pair in bound.pairs]

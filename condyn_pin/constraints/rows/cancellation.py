@@ -17,6 +17,7 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.rows.any_bound import AnyBound, OnFrames, length
 from condyn_pin.constraints.rows.couplings import Coupled
 
@@ -63,7 +64,7 @@ class Cancellation:
         computed are off by, over eps.
         """
         model, data, found = self._model, self._data, self._couplings.copy()
-        pin.computeJointJacobians(model, data, q)
+        algorithms(data).computeJointJacobians(model, data, q)
         if not self._ends:
             return found
         sixes = [pin.getFrameJacobian(model, data, *end, LOCAL) for end in self._ends]

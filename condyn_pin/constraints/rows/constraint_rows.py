@@ -17,6 +17,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
+from condyn_pin._core.trees import algorithms, data_of, whole_data
 from condyn_pin.constraints.along import along_at
 from condyn_pin.constraints.rows.any_bound import AnyBound, OnFrames
 from condyn_pin.constraints.rows.cancellation import Cancellation, least_of, more_than
@@ -25,9 +26,6 @@ from condyn_pin.constraints.rows.point_ends import PointEnds
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
-
-# bound once: they are called for every answer, whose proof is to cost little more than they do
-_forward_kinematics, _joint_jacobians = pin.forwardKinematics, pin.computeJointJacobians
 
 
 class ConstraintRows:
@@ -61,7 +59,9 @@ class ConstraintRows:
 
     def __init__(self, model: Any, bounds: Sequence[AnyBound], memory: Array) -> None:
         self.model = model
-        self.data = model.createData()
+        # bodies that nothing holds together have memory for each tree, if there are many
+        self.data = whole_data(model) if bounds else data_of(model)
+        self._run = algorithms(self.data)
         self.bounds = tuple(bounds)
         self.m = memory.shape[1] - 1
         self.sign = np.ones(self.m)
@@ -132,7 +132,9 @@ class ConstraintRows:
             return self.position_level(q)[1]
         least = self.least  # before data holds the state
         self.answer = b""
-        _joint_jacobians(self.model, self.data, q)  # with placements, all that these rows read
+        self._run.computeJointJacobians(
+            self.model, self.data, q
+        )  # with placements, all that these rows read
         return more_than(least, self._oriented(self._groups.jacobian()))
 
     def cancellation(self, q: Array) -> Array:
@@ -153,7 +155,7 @@ class ConstraintRows:
         if not self._violations:
             self.motion(q, self._still, self._still)
             return self._c.copy()
-        _forward_kinematics(self.model, self.data, q)
+        self._run.forwardKinematics(self.model, self.data, q)
         c = np.empty(self.m)
         for write in self._violations:
             write(c)
@@ -212,7 +214,7 @@ class ConstraintRows:
 
         What rolls touches the plane at the origin of c1, and its rows are along the axes of that.
         """
-        pin.forwardKinematics(self.model, self.data, q)
+        self._run.forwardKinematics(self.model, self.data, q)
         return [b.ends(self.data.oMi) for b in self.bounds]
 
     def jacobian_product(self, q: Array, a: Array) -> Array:
@@ -252,7 +254,7 @@ class ConstraintRows:
     def motion(self, q: Array, v: Array, a: Array) -> None:
         """Evaluate c(q), J v and J a + gamma into the memory of this object."""
         self.answer = b""
-        _forward_kinematics(self.model, self.data, q, v, a)
+        self._run.forwardKinematics(self.model, self.data, q, v, a)
         c, velocity, acceleration = rows = self._c, self._velocity, self._acceleration
         for evaluate in self._evaluators:
             evaluate(c, velocity, acceleration)
@@ -266,7 +268,7 @@ class ConstraintRows:
                 part -= wanted
 
     def _raw_jacobian(self) -> Array:
-        _joint_jacobians(self.model, self.data)
+        self._run.computeJointJacobians(self.model, self.data)
         return self._oriented(self._groups.jacobian())
 
     def _oriented(self, J: Array) -> Array:

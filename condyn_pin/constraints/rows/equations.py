@@ -27,9 +27,7 @@ from condyn_pin.constraints.rows.cancellation import more_than
 from condyn_pin.constraints.rows.constraint_rows import ConstraintRows
 from condyn_pin.constraints.rows.terms import Terms
 
-# bound once: these are called in every residuals, which is to cost little more than they do
-_rnea, _crba, _bias = pin.rnea, pin.crba, pin.nonLinearEffects
-_forward_kinematics = pin.forwardKinematics
+# bound once: this is called in every residuals
 _largest, _WORLD = np.maximum.reduceat, pin.Convention.WORLD
 
 
@@ -105,9 +103,10 @@ class Equations(ConstraintRows):
     def parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
         """Return M, h, J and gamma, the rank of J unchecked; owned by the caller."""
         if not self.m:  # in the axes of the world: it leaves the Jacobians of all joints behind
-            M = _crba(self.model, self.data, q, _WORLD)
-            return M, _bias(self.model, self.data, q, v), *self._no_rows
-        M, h = _crba(self.model, self.data, q), _bias(self.model, self.data, q, v)
+            M = self._run.crba(self.model, self.data, q, _WORLD)
+            return M, self._run.nonLinearEffects(self.model, self.data, q, v), *self._no_rows
+        M = self._run.crba(self.model, self.data, q)
+        h = self._run.nonLinearEffects(self.model, self.data, q, v)
         gamma = self._gamma(q, v)
         return M, h, self._raw_jacobian(), gamma
 
@@ -120,7 +119,7 @@ class Equations(ConstraintRows):
     def mass(self, q: Array) -> Array:
         """Return M (nv, nv); owned by the caller, unless it is a recursion's."""
         M = self.recursion.mass(q) if self.recursion else None
-        return np.array(_crba(self.model, self.data, q)) if M is None else M
+        return np.array(self._run.crba(self.model, self.data, q)) if M is None else M
 
     def target(self, q: Array, v: Array) -> Array:
         """Return a_ref - gamma (m,): what J a has to be."""
@@ -169,7 +168,7 @@ class Equations(ConstraintRows):
         if load:
             wrenches = load.on_top_of(wrenches)
         if load or self.recursion is None:
-            bodies = _rnea(self.model, self.data, q, v, a, wrenches)
+            bodies = self._run.rnea(self.model, self.data, q, v, a, wrenches)
         else:
             bodies = self.recursion.newton_euler(q, v, a, wrenches, self.answer)
         np.subtract(bodies, tau, out=self._dynamics)
@@ -181,7 +180,7 @@ class Equations(ConstraintRows):
         if self.drift or self._drives or not self._plain.have_gamma:
             self.motion(q, v, self._still)
             return self._acceleration.copy()
-        _forward_kinematics(self.model, self.data, q, v, self._still)
+        self._run.forwardKinematics(self.model, self.data, q, v, self._still)
         gamma = np.zeros(self.m)
         self._plain.gamma(gamma)
         return gamma * self.sign if self._flipped else gamma

@@ -13,8 +13,8 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.rows.any_bound import OnFrames
 from condyn_pin.constraints.rows.cut_joints import CutJoints
 from condyn_pin.constraints.rows.ends import Ends
@@ -61,7 +61,7 @@ class ManyGaps:
         if not self._at_once:
             self._gaps[:, i] = equations.gaps(q, v)
             return
-        pin.forwardKinematics(equations.model, equations.data, q, v)
+        algorithms(equations.data).forwardKinematics(equations.model, equations.data, q, v)
         for ends in self._ends:
             ends.read(i)
 

@@ -36,6 +36,7 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.constraints.rows.bound import Bound, PinocchioConstraint
@@ -145,7 +146,7 @@ def _height_of(model: Any, b: Bound) -> float | None:
 
     None if that can change: the pin is one in space then.
     """
-    data = model.createData()
+    data = whole_data(model)
     anywhere = np.random.default_rng(0).normal(size=model.nv)
     pin.computeJointJacobians(model, data, pin.integrate(model, pin.neutral(model), anywhere))
     c1Mc2 = (data.oMi[b.joint1] * b.placement1).actInv(data.oMi[b.joint2] * b.placement2)

@@ -13,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import numpy as np
+
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
@@ -56,6 +58,8 @@ class PlainRows:
 
     def jacobian(self) -> Array:
         """Return the rows of J of these constraints."""
+        if not self._shape[0]:
+            return np.zeros(self._shape)
         return self._jacobian().reshape(self._shape)
 
     def gamma(self, out: Array) -> None:

@@ -55,6 +55,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin._core.linalg.mass_factor import lapack
+from condyn_pin._core.trees import whole_data
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.constraint_rows import ConstraintRows
@@ -547,7 +548,7 @@ def scales(rows: ConstraintRows, q: Array, J: Array | None = None) -> tuple[Arra
         levers = np.max([np.abs(rows.position_level(state)[1]) for state in states], axis=0)
     else:
         levers = np.abs(J)
-    twists = pin.computeJointJacobians(model, model.createData(), q).reshape(6, -1)
+    twists = pin.computeJointJacobians(model, whole_data(model), q).reshape(6, -1)
     turns = np.linalg.norm(twists[3:], axis=0) > 0.0
     R = np.ones(rows.m)
     sizes: list[float] = []

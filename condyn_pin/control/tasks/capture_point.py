@@ -27,6 +27,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parameters import check_accuracy
+from condyn_pin._core.trees import whole_data
 from condyn_pin.control.compiled_task import CAPTURE_POINT, CompiledTask
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.support import hull, level_floor, margin_of, touching_points
@@ -87,7 +88,7 @@ class CapturePoint(Task):
         q, model = home(), scene.robot.unedited
         at = Sites(scene, q)
         floor = level_floor(at)
-        data = model.createData()
+        data = whole_data(model)
         start = pin.centerOfMass(model, data, q) if self.reference is None else self.reference
         place = floor.axes @ (np.array(start) - floor.origin)
         middle, height = place[:2], float(place[2])

@@ -9,6 +9,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.trees import whole_data
 from condyn_pin.control.compiled_task import CENTER_OF_MASS
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.tasks.base import BoundTask, Home, Tracking, difference
@@ -36,7 +37,7 @@ class CenterOfMass(Tracking):
         model = scene.robot.unedited
 
         def start() -> Array:
-            data = model.createData()  # what Pinocchio returns is in there
+            data = whole_data(model)  # what Pinocchio returns is in there
             return np.array(pin.centerOfMass(model, data, home()))
 
         wanted = self._feedback(3, start, difference)

@@ -17,6 +17,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import LOOSE
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes, indices
+from condyn_pin._core.trees import is_forest
 from condyn_pin.constraints.rows.compiled_rows import placement
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.solvers.base import Solver
@@ -67,6 +68,8 @@ def untaken(workspace: Workspace) -> Iterator[str]:
 
 def untaken_rows(model: Any, bounds: Sequence[AnyBound]) -> Iterator[str]:
     """Yield what the core does not take of a model and its constraints, in words."""
+    if is_forest(model):
+        yield f"{model.nv} degrees of freedom of many trees: it keeps no memory for each of them"
     for name, joint in zip(model.names, model.joints, strict=True):
         if joint.id and joint.shortname() not in JOINTS:
             yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"

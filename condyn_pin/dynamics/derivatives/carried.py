@@ -35,6 +35,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import Indices, turning
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.rows.any_bound import AnyBound
 
 _WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
@@ -144,7 +145,7 @@ def _alone(joint: Any, places: _Places) -> _Joint:
     """Return a joint by itself."""
     model = pin.Model()
     model.addJoint(0, joint, pin.SE3.Identity(), "joint")
-    return _Joint(model, model.createData(), places)
+    return _Joint(model, whole_data(model), places)
 
 
 def _axes(joint: _Joint, q: Array, v: Array, a: Array) -> tuple[Array, Array, Array]:

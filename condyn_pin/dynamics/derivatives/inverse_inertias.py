@@ -17,6 +17,7 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.dynamics.derivatives.parameters import inertia_regressor
 from condyn_pin.dynamics.raw import weightless
@@ -29,7 +30,7 @@ if TYPE_CHECKING:
 def inverse_inertias_by_inertias(workspace: Workspace) -> Array:
     """Return w of `inverse_inertias` by the inertial parameters (m, 10 (njoints - 1))."""
     model = workspace.model
-    data, q, still = model.createData(), drawn(workspace.scene.robot), weightless(model)
+    data, q, still = whole_data(model), drawn(workspace.scene.robot), weightless(model)
     M = np.array(pin.crba(model, data, q))
     pin.computeJointJacobians(model, data, q)
     size, rest = 10 * (model.njoints - 1), np.zeros(model.nv)

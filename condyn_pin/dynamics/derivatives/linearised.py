@@ -23,6 +23,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.groups import ConstraintPartials
 from condyn_pin.constraints.rows.any_bound import AnyBound
@@ -74,7 +75,7 @@ class Linearisation:
             self._carried = Carried(model)
             model = self._carried.model
         # in which no axes turn
-        self._model, self._data = model, model.createData()
+        self._model, self._data = model, whole_data(model)
         self._hold_views(self._data, model.nv)
         self._of_constraints = ConstraintPartials(model, self._data, bounds, drift)
         self._drift = drift

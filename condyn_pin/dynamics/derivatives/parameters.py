@@ -16,6 +16,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.rows.any_bound import AnyBound
 from condyn_pin.errors import InvalidArgument, unknown_name
 
@@ -31,13 +32,13 @@ def gravity_regressor(model: Any, q: Array) -> Array:
     for direction in np.eye(3):
         pulled = pin.Model(model)
         pulled.gravity = pin.Motion(direction, np.zeros(3))
-        columns.append(np.array(pin.computeGeneralizedGravity(pulled, pulled.createData(), q)))
+        columns.append(np.array(pin.computeGeneralizedGravity(pulled, whole_data(pulled), q)))
     return np.column_stack(columns)
 
 
 def inertia_regressor(model: Any, q: Array, v: Array, a: Array) -> Array:
     """Return Y (nv, 10 (njoints - 1)) with M a + h = Y pi + armature a."""
-    Y = pin.computeJointTorqueRegressor(model, model.createData(), q, v, a)
+    Y = pin.computeJointTorqueRegressor(model, whole_data(model), q, v, a)
     return np.array(Y).reshape(model.nv, -1)  # a single row comes as a vector
 
 

@@ -12,6 +12,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.quietly import quietly
 from condyn_pin._core.tolerances import RANK
+from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus
 from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.solvers.base import BoundSolver
@@ -66,7 +67,7 @@ class ConjugateGradient(MatrixFreeSolver):
 
     def start(self, workspace: Workspace) -> BoundSolver:
         """Return the iteration bound to the memory of `workspace`."""
-        model, data = workspace.model, workspace.model.createData()
+        model, data = workspace.model, whole_data(workspace.model)
         nominal, mu = workspace.scene.nominal, self.mu
         precondition = inverse_delassus(nominal)
         enough = self.wanted(workspace)

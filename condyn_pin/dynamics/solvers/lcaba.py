@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from condyn_pin._core import _pin
+from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.articulated import ArticulatedSolver
 from condyn_pin.dynamics.lcaba_choice import Choice
 from condyn_pin.dynamics.raw import raw_constraints, weightless
@@ -104,7 +105,7 @@ def _method(
     model = weightless(workspace.model)
     constraints = workspace.pinocchio_constraints.constraints
     still = Recursion(
-        model, model.createData(), constraints, *raw_constraints(model, constraints, None)
+        model, whole_data(model), constraints, *raw_constraints(model, constraints, None)
     )
     corrected = Corrected(
         workspace, (run, recursion.lam), (still.bind(settings), still.lam), refinements

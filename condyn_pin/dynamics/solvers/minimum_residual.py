@@ -13,6 +13,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.quietly import quietly
 from condyn_pin._core.tolerances import RANK, RUN_OF_MINRES
+from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus
 from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.solvers.base import BoundSolver, free_force
@@ -71,7 +72,7 @@ class MinimumResidual(MatrixFreeSolver):
 
     def start(self, workspace: Workspace) -> BoundSolver:
         """Return the iteration bound to the memory of `workspace`."""
-        model, data = workspace.model, workspace.model.createData()
+        model, data = workspace.model, whole_data(workspace.model)
         nominal, mu, most = workspace.scene.nominal, self.mu, self.max_iterations
         P, n, m = inverse_delassus(nominal), model.nv, workspace.scene.rows
         enough = self.wanted(workspace)

@@ -14,6 +14,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.range_space import whiten
 from condyn_pin._core.parameters import Grid
 from condyn_pin._core.quietly import quietly
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.dynamics.softness import (
     DEFAULT_SOLIMP,
@@ -169,7 +170,7 @@ def inverse_inertias(workspace: Workspace) -> Array:
     from condyn_pin.io.mjcf_write_joint import drawn
 
     model = workspace.model
-    data, q = model.createData(), drawn(workspace.scene.robot)
+    data, q = whole_data(model), drawn(workspace.scene.robot)
     M = np.array(pin.crba(model, data, q))
     pin.computeJointJacobians(model, data, q)
 

@@ -14,9 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.condense import Condensed, condense
 from condyn_pin.errors import StepFailed
 from condyn_pin.model.soundness import singular_mass
@@ -63,7 +63,7 @@ class ContactTerms:
         self.path = system.equations.wanted.copy()
         self.M, self.h, self.J_b, self.gamma = system.equations.consistent_parts(q, v)
         self.gaps, self.J = candidates.evaluate(data, q)
-        pin.forwardKinematics(system.model, data, q, v, np.zeros(len(v)))
+        algorithms(data).forwardKinematics(system.model, data, q, v, np.zeros(len(v)))
         self.drift = candidates.drift(data)
         self.sigma = self.J.dot(v)
         self._check_finite(self.tau, self.h, self.drift, self.gamma)

@@ -16,9 +16,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.modes import OPEN
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.between_events.contact_terms import ContactTerms
@@ -178,7 +178,8 @@ class EventSteps:
         """Return those of constraints and rows of contacts."""
         system, equations = self._system, self._system.equations
         J_b = equations.consistent_jacobian(q)
-        pin.computeJointJacobians(system.model, equations.data, q)
+        run = algorithms(equations.data)
+        run.computeJointJacobians(system.model, equations.data, q)
         J = np.concatenate((J_b, system.contacts.evaluate(equations.data, q)[1][rows]))
         why = singular_mass(system.model, q)
         return factorise(system.mass(q), J, tolerances.RANK, why=why)

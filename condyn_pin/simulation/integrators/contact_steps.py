@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.judge import judged
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
 from condyn_pin.contact.solvers.newton import SemismoothNewton
@@ -99,8 +99,9 @@ class ContactSteps(PosedSteps):
         stuck = posed.near.G.diagonal()[posed.chosen.normals] == 0.0
         if not stuck.any():
             return
-        pin.forwardKinematics(self._system.model, self._equations.data, q1)
-        gaps = self._candidates.gaps(self._equations.data, q1)
+        data = self._equations.data
+        algorithms(data).forwardKinematics(self._system.model, data, q1)
+        gaps = self._candidates.gaps(data, q1)
         for place in np.flatnonzero(posed.chosen.near)[stuck]:
             if gaps[place] < min(-MISSED, posed.gaps[place]):
                 raise pressed_in(self._candidates.names[place], t + self._dt, -gaps[place])

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms
 from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
 from condyn_pin.simulation.system import System
@@ -52,7 +52,7 @@ class CurvedPaths:
         if not k:
             return bends, None
         end = self._floating.integrate(q, dt * v)
-        pin.forwardKinematics(self._system.model, data, end)
+        algorithms(data).forwardKinematics(self._system.model, data, end)
         ends = contacts.gaps_over_planes(data)[chosen.over_planes]
         np.subtract(ends - gaps[:k], dt * speeds[2 : 3 * k : 3], out=bends[:k])
         return bends, end

@@ -25,8 +25,8 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg.lapack import dtrtrs
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.islands import components
 from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.contact_scheme import allowed_gaps, are_slower
@@ -53,6 +53,7 @@ class PathEnds:
     def __init__(self, system: System, floating: Floating, dt: float) -> None:
         self._system, self._floating, self._dt = system, floating, dt
         self._contacts, self._data = system.contacts, system.equations.data
+        self._run = algorithms(self._data)
         self._pairs = self._contacts.several
 
     def off(self, posed: Posed, lam: Array, v1: Array) -> Array | None:
@@ -66,7 +67,7 @@ class PathEnds:
         if posed.path is None and bent < MISSED and are_slower(v1, STRAIGHT / dt):
             return None
         q1 = self._floating.integrate(posed.at, dt * v1)
-        pin.forwardKinematics(self._system.model, self._data, q1)
+        self._run.forwardKinematics(self._system.model, self._data, q1)
         start, _ = self.begun(posed)
         allowed, its = allowed_gaps(start, dt), posed.chosen.gaps
         allowed[its] = np.where(near.pressed, near.allowed, allowed[its])
@@ -122,7 +123,7 @@ class PathEnds:
     def there(self, at: Array, u: Array) -> There:
         """Return all candidates at the end of a path along u (nv,)."""
         q1 = self._floating.integrate(at, self._dt * u)
-        pin.computeJointJacobians(self._system.model, self._data, q1)
+        self._run.computeJointJacobians(self._system.model, self._data, q1)
         gaps, J = self._contacts.evaluate(self._data, q1)
         return There(gaps, self._floating.rows_before(J, u, self._dt))
 

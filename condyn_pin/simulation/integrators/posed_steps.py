@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, diagonal_of
 from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.condense import condense
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.restitution import Strike
@@ -115,7 +115,7 @@ class PosedSteps:
             mean = 0.5 * (v + now.free_velocity)
             if scheme.at_midpoint and self._applied.constant is None:
                 tau = tau + (self._applied(looks_at, at, mean) - self._applied(looks_at, at, v))
-            h = pin.nonLinearEffects(system.model, data, at, mean)
+            h = algorithms(data).nonLinearEffects(system.model, data, at, mean)
             turning = floating.turning(mean)
             now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip, rates)
         here = gaps[chosen.gaps]
@@ -157,7 +157,7 @@ class PosedSteps:
         if not ((gaps[:k] <= small + moved) & (moved > small)).any():
             return None, None
         end, data = self.floating.integrate(at, dt * v), self._equations.data
-        pin.forwardKinematics(self._system.model, data, end)
+        algorithms(data).forwardKinematics(self._system.model, data, end)
         s = candidates.gaps_over_planes(data) - gaps[:k] - dt * speeds
         rests = (np.abs(s) > small) & (np.abs(dt * speeds - s) <= _LIKE * np.abs(s))
         rests &= gaps[:k] <= small + np.abs(s)

@@ -29,6 +29,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
 from condyn_pin._core.linalg.inverse import inverse
+from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.derivatives.carried import Carried, in_series
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.newton import fixed_point_iteration
@@ -130,7 +131,7 @@ class _Hamiltonian:
         # Pinocchio forms C in the world's axes and about its origin: far from there it is made of
         # differences. Where a tree stands does not matter for C and g.
         self._model, self._shifts = _at_origin(model)
-        self._data = self._model.createData()
+        self._data = whole_data(self._model)
         self._passive = system.passive
         self._of_joints = np.diag(self._passive.d)
 

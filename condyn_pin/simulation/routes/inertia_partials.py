@@ -12,6 +12,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.raw import weightless
 
 
@@ -20,7 +21,7 @@ class InertiaPartials:
 
     def __init__(self, model: Any) -> None:
         self._model, self._still = model, weightless(model)
-        self._data = model.createData()
+        self._data = whole_data(model)
         self.size = 10 * (model.njoints - 1)
 
     def forces(self, q: Array, v: Array, a: Array) -> Array:

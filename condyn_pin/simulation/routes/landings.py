@@ -13,8 +13,8 @@ from typing import Final, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.posed import Posed
@@ -94,7 +94,7 @@ class Landings:
         """Return the gaps, and how fast they open."""
         system = self._system
         data = system.equations.data
-        pin.computeJointJacobians(system.model, data, q)
+        algorithms(data).computeJointJacobians(system.model, data, q)
         gaps, J = system.contacts.evaluate(data, q)
         return gaps, J[system.contacts.normals].dot(v)
 
@@ -102,7 +102,7 @@ class Landings:
         """Return the row J_n (nv,) of a gap."""
         system = self._system
         data = system.equations.data
-        pin.computeJointJacobians(system.model, data, q)
+        algorithms(data).computeJointJacobians(system.model, data, q)
         J = system.contacts.evaluate(data, q)[1]
         return np.asarray(J[system.contacts.normals[i]])
 

@@ -17,6 +17,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms
 from condyn_pin.dynamics.derivatives.carried import slope
 from condyn_pin.simulation.integrators.posed import Posed
 
@@ -61,7 +62,7 @@ def _bends(steps: LinearSteps, posed: Posed, before: Array) -> Array:
         return bends
     k, data = chosen.contact_points, system.equations.data
     normals = slice(2, 3 * k, 3)
-    pin.computeJointJacobians(system.model, data, there)
+    algorithms(data).computeJointJacobians(system.model, data, there)
     J_end = system.contacts.normals_over_planes(data)[chosen.over_planes]
     J_n = posed.J_n[:k]
     by_at, by_move = steps.partials.integrate(posed.at, dt * v)

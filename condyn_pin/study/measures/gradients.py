@@ -12,6 +12,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.timing import Call, State
+from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
@@ -196,7 +197,7 @@ def _directions(scene: Scene, duration: float, wrt: tuple[str, ...], at: bytes) 
     """Return random directions of q, v and tau (nv, directions) each; zero if not in `wrt`."""
     rng, n, q = np.random.default_rng(0), scene.robot.nv, np.frombuffer(at)
     workspace = Workspace(scene.bilateral)
-    M = pin.crba(workspace.model, workspace.model.createData(), q)
+    M = pin.crba(workspace.model, whole_data(workspace.model), q)
     sizes = {"q": duration * np.ones(n), "v": np.ones(n), "tau": np.diag(M) / duration}
     J = workspace.jacobian(q)
     found = []

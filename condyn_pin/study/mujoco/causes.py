@@ -19,6 +19,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import whole_data
 from condyn_pin.io.mjcf_file import body_names
 from condyn_pin.io.mjcf_write_joint import scalar_axis
 from condyn_pin.study.mujoco.pairs import Pair, axes, holder
@@ -42,7 +43,7 @@ class _Causes:
         self.robot, self.model, self.mj = bridge.robot, bridge.robot.model, bridge.model
         self.pairs, self.data, self.tolerance = bridge.pairs, data, tolerance
         self.bodies = body_names(self.mj)
-        self.placed = self.model.createData()
+        self.placed = whole_data(self.model)
         pin.forwardKinematics(self.model, self.placed, q)
         among = {pair.there: pair.here for pair in self.pairs}
         self.holders = [holder(self.mj, body, among) for body in range(self.mj.nbody)]

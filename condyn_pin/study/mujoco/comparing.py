@@ -21,6 +21,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg.pivots import counted
 from condyn_pin._core.names import listed
+from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.at_state import gaps
@@ -53,7 +54,7 @@ def cross_check(
     q_, v_, tau_ = robot.arguments.check(q, v, tau)
     theirs = MujocoTerms(bridge, q_, v_, tau_)
     terms, passive = workspace.terms(q_, v_), robot.passive_torque(q_, v_)
-    a = pin.aba(robot.model, robot.model.createData(), q_, v_, tau_ + passive)
+    a = pin.aba(robot.model, whole_data(robot.model), q_, v_, tau_ + passive)
     labels = _labels(robot.model)
     s = np.sqrt(np.diag(terms.M))
     found = [

@@ -19,6 +19,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import HIGH, LOW
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import checked, listed
+from condyn_pin._core.trees import whole_data
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.mjcf import KINDS
 from condyn_pin.io.mjcf_file import joint_names
@@ -147,7 +148,7 @@ def holder(mj: Any, body: int, among: Mapping[int, int]) -> int:
 
 def check_axes(robot: Robot, data: Any, paired: Sequence[Pair], q: Array) -> None:
     """Refuse axes that are others; q is the configuration that MuJoCo's `data` is in."""
-    placed = robot.model.createData()
+    placed = whole_data(robot.model)
     pin.forwardKinematics(robot.model, placed, q)
     for pair in paired:
         ours, theirs = axes(robot.model, placed, data, pair)

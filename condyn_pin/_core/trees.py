@@ -1,0 +1,292 @@
+"""Data of a model with many trees: Pinocchio's of each tree, where that of all is too large.
+
+A `pin.Data` has four tensors for second derivatives, nv^3 numbers each: 0.4 GB of forty free
+bodies, 7 GB of a hundred, although bodies that no joint connects have nothing in common. The
+`Forest` of such a model is memory for each of its trees, and has the algorithms of Pinocchio by
+their names, to be called as those:
+
+    algorithms(data).crba(model, data, q)
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Iterator
+from functools import partial
+from math import inf
+from pathlib import Path
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from condyn_pin._core._pin import pin, placements_view
+from condyn_pin._core.arrays import Array
+from condyn_pin.errors import InvalidModel
+
+# Tensors that are small: whoever has fewer bodies has one pin.Data [bytes].
+_SMALL: Final = 2**25
+
+
+def data_of(model: Any) -> Any:
+    """Memory for Pinocchio's algorithms, with `algorithms` to call: of each tree, or of all.
+
+    Raises
+    ------
+    InvalidModel
+        If this machine has not enough memory for it.
+    """
+    return Forest(model) if is_forest(model) else whole_data(model)
+
+
+def whole_data(model: Any) -> Any:
+    """Return the `pin.Data` of a model, or refuse it before the memory is taken.
+
+    Raises
+    ------
+    InvalidModel
+        If this machine has not enough memory for it.
+    """
+    needed = tensors_of(model)
+    try:
+        if needed > _SMALL and needed > available_memory():
+            raise MemoryError
+        return model.createData()
+    except MemoryError as error:
+        raise InvalidModel(
+            f"the model has {model.nv} degrees of freedom, and Pinocchio's Data of it would take "
+            f"{needed / 1e9:.2g} GB, more than this machine has left "
+            f"({available_memory() / 1e9:.2g} GB); fix or lock joints, or take fewer bodies into "
+            "one scene"
+        ) from error
+
+
+def tensors_of(model: Any) -> float:
+    """Memory that the tensors of a `pin.Data` take: 4 nv x nv x nv numbers [bytes]."""
+    return float(4 * 8 * model.nv**3)
+
+
+def available_memory() -> float:
+    """Memory that is free, or that can be freed [bytes]: to ask for more may end the process."""
+    try:
+        lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
+        return 1024.0 * next(int(line.split()[1]) for line in lines if "MemAvailable" in line)
+    except (OSError, StopIteration, ValueError):
+        try:
+            return float(os.sysconf("SC_PAGE_SIZE")) * os.sysconf("SC_PHYS_PAGES")
+        except (AttributeError, ValueError, OSError):  # Windows, where such a request fails
+            return inf
+
+
+def algorithms(data: Any) -> Any:
+    """What has the algorithms for a memory, by the names that they have in Pinocchio."""
+    return data if isinstance(data, Forest) else pin
+
+
+def is_forest(model: Any) -> bool:
+    """Whether a model has trees of which it is worth while to keep the memory apart."""
+    return tensors_of(model) > _SMALL and len(model.children[0]) > 1 and _is_in_order(model)
+
+
+def _is_in_order(model: Any) -> bool:
+    """Whether the joints of each tree come one after the other."""
+    roots = _roots(model)
+    return roots == sorted(roots)
+
+
+def _roots(model: Any) -> list[int]:
+    """Return the first joint of the tree of each joint, but for the world."""
+    roots = [0]
+    for joint in range(1, model.njoints):
+        parent = model.parents[joint]
+        roots.append(roots[parent] if parent else joint)
+    return roots[1:]
+
+
+class Tree(NamedTuple):
+    """A tree of a model by itself, and where it is in that."""
+
+    model: Any
+    data: Any
+    joints: slice
+    q: slice
+    v: slice
+
+
+def trees_of(model: Any) -> Iterator[Tree]:
+    """Yield the trees of a model whose joints are in order, without armature.
+
+    That is what steps change in a model, so that the model at hand has it.
+    """
+    roots = [*_roots(model), model.njoints]
+    first = 1
+    while first < model.njoints:
+        last = next(j for j in range(first, model.njoints + 1) if roots[j - 1] != first)
+        tree = pin.Model()
+        tree.gravity = model.gravity
+        for joint in range(first, last):
+            parent = model.parents[joint]
+            tree.addJoint(
+                parent - first + 1 if parent else 0, model.joints[joint],
+                model.jointPlacements[joint], model.names[joint],
+            )  # fmt: skip
+            tree.inertias[joint - first + 1] = model.inertias[joint]
+        q, v = model.idx_qs[first], model.idx_vs[first]
+        at_q, at_v = slice(q, q + tree.nq), slice(v, v + tree.nv)
+        yield Tree(tree, tree.createData(), slice(first, last), at_q, at_v)
+        first = last
+
+
+class Forest:
+    """Memory of each tree of a model, and Pinocchio's algorithms on all of them.
+
+    Attributes
+    ----------
+    oMi : pin.StdVec_SE3
+        Placements of all joints in the world.
+    v, a : sequence of pin.Motion
+        Of all joints, in their axes.
+    J : (6, nv) array
+        Of all joints, in the axes of the world and at its origin.
+    """
+
+    def __init__(self, model: Any) -> None:
+        self._nv, self._shapes = model.nv, ((model.nq,), (model.nv,))
+        self._trees = list(trees_of(model))
+        self.oMi = pin.StdVec_SE3()
+        for _ in range(model.njoints):
+            self.oMi.append(pin.SE3.Identity())
+        placed = placements_view(self.oMi, 0, model.njoints)
+        self._placements = [
+            (placed[:, 4 * tree.joints.start : 4 * tree.joints.stop],
+             placements_view(tree.data.oMi, 1, tree.model.njoints - 1))
+            for tree in self._trees
+        ]  # fmt: skip
+        self.v, self.a = (_OfJoints(self._trees, name) for name in "va")
+        self.J = np.zeros((6, model.nv), order="F")
+
+    def is_sound(self) -> bool:
+        """Whether Pinocchio takes each of the trees."""
+        return all(tree.model.check(tree.data) for tree in self._trees)
+
+    def forwardKinematics(self, model: Any, data: Any, q: Array, *rates: Array) -> None:
+        """Placements, velocities and accelerations of the joints."""
+        self._each(pin.forwardKinematics, q, *rates)
+        self._place()
+
+    def computeJointJacobians(self, model: Any, data: Any, *q: Array) -> Array:
+        """Placements and J; without q those of the last call."""
+        self._each(pin.computeJointJacobians, *q)
+        self._place()
+        for tree in self._trees:
+            self.J[:, tree.v] = tree.data.J.reshape(6, -1)
+        return self.J
+
+    def crba(self, model: Any, data: Any, q: Array, convention: Any = None) -> Array:
+        """Return M (nv, nv), owned by the caller; Jacobians of joints are left behind."""
+        self.computeJointJacobians(model, data, q)
+        M = np.zeros((self._nv, self._nv))
+        how = () if convention is None else (convention,)
+        for tree, block in zip(self._trees, self._each(pin.crba, q, *how), strict=True):
+            M[tree.v, tree.v] = block
+        np.einsum("ii->i", M)[:] += model.armature
+        return M
+
+    def nonLinearEffects(self, model: Any, data: Any, q: Array, v: Array) -> Array:
+        """Return h (nv,)."""
+        return self._joined(pin.nonLinearEffects, q, v)
+
+    def rnea(self, model: Any, data: Any, q: Array, v: Array, a: Array, *wrenches: Any) -> Array:
+        """Return M a + h (nv,), less what wrenches on the joints do."""
+        return np.asarray(self._joined(pin.rnea, q, v, a, *wrenches) + model.armature * a)
+
+    def aba(self, model: Any, data: Any, q: Array, v: Array, tau: Array, *wrenches: Any) -> Array:
+        """Return the acceleration (nv,) under tau, and wrenches on the joints."""
+        for tree in self._trees:
+            tree.model.armature = np.array(model.armature[tree.v])
+        a = self._joined(pin.aba, q, v, tau, *wrenches)
+        for tree in self._trees:
+            tree.model.armature = np.zeros(tree.model.nv)
+        return a
+
+    def computeGeneralizedGravity(self, model: Any, data: Any, q: Array) -> Array:
+        """Return the torques (nv,) that hold everything up."""
+        return self._joined(pin.computeGeneralizedGravity, q)
+
+    def computeStaticTorque(self, model: Any, data: Any, q: Array, wrenches: Any) -> Array:
+        """Return the torques (nv,) that hold everything up against wrenches on the joints."""
+        return self._joined(pin.computeStaticTorque, q, wrenches)
+
+    def computeKineticEnergy(self, model: Any, data: Any, *state: Array) -> float:
+        """Return the kinetic energy of the links [J]; without a state that of the last call."""
+        return sum(self._each(pin.computeKineticEnergy, *state))
+
+    def computePotentialEnergy(self, model: Any, data: Any, *q: Array) -> float:
+        """Return the potential energy [J]; without q that of the last call."""
+        return sum(self._each(pin.computePotentialEnergy, *q))
+
+    def getFrameJacobian(
+        self, model: Any, data: Any, joint: int, placement: Any, axes: Any
+    ) -> Array:
+        """Return the Jacobian (6, nv) of a frame on a joint, right after those of the joints."""
+        J = np.zeros((6, self._nv))
+        tree = next(each for each in self._trees if joint < each.joints.stop)
+        local = joint - tree.joints.start + 1
+        block = pin.getFrameJacobian(tree.model, tree.data, local, placement, axes)
+        J[:, tree.v] = block.reshape(6, -1)
+        return J
+
+    def computeCentroidalMomentum(self, model: Any, data: Any, q: Array, v: Array) -> Any:
+        """Return the momentum about the centre of all masses, a pin.Force."""
+        total, mass, moment = pin.Force.Zero(), 0.0, np.zeros(3)
+        momenta = self._each(pin.computeCentroidalMomentum, q, v)
+        for tree, momentum in zip(self._trees, momenta, strict=True):
+            total += pin.SE3(np.eye(3), tree.data.com[0]).act(momentum)
+            mass += tree.data.mass[0]
+            moment += tree.data.mass[0] * tree.data.com[0]
+        return pin.SE3(np.eye(3), moment / mass).actInv(total)
+
+    def _joined(self, algorithm: Callable[..., Any], *arguments: Any) -> Array:
+        return np.concatenate(self._each(algorithm, *arguments))
+
+    def _each(self, algorithm: Callable[..., Any], *arguments: Any) -> list[Any]:
+        """Return the answers of an algorithm for each tree; the first argument is q.
+
+        ValueError of arrays of another size, as Pinocchio has it.
+        """
+        for i, argument in enumerate(arguments):
+            if isinstance(argument, np.ndarray) and argument.shape != self._shapes[i > 0]:
+                raise ValueError(f"an array has shape {argument.shape}")
+        return [algorithm(tree.model, tree.data, *_part(tree, arguments)) for tree in self._trees]
+
+    def _place(self) -> None:
+        for place, of_tree in self._placements:
+            place[:] = of_tree
+
+
+def _part(tree: Tree, arguments: tuple[Any, ...]) -> Iterator[Any]:
+    """Yield what belongs to a tree: of q, of vectors along v, and of wrenches on the joints."""
+    for i, argument in enumerate(arguments):
+        if isinstance(argument, np.ndarray):
+            yield argument[tree.v if i else tree.q]
+        elif isinstance(argument, pin.StdVec_Force):
+            wrenches = pin.StdVec_Force()
+            wrenches.append(pin.Force.Zero())
+            for joint in range(tree.joints.start, tree.joints.stop):
+                wrenches.append(argument[joint])
+            yield wrenches
+        else:
+            yield argument
+
+
+class _OfJoints:
+    """What each joint has in the memory of its tree."""
+
+    def __init__(self, trees: list[Tree], name: str) -> None:
+        self._of = [
+            partial(getattr(tree.data, name).__getitem__, joint)
+            for tree in trees
+            for joint in range(1, tree.model.njoints)
+        ]
+
+    def __getitem__(self, joint: int) -> Any:
+        return self._of[joint - 1]()
