@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from difflib import get_close_matches
 from typing import Any
+from unicodedata import category
 
 __all__ = [
     "BranchChanged",
@@ -39,8 +40,26 @@ __all__ = [
 ]
 
 
+def printable(text: str) -> str:
+    r"""Return a text with everything but its letters and lines as ``\x1b``.
+
+    Names come from files, and a terminal obeys what it is sent.
+    """
+    if text.isprintable():
+        return text
+    return "".join(
+        each
+        if each.isprintable() or each == "\n" or category(each) == "Zs"  # any space
+        else each.encode("unicode_escape").decode()
+        for each in text
+    )
+
+
 class CondynError(Exception):
     """Root of every error of this library."""
+
+    def __str__(self) -> str:
+        return printable(super().__str__())
 
 
 class BrokenPinocchio(CondynError, ImportError):
@@ -55,7 +74,7 @@ class MissingExtra(CondynError, ImportError):
     """An optional dependency is not installed."""
 
     def __str__(self) -> str:  # ImportError keeps its first text, whatever is added to args
-        return str(self.args[0])
+        return printable(str(self.args[0]))
 
 
 class BrowserFailed(CondynError, RuntimeError):
@@ -70,7 +89,7 @@ class UnknownName(CondynError, KeyError):
     """No robot, frame, joint, posture or constraint has this name."""
 
     def __str__(self) -> str:
-        return str(self.args[0])
+        return printable(str(self.args[0]))
 
 
 class InvalidModel(CondynError, ValueError):

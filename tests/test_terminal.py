@@ -14,8 +14,10 @@ from shared import robot
 from typer.testing import CliRunner
 
 import condyn_pin as cp
+from condyn_pin._core.files.text import parse_json
 from condyn_pin.cli import output
 from condyn_pin.cli.main import app, main
+from condyn_pin.errors import printable
 
 pytestmark = pytest.mark.once
 
@@ -134,3 +136,57 @@ def test_the_command_is_what_the_package_installs():
     text = (Path(cp.__file__).parent.parent / "pyproject.toml").read_text(encoding="utf-8")
     assert 'condyn = "condyn_pin.__main__:main"' in text
     assert CliRunner().invoke(app, ["--version"]).exit_code == 0
+
+
+FOLDER = {
+    "robot.toml": r"""
+name = "evil\u001b]0;mine\u0007"
+licence = "\u001b[32m"
+[description]
+file = "r.urdf"
+[[frames]]
+name = "tip\u001b[33m"
+parent = "link\u0080"
+translation = [0.3, 0.0, 0.0]
+""",
+    "r.urdf": """<robot name="r"><link name="base"/><link name="link&#128;"><inertial>
+<mass value="1"/><inertia ixx=".01" iyy=".01" izz=".01" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="j\u202e" type="revolute"><parent link="base"/><child link="link&#128;"/>
+<axis xyz="0 1 0"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint></robot>""",
+}
+
+
+def test_names_of_files_are_written_out_wherever_python_shows_them(tmp_path):
+    for name, text in FOLDER.items():
+        (tmp_path / name).write_text(text, encoding="utf-8")
+    robot = cp.load_robot(tmp_path)
+    scene = cp.Scene(robot, [cp.PointContact(r"tip\x1b[33m")])
+    q, v = scene.state()
+    shown = [str(robot), repr(robot), str(scene), str(scene.summary()), *robot.unused]
+    solution = cp.solve(scene, q, v, v)
+    shown += [str(solution), repr(solution), *solution.notices]
+    run = cp.simulate(scene, q, v, duration=0.01)
+    run.save(tmp_path / "run.npz")
+    back = cp.Trajectory.load(tmp_path / "run.npz")
+    shown += [str(run), str(back), repr(back.scene.robot), robot.name, *robot.frames, *robot.joints]
+    for wrong in (
+        lambda: cp.Scene(robot, [cp.PointContact("tap")]),
+        lambda: cp.load_robot(tmp_path / "no\x1b[31m.urdf"),
+        lambda: robot.frame_pose(q, "\x1b[2J"),
+    ):
+        with pytest.raises(cp.CondynError) as error:
+            wrong()
+        shown.append(str(error.value))
+    for text in shown:
+        assert text.replace("\n", "").isprintable(), text
+    assert r"tip\x1b[33m" in robot.frames
+    assert robot.joints == (r"j\u202e",)
+    assert robot.name == r"evil\x1b]0;mine\x07"
+
+
+@pytest.mark.parametrize(
+    "text", ["plain", "two\nlines", "un\u00a0mot", "\u4e2d\u3000\u6587", r"C:\a"]
+)
+def test_texts_without_orders_to_a_terminal_stay(text):
+    assert printable(text) == text
+    assert parse_json(json.dumps({text: [text, 1.0]})) == {text: [text, 1.0]}

@@ -6,6 +6,8 @@ import errno
 import json
 import os
 import stat
+import subprocess
+import sys
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -227,3 +229,30 @@ def test_a_table_of_something_else_is_not_lost(tmp_path):
             with pytest.raises(cp.InvalidArgument, match=r"mine\.csv: no table of `condyn lab"):
                 write_maps([], path, "4.1.0")
             assert path.read_text(encoding="utf-8") == text
+
+
+KILLED = """
+import os, sys
+from pathlib import Path
+from condyn_pin._core.files.beside import written_beside
+with written_beside(sys.argv[1]) as new:
+    new.write_text("half of it")
+    print(os.listdir(Path(sys.argv[1]).parent), flush=True)
+    os.kill(os.getpid(), 9)
+"""
+
+
+@pytest.mark.skipif(os.name == "nt", reason="locks of files")
+def test_what_a_killed_writer_leaves_goes_with_the_next(tmp_path):
+    path = tmp_path / "a.txt"
+    subprocess.run([sys.executable, "-c", KILLED, str(path)], capture_output=True, check=False)
+    (left,) = tmp_path.iterdir()
+    assert left.read_text() == "half of it"
+    (tmp_path / ".condyn-notes").mkdir()  # somebody else's
+    with written_beside(path) as new, written_beside(tmp_path / "b.txt") as other:
+        assert not left.exists()
+        assert new.exists()  # nobody removes what is being written
+        new.write_text("one")
+        other.write_text("two")
+    assert path.read_text() == "one"
+    assert sorted(os.listdir(tmp_path)) == [".condyn-notes", "a.txt", "b.txt"]

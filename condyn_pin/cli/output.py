@@ -18,7 +18,7 @@ from rich.table import Column, Table
 from rich.text import Text
 
 from condyn_pin._core.files.beside import check_writable, write_text
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.errors import InvalidArgument, printable
 
 # As shells say that a program was interrupted.
 INTERRUPTED: Final = 130
@@ -27,19 +27,6 @@ Report = Callable[[str, int, int], None]
 _Found = TypeVar("_Found")
 
 _PAPER: Final = 118  # columns of a file
-
-
-def printable(text: str) -> str:
-    r"""Return a text with everything but its letters and lines as ``\x1b``.
-
-    Names come from files, and a terminal obeys what it is sent.
-    """
-    if text.isprintable():
-        return text
-    return "".join(
-        each if each.isprintable() or each == "\n" else each.encode("unicode_escape").decode()
-        for each in text
-    )
 
 
 # What errors and advice say of arguments in Python, as a line says it.

@@ -21,7 +21,7 @@ from pathlib import Path
 from reprlib import repr as shortened  # aliases of a YAML may nest without end
 from typing import Any, Final, get_args
 
-from condyn_pin._core.files.text import parse_toml
+from condyn_pin._core.files.text import parse_toml, written_out
 from condyn_pin._core.names import few, listed
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel, MissingExtra, unknown_name
@@ -132,7 +132,7 @@ def _yaml(path: Path) -> Mapping[str, Any]:
             "a YAML needs PyYAML: python -m pip install 'condyn_pin[yaml]'"
         ) from error
     try:
-        said = yaml.safe_load(text)
+        said = written_out(yaml.safe_load(text))
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise InvalidModel(f"it is not valid YAML: {' '.join(str(error).split())}") from error
     return said if isinstance(said, dict) else {}

@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.files.text import read_bytes
+from condyn_pin._core.files.text import read_bytes, written_out
 from condyn_pin.errors import CondynError, InvalidModel
 from condyn_pin.model.soundness import MOST_JOINTS
 
@@ -44,6 +44,12 @@ def open_xml(path: str | PathLike[str], tag: str = "") -> Element:
         root = ElementTree.fromstring(read_bytes(path))
         if sum(1 for _ in root.iter()) > _MOST_ELEMENTS:
             raise ValueError(f"it has more than {_MOST_ELEMENTS} elements")
+        for element in root.iter():
+            for key, value in element.attrib.items():
+                if not value.isprintable():  # lines and tabs are spaces by now
+                    element.set(key, written_out(value))
+            if element.text and not element.text.isprintable():
+                element.text = written_out(element.text)
     except OSError as error:
         raise InvalidModel(f"cannot be opened: {error.strerror or error}") from error
     # LookupError: an unknown encoding

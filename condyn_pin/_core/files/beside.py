@@ -1,6 +1,7 @@
 """Files written beside their place, and put there once they are whole.
 
-A disk that fills up, a bug or Ctrl-C in the middle of writing leaves the old file as it was.
+A disk that fills up, a bug or Ctrl-C in the middle of writing leaves the old file as it was. What a
+writer that was killed has left beside it goes with the next one: nobody holds its lock.
 """
 
 from __future__ import annotations
@@ -10,11 +11,18 @@ import os
 import secrets
 import stat
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from os import PathLike
 from pathlib import Path
 
 from condyn_pin.errors import InvalidArgument
+
+try:
+    import fcntl
+except ImportError:  # Windows, where a file that is open stays
+    fcntl = None  # type: ignore[assignment]
+
+_MARK = ".condyn-"  # of all files that are being written
 
 
 @contextmanager
@@ -34,13 +42,15 @@ def written_beside(path: str | PathLike[str]) -> Iterator[Path]:
         if target.exists() and not target.is_file() and not target.is_dir():
             yield target
             return
-        new = _new_file(target, Path(path).suffix)
+        new, lock = _new_file(target, Path(path).suffix)
         try:
             yield new
             new.replace(target)
         except BaseException:
             new.unlink(missing_ok=True)
             raise
+        finally:
+            _release(lock)
     except OSError as error:
         raise _not_written(path, error) from error
 
@@ -68,7 +78,9 @@ def check_writable(path: str | PathLike[str]) -> None:
         if target.exists() and not target.is_file() and not target.is_dir():
             target.open("ab").close()
         else:
-            _new_file(target, "").unlink()
+            new, lock = _new_file(target, "")
+            new.unlink()
+            _release(lock)
     except OSError as error:
         raise _not_written(path, error) from error
 
@@ -81,19 +93,47 @@ def _target(path: str | PathLike[str]) -> Path:
         raise InvalidArgument(f"path = {path!r}: the name of a file is needed ({error})") from error
 
 
-def _new_file(target: Path, suffix: str) -> Path:
-    """Return an empty file beside another one, with the permissions that this one has or gets."""
+def _new_file(target: Path, suffix: str) -> tuple[Path, int | None]:
+    """Return an empty file beside another one, and its lock, which `_release` gives back.
+
+    With the permissions that the other one has or gets.
+    """
     if target.is_dir():
         raise IsADirectoryError(errno.EISDIR, os.strerror(errno.EISDIR))
     mode = None
     if target.exists():
         target.open("ab").close()  # what nobody may write to is not replaced either
         mode = stat.S_IMODE(target.stat().st_mode)
-    new = target.parent / f".{secrets.token_hex(8)}{suffix}"
-    os.close(os.open(new, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666))
+    _remove_abandoned(target.parent)
+    new = target.parent / f"{_MARK}{secrets.token_hex(8)}{suffix}"
+    lock = os.open(new, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
     if mode is not None:
         new.chmod(mode)
-    return new
+    if fcntl is None:
+        os.close(lock)
+        return new, None
+    fcntl.flock(lock, fcntl.LOCK_EX)
+    return new, lock
+
+
+def _release(lock: int | None) -> None:
+    """Give the lock of a file back, if there is one."""
+    if lock is not None:
+        os.close(lock)
+
+
+def _remove_abandoned(folder: Path) -> None:
+    """Remove what writers have left that live no more: their locks went with them."""
+    if fcntl is None:
+        return
+    for left in folder.glob(f"{_MARK}*"):
+        with suppress(OSError):  # held by a writer, removed by another, or somebody else's
+            lock = os.open(left, os.O_RDONLY | os.O_NOFOLLOW)
+            try:
+                fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
+                left.unlink()
+            finally:
+                os.close(lock)
 
 
 def _not_written(path: str | PathLike[str], error: OSError) -> InvalidArgument:

@@ -1,4 +1,4 @@
-"""Texts of json and toml that may come from strangers: their size, their depth, their numbers."""
+"""Texts of json and toml that may come from strangers: their size, depth, numbers and letters."""
 
 from __future__ import annotations
 
@@ -10,11 +10,14 @@ from os import PathLike
 from pathlib import Path
 from typing import Any, Final
 
+from condyn_pin.errors import printable
+
 # A text takes up to thirty times its size when it is parsed: a gigabyte. The largest robots and
 # tables have a tenth of this.
 LARGEST: Final = 2**25  # [bytes]
 
 _SHOWN: Final = 60  # characters of a line in an error
+_LINES: Final = str.maketrans("\n\r\t", "   ")
 
 
 def read_bytes(path: str | PathLike[str]) -> bytes:
@@ -65,16 +68,33 @@ def _line_of(text: str, said: str) -> str:
     return "".join(f": {each.strip()[:_SHOWN]!r}{why}" for each in line)
 
 
+def written_out(value: Any) -> Any:
+    """Return what was parsed with its texts printable: who reads them prints them."""
+    if isinstance(value, str):
+        return printable(value.replace("\t", " "))
+    if isinstance(value, dict):
+        return {written_out(key): written_out(each) for key, each in value.items()}
+    if isinstance(value, list):
+        return [written_out(each) for each in value]
+    return value
+
+
 def _parsed(parse: Callable[[Any], Any], text: Any, known: type[ValueError]) -> Any:
     check_size(len(text))
     try:
-        return parse(text)
+        return written_out(parse(text)) if _may_need_it(text) else parse(text)
     except (known, UnicodeDecodeError):
         raise
     except ValueError as error:  # Python's own limit, against numbers that take minutes to read
         raise ValueError("a number in it has thousands of digits") from error
     except RecursionError as error:
         raise ValueError("it is nested too deep") from error
+
+
+def _may_need_it(text: str | bytes) -> bool:
+    """Whether a text may have other letters than those that are printed, as they are or escaped."""
+    letters = text if isinstance(text, str) else text.decode("latin-1")
+    return "\\" in letters or not letters.translate(_LINES).isprintable()
 
 
 def _check_depth(value: Any, most: int = 32) -> None:
