@@ -720,3 +720,24 @@ def test_what_cannot_be_closed_is_masked():
 def test_bad_angles_are_named(angles, joints, words):
     with pytest.raises(cp.InvalidArgument, match=words):
         cp.mechanism.assemble_batch(loops_of("five_bar"), angles, joints=joints)
+
+
+def test_a_budget_ends_what_does_not_close():
+    """The rocker held where crank and coupler are too short, one attempt after the other."""
+    scene = bar_scene()
+    start = robot("four_bar").postures["open"].copy()
+    start[2] = 0.0
+    few = scene.assemble(start, fixed=["rocker"], budget=1, throw=False)
+    assert few.status is cp.mechanism.AssemblyStatus.OUT_OF_BUDGET
+    assert "budget=1000" in str(few.error())
+    all_of_them = scene.assemble(start, fixed=["rocker"], throw=False)
+    assert all_of_them.status is cp.mechanism.AssemblyStatus.UNREACHABLE
+    assert few.iterations < all_of_them.iterations
+    with pytest.raises(cp.InvalidArgument, match="budget"):
+        scene.assemble(start, budget=0)
+
+
+def test_what_closes_needs_no_budget():
+    scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
+    q = scene.state()[0] + 0.1
+    np.testing.assert_array_equal(scene.assemble(q, budget=1).q, scene.assemble(q).q)

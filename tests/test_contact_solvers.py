@@ -5,7 +5,7 @@ from __future__ import annotations
 import pickle
 import re
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 import pinocchio as pin
@@ -27,6 +27,7 @@ from hypothesis import strategies as st
 import condyn_pin as cp
 from condyn_pin._core import _pin_contacts
 from condyn_pin._core.tolerances import CONTACT_SOLVED
+from condyn_pin.constraints import Box, Plane
 from condyn_pin.contact import (
     ADMM,
     CONTACT_SOLVERS,
@@ -518,7 +519,7 @@ def test_friction_that_locks_is_named():
     problem = ContactProblem(np.eye(3) - np.outer(z, z), [-1.0, 0.0, -0.1], [2.0], names=["jaw"])
     for solver in EXACT:
         found = solve_contact(problem, solver, throw=False)
-        assert found.status is ContactStatus.INACCURATE
+        assert found.status in (ContactStatus.INACCURATE, ContactStatus.OUT_OF_BUDGET)
         assert "friction locks jaw" in found.notices[0]
     less = replace(problem, friction=[0.9])
     assert solve_contact(less, SemismoothNewton()).status.ok
@@ -708,3 +709,50 @@ def test_a_failed_solve_survives_a_pickle():
         solve_contact(problem)
     back = pickle.loads(pickle.dumps(caught.value))
     assert back.solution.unmet == ("wall",)
+
+
+def foot_in_the_floor() -> ContactProblem:
+    """Return a pendulum with its foot 10 cm in the floor: friction locks it, nothing answers."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelRY(), pin.SE3.Identity(), "hip")
+    middle, tip = (pin.SE3(np.eye(3), np.array([0.0, 0.0, z])) for z in (-0.15, -0.3))
+    model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.1, 0.1, 0.3), middle)
+    model.addFrame(pin.Frame("tip", joint, 0, tip, pin.FrameType.BODY))
+    foot = cp.FrictionalContact(
+        "tip", Box(0.1, 0.1, 0.05), friction=3.0, on=Plane(height=-0.3), name="foot"
+    )
+    scene = cp.Scene(cp.Robot("leg", model), contacts=[foot])
+    return cp.simulation.contact_problem(scene, np.array([0.6]), np.ones(1), dt=1e-3)
+
+
+@pytest.mark.parametrize("solver", [ADMM, SemismoothNewton])
+def test_a_budget_ends_the_search_and_is_named(solver):
+    problem, tried = foot_in_the_floor(), []
+    for budget in (1, 30, 100):
+        found = solve_contact(problem, solver(budget=budget), throw=False)
+        tried.append(found)
+        assert found.status is ContactStatus.OUT_OF_BUDGET
+        # one ordinary solve is a thousand iterations at most, and the last method ends its step
+        assert found.iterations <= 1000 * (budget + 10)
+    assert [found.iterations for found in tried] == sorted({found.iterations for found in tried})
+    assert min(found.natural for found in tried) == tried[-1].natural
+    with pytest.raises(SolveFailed, match=rf"out_of_budget.*{solver.__name__}\(budget=1000\)"):
+        solve_contact(problem, solver())
+    with pytest.raises(InvalidArgument, match="budget"):
+        solver(budget=0)
+    assert [each.name for each in fields(solver)][-1] == "budget"  # the others are by place too
+
+
+@pytest.mark.parametrize("label", ["box slides", "solo12 slides", "random, everything"])
+def test_what_is_answered_needs_no_budget(label):
+    for solver in (ADMM, SemismoothNewton):
+        one, usual = (solve_contact(PROBLEMS[label], s) for s in (solver(budget=1), solver()))
+        np.testing.assert_array_equal(one.lam, usual.lam)
+
+
+def test_line_searches_of_sap_end_at_rounding():
+    """A step that is right but for rounding is taken, and not halved until nothing is left."""
+    problem = foot_in_the_floor().replaced(law="ccp")
+    problem = problem.replaced(R=np.full(problem.rows, 1e-5 * problem.scale[0]))
+    found = solve_contact(problem, SAP(50), throw=False)
+    assert found.iterations < 50

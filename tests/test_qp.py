@@ -271,3 +271,22 @@ def test_bounds_that_are_crossed_are_no_answer_of_the_last_active_set():
     found = chain.solve(crossed, soft(crossed))
     assert not found.solved
     assert found.elastic.of_inequalities == pytest.approx([0.5])  # each bound gives a half
+
+
+def test_a_budget_ends_the_search_and_is_named(monkeypatch):
+    """Solvers that say nothing, after a hundred iterations each."""
+
+    def silent(self):
+        return lambda program: QPResult(
+            np.full(len(program.g), np.nan), np.full(len(program.lower), np.nan), "failed", 100
+        )
+
+    for solver in (DAQP, ProxQP, Quadprog):
+        monkeypatch.setattr(solver, "_start", silent)
+    program = random_program(np.random.default_rng(3))
+    tried = [Chain(DAQP(budget=budget)).solve(program, any_row(program)) for budget in (1, 3, 100)]
+    assert [found.stopped for found in tried] == [True, True, False]
+    assert [len(found.path) for found in tried[:2]] == [1, 2]
+    assert tried[2].path[-1] == "elastic program"
+    with pytest.raises(cp.InvalidArgument, match="budget"):
+        Chain(DAQP(budget=0))

@@ -109,6 +109,7 @@ def _apart(
         return choose(problem, *answer(problem, solver, guess, accuracy), accuracy)
     lam, iterations, path, answered = np.empty(problem.rows), 0, dict[str, None](), True
     naturals, several = list[float](), list[Indeterminacy]()
+    cost, stopped = 0.0, False
     for island in apart:
         part = island.problem(problem)
         begin = None if guess is None else guess[island.rows]
@@ -119,7 +120,8 @@ def _apart(
         answered &= found.answered
         naturals.append(natural)
         several += found.several
-    found = Attempt(lam, iterations, tuple(path), answered, tuple(several))
+        cost, stopped = cost + found.cost, stopped or found.stopped
+    found = Attempt(lam, iterations, tuple(path), answered, tuple(several), cost, stopped)
     return found, max(naturals) if isfinite(sum(naturals)) else nan
 
 
@@ -156,17 +158,18 @@ def _others(
     problem: ContactProblem, solver: ContactSolver, best: Attempt, least: float, accuracy: float
 ) -> tuple[Attempt, float]:
     """Return the best of a first attempt, whose residual is `least`, and of what else is tried."""
-    found = best
+    found, stopped = best, False
     if least <= accuracy or _closes_unmoved(problem, accuracy):
         return best, least
     for found in solver.alternatives(problem, best):
         error = natural_residual(problem, found.lam)
         if error < least or isnan(least):
             best, least = found, error
-        if error <= accuracy:
+        stopped = found.cost >= solver.budget
+        if error <= accuracy or stopped:
             break
     # all that was tried had its part, whichever was the best
-    return best._replace(iterations=found.iterations), least
+    return best._replace(iterations=found.iterations, cost=found.cost, stopped=stopped), least
 
 
 def _closes_unmoved(problem: ContactProblem, accuracy: float) -> bool:

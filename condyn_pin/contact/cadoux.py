@@ -36,14 +36,14 @@ _SOFTEST, _HARDER, _HARDEST = 1e-3, 0.1, 1e-5
 _POINT, _SOLVED, _ANSWERED = 1e-9, 1e-11, 1e-9
 
 
-def cadoux(problem: ContactProblem) -> tuple[Array, int]:
-    """Return impulses (m,) of a normalised ncp, and how many steps it took."""
+def cadoux(problem: ContactProblem, most: int = _ALL) -> tuple[Array, int]:
+    """Return impulses (m,) of a normalised ncp, and how many steps it took, `most` if not fewer."""
     cones = problem.sets.parts[0]
     slips, lam, steps = np.zeros(len(problem.friction)), np.zeros(problem.rows), 0
-    while steps < _ALL:
+    while steps < min(most, _ALL):
         g = problem.g.copy()
         g[2 : cones.stop : 3] += problem.friction * slips
-        lam, taken = _convex(problem.replaced(g=g, law="ccp"), lam)
+        lam, taken = _convex(problem.replaced(g=g, law="ccp"), lam, min(most, _ALL) - steps)
         steps += max(taken, 1)
         if natural_residual(problem, lam) <= _ANSWERED:
             break
@@ -52,15 +52,15 @@ def cadoux(problem: ContactProblem) -> tuple[Array, int]:
     return lam, steps
 
 
-def _convex(problem: ContactProblem, lam: Array) -> tuple[Array, int]:
+def _convex(problem: ContactProblem, lam: Array, most: int) -> tuple[Array, int]:
     """Return impulses of a normalised ccp from lam, and how many steps it took."""
     G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
     R, steps = _SOFTEST, 0
     for _ in range(_POINTS):
-        if natural_residual(problem, lam) <= _SOLVED:
+        if steps >= most or natural_residual(problem, lam) <= _SOLVED:
             break
         centred = problem.replaced(G=G, R=np.full(len(lam), R), g=problem.g - R * lam)
-        end = SAP(_STEPS).attempt(centred, lam)
+        end = SAP(min(_STEPS, most - steps)).attempt(centred, lam)
         steps += end.iterations
         if natural_residual(centred, end.lam) <= _POINT:
             lam, R = end.lam, max(R * _HARDER, _HARDEST)

@@ -19,6 +19,7 @@ from condyn_pin.contact.islands import island_of
 from condyn_pin.contact.low_rank import factor_of
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
+from condyn_pin.contact.solvers.base import Attempt
 
 # Share of a problem's contacts from which fewer are no fewer.
 _MOST: Final = 0.9
@@ -26,11 +27,11 @@ _MOST: Final = 0.9
 # Rank of G, as a share of its rows, of contacts that few bodies have among them.
 _FEW: Final = 0.1
 
-Solve = Callable[[ContactProblem, Array], tuple[Array, int]]
+Solve = Callable[[ContactProblem, Array], Attempt]
 
 
-def with_fewer(problem: ContactProblem, solve: Solve) -> Iterator[tuple[Array, int]]:
-    """Yield impulses (m,) that those of some contacts are, and how many iterations they took.
+def with_fewer(problem: ContactProblem, solve: Solve) -> Iterator[Attempt]:
+    """Yield impulses (m,) that those of some contacts are, and what they took.
 
     None where bodies are not few, by the rank of G.
 
@@ -38,7 +39,7 @@ def with_fewer(problem: ContactProblem, solve: Solve) -> Iterator[tuple[Array, i
     ----------
     problem : ContactProblem
         The contact problem.
-    solve : (problem, guess) -> (lam, iterations)
+    solve : (problem, guess) -> Attempt
         What solves the smaller ones.
     """
     normals, (_, speed) = problem.sets.normals, problem.scale
@@ -58,11 +59,11 @@ def with_fewer(problem: ContactProblem, solve: Solve) -> Iterator[tuple[Array, i
             return
         island = island_of(problem.sets, problem.names, np.flatnonzero(asked))
         part = island.problem(problem)
-        found, iterations = solve(part, lam[island.rows])
+        found = solve(part, lam[island.rows])
         lam = np.zeros(problem.rows)
-        lam[island.rows] = found
-        yield lam, iterations
-        if not natural_residual(part, found) <= tolerances.CONTACT_SOLVED:
+        lam[island.rows] = found.lam
+        yield found._replace(lam=lam)
+        if not natural_residual(part, found.lam) <= tolerances.CONTACT_SOLVED:
             return
         idle = asked[:count] & (lam[normals] <= 0) & ~dropped
         dropped |= idle

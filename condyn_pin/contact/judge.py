@@ -119,7 +119,7 @@ def judged(
     elif unmet := unmet_contacts(problem):
         status = ContactStatus.INFEASIBLE
     elif np.isfinite(found.lam).all() and isfinite(natural):
-        status = ContactStatus.INACCURATE
+        status = ContactStatus.OUT_OF_BUDGET if found.stopped else ContactStatus.INACCURATE
     else:
         status = ContactStatus.NOT_FINITE
     lam, sigma = read_only((found.lam, problem.velocities(found.lam)))

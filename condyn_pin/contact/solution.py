@@ -23,6 +23,10 @@ _INACCURATE: Final = (
 )
 _NOT_FINITE: Final = "the impulses are not finite although the problem is: its numbers overflow"
 _NEWTON: Final = "solve with SemismoothNewton()"
+_STOPPED: Final = (
+    "the budget of other attempts ended before one of them met the law of the problem to the "
+    "accuracy asked for"
+)
 _POLYGON: Final = (
     "a polygon in place of the cone, Lemke(), never meets a sliding contact closer than its sides "
     "are to the circle"
@@ -43,6 +47,7 @@ class ContactStatus(Enum):
         "velocities that the scheme asks for"
     )
     NOT_FINITE = f"{_NOT_FINITE}; {_NEWTON}, or in other units"
+    OUT_OF_BUDGET = f"{_STOPPED}: raise it, ADMM(budget=1000); {_LOCKED}"
 
     @property
     def ok(self) -> bool:
@@ -60,6 +65,8 @@ class ContactStatus(Enum):
             parts = [_INACCURATE, "allow more iterations", newton, more, why]
         elif self is ContactStatus.NOT_FINITE:
             parts = [_NOT_FINITE, newton, "use other units"]
+        elif self is ContactStatus.OUT_OF_BUDGET:
+            parts = [_STOPPED, f"raise it, {tried}(budget=1000)", more, _LOCKED]
         else:
             return str(self)
         return f"{self.name.lower()}: {'; '.join(part for part in parts if part)}"
@@ -177,7 +184,8 @@ class ContactSolution:
     @cached_property
     def _locked(self) -> tuple[str, ...]:
         """Contacts that a ccp has no answer for, where an ncp was not answered."""
-        if self.status is not ContactStatus.INACCURATE or self.problem.law != "ncp":
+        missed = ContactStatus.INACCURATE, ContactStatus.OUT_OF_BUDGET
+        if self.status not in missed or self.problem.law != "ncp":
             return ()
         with np.errstate(all="ignore"):
             return unmet_contacts(self.problem.replaced(law="ccp"))

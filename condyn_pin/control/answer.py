@@ -35,6 +35,10 @@ class ControlStatus(Enum):
         "the rows do not contradict each other, and no solver found the answer: another qp, or "
         "weights that are fewer decades apart, would do"
     )
+    OUT_OF_BUDGET = (
+        "the budget of the solvers of quadratic programs ended before one of them found the "
+        "answer: raise it, DAQP(budget=1000), or take weights that are fewer decades apart"
+    )
 
     @property
     def ok(self) -> bool:

@@ -46,6 +46,8 @@ def verdict(
         nothing, none = np.full(len(program.motion.v), np.nan), np.full(program.equations.m, np.nan)
         infeasible = _contradiction(program, given, answers[-1])
         status = ControlStatus.INFEASIBLE if infeasible else ControlStatus.UNSOLVED
+        if answers[-1].stopped:
+            status = ControlStatus.OUT_OF_BUDGET
         unknown = ControlResiduals(np.inf, np.inf, np.inf)
         rigid = np.full(len(program.rigid), np.nan)
         return Verdict(nothing, nothing, none, rigid, {}, (), infeasible, unknown, status)

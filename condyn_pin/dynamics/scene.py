@@ -263,6 +263,7 @@ class Scene:
         fixed: Sequence[str] = (),
         within_limits: bool = True,
         branch: Mapping[str, int] | None = None,
+        budget: int = 100,
         throw: bool = True,
     ) -> Assembly:
         """Close the loops from a guess: ``scene.assemble(q0).q``.
@@ -279,6 +280,9 @@ class Scene:
         branch : mapping of str to int, optional
             The branch to end on, that of an `Assembly`. By default the guess's own, also if the
             guess is far away; with ``{}`` any.
+        budget : int
+            What all attempts may take together, in ordinary closings: ten steps each. None begins
+            after that, and the status is `out_of_budget`.
         throw : bool
             Raise if the status is not CLOSED. With False the same Assembly comes back, whatever its
             status.
@@ -298,7 +302,13 @@ class Scene:
         from condyn_pin.mechanism.assembling import assemble
 
         return assemble(
-            self, q0, fixed=fixed, within_limits=within_limits, branch=branch, throw=throw
+            self,
+            q0,
+            fixed=fixed,
+            within_limits=within_limits,
+            branch=branch,
+            budget=budget,
+            throw=throw,
         )
 
     def sample(

@@ -19,12 +19,13 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg.pivots import rank_of
 from condyn_pin._core.names import checked
+from condyn_pin._core.parameters import check_count
 from condyn_pin.dynamics.at_state import gaps, to_close
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
-from condyn_pin.mechanism.closing import Closer, Closing
+from condyn_pin.mechanism.closing import BUDGET, ORDINARY, Closer, Closing
 from condyn_pin.model.limits import NO_LIMITS, Limits
 
 
@@ -36,12 +37,14 @@ def assemble(
     fixed: Sequence[str] = (),
     within_limits: bool = True,
     branch: Mapping[str, int] | None = None,
+    budget: int = BUDGET,
     throw: bool = True,
 ) -> Assembly:
     """Close the loops of a scene; see `Scene.assemble`."""
     robot, chains = scene.robot, chains_of(scene)
     robot.check_unedited()
     start = normalised(robot.model, "q", q0)
+    check_count("budget", budget)
     held = indices(robot.model, checked("fixed", fixed, robot.joints, "joint"))[1]
     if within_limits:
         check_held("fixed", chains.limits, start, held)
@@ -49,7 +52,9 @@ def assemble(
         _check_branch(branch, chains.assembly_mode)
     moving = np.ones(robot.nv, dtype=bool)
     moving[held] = False
-    assembly = assemble_from(scene, start, moving, within_limits=within_limits, branch=branch)
+    assembly = assemble_from(
+        scene, start, moving, within_limits=within_limits, branch=branch, budget=budget
+    )
     if throw and not assembly.status.ok:
         raise assembly.error()
     return assembly
@@ -89,11 +94,12 @@ def assemble_from(
     *,
     within_limits: bool,
     branch: Mapping[str, int] | None = None,
+    budget: int = BUDGET,
 ) -> Assembly:
     """Close the loops of a scene with the velocity indices that may move; nothing is raised."""
     chains = chains_of(scene)
     closer = Closer.of(scene, moving, chains.limits if within_limits else NO_LIMITS)
-    return assembly_of(scene, closer, start, *best_end(chains, closer, start, branch))
+    return assembly_of(scene, closer, start, *best_end(chains, closer, start, branch, budget))
 
 
 def assembly_of(
@@ -131,7 +137,11 @@ def assembly_of(
 
 
 def best_end(
-    chains: ClosedChains, closer: Closer, start: Array, branch: Mapping[str, int] | None
+    chains: ClosedChains,
+    closer: Closer,
+    start: Array,
+    branch: Mapping[str, int] | None,
+    budget: int = BUDGET,
 ) -> tuple[Closing, AssemblyStatus, tuple[str, ...]]:
     """Return the first end that is closed on the right branch, or else the best one.
 
@@ -139,19 +149,21 @@ def best_end(
     """
     wanted = chains.branch(closer.equations.jacobian(start)) if branch is None else branch
     best: Closing | None = None
-    iterations = 0
+    iterations, stopped = 0, False
     for end in closer.ends(start):
         iterations += end.iterations
         if end.size <= tolerances.CLOSED and not _across(wanted, chains.branch(end.J)):
             return replace(end, iterations=iterations), AssemblyStatus.CLOSED, ()
         if best is None or (best.size > tolerances.CLOSED and end.size <= best.size):
             best = end
+        if stopped := iterations >= ORDINARY * budget:
+            break
     assert best is not None
     best = replace(best, iterations=iterations)
     if best.size <= tolerances.CLOSED:
         return best, AssemblyStatus.BRANCH_CHANGED, _across(wanted, chains.branch(best.J))
     status = AssemblyStatus.UNREACHABLE if best.stationary else AssemblyStatus.STALLED
-    return best, status, ()
+    return best, AssemblyStatus.OUT_OF_BUDGET if stopped else status, ()
 
 
 def _across(one: Mapping[str, int], other: Mapping[str, int]) -> tuple[str, ...]:

@@ -30,6 +30,10 @@ class AssemblyStatus(Enum):
         "this is the smallest gap near the start; start nearer to a closed configuration, or fix "
         "fewer joints"
     )
+    OUT_OF_BUDGET = (
+        "the budget ended before the loops were closed; start nearer to a closed configuration, or "
+        "raise it, assemble(q0, budget=1000)"
+    )
     STALLED = "the gap was still getting smaller when the steps ran out; start from where it ended"
 
     @property

@@ -53,6 +53,9 @@ _SMALLEST_SHARE = 1 / 256  # of the gap
 _NUDGES = (0.1, 0.2, 0.3, 0.4, 0.5)  # standard deviation of each joint [rad, m]
 _LAST_STEPS = 400  # to where the gap is stationary
 _TINY = 1e-300  # a gain is never divided by zero
+# Steps that an ordinary closing is counted as, and closings that all runs together may take.
+ORDINARY, BUDGET = 10, 100
+
 _REJECTIONS = 15  # in a row, each with ten times the damping
 
 

@@ -10,8 +10,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import Grid, check_accuracy, check_count, check_iterations
 from condyn_pin.contact.directions import accelerated, directions
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.solvers.base import Attempt, ContactSolver
-from condyn_pin.contact.solvers.newton import fewer, refine, restarts
+from condyn_pin.contact.solvers.base import BUDGET, Attempt, ContactSolver
+from condyn_pin.contact.solvers.newton import fewer, of_first_order, refine, restarts
 from condyn_pin.contact.sticking import sticking
 
 # Newton's steps from an answer that is nearly right, and where nothing is known of it.
@@ -41,11 +41,16 @@ class ADMM(ContactSolver):
         End with Newton's method, which takes the residual to 1e-16: for derivatives, where what
         sticks and what slides has to be known. Without it, Newton's method is the first fallback
         where ADMM fails.
+    budget : int
+        What fallbacks may cost together, in ordinary solves: ten steps with a factorisation, or a
+        thousand iterations of first order, each. Without an answer by then the status is
+        `out_of_budget`.
 
     Raises
     ------
     InvalidArgument
-        If the tolerance is negative, `max_iterations` is not positive, or `anderson` is no count.
+        If the tolerance is negative, `max_iterations` or `budget` is not positive, or `anderson` is
+        no count.
 
     Notes
     -----
@@ -76,11 +81,13 @@ class ADMM(ContactSolver):
     max_iterations: int = 1000
     anderson: int = 4
     polish: bool = False
+    budget: int = BUDGET
 
     def __post_init__(self) -> None:
         check_accuracy("tolerance", self.tolerance)
         check_iterations(self.max_iterations)
         check_count("anderson", self.anderson, least=0)
+        check_count("budget", self.budget)
 
     def at_once(self, problem: ContactProblem) -> Attempt | None:
         """Return the answer if no contact slides."""
@@ -98,7 +105,7 @@ class ADMM(ContactSolver):
         """Yield what Newton and another run of ADMM find, and Newton from other starts."""
         if self.title in found.path:
             lam = found.lam
-            for found in fewer(problem, found, RESCUE):  # noqa: B020
+            for found in fewer(problem, found, RESCUE, self.budget):  # noqa: B020
                 yield found
             found = refine(problem, lam, RESCUE).after(found)
             yield found
@@ -106,7 +113,7 @@ class ADMM(ContactSolver):
             if again is not None:
                 found = again.after(found)
                 yield found
-        yield from restarts(problem, found, RESCUE)
+        yield from restarts(problem, found, RESCUE, self.budget)
 
     def _again(self, problem: ContactProblem, lam: Array) -> Attempt | None:
         """Return a run without acceleration, or where there was none a longer one from lam."""
@@ -121,4 +128,4 @@ class ADMM(ContactSolver):
             problem, guess,
             tolerance=self.tolerance, max_iterations=self.max_iterations, anderson=anderson,
         )  # fmt: skip
-        return None if found is None else Attempt(*found, (self.title,))
+        return None if found is None else of_first_order(*found, self.title)

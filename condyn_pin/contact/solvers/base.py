@@ -10,8 +10,9 @@
    `exact` says whether it `answered` its own problem: residuals cannot tell. NaN may come out, and
    becomes a status.
 4. A method that sometimes fails yields from `alternatives` what else is to be tried, in this order.
-   The judge asks for the next one while the natural residual is too large. One that has a guess
-   at most problems for next to nothing returns it from `at_once`, which is asked first.
+   The judge asks for the next one while the natural residual is too large and the `budget` lasts:
+   each attempt adds its `cost` to that of those before. One that has a guess at most problems for
+   next to nothing returns it from `at_once`, which is asked first.
 5. It is handed any scale: take the problem from `normalised` where tolerances are absolute.
 6. It reads nothing that an earlier call left behind: the same problem and guess give the same bits.
 7. Sources: cite the paper in the docstring.
@@ -22,7 +23,8 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar, NamedTuple
+from math import inf
+from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import Grid
@@ -33,6 +35,14 @@ if TYPE_CHECKING:
     from condyn_pin.contact.indeterminacy import Indeterminacy
 
 CONTACT_SOLVERS: dict[str, type[ContactSolver]] = {}
+
+# What an ordinary solve is counted as: so many steps with a factorisation, iterations of first
+# order, or pivots. A robot on its feet takes a few of the first, or tens of the second.
+FACTORISED, FIRST_ORDER, PIVOTS = 10, 1000, 30
+
+# Ordinary solves that what else is tried may cost: a tenth of a second for a robot on its feet.
+# Problems that ever were answered so took half of that.
+BUDGET: Final = 100
 
 
 class Attempt(NamedTuple):
@@ -49,6 +59,10 @@ class Attempt(NamedTuple):
         Whether a method that is not `exact` solved the problem that it puts in place of this one.
     several : tuple of Indeterminacy
         Contacts whose velocities Coulomb's law leaves open; no solver fills it in.
+    cost : float
+        Of it and of those before, in ordinary solves.
+    stopped : bool
+        Whether the budget ended the search.
     """
 
     lam: Array  # (m,) [N s]
@@ -56,12 +70,16 @@ class Attempt(NamedTuple):
     path: tuple[str, ...]  # titles of the methods that had a part, the one that answered last
     answered: bool = True  # whether a method that is not `exact` solved what it puts in its place
     several: tuple[Indeterminacy, ...] = ()
+    cost: float = 0.0  # [ordinary solves]
+    stopped: bool = False  # whether the budget ended the search
 
     def after(self, before: Attempt) -> Attempt:
-        """Return these impulses, with the iterations and methods of what came `before`."""
+        """Return these impulses, with the iterations, methods and cost of what came `before`."""
         goes_on = before.path[-1:] == self.path[:1]
         path = (*before.path, *(self.path[1:] if goes_on else self.path))
-        return self._replace(iterations=before.iterations + self.iterations, path=path)
+        return self._replace(
+            iterations=before.iterations + self.iterations, path=path, cost=before.cost + self.cost
+        )
 
 
 @dataclass(frozen=True)
@@ -74,6 +92,8 @@ class ContactSolver(ABC):
     laws: ClassVar[tuple[Law, ...]] = ("ncp", "ccp")
     exact: ClassVar[bool] = True  # whether it solves the law itself, and not a polygon of it
     sweeps: ClassVar[tuple[Grid, ...]] = ()  # values of parameters that are worth a look
+    # of `alternatives` [ordinary solves]; a field of who has many, and so not annotated here
+    budget = inf
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()

@@ -12,7 +12,7 @@ from condyn_pin._core.parameters import Grid, check_count, check_iterations
 from condyn_pin.contact.complementarity import lemke
 from condyn_pin.contact.problem import ContactProblem, Law
 from condyn_pin.contact.scaling import normalised
-from condyn_pin.contact.solvers.base import Attempt, ContactSolver
+from condyn_pin.contact.solvers.base import PIVOTS, Attempt, ContactSolver
 from condyn_pin.errors import InvalidArgument
 
 # Slips below this share of what friction would move things by are none.
@@ -120,7 +120,7 @@ def _pivoted(problem: ContactProblem, angles: Array, max_iterations: int) -> Att
     B, A, b = _linear(small, angles)
     end = lemke(A, b, max_iterations)
     lam = np.asarray(B @ end.z[: B.shape[1]]) * unit
-    return Attempt(lam, end.pivots, (Lemke.title,), end.answered)
+    return Attempt(lam, end.pivots, (Lemke.title,), end.answered, cost=end.pivots / PIVOTS)
 
 
 def _linear(problem: ContactProblem, angles: Array) -> tuple[Array, Array, Array]:

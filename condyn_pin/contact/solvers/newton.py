@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core import _pin_contacts, tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import check_iterations
+from condyn_pin._core.parameters import check_count, check_iterations
 from condyn_pin.contact.cadoux import cadoux
 from condyn_pin.contact.certificate import unmet_contacts
 from condyn_pin.contact.directions import directions
@@ -19,7 +19,14 @@ from condyn_pin.contact.natural_map import newton
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.scaling import normalised
-from condyn_pin.contact.solvers.base import Attempt, ContactSolver
+from condyn_pin.contact.solvers.base import (
+    BUDGET,
+    FACTORISED,
+    FIRST_ORDER,
+    PIVOTS,
+    Attempt,
+    ContactSolver,
+)
 from condyn_pin.contact.solvers.lemke import Lemke, turned
 from condyn_pin.contact.solvers.pgs import PGS
 
@@ -63,11 +70,15 @@ class SemismoothNewton(ContactSolver):
     max_iterations : int
         Newton steps from each starting point. Solo12 on four feet takes two to five, a stack of
         boxes with fifty contacts forty.
+    budget : int
+        What other starts may cost together, in ordinary solves: ten steps with a factorisation, or
+        a thousand iterations of first order, each. Without an answer by then the status is
+        `out_of_budget`.
 
     Raises
     ------
     InvalidArgument
-        If `max_iterations` is not positive.
+        If `max_iterations` or `budget` is not positive.
 
     Notes
     -----
@@ -95,9 +106,11 @@ class SemismoothNewton(ContactSolver):
     use: ClassVar[str] = "the reference: to rounding; derivatives, which need the modes exactly"
 
     max_iterations: int = 50
+    budget: int = BUDGET
 
     def __post_init__(self) -> None:
         check_iterations(self.max_iterations)
+        check_count("budget", self.budget)
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
         """Return the end of Newton's method from `guess`, from ADMM, or from no impulses."""
@@ -107,13 +120,13 @@ class SemismoothNewton(ContactSolver):
         if near is None:
             return refine(problem, guess, self.max_iterations)
         steps = min(self.max_iterations, BRIEF)
-        return refine(problem, near[0], steps).after(Attempt(*near, ("ADMM",)))
+        return refine(problem, near[0], steps).after(of_first_order(*near, "ADMM"))
 
     def alternatives(self, problem: ContactProblem, found: Attempt) -> Iterator[Attempt]:
         """Yield the ends from other starts."""
-        for found in fewer(problem, found, self.max_iterations):  # noqa: B020
+        for found in fewer(problem, found, self.max_iterations, self.budget):  # noqa: B020
             yield found
-        yield from restarts(problem, found, self.max_iterations)
+        yield from restarts(problem, found, self.max_iterations, self.budget)
 
 
 def refine(problem: ContactProblem, start: Array | None, max_iterations: int) -> Attempt:
@@ -123,27 +136,44 @@ def refine(problem: ContactProblem, start: Array | None, max_iterations: int) ->
     if start is not None and np.isfinite(start).all():
         begin = np.asarray(start / unit)
     end = newton(small, begin, max_iterations)
-    return Attempt(end.lam * unit, end.iterations, (SemismoothNewton.title,))
+    return factorised(end.lam * unit, end.iterations, SemismoothNewton.title)
 
 
-def fewer(problem: ContactProblem, found: Attempt, max_iterations: int) -> Iterator[Attempt]:
+def factorised(lam: Array, steps: int, title: str) -> Attempt:
+    """Return impulses found by steps with a factorisation each."""
+    return Attempt(lam, steps, (title,), cost=steps / FACTORISED)
+
+
+def of_first_order(lam: Array, iterations: int, title: str) -> Attempt:
+    """Return impulses found by iterations of first order."""
+    return Attempt(lam, iterations, (title,), cost=iterations / FIRST_ORDER)
+
+
+def fewer(
+    problem: ContactProblem, found: Attempt, max_iterations: int, budget: float
+) -> Iterator[Attempt]:
     """Yield what some of many contacts answer, and those that go through their answer."""
 
-    def solve(part: ContactProblem, guess: Array) -> tuple[Array, int]:
-        end = refine(part, guess, max_iterations)
-        for other in restarts(part, end, max_iterations):
-            if natural_residual(part, end.lam) <= tolerances.FINEST:
+    def solve(part: ContactProblem, guess: Array) -> Attempt:
+        end, left = refine(part, guess, max_iterations), budget - found.cost
+        for other in restarts(part, end, max_iterations, left):
+            if natural_residual(part, end.lam) <= tolerances.FINEST or end.cost >= left:
                 break
             end = other
-        return end.lam, end.iterations
+        return end
 
-    for lam, iterations in with_fewer(problem, solve):
-        found = Attempt(lam, iterations, ("fewer contacts",)).after(found)
+    for end in with_fewer(problem, solve):
+        found = end._replace(path=("fewer contacts",)).after(found)
         yield found
 
 
-def restarts(problem: ContactProblem, found: Attempt, max_iterations: int) -> Iterator[Attempt]:
-    """Yield the ends of Newton's method from other starts, the cheapest first."""
+def restarts(
+    problem: ContactProblem, found: Attempt, max_iterations: int, budget: float
+) -> Iterator[Attempt]:
+    """Yield the ends of Newton's method from other starts, the cheapest first.
+
+    None of them begins, or goes on, where all together have cost the budget.
+    """
     small, unit = normalised(problem)
     if not np.isfinite(np.concatenate((small.G.ravel(), small.g, small.friction))).all():
         yield Attempt(np.zeros(problem.rows), 0, ()).after(found)  # nobody answers that
@@ -151,47 +181,69 @@ def restarts(problem: ContactProblem, found: Attempt, max_iterations: int) -> It
     cheap = len(problem.friction) * _SIDES[0] <= _LARGEST
     if problem.law == "ncp":
         if cheap:
-            for found in _polygons(problem, found, max_iterations):  # noqa: B020
+            for found in _polygons(problem, found, max_iterations, budget):  # noqa: B020
                 yield found
-        lam, iterations = _fixed_point(small, max_iterations)
-        found = Attempt(lam * unit, iterations, ("fixed point",)).after(found)
+        most = int(FACTORISED * (budget - found.cost))
+        lam, iterations = _fixed_point(small, max_iterations, most)
+        found = factorised(lam * unit, iterations, "fixed point").after(found)
     else:
         for lam, iterations in _proximal(small, max_iterations):
-            found = Attempt(lam * unit, iterations, ("proximal point",)).after(found)
+            found = factorised(lam * unit, iterations, "proximal point").after(found)
             yield found
     found = refine(problem, found.lam, max_iterations).after(found)
     yield found
     if unmet_contacts(problem, _HOPELESS):
         return
-    for first in _slow(problem):
+    for method in (_gauss_seidel, _long_directions, _convex_problems):
+        first = method(problem, budget - found.cost)
+        if first is None:
+            continue
         found = first.after(found)
         yield found
         found = refine(problem, found.lam, max_iterations).after(found)
         yield found
     if problem.law == "ncp" and not cheap:
-        yield from _polygons(problem, found, max_iterations)
+        yield from _polygons(problem, found, max_iterations, budget)
 
 
-def _slow(problem: ContactProblem) -> Iterator[Attempt]:
-    """Yield what methods of first order, and convex problems, come to in many iterations."""
-    is_ncp = problem.law == "ncp"
-    if _pin_contacts.solves_contacts(is_ncp, len(problem.limits)):
-        if is_ncp:
-            yield PGS().attempt(problem)
-        most = min(int(_LONG / problem.rows**2), _LONGEST)
-        long = directions(problem, None, tolerance=_NEAR, max_iterations=most, anderson=0)
-        if long is not None:
-            yield Attempt(*long, ("ADMM for longer",))
-    if is_ncp:
-        small, unit = normalised(problem)
-        lam, steps = cadoux(small)
-        yield Attempt(lam * unit, steps, ("convex problems",))
+def _gauss_seidel(problem: ContactProblem, left: float) -> Attempt | None:
+    """Return what `PGS` comes to, or None where Pinocchio has none."""
+    if problem.law != "ncp" or not _pin_contacts.solves_contacts(True, len(problem.limits)):
+        return None
+    found = PGS(max_iterations=_at_most(FIRST_ORDER * left, PGS.max_iterations)).attempt(problem)
+    return of_first_order(found.lam, found.iterations, PGS.title)
 
 
-def _polygons(problem: ContactProblem, found: Attempt, max_iterations: int) -> Iterator[Attempt]:
+def _long_directions(problem: ContactProblem, left: float) -> Attempt | None:
+    """Return what ADMM comes to in many iterations, or None where Pinocchio has none."""
+    if not _pin_contacts.solves_contacts(problem.law == "ncp", len(problem.limits)):
+        return None
+    most = _at_most(FIRST_ORDER * left, min(int(_LONG / problem.rows**2), _LONGEST))
+    long = directions(problem, None, tolerance=_NEAR, max_iterations=most, anderson=0)
+    return None if long is None else of_first_order(*long, "ADMM for longer")
+
+
+def _convex_problems(problem: ContactProblem, left: float) -> Attempt | None:
+    """Return what convex problems come to whose slips are known (`condyn_pin.contact.cadoux`)."""
+    if problem.law != "ncp":
+        return None
+    small, unit = normalised(problem)
+    lam, steps = cadoux(small, _at_most(FACTORISED * left, _LONGEST))
+    return factorised(lam * unit, steps, "convex problems")
+
+
+def _at_most(affordable: float, most: int) -> int:
+    """Return a number of iterations: one at least, what is affordable, and no more than `most`."""
+    return max(int(min(affordable, most)), 1)
+
+
+def _polygons(
+    problem: ContactProblem, found: Attempt, max_iterations: int, budget: float
+) -> Iterator[Attempt]:
     """Yield the ends of Newton's method from the answers of polygons, regular and turned."""
     for sides in _SIDES:
-        polygon = Lemke(sides).attempt(problem)
+        most = _at_most(PIVOTS * (budget - found.cost), Lemke.max_iterations)
+        polygon = Lemke(sides, most).attempt(problem)
         found = refine(problem, polygon.lam, max_iterations).after(polygon.after(found))
         yield found
         for width in _FANS if polygon.answered and len(problem.friction) else ():
@@ -212,7 +264,7 @@ def _proximal(problem: ContactProblem, max_iterations: int) -> Iterator[tuple[Ar
         yield lam, end.iterations
 
 
-def _fixed_point(problem: ContactProblem, max_iterations: int) -> tuple[Array, int]:
+def _fixed_point(problem: ContactProblem, max_iterations: int, most: int) -> tuple[Array, int]:
     """Return the answer of a normalised ncp, as that of convex problems whose slips are known."""
     slips, lam, iterations = np.zeros(len(problem.friction)), np.zeros(problem.rows), 0
     cones = problem.sets.parts[0]
@@ -224,6 +276,6 @@ def _fixed_point(problem: ContactProblem, max_iterations: int) -> tuple[Array, i
         lam, iterations = end.lam, iterations + end.iterations
         S = problem.velocities(lam)[cones].reshape(-1, 3)
         before, slips = slips, np.hypot(S[:, 0], S[:, 1])
-        if not np.abs(slips - before).max(initial=0.0) > _SAME:
+        if iterations >= most or not np.abs(slips - before).max(initial=0.0) > _SAME:
             break
     return lam, iterations

@@ -144,8 +144,10 @@ class _Function:
         first = abs(float(G_dx @ (x - self.impulses(x))))
         for _ in range(_SEARCH):
             there = x + share * dx
-            slope = float(G_dx @ (there - self.impulses(there)))
-            if abs(slope) <= _LEVEL * first:
+            lam = self.impulses(there)
+            slope = float(G_dx @ (there - lam))
+            rounding = _EPS * float(np.abs(G_dx) @ (np.abs(there) + np.abs(lam)))
+            if abs(slope) <= max(_LEVEL * first, rounding):
                 break
             low, high = (low, share) if slope > 0 else (share, high)
             bend = float(G_dx @ dx + G_dx @ self.curvature(there) @ G_dx)

@@ -20,6 +20,9 @@ class AnyQP(QPSolver):
     ----------
     solver : str
         Such as "clarabel" or "piqp"; its own package has to be there too.
+    budget : int
+        What it, and those that are tried where it fails, may take together for a program, in
+        ordinary programs of fifty iterations each.
 
     Raises
     ------

@@ -20,29 +20,43 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from importlib import import_module
 from importlib.util import find_spec
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
+from condyn_pin._core.parameters import check_count
 from condyn_pin._core.registry import enter
 from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram, Verdict
 from condyn_pin.errors import MissingExtra
 
 QPS: dict[str, type[QPSolver]] = {}
 
+# Iterations that an ordinary program is counted as; a tick of a robot on its feet takes 5 to 40.
+ORDINARY: Final = 50
+
 BoundQP = Callable[[QuadraticProgram], QPResult]
 
 
 @dataclass(frozen=True)
 class QPSolver(ABC):
-    """A way to solve quadratic programs; a frozen value."""
+    """A way to solve quadratic programs; a frozen value.
+
+    Parameters
+    ----------
+    budget : int
+        What this solver, and those that are tried where it fails, may take together for a program,
+        in ordinary programs: fifty iterations each. Without an answer by then the status of a
+        control tick is `out_of_budget`.
+    """
 
     title: ClassVar[str]
     use: ClassVar[str]  # when to take it
     module: ClassVar[str]  # of the package that solves
+
+    budget: int = field(default=100, kw_only=True, repr=False)
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -57,6 +71,7 @@ class QPSolver(ABC):
         above its upper one, and "failed" where numbers of the program or of the answer are NaN or
         infinite: solvers call some of these solved.
         """
+        check_count("budget", self.budget)
         work = self._start()
 
         def solve(program: QuadraticProgram) -> QPResult:

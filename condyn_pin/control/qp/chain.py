@@ -4,6 +4,9 @@
 2. The solver, then the same rougher, then others that are there; each answer is polished.
 3. The elastic program, which says whether rows contradict each other, and which.
 
+The first two end where they have taken the `budget` of the solver, and the last one has what is
+left of it.
+
 An answer counts if its KKT residual does, whatever the solver said of it: "infeasible" is what
 ProxQP also says of programs that have an answer. One whose active set has not settled counts only
 if no other is found.
@@ -19,7 +22,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.quietly import quietly
-from condyn_pin.control.qp.base import BoundQP, QPSolver
+from condyn_pin.control.qp.base import ORDINARY, BoundQP, QPSolver
 from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.elastic import Elastic, elastic
 from condyn_pin.control.qp.polish import Polished, polish, start
@@ -51,12 +54,15 @@ class ChainAnswer:
         The solvers that were tried, in order.
     iterations : int
         Of the solvers.
+    stopped : bool
+        Whether the budget ended the search.
     """
 
     answer: Polished | None
     elastic: Elastic | None
     path: tuple[str, ...]
     iterations: int
+    stopped: bool = False
 
     @property
     def solved(self) -> bool:
@@ -68,7 +74,7 @@ class Chain:
     """The solvers of one program that changes from call to call, and its last active set."""
 
     def __init__(self, qp: QPSolver) -> None:
-        self._solver = qp
+        self._solver, self._most = qp, ORDINARY * qp.budget
         self._bound: dict[QPSolver, BoundQP] = {qp: qp.start()}  # a missing package is said now
         self._last: Polished | None = None
         self._saddle = Saddle()
@@ -99,9 +105,13 @@ class Chain:
                 best = found
             if found and found.settled and found.residual <= tolerances.KKT:
                 return self._counts(found, path, iterations)
+            if iterations >= self._most:
+                break
         if best and best.residual <= tolerances.KKT:
             return self._counts(best, path, iterations)
         self._last = None
+        if iterations >= self._most:
+            return ChainAnswer(best, None, tuple(path), iterations, stopped=True)
         path.append("elastic program")
         return self._contradiction(program, costs, best, path, iterations)
 
@@ -155,7 +165,7 @@ class Chain:
         iterations: int,
     ) -> ChainAnswer:
         """Return what has to give; or, if nothing has to, the answer from a feasible point."""
-        found = elastic(program, *costs())
+        found = elastic(program, *costs(), most=self._most - iterations)
         if found is None:
             return ChainAnswer(best, None, tuple(path), iterations)
         given = max(found.of_equations.max(initial=0.0), found.of_inequalities.max(initial=0.0))

@@ -26,6 +26,9 @@ class DAQP(QPSolver):
         Absolute, of what rows may be violated by [m/s^2]. Its own default, 1e-6, leaves that much.
     max_iterations : int
         Changes of the active set; about as many as there are active rows are needed.
+    budget : int
+        What it, and those that are tried where it fails, may take together for a program, in
+        ordinary programs of fifty iterations each.
 
     Raises
     ------

@@ -40,7 +40,9 @@ class Elastic:
     against_inequalities: Array
 
 
-def elastic(program: QuadraticProgram, equations: Array, inequalities: Array) -> Elastic | None:
+def elastic(
+    program: QuadraticProgram, equations: Array, inequalities: Array, *, most: int | None = None
+) -> Elastic | None:
     """Return what rows have to give at least; None if HiGHS does not say.
 
     Parameters
@@ -48,6 +50,8 @@ def elastic(program: QuadraticProgram, equations: Array, inequalities: Array) ->
     program : QuadraticProgram
     equations, inequalities : (p,), (r,) array
         The cost c of a row for what it gives; infinite for rows that never give.
+    most : int, optional
+        Iterations of HiGHS; its own limit by default.
     """
     # imported here: scipy.optimize takes as long to import as Pinocchio
     from scipy.optimize import linprog
@@ -62,11 +66,14 @@ def elastic(program: QuadraticProgram, equations: Array, inequalities: Array) ->
         np.hstack((program.C, np.zeros((r, 2 * k)), -s_C))[above],
         np.hstack((-program.C, np.zeros((r, 2 * k)), -s_C))[below],
     ))  # fmt: skip
-    most = np.concatenate((program.upper[above], -program.lower[below]))
+    above_all = np.concatenate((program.upper[above], -program.lower[below]))
     A = np.hstack((program.A, s_A, -s_A, np.zeros((p, m))))
     cost = np.concatenate((np.zeros(n), equations[soft_A], equations[soft_A], inequalities[soft_C]))
     free = [(None, None)] * n + [(0.0, None)] * (2 * k + m)
-    found = linprog(cost, G, most, A, program.b, bounds=free, method="highs-ds")
+    found = linprog(
+        cost, G, above_all, A, program.b, bounds=free, method="highs-ds",
+        options={} if most is None else {"maxiter": most},
+    )  # fmt: skip
     if found.status != 0:
         return None
     t = found.x[n:]

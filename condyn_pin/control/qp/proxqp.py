@@ -26,6 +26,9 @@ class ProxQP(QPSolver):
         the polish the digits; at 1e-9 programs of Cassie that have an answer are called infeasible.
     max_iterations, max_inner : int
         Outer and inner iterations. With ProxSuite's own limits a single program ran for 100 s.
+    budget : int
+        What it, and those that are tried where it fails, may take together for a program, in
+        ordinary programs of fifty iterations each.
 
     Raises
     ------

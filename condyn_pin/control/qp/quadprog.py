@@ -13,7 +13,13 @@ from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
 
 @dataclass(frozen=True)
 class Quadprog(QPSolver):
-    """The dual active-set method of Goldfarb and Idnani; it has no parameters.
+    """The dual active-set method of Goldfarb and Idnani.
+
+    Parameters
+    ----------
+    budget : int
+        What it, and those that are tried where it fails, may take together for a program, in
+        ordinary programs of fifty iterations each.
 
     References
     ----------
