@@ -218,11 +218,11 @@ class Forest:
 
     def computeKineticEnergy(self, model: Any, data: Any, *state: Array) -> float:
         """Return the kinetic energy of the links [J]; without a state that of the last call."""
-        return sum(self._each(pin.computeKineticEnergy, *state))
+        return float(sum(self._each(pin.computeKineticEnergy, *state)))
 
     def computePotentialEnergy(self, model: Any, data: Any, *q: Array) -> float:
         """Return the potential energy [J]; without q that of the last call."""
-        return sum(self._each(pin.computePotentialEnergy, *q))
+        return float(sum(self._each(pin.computePotentialEnergy, *q)))
 
     def getFrameJacobian(
         self, model: Any, data: Any, joint: int, placement: Any, axes: Any

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text
 from condyn_pin.errors import CondynError
 from condyn_pin.io.shapes import shapes_of
@@ -135,10 +136,10 @@ def _passed(
     """Bodies that are in a plane of a scene at some samples, by more than they may be."""
     planes = _planes(scene)
     model = scene.robot.unedited
-    data = model.createData()
+    data = data_of(model)
     found: dict[tuple[int, int], _Passed] = {}
     for i in looks:
-        pin.forwardKinematics(model, data, trajectory.q[i])
+        algorithms(data).forwardKinematics(model, data, trajectory.q[i])
         t = float(trajectory.t[i])
         for k, plane in enumerate(planes):
             oMp = data.oMi[plane.ground] * plane.placement
