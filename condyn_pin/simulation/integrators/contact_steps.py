@@ -170,7 +170,7 @@ class ContactSteps(PosedSteps):
 
         def met(share: float) -> NDArray[np.bool_]:
             q = floating.integrate(posed.at, share * dt * v1)
-            pin.forwardKinematics(self._system.model, data, q)
+            algorithms(data).forwardKinematics(self._system.model, data, q)
             return np.asarray(candidates.gaps(data, q)[k:cones] <= 0.0)
 
         def each(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
