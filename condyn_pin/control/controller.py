@@ -240,6 +240,8 @@ class Controller(OneThread):
         ------
         InvalidArgument
             If an argument has a wrong size or is not finite.
+        StaleModel
+            If the robot's model was edited in place.
         """
         arguments = self._accepted(q, v, t, passive)
         if not self._tick:
@@ -288,6 +290,7 @@ class Controller(OneThread):
         self, q: ArrayLike, v: ArrayLike, t: float, passive: ArrayLike | None
     ) -> tuple[Array, Array, float, Array]:
         """Return the arguments of a tick: sizes are checked, and of numbers that of t."""
+        self.scene.robot.check_unedited()
         still = self._still
         q_, v_, _ = self._arguments.accept(q, v, still)
         time = t if type(t) is float and isfinite(t) else float(finite("t", t, ()))

@@ -50,7 +50,7 @@ def equations_of(scene: Scene) -> Equations:
     """
     scene.robot.check_unedited()
     return _equations.of(
-        scene, None, lambda: told(Equations(scene.robot.model, scene.bounds), scene)
+        scene, None, lambda: told(Equations(scene.robot.unedited, scene.bounds), scene)
     )
 
 

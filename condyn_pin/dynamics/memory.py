@@ -50,6 +50,7 @@ class Memory(OneThread):
     def hold(self, scene: Scene, equations: Equations | None) -> None:
         """Take another scene of the same model; nothing of the old one is left."""
         self.scene = scene
+        self.check_unedited = scene.robot.check_unedited
         self.bounds: tuple[AnyBound, ...] = scene.bounds
         self.pinocchio_constraints = pinocchio_constraints_of(scene)
         self.proximal_settings: Any = None
@@ -135,6 +136,7 @@ class Memory(OneThread):
     @alone
     def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:
         """Return M, h, J, gamma and a_ref at a state."""
+        self.check_unedited()
         q_, v_, _ = self._arguments.check(q, v, np.zeros(self.model.nv))
         return finite_terms(self.equations, q_, v_)
 
@@ -149,5 +151,6 @@ class Memory(OneThread):
         return self.equations.violation(self._configuration(q))
 
     def _configuration(self, q: ArrayLike) -> Array:
+        self.check_unedited()
         still = np.zeros(self.model.nv)
         return self._arguments.check(q, still, still)[0]

@@ -232,12 +232,15 @@ class Workspace(Memory):
             If the answer is not finite, or the method's matrix is singular.
         SharedWorkspace
             If another thread is at work in it.
+        StaleModel
+            If the robot's model was edited in place.
 
         Notes
         -----
         Of the answer only the joints at the root are checked: input that is not finite always shows
         there. Finite input beyond 1e100 may overflow elsewhere, and come back as inf.
         """
+        self.check_unedited()
         if forces is not _NO_FORCES:
             return self._pushed_acceleration(q, v, tau, forces)
         me, user = get_ident(), self._user  # `alone`, without its call
@@ -324,6 +327,7 @@ class Workspace(Memory):
         SharedWorkspace
             If another thread is at work in it.
         """
+        self.check_unedited()
         accuracy = self.solver.accuracy if accuracy is None else check_accuracy_of_a(accuracy)
         if forces is not _NO_FORCES:
             forces = applied_forces(forces)
@@ -392,6 +396,7 @@ class Workspace(Memory):
         `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`, and so are
         the errors.
         """
+        self.check_unedited()
         accuracy = self.solver.accuracy if accuracy is None else check_accuracy_of_a(accuracy)
         if forces is not _NO_FORCES:
             forces = applied_forces(forces)

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any
+from sys import getrefcount
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -37,6 +38,25 @@ if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
     from condyn_pin.constraints.contacts.joint_limit import JointLimit
     from condyn_pin.constraints.contacts.plane import Plane
+
+
+class _Model:
+    """Model of a robot, marked as read: an edit in place needs somebody who holds it."""
+
+    def __get__(self, robot: Robot | None, _: type[Robot]) -> Any:
+        if robot is None:  # a field without a default
+            raise AttributeError("model")
+        fields = robot.__dict__
+        fields["_read"] = True
+        return fields["model"]
+
+    def __set__(self, robot: Robot, model: Any) -> None:
+        robot.__dict__["model"] = model
+
+
+# References to an object that one dictionary alone holds, as `getrefcount` counts them.
+_SAMPLE: Final = {"model": object()}
+_HELD_BY_ONE: Final = getrefcount(_SAMPLE["model"])
 
 
 @dataclass(frozen=True, eq=False)
@@ -84,7 +104,7 @@ class Robot:
     """
 
     name: str
-    model: Any
+    model: Any = _Model()
     postures: Mapping[str, Array] = field(default_factory=dict)
     loops: Sequence[Constraint] = ()
     contacts: Sequence[Constraint] = ()
@@ -421,8 +441,17 @@ class Robot:
         return to_mjcf(self, without=without, contacts=contacts, shapes=shapes)
 
     def check_unedited(self) -> None:
-        """Raise `StaleModel` if the model was edited since the robot was made."""
-        if self.model != self.unedited:
+        """Raise `StaleModel` if the model was edited since the robot was made.
+
+        A comparison takes microseconds. It is made if `model` was read since the last one, or if
+        anybody holds the model or a part of it now: all parts hold the whole.
+        """
+        fields = self.__dict__
+        if not fields["_read"] and getrefcount(fields["model"]) <= _HELD_BY_ONE:
+            return
+        fields["_read"] = False
+        if fields["model"] != self.unedited:
+            fields["_read"] = True
             raise StaleModel(
                 f"the model of {self.name} was edited after the robot was made; "
                 "edit a copy, pin.Model(robot.model), and make a new one: "
