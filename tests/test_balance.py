@@ -80,6 +80,24 @@ def test_zmp_of_an_acceleration():
     assert tips.zmp_margin < 0
 
 
+@pytest.mark.parametrize("name", ["solo12", "talos", "hyq"])
+@pytest.mark.parametrize("up", [0.0, 1e-9, -2.0])
+def test_in_the_air_no_point_is_the_centre_of_pressure(name, up):
+    """A fall that is free, to rounding, or faster: f is zero, or pulls, and 0 / 0 is no point."""
+    made = robot(name)
+    scene = cp.Scene(made, made.contacts)
+    q, v = scene.state()
+    rng = np.random.default_rng(0)
+    for turning in (0.0 * v, np.concatenate((np.zeros(3), rng.normal(size=3), v[6:]))):
+        tau = np.concatenate((np.zeros(6), rng.normal(size=made.nv - 6)))
+        a = cp.solve(cp.Scene(made), q, turning, tau).a  # nothing touches
+        a[2] += up  # the base is level
+        found = balance(scene, q, turning, a, 1e-14 * rng.normal(size=scene.rows))
+        assert np.isnan(found.zmp).all()
+        assert np.isnan(found.zmp_margin)
+        assert np.isnan(found.cop).all()
+
+
 @pytest.mark.parametrize("turn", [np.zeros(3), np.array([0.3, -0.2, 0.0])])
 def test_zmp_is_the_centre_of_pressure_on_any_plane(turn):
     """By the motion and by the forces; the plane may lean."""

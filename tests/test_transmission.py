@@ -186,6 +186,50 @@ def test_what_no_motor_sees_is_along_free():
     assert np.linalg.norm(alone.free.T @ push) == pytest.approx(100.0)
 
 
+def test_what_the_motors_leave_open_of_a_frame_has_no_jacobian():
+    """A crane, upright: a turntable, a luffing hinge without a motor, and a tip beside both."""
+    model, one = pin.Model(), pin.SE3.Identity()
+    table = model.addJoint(0, pin.JointModelRZ(), one, "table")
+    model.appendBodyToJoint(table, pin.Inertia.FromSphere(1.0, 0.1), one)
+    boom = model.addJoint(table, pin.JointModelRY(), one, "boom")
+    model.appendBodyToJoint(boom, pin.Inertia.FromSphere(1.0, 0.1), one)
+    tip = pin.SE3(np.eye(3), np.array([0.5, 0.0, 0.0]))
+    model.addFrame(pin.Frame("tip", boom, 0, tip, pin.FrameType.OP_FRAME))
+    crane = cp.Robot("crane", model, actuated=["table"])
+    through = transmission(cp.Scene(crane), [0.0, 0.3])
+    assert through.at_rest == ("boom",)
+    # the boom lifts along x and z, and turns about y: the rest is the table's alone
+    nan, side = np.nan, 0.5 * np.cos(0.3)
+    assert np.allclose(through.jacobian("tip")[:, 0], [nan, side, nan, 0, nan, 1], equal_nan=True)
+    held = through.jacobian("tip", held=["boom"])
+    assert np.allclose(held[:, 0], [0.0, side, 0.0, 0.0, 0.0, 1.0])
+    with pytest.raises(cp.InvalidArgument, match="table is not at rest; .* are boom"):
+        through.jacobian("tip", held=["table"])
+
+
+@pytest.mark.parametrize("robot_name", ["cassie", "solo12"])
+def test_a_frame_is_determined_once_base_and_springs_are_held(robot_name):
+    made = robot(robot_name)
+    scene = cp.Scene(made, made.loops)
+    q, _ = scene.state()
+    through, frame = transmission(scene, q), made.contacts[0].frames[0]
+    assert np.isnan(through.jacobian(frame)).all()
+    J = through.jacobian(frame, held=through.at_rest)
+    assert np.isfinite(J).all()
+    assert np.abs(J).max() > 0.1
+
+
+@pytest.mark.parametrize("robot_name", ["delta", "stewart"])
+def test_the_middle_of_a_platform_is_moved_by_its_motors_alone(robot_name):
+    made = robot(robot_name)
+    scene = cp.Scene(made, made.loops)
+    q, _ = scene.state("home")
+    assert np.abs(made.frame_pose(q, "platform_centre").translation[:2]).max() < 1e-12
+    J = transmission(scene, q).jacobian("platform_centre")
+    assert np.linalg.matrix_rank(J, tol=1e-6) == len(made.actuated)
+    assert np.ptp(J[2]) < 1e-9  # all alike lift it
+
+
 def test_answers_pickle_and_refuse():
     scene = four_bar()
     q, _ = scene.state()

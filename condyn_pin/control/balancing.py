@@ -23,6 +23,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, check_overflow, finite
@@ -48,8 +49,8 @@ class Balance:
     """Centre of mass, centre of pressure and capture point of a robot, in the axes of the world.
 
     Quantities that are not defined are NaN: `zmp`, `cop`, `capture_point`, `dcm` and both margins
-    if the contacts do not lie in one plane; the centre of pressure of a contact that carries no
-    load.
+    if the contacts do not lie in one plane; `zmp` and its margin in the air, where nothing presses;
+    the centre of pressure of a contact that carries no load.
 
     Attributes
     ----------
@@ -186,7 +187,8 @@ def balanced(scene: Scene, q: Array, v: Array, a: Array, pressure: Pressure) -> 
     polygon = None
     if plane is not None:
         polygon = hull(plane, points)
-        zmp = _zero_moment_point(plane, f, n)
+        size = scene.robot.mass * float(np.linalg.norm(gravity)) + float(np.linalg.norm(rate.linear))
+        zmp = _zero_moment_point(plane, f, n, tolerances.SOLVED * size)
         cop = _middle(plane, pressure.cops, pressure.forces)
         dcm, foot = _captured(plane, c, velocity, float(np.linalg.norm(gravity)))
     return Balance(
@@ -217,11 +219,14 @@ def _middle(plane: SupportPlane, cops: dict[str, Array], pressing: dict[str, Arr
     return np.asarray(sum(load * cops[name] for name, load in loads.items()) / whole)
 
 
-def _zero_moment_point(plane: SupportPlane, f: Array, n: Array) -> Array:
-    """Return the point of the plane about which f and n leave a moment along the normal alone."""
+def _zero_moment_point(plane: SupportPlane, f: Array, n: Array, noise: float) -> Array:
+    """Return the point of the plane about which f and n leave a moment along the normal alone.
+
+    NaN where the load is no more than `noise` [N]: in the air it is what rounding leaves.
+    """
     p, normal = plane.origin, plane.axes[2]
     load = float(f @ normal)
-    if not load > 0:
+    if not load > noise:
         return np.full(3, np.nan)
     return np.asarray(p + np.cross(normal, n - np.cross(p, f)) / load)
 

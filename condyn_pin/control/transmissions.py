@@ -104,12 +104,43 @@ class Transmission:
             )
         return found
 
-    def jacobian(self, frame: str) -> Array:
+    def jacobian(self, frame: str, *, held: Sequence[str] = ()) -> Array:
         """Return the Jacobian (6, k) of a frame from the motors: J_frame G.
 
         Linear velocity first [m/s, rad/s], of the origin of the frame, in the axes of the world.
+        Rows along which the frame can move with the motors held are NaN: there no velocity belongs
+        to those of the motors.
+
+        Parameters
+        ----------
+        frame : str
+        held : sequence of str
+            Joints of `at_rest` that do not move, such as springs or the base of a robot that stands
+            nowhere: what they leave to the motors is determined.
+
+        Raises
+        ------
+        InvalidArgument
+            If a joint that is to be held is not at rest, or the frame is the world's.
+        UnknownName
+            If a name does not exist.
         """
-        return np.asarray(frame_jacobian(self.scene, self.q, frame) @ self.G)
+        robot = self.scene.robot
+        J = frame_jacobian(self.scene, self.q, frame)
+        for joint in checked("held", held, robot.joints, "joint"):
+            if joint not in self.at_rest:
+                raise InvalidArgument(
+                    f"held: {joint} is not at rest; those that can be held are "
+                    f"{listed(self.at_rest) or 'none'}"
+                )
+        columns = indices(robot.model, held)[1]
+        still = columns[~self.G[columns].any(axis=1)]  # of a ball perhaps its spin alone
+        found = np.asarray(J @ self.G)
+        _, S, Vt = np.linalg.svd(self.free[still])
+        others = Vt[np.count_nonzero(S > tolerances.DEAD_POINT) :]  # that leave these at rest
+        moves = np.linalg.norm(J @ self.free @ others.T, axis=1)
+        found[moves > tolerances.DEAD_POINT * float(np.linalg.norm(J))] = np.nan
+        return found
 
     def __repr__(self) -> str:
         return (

@@ -44,8 +44,9 @@ def delta() -> Robot:
     Returns
     -------
     Robot
-        The platform hangs on the rod ``1a`` by its ball; the other five are cut, 3 rows each: rank
-        15, nothing is redundant. Its motors ``motor1`` to ``motor3`` are positive when lower.
+        The platform hangs on the rod ``1a`` by its ball, where its frame ``platform`` is; its
+        middle is ``platform_centre``. The other five rods are cut, 3 rows each: rank 15, nothing is
+        redundant. Its motors ``motor1`` to ``motor3`` are positive when lower.
 
     Notes
     -----
@@ -75,6 +76,7 @@ def delta() -> Robot:
                 ball = DrawnJoint("platform_ball", "ball")
                 disc = plate(_TOP, 0.01, 0.3, head[2] * Z - head)
                 made.body("platform", "rod1a", head, np.eye(3), ball, disc)
+                made.mark("platform_centre", "platform", head[2] * Z)
                 low["platform_ball"] = turn(t, -pitch)
             else:
                 made.connect(f"ball{name}", f"rod{name}", "platform", head)

@@ -46,8 +46,9 @@ def stewart() -> Robot:
     Returns
     -------
     Robot
-        The platform hangs on the first leg by its ball; the other five are cut, 3 rows each: rank
-        15, nothing is redundant. Its motors ``leg1`` to ``leg6`` are positive when longer.
+        The platform hangs on the first leg by its ball, where its frame ``platform`` is; its middle
+        is ``platform_centre``. The other five legs are cut, 3 rows each: rank 15, nothing is
+        redundant. Its motors ``leg1`` to ``leg6`` are positive when longer.
     """
     made = Machine("stewart")
     centre, lifted = _HEIGHT * Z, dict[str, ArrayLike]()
@@ -69,6 +70,7 @@ def stewart() -> Robot:
         if i == 0:
             ball, disc = DrawnJoint("platform_ball", "ball"), plate(_TOP, 0.03, 5.0, centre - head)
             made.body("platform", "piston1", head, np.eye(3), ball, disc)
+            made.mark("platform_centre", "platform", centre)
             lifted["platform_ball"] = turn(R[:, 1], steeper)
         else:
             made.connect(f"ball{k}", f"piston{k}", "platform", head)
