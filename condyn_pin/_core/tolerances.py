@@ -262,6 +262,10 @@ TOUCHES: Final = 1e-6
 # by 1e-6 m/s at 1e4, by 1e-4 at 1e6, and the natural residual is small.
 MOST_FRICTION: Final = 1e3
 
+# Friction that counts as none: of a load of 9.81 m/s^2 it leaves what KKT allows, and cones so thin
+# have no inside for solvers of quadratic programs.
+FRICTIONLESS: Final = 1e-10
+
 # Eigenvalues of G, rows and columns scaled to one, that count as zero, relative to the largest: its
 # factor J L^-T then has singular values below 1e-6. Four corners of a box leave 1e-16, and the
 # smallest useful ones of robots on their feet are 1e-5.

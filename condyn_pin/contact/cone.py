@@ -141,6 +141,15 @@ class Cone(ABC):
         """
         return _made(self)[0]
 
+    @property
+    def flat_rows(self) -> list[int]:
+        """Rows that are equations, A f = 0, because all of them together leave nothing else.
+
+        Without friction those of tangential forces and of the torque about the normal.
+        """
+        _, (_, slips, _, twists) = _made(self)
+        return [*slips, *twists] if self.friction <= tolerances.FRICTIONLESS else []
+
     @abstractmethod
     def _table(self) -> Iterator[Row]:
         """Yield name and entries of each row; entries that are left out at the end are zero."""

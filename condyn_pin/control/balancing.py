@@ -187,7 +187,9 @@ def balanced(scene: Scene, q: Array, v: Array, a: Array, pressure: Pressure) -> 
     polygon = None
     if plane is not None:
         polygon = hull(plane, points)
-        size = scene.robot.mass * float(np.linalg.norm(gravity)) + float(np.linalg.norm(rate.linear))
+        size = scene.robot.mass * float(np.linalg.norm(gravity)) + float(
+            np.linalg.norm(rate.linear)
+        )
         zmp = _zero_moment_point(plane, f, n, tolerances.SOLVED * size)
         cop = _middle(plane, pressure.cops, pressure.forces)
         dcm, foot = _captured(plane, c, velocity, float(np.linalg.norm(gravity)))

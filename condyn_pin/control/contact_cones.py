@@ -3,12 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg.pivots import pivots
 from condyn_pin.contact.cone import Cone
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.dynamics.force import upward
@@ -25,6 +28,9 @@ class ContactCones:
         Rows of the scene that belong to contacts with a cone, and the others.
     names : tuple of str
         Of the inequalities: the contact, and what it does where the row is violated.
+    lower, upper : (r,) array
+        Bounds of the inequalities: A lam <= 0, but A lam = 0 for independent rows of cones without
+        friction, which leaves nothing to the others.
     constant : (r, m_c) array or None
         A, where no cone turns with the robot; not to be written to.
     """
@@ -36,6 +42,8 @@ class ContactCones:
         self._up = upward(scene)
         self._groups: list[_Group] = []
         names: list[str] = []
+        lower: list[float] = []
+        upper: list[float] = []
         is_touching = np.zeros(scene.rows, dtype=bool)
         column = row = 0
         for place, cone in _fitted(scene, cones).items():
@@ -50,7 +58,10 @@ class ContactCones:
                 last = _Group(contact, cone)
                 self._groups.append(last)
             last.add(bound, block)
+            lower += last.bounds[0].tolist()
+            upper += last.bounds[1].tolist()
         self.names = tuple(names)
+        self.lower, self.upper = np.array(lower), np.array(upper)
         self.touching, self.held = np.flatnonzero(is_touching), np.flatnonzero(~is_touching)
         self._shape = (row, column)
         turns = any(group.turns for group in self._groups)
@@ -124,6 +135,18 @@ class _Group:
         self._blocks.append(block)
         self._to_wrench = np.array([bound.whole(row) for row in np.eye(bound.size)]).T
         self._fixed = self._cone.rows().A @ self._to_wrench if self._contact.has_normal else None
+
+    @cached_property
+    def bounds(self) -> tuple[Array, Array]:
+        """Lower and upper bounds of the rows of one of its cones (r,)."""
+        A, flat = self._cone.rows().A, self._cone.flat_rows
+        lower, upper = np.full(len(A), -np.inf), np.zeros(len(A))
+        if flat:
+            independent, _ = pivots((A[flat] @ self._to_wrench).T, tolerances.RANK)
+            upper[flat] = np.inf
+            pinned = np.array(flat)[independent]
+            lower[pinned] = upper[pinned] = 0.0
+        return lower, upper
 
     @property
     def turns(self) -> bool:

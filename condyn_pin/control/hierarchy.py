@@ -103,8 +103,7 @@ class Cascade:
         """Return x, and the answers of the levels up to the first that has none."""
         if len(levels) == 1:
             return self._at_once(given, levels[0], costs)
-        x, Z = _start(given)
-        off = np.abs(given.A @ x - given.b).max(initial=0.0)
+        x, Z, off = _start(given)
         if off > tolerances.GIVES or not Z.shape[1]:
             # equations contradict each other, which the chain names, or leave nothing
             return self._at_once(given, levels[0], costs)
@@ -171,9 +170,11 @@ def _undecided(level: Level, Z: Array) -> Array:
     return GZ
 
 
-def _start(given: Constraints) -> tuple[Array, Array]:
-    """Return the smallest x with A x = b, and the null space of A."""
-    U, S, Vt = np.linalg.svd(given.A)
+def _start(given: Constraints) -> tuple[Array, Array, float]:
+    """Return the smallest x with A x = b, the null space of A, and what A x - b leaves."""
+    pinned = given.lower == given.upper
+    A, b = np.vstack((given.A, given.C[pinned])), np.append(given.b, given.lower[pinned])
+    U, S, Vt = np.linalg.svd(A)
     rank = rank_of(S)
-    x = Vt[:rank].T @ ((U[:, :rank].T @ given.b) / S[:rank])
-    return x, Vt[rank:].T
+    x = Vt[:rank].T @ ((U[:, :rank].T @ b) / S[:rank])
+    return x, Vt[rank:].T, float(np.abs(A @ x - b).max(initial=0.0))

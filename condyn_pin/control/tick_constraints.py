@@ -78,8 +78,9 @@ class TickConstraints:
         p, first_cone = law + m + len(wished.b), len(self._most) + len(self._bounds.columns)
         r = first_cone + len(cones.names)
         made = Constraints(
-            np.zeros((p, n)), np.zeros(p), np.zeros((r, n)), np.full(r, -np.inf), np.zeros(r)
+            np.zeros((p, n)), np.zeros(p), np.zeros((r, n)), np.zeros(r), np.zeros(r)
         )
+        made.lower[first_cone:], made.upper[first_cone:] = cones.lower, cones.upper
         if cones.constant is not None:
             made.C[first_cone:, k : k + m] = cones.constant
         return made

@@ -132,14 +132,16 @@ class Chain:
             # equations that depend on each other are no trouble to the polish
             begin = start(program, last.x, last.z, last)
             yield "last active set", 0, polish(program, begin, _AIM, _FROM_LAST, self._saddle)
-        asked = _independent(program)
+        asked = _independent(_with_equations(program))
         if asked is None or not program.has_room:
             return
         for qp in self._solvers():
             result = self._ask(qp, asked)
             found = None
             if np.isfinite(result.x).all() and np.isfinite(result.z).all():
-                begin = start(program, result.x, result.z)
+                z = np.zeros(len(program.lower))
+                z[~program.pinned] = result.z
+                begin = start(program, result.x, z)
                 found = polish(program, begin, _AIM, _FROM_SOLVER, self._saddle)
             yield repr(qp), result.iterations, found
 
@@ -176,6 +178,16 @@ class Chain:
         if best is None or last.residual < best.residual:
             best = last
         return ChainAnswer(best, None, tuple(path), iterations)
+
+
+def _with_equations(program: QuadraticProgram) -> QuadraticProgram:
+    """Return the program with inequalities that are equations among the equations."""
+    pinned = program.pinned
+    if not pinned.any():
+        return program
+    A, b = np.vstack((program.A, program.C[pinned])), np.append(program.b, program.lower[pinned])
+    C, lower, upper = (rows[~pinned] for rows in (program.C, program.lower, program.upper))
+    return QuadraticProgram(program.H, program.g, A, b, C, lower, upper)
 
 
 def _independent(program: QuadraticProgram) -> QuadraticProgram | None:

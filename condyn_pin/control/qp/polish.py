@@ -72,7 +72,7 @@ def start(
     moved = program.C @ x + z
     # where rows depend on each other a solver holds only some of them, and its choice has the signs
     at_lower, at_upper = (z < 0) & (moved < program.lower), (z > 0) & (moved > program.upper)
-    return Polished.rough(x, y, z, at_lower, at_upper)
+    return Polished.rough(x, y, z, at_lower & ~program.pinned, at_upper | program.pinned)
 
 
 def polish(
@@ -131,7 +131,8 @@ def _on_other_rows(program: QuadraticProgram, now: Polished, tolerance: float) -
     below, above = Cx < program.lower - tolerance, Cx > program.upper + tolerance
     at_lower = (now.at_lower & (now.z < 0)) | (inactive & below)
     at_upper = (now.at_upper & (now.z > 0)) | (inactive & above)
-    at_upper |= program.lower == program.upper
+    at_lower &= ~program.pinned
+    at_upper |= program.pinned
     return Polished.rough(now.x, now.y, now.z, at_lower, at_upper)
 
 

@@ -10,11 +10,12 @@ At its answer, with multipliers y and z, z > 0 at an upper bound and z < 0 at a 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from math import isfinite
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 
@@ -75,6 +76,11 @@ class QuadraticProgram:
         """Whether the bounds of each row leave a value to it: none does that are crossed or NaN."""
         least, most = self.lower, self.upper
         return bool(((least <= most) & (least < np.inf) & (most > -np.inf)).all())
+
+    @cached_property
+    def pinned(self) -> NDArray[np.bool_]:
+        """Which inequalities are equations, their bounds being the same (r,)."""
+        return np.asarray(self.lower == self.upper)
 
     @property
     def has_nan_bounds(self) -> bool:
