@@ -139,7 +139,7 @@ def _in_core(
     try:
         cones = python._settings.cones
         core = Controller(python.scene, python.tasks, cones=cones, native=True, **options)
-    except cp.errors.MissingExtra:
+    except (cp.errors.MissingExtra, cp.errors.UnsupportedBackend):
         return {}
     pairs, differs, answered = [], 0.0, 0
     for state in states:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import pickle
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -363,21 +364,114 @@ def test_a_foot_that_stands_cannot_be_lifted():
 
 
 def test_limits_that_contradict_each_other_are_named():
-    """A joint too fast to be stopped by the acceleration that it may have."""
+    """A motor that is to move its joint faster than its own limit of acceleration."""
     scene, q, v = solo()
-    limits = ControlLimits(dt=0.01, acceleration=10.0)
+    limits, hard = ControlLimits(acceleration=10.0), JointTask("FL_HAA", a=15.0, weight=np.inf)
     controller = Controller(scene, STAND, cones=OCTAGON, limits=limits)
     assert controller.solve(q, v).status.ok
-    columns = controller.actuation.columns
-    limit = np.array(scene.robot.model.velocityLimit)[columns[0]]
-    fast = v.copy()
-    fast[columns[0]] = 1.5 * limit
-    out = controller.solve(q, fast)
+    out = controller.use(without(scene, ["FL_FOOT"]), [*STAND, hard]).solve(q, v)
     assert out.status is ControlStatus.INFEASIBLE
-    assert any(each.row == "FL_HAA: acceleration" for each in out.infeasible.gives)
+    assert "FL_HAA: acceleration" in str(out.infeasible)
 
 
 # Limits
+
+
+def slider(**limits: float) -> cp.Scene:
+    """1 kg on a rail of 0.1 m to the right and 1 m to the left of its zero."""
+    model = pin.Model()
+    joint = model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "x")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.05), pin.SE3.Identity())
+    model.upperPositionLimit[:], model.lowerPositionLimit[:] = 0.1, -1.0
+    for name, value in limits.items():
+        setattr(model, name, np.array([value]))
+    return cp.Scene(cp.Robot("slider", model, actuated=["x"]))
+
+
+@pytest.mark.parametrize("goal", [1.0, -3.0])
+@pytest.mark.parametrize(
+    ("effort", "given"),
+    [(0.0, {"dt": 0.05}), (5.0, {"dt": 0.002}), (5.0, {"dt": 0.02, "acceleration": 2.0})],
+)
+def test_a_joint_stops_at_its_end_and_never_behind(goal, effort, given):
+    """Whatever the tick: v <= sqrt(2 A d) all along, and it comes to rest where its way ends."""
+    scene = slider(effortLimit=effort)
+    pull = [JointTask("x", reference=goal, kp=100.0)]
+    controller = Controller(scene, pull, cones={}, limits=ControlLimits(**given))
+    brake, end = min(given.get("acceleration", np.inf), effort or np.inf), 0.1 if goal > 0 else -1.0
+    q, v, h = np.zeros(1), np.zeros(1), 1e-3
+    for _ in range(1500):
+        out = controller.solve(q, v)
+        assert out.status.ok
+        assert not out.notices
+        q, v = q + h * v + h**2 / 2 * out.a, v + h * out.a  # exact, a is held
+        left = (end - q[0]) * np.sign(goal)
+        assert left > -1e-12
+        if np.isfinite(brake):
+            assert v[0] * np.sign(goal) <= np.sqrt(2 * brake * max(left, 0.0)) + 1e-9
+    assert abs(left) < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("at", "speed", "a", "said"),
+    [
+        (0.2, 0.0, -5.0, "at 0.2 m and 0 m/s, beyond its upper limit 0.1 m"),
+        (-1.001, 0.0, 0.8, "beyond its lower limit -1 m"),  # back within dt: 2 * 0.001 / dt^2
+        (0.05, 1.0, -5.0, "too fast for its upper limit"),  # 0.1 m on the way to a stop
+        (0.099, 0.05, -1.25, ""),  # v^2 / 2 d
+        (-0.9, -1.5, 5.0, "too fast for its lower limit -1 m: the 5 m/s\\^2"),
+        (-0.9, 2.5, -5.0, "moves at 2.5 .* beyond its limit of velocity 2"),
+        (-0.5, 2.01, -0.2, "moves at 2.01 "),  # within dt
+    ],
+)
+def test_beyond_its_limits_a_joint_returns_as_fast_as_it_may(at, speed, a, said):
+    scene = slider(effortLimit=5.0, velocityLimit=2.0)
+    way = JointTask("x", a=np.sign(speed or at) * 3.0)  # onwards
+    controller = Controller(scene, [way], cones={}, limits=ControlLimits(dt=0.05))
+    out = controller.solve([at], [speed])
+    assert out.status.ok
+    assert out.a[0] == pytest.approx(a, abs=1e-4)
+    assert len(out.notices) == bool(said)
+    assert re.search(said, "".join(out.notices))
+    assert all(f"note: {notice}" in str(out) for notice in out.notices)
+
+
+def test_motors_that_cannot_brake_a_joint_brake_it_as_well_as_they_can():
+    """The load of the second link, thrown, is more than the first motor holds."""
+    made = cp.model.chain(2)
+    model = pin.Model(made.model)
+    model.upperPositionLimit, model.lowerPositionLimit = np.full(2, 1.0), np.full(2, -9.0)
+    model.velocityLimit, model.effortLimit = np.full(2, 100.0), np.array([1.0, 1e4])
+    made = replace(made, model=model)
+    throw = [JointTask(made.joints[1], a=0.0, weight=np.inf), Posture(np.full(2, 3.0))]
+    controller = Controller(
+        cp.Scene(made), throw, cones={}, actuation=Actuation(made, made.joints),
+        limits=ControlLimits(dt=0.05),
+    )  # fmt: skip
+    out = controller.solve([0.99, 0.0], [3.0, 0.0])
+    assert out.status.ok
+    assert abs(out.tau[0]) == pytest.approx(1.0, abs=1e-2)
+    assert any("brake" in notice for notice in out.notices)
+
+
+def test_arms_stop_at_their_ends_in_any_posture():
+    """Goals far behind their stops: what brakes a joint changes on its way."""
+    arm = robot("panda")
+    model = arm.unedited
+    top, bottom = model.upperPositionLimit[:7], model.lowerPositionLimit[:7]
+    rng, limits = np.random.default_rng(1), ControlLimits(dt=0.02)
+    for _ in range(2):
+        goal = np.concatenate((rng.uniform(-4.0, 4.0, 7), np.full(2, 0.02)))
+        law = Controller(cp.Scene(arm), [Posture(goal, kp=100.0)], cones={}, limits=limits)
+        q, v = (model.upperPositionLimit + model.lowerPositionLimit) / 2, np.zeros(9)
+        for _ in range(400):
+            out = law.solve(q, v)
+            assert out.status.ok
+            v = v + 2e-3 * out.a
+            q = q + 2e-3 * v
+            assert (q[:7] < top + 1e-6).all()
+            assert (q[:7] > bottom - 1e-6).all()
+            assert (np.abs(v[:7]) < model.velocityLimit[:7] + 1e-6).all()
 
 
 def test_torque_limits_hold():
@@ -655,6 +749,44 @@ def test_a_level_gives_nothing_to_those_below_it():
     assert all(margin.least > -1e-6 for margin in strict.margins.values())
     assert strict.residuals.dynamics < 1e-9
     assert is_proved(strict)
+
+
+@pytest.mark.parametrize("weight", [1e-2, 1.0, 100.0])
+def test_a_level_yields_nothing_to_the_regularisation(weight):
+    """What levels can have, they have to 1e-8 m/s^2, at any weight; the rest is as small as can be.
+
+    A third level, of forces, shares the load as it is told, as far as the first two leave it.
+    """
+    scene, q, v = solo()
+    com = CenterOfMass(a=(1.0, 0.5, -1.0), weight=weight)
+    level = Orientation("base_link", a=(0.3, -0.2, 0.1), weight=weight)
+    out = Controller(scene, Hierarchy([com], [level]), cones=OCTAGON).solve(q, v)
+    assert out.status.ok
+    for error in out.errors.values():
+        assert np.abs(error).max() < 1e-8
+    small = Controller(
+        scene, [replace(com, weight=1e7), replace(level, weight=1e7)], cones=OCTAGON,
+        regularisation=1e-2,
+    ).solve(q, v)  # fmt: skip
+    assert np.abs(small.a - out.a).max() < 1e-5
+    assert np.abs(small.lam - out.lam).max() < 1e-4 * WEIGHT
+
+
+def test_rows_that_the_regularisation_alone_makes_active_are_left_to_lower_levels():
+    """Least accelerations and forces unload a foot; the level below is to load it."""
+    scene, q, v = solo()
+    push = [CenterOfMass(a=(4.0, 0.0, 0.0), weight=1.0)]
+    fixed = [Orientation("base_link", weight=1.0)]
+    foot = ContactForce("FL_FOOT", (0.0, 0.0, 0.05 * WEIGHT), weight=1.0)
+    levels = Hierarchy(push, fixed, [foot])
+    out = Controller(scene, levels, cones=FrictionCone(0.6)).solve(q, v)
+    assert out.status.ok
+    assert np.abs(out.errors["CenterOfMass"]).max() < 1e-8
+    ordered = zip(levels.levels, (1e6, 1e3, 1.0), strict=True)
+    weighted = [replace(task, weight=weight) for (task,), weight in ordered]
+    best = Controller(scene, weighted, cones=FrictionCone(0.6)).solve(q, v)
+    missed = [np.abs(each.errors["FL_FOOT force"]).max() for each in (out, best)]
+    assert missed[0] < missed[1] + 1e-3 * WEIGHT
 
 
 def test_levels_that_end_in_a_corner_leave_what_they_have():

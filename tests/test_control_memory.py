@@ -19,6 +19,7 @@ from condyn_pin.control import (
     Controller,
     ControlLimits,
     ControlStatus,
+    JointTask,
     Orientation,
     Posture,
 )
@@ -144,7 +145,7 @@ def test_forces_do_not_depend_on_the_tick_before(name, weight, speed, native) ->
 
 @each_way
 def test_limits_that_contradict_each_other_are_told_behind_a_tick_at_one_of_them(native) -> None:
-    """A joint that comes too fast to its end cannot brake with 50 rad/s^2, where it had 40."""
+    """A joint at its largest acceleration, and then a task that is an equation and wants more."""
     made = cp.model.chain(2)
     model = pin.Model(made.model)
     for side, place in (("upper", 1.0), ("lower", -1.0)):
@@ -152,12 +153,13 @@ def test_limits_that_contradict_each_other_are_told_behind_a_tick_at_one_of_them
     model.velocityLimit, model.effortLimit = np.full(2, 100.0), np.full(2, 1e4)
     made = replace(made, model=model)
     away = Posture(np.array([3.0, 0.0]), kp=1000.0)
+    jump = JointTask(made.joints[0], a=lambda t: 40.0 + t, weight=np.inf)
     controller = Controller(
-        cp.Scene(made), [away], cones={}, actuation=Actuation(made, made.joints),
+        cp.Scene(made), [away, jump], cones={}, actuation=Actuation(made, made.joints),
         limits=ControlLimits(dt=0.05, acceleration=50.0), native=native,
     )  # fmt: skip
-    q = np.array([0.9, 0.0])
-    assert controller.solve(q, [1.0, 0.0]).a[0] == pytest.approx(40.0)
-    out = controller.solve(q, [8.0, 0.0])
+    q, v = np.zeros(2), np.zeros(2)
+    assert controller.solve(q, v).a == pytest.approx([40.0, -50.0])
+    out = controller.solve(q, v, 60.0)
     assert out.status is ControlStatus.INFEASIBLE
     assert made.joints[0] in str(out.infeasible)

@@ -29,6 +29,7 @@ from condyn_pin.control import (
     ControlLimits,
     ControlStatus,
     FrameTask,
+    Hierarchy,
     JointTask,
     Orientation,
     Posture,
@@ -197,9 +198,8 @@ def test_tasks_of_infinite_weight_are_equations():
     "limits",
     [
         ControlLimits(torque=False),
-        ControlLimits(dt=0.05),
         ControlLimits(torque=False, acceleration=3.0),
-        ControlLimits(dt=0.05, acceleration=np.linspace(5.0, 50.0, 38)),
+        ControlLimits(acceleration=np.linspace(5.0, 50.0, 38)),
     ],
 )
 def test_limits_of_joints_hold(limits):
@@ -304,15 +304,19 @@ def test_what_it_does_not_take_is_refused_by_name_or_done_by_python():
     with own_task(still, "m/s^2") as Own:
         scene, (q, v) = scene_of("solo12"), states_of("solo12", 1)[0]
         held = dict.fromkeys(("FR_FOOT", "HL_FOOT", "HR_FOOT"), OCTAGON)
-        for tasks, cones, reason in (
-            ([Own(), Posture()], OCTAGON, "task 'Own': it has no rows for this Own"),
-            ([ContactForce("FL_FOOT")], held, "contact that has no cone"),
+        stand, ahead = tasks_of("solo12"), ControlLimits(dt=0.05)
+        for tasks, cones, limits, reason in (
+            ([Own(), Posture()], OCTAGON, None, "task 'Own': it has no rows for this Own"),
+            ([ContactForce("FL_FOOT")], held, None, "contact that has no cone"),
+            (Hierarchy(stand[:1], stand[1:]), OCTAGON, None, "levels of a Hierarchy"),
+            (stand, OCTAGON, ahead, "does not stop joints at their ends"),
         ):
+            options = {"cones": cones, "limits": limits}
             with pytest.raises(UnsupportedBackend, match=reason):
-                Controller(scene, tasks, cones=cones, native=True)
-            either = Controller(scene, tasks, cones=cones, native="where possible")
+                Controller(scene, tasks, **options, native=True)
+            either = Controller(scene, tasks, **options, native="where possible")
             if "no cone" not in reason:
-                out = Controller(scene, tasks, cones=cones).solve(q, v)
+                out = Controller(scene, tasks, **options).solve(q, v)
                 same = either.solve(q, v)
                 assert np.allclose(same.tau, out.tau, rtol=0, atol=1e-8)
                 assert same.path == out.path

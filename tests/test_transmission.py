@@ -203,7 +203,7 @@ def test_what_the_motors_leave_open_of_a_frame_has_no_jacobian():
     assert np.allclose(through.jacobian("tip")[:, 0], [nan, side, nan, 0, nan, 1], equal_nan=True)
     held = through.jacobian("tip", held=["boom"])
     assert np.allclose(held[:, 0], [0.0, side, 0.0, 0.0, 0.0, 1.0])
-    with pytest.raises(cp.InvalidArgument, match="table is not at rest; .* are boom"):
+    with pytest.raises(cp.InvalidArgument, match=r"table is not at rest; .* are boom"):
         through.jacobian("tip", held=["table"])
 
 

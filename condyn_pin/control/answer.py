@@ -152,6 +152,9 @@ class ControlAnswer:
         rigid; a free-flyer's in its body frame, linear first.
     t : float
         Of the tick [s].
+    notices : tuple of str
+        What deserves attention, a sentence each: contacts that cannot be kept, joints that are
+        beyond their limits or cannot be stopped before them. They change no status.
     """
 
     tau: Array
@@ -172,6 +175,7 @@ class ControlAnswer:
     q: Array
     t: float  # [s]
     v: Array
+    notices: tuple[str, ...] = ()
 
     @property
     def u(self) -> Array:
@@ -208,4 +212,5 @@ class ControlAnswer:
         else:
             lines += [f"{name:<28} {value:.6g} N m" for name, value in self.torques.items()]
             lines += [f"at its bound: {row}" for row in self.active]
+        lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)

@@ -1,17 +1,31 @@
 """ControlLimits: what a controller keeps torques and accelerations within.
 
-A joint that is at q and moves at v stays within its limits for a time dt if
+A joint that moves at v towards a stop at a distance d can be stopped there if v <= sqrt(2 A d),
+with A what it brakes with at most: such a state is viable. An acceleration that is kept for a time
+dt, or for any shorter tick, leads to viable states if it does at its end, with w = v + dt a,
 
-    v_lower <= v + dt a <= v_upper,    q_lower <= q + dt v + dt^2 a / 2 <= q_upper.
+    w^2 <= 2 A (d - dt (v + w) / 2),    w >= 0,
+
+or if the joint stops on the way, a <= -v^2 / (2 d). Where A is not known it is infinite: the joint
+then brakes as it has to within dt. Velocities keep to |v + dt a| <= v_max.
+
+At a state that is not viable a = -A is the fastest return, or less if it is back within dt.
+
+References
+----------
+Del Prete. Joint position and velocity bounds in discrete-time acceleration/torque control of robot
+arms. IEEE Robotics and Automation Letters, 2018.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import UNLIMITED
 from condyn_pin.constraints.constraint_fields import check_positive
@@ -19,6 +33,20 @@ from condyn_pin.control.motion import entry_names
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.limits import Limits
 from condyn_pin.model.robot import Robot
+
+# What a joint brakes with at least, as a share of what its motor does without a load: one that its
+# load overcomes is held by others.
+_WEAKEST: Final = 0.1
+
+# Share of what a motor brakes with that is counted on: it changes on the way to the stop.
+_KEPT: Final = 0.9
+
+# How much more than what a motor brakes with is demanded of it and of the other joints together
+# before a stop; what needs more is passed.
+_TRIED: Final = 1.5
+
+# Share by which a joint may be too fast for its stop: rounding of what is left of its way.
+_ROUNDED: Final = 1e-6
 
 
 @dataclass(frozen=True)
@@ -32,10 +60,13 @@ class ControlLimits:
         none, as in files.
     dt : float, optional
         How far joints look ahead to keep within position and velocity limits [s]; by default these
-        do not count. Several control ticks: over a single one a joint would have to stop at once.
+        do not count. A control tick or more: joints brake the more gently, the longer it is. They
+        stop at their ends, never behind: a state from which none can is told by a notice, and
+        answered by the fastest return.
     acceleration : float or (nv,) array_like, optional
         The largest of each joint that has a motor, or of each entry of v [rad/s^2, m/s^2]; infinite
-        by default.
+        by default. Joints brake with it before their ends, or with nine tenths of what their motor
+        does if all others stand still, whichever is less.
 
     Raises
     ------
@@ -73,8 +104,9 @@ class AccelerationBounds:
         Entries of v that have a bound.
     names : tuple of str
         Of the joints, one an entry.
-    most, speed : (nv,) array
-        The largest acceleration and velocity of all entries of v; infinite where there is none.
+    most, speed, effort : (nv,) array
+        The largest acceleration, velocity and torque of all entries of v; infinite where there is
+        none.
     dt : float or None
         How far joints look ahead [s].
     joints : Limits
@@ -99,6 +131,9 @@ class AccelerationBounds:
             self.most[where] = limits.acceleration
         speed = np.array(model.velocityLimit, dtype=float)
         self.speed = np.where((speed > 0) & (speed < UNLIMITED), speed, np.inf)
+        self.effort = np.full(nv, np.inf)
+        if limits.torque:
+            self.effort[motors] = torque_limits(robot, motors)
         self.joints = Limits.of(model)
         self.reach = _or_infinite(self.joints.upper), _or_infinite(self.joints.lower)
         bounded = np.isfinite(self.most)
@@ -108,20 +143,98 @@ class AccelerationBounds:
         self.columns = np.flatnonzero(bounded)
         self.names = entry_names(model, self.columns)
 
-    def at(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the bounds (k,) of the accelerations at a state; infinite where there is none."""
-        if not len(self.columns):
-            return np.zeros(0), np.zeros(0)
-        lower, upper = -self.most, self.most.copy()
-        if self.dt is not None:
-            dt, joints = self.dt, self.joints
-            upper = np.minimum(upper, (self.speed - v) / dt)
-            lower = np.maximum(lower, (-self.speed - v) / dt)
-            ahead = q[joints.iq] + dt * v[joints.iv]
-            highest, lowest = self.reach
-            upper[joints.iv] = np.minimum(upper[joints.iv], 2.0 * (highest - ahead) / dt**2)
-            lower[joints.iv] = np.maximum(lower[joints.iv], 2.0 * (lowest - ahead) / dt**2)
+    def at(self, q: Array, v: Array, inertia: Array, load: Array) -> tuple[Array, Array]:
+        """Bounds (k,) of the accelerations at a state; infinite where there is none.
+
+        Parameters
+        ----------
+        q, v : (nq,), (nv,) array
+        inertia : (nv,) array
+            What each entry of v feels if the others stand still: the diagonal of M.
+        load : (nv,) array
+            What motors have to give for a = 0, h - passive [N m, N].
+        """
+        if self.dt is None:
+            return -self.most[self.columns], self.most[self.columns]
+        joints, (highest, lowest) = self.joints, self.reach
+        upper, lower = self._towards(v, inertia, load), self._towards(-v, inertia, -load)
+        iv, x, speed = joints.iv, q[joints.iq], v[joints.iv]
+        for bound, d, sign in ((upper, highest - x, 1.0), (lower, x - lowest, -1.0)):
+            brake = self.braking(inertia, sign * load)[iv]
+            kept = np.minimum(self.most[iv], _KEPT * brake)
+            found = stopping(d, sign * speed, kept, brake, self.dt)
+            bound[iv] = np.minimum(bound[iv], np.maximum(found, -self.most[iv]))
+        lower = -lower
+        # between two stops so near that neither lookahead fits: the one ahead comes first
+        np.minimum(lower, upper, out=lower, where=v >= 0)
+        np.maximum(lower, upper, out=upper, where=v < 0)
         return lower[self.columns], upper[self.columns]
+
+    def braking(self, inertia: Array, load: Array) -> Array:
+        """What each joint brakes with at most as it moves upwards (nv,); infinite if not known."""
+        alone = np.maximum(self.effort + load, _WEAKEST * self.effort) / inertia
+        return np.minimum(self.most, alone)
+
+    def _towards(self, v: Array, inertia: Array, load: Array) -> Array:
+        """Largest accelerations upwards (nv,) within those of velocities that are v."""
+        fastest = np.maximum((self.speed - v) / self.dt, -self.braking(inertia, load))
+        return np.minimum(self.most, fastest)
+
+    def unviable(self, q: Array, v: Array, inertia: Array, load: Array) -> tuple[str, ...]:
+        """Say which joints are beyond a limit, or come to it too fast to be stopped."""
+        if self.dt is None:
+            return ()
+        joints, said = self.joints, []
+        x, speed = q[joints.iq], v[joints.iv]
+        sides = (("upper", 1.0, joints.upper), ("lower", -1.0, joints.lower))
+        for side, sign, limit in sides:
+            brake = self.braking(inertia, sign * load)[joints.iv]
+            for i in np.flatnonzero(_is_lost(sign * (limit - x), sign * speed, brake)).tolist():
+                unit = "m" if joints.length[i] else "rad"
+                where = f"{joints.joints[i]} is at {x[i]:.6g} {unit} and {speed[i]:.3g} {unit}/s"
+                end = f"its {side} limit {limit[i]:.6g} {unit}"
+                if sign * (limit[i] - x[i]) < 0:
+                    said.append(f"{where}, beyond {end}: it returns as fast as it may")
+                else:
+                    said.append(
+                        f"{where}, too fast for {end}: the {brake[i]:.3g} {unit}/s^2 that it "
+                        "brakes with here do not stop it before that"
+                    )
+        for i in np.flatnonzero(np.abs(v) > (1 + tolerances.SOLVED) * self.speed).tolist():
+            name = self.names[int(np.flatnonzero(self.columns == i)[0])]
+            limit_ = f"its limit of velocity {self.speed[i]:.6g}"
+            said.append(f"{name} moves at {v[i]:.6g} rad/s or m/s, beyond {limit_}: it is braked")
+        return tuple(said)
+
+
+def stopping(d: Array, v: Array, brake: Array, most: Array, dt: float) -> Array:
+    """Largest accelerations (k,) from which a stop ahead is not passed, kept for dt or less.
+
+    Parameters
+    ----------
+    d : (k,) array
+        Distances to the stop, negative beyond it [rad, m].
+    v : (k,) array
+        Velocities towards it [rad/s, m/s].
+    brake, most : (k,) array
+        What is counted on to stop the joint, and what returns it where it can no longer be stopped
+        [rad/s^2, m/s^2].
+    dt : float
+        [s]
+    """
+    far = np.minimum(2.0 * d - dt * v, UNLIMITED)  # what w has, to brake and for its way within dt
+    w = 2.0 * far / (dt + np.sqrt(dt**2 + 4.0 * np.maximum(far, 0.0) / brake))
+    ahead = np.maximum((w - v) / dt, -most)
+    on_the_way = -(v**2) / (2.0 * np.where(d > 0, d, np.inf))
+    on_the_way = np.where(on_the_way < -_TRIED * most, -most, on_the_way)
+    found = np.where((far >= 0) | (d <= 0), ahead, on_the_way)
+    return np.where(d < UNLIMITED, found, np.inf)
+
+
+def _is_lost(d: Array, v: Array, brake: Array) -> NDArray[np.bool_]:
+    """Whether joints are beyond a stop, or cannot be stopped before it (k,)."""
+    way = np.maximum(v, 0.0) ** 2 / (2.0 * brake)
+    return np.asarray((d < -tolerances.CLOSED) | (way > (1 + _ROUNDED) * d + tolerances.CLOSED))
 
 
 def torque_limits(robot: Robot, columns: NDArray[np.int_]) -> Array:

@@ -76,9 +76,10 @@ class Controller(OneThread):
         excite it.
     native : bool or "where possible"
         Whether ticks are done by the compiled core: terms, program, answer and proof. The answers
-        are the same, in less time. True refuses tasks and constraints that the core does not take;
-        "where possible" has Python do these, and everything where no core is installed. Python also
-        does any tick whose rows contradict each other, or whose levels leave something to rounding.
+        are the same, in less time. True refuses tasks, constraints and limits that the core does
+        not have, and the levels of a `Hierarchy`; "where possible" has Python do these, and
+        everything where no core is installed. Python also does any tick whose rows contradict each
+        other.
 
     Raises
     ------

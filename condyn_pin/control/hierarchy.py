@@ -6,18 +6,25 @@ Level i is answered within what the levels above it leave,
     Z_i = Z_(i-1) null(G_i Z_(i-1)),
 
 with all inequalities, those that are strictly active in it from then on as equations, and Z_0 the
-null space of the equations.
+null space of the equations. A level yields nothing to the regularisation either: it is repeated
+about its own answer s',
+
+    min_s  w |G_i (x_(i-1) + Z_(i-1) s) - b_i|^2 + eps |s - s'|^2,
+
+(proximal point algorithm), until s stays, which also leaves rows active that the tasks press on and
+no others. What the last level leaves is decided by the least |x|^2.
 
 References
 ----------
 Escande, Mansard, Wieber. Hierarchical quadratic programming: fast online humanoid-robot motion
-generation. International Journal of Robotics Research, 2014.
+generation. International Journal of Robotics Research, 2014. Rockafellar. Monotone operators and
+the proximal point algorithm. SIAM Journal on Control and Optimization, 1976.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Final
 
 import numpy as np
@@ -28,7 +35,7 @@ from condyn_pin._core.linalg.pivots import null_space, rank_of
 from condyn_pin.control.levels import Level
 from condyn_pin.control.qp.base import QPSolver
 from condyn_pin.control.qp.chain import Chain, ChainAnswer
-from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgram
+from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgram, peak
 from condyn_pin.control.tasks.base import Task
 from condyn_pin.errors import InvalidArgument
 
@@ -37,6 +44,19 @@ Costs = Callable[[], tuple[Array, Array]]
 # Multipliers, as a share of the largest, of rows that stay active for the levels below: a level at
 # its best in a corner leaves nothing of it, and rounding would make that a contradiction.
 STRICTLY: Final = 1e-3
+
+# The same over the gradient of the tasks where x is that of the levels above: below it is rounding
+# of a level that has all it wants.
+PRESSED: Final = 1e-9
+
+# eps, as a share of the largest entry of the objective: mostly no repetition is needed then, and
+# flat directions, which lower levels decide, are rounded to 1e-5.
+_NEARLY_NONE: Final = 1e-11
+
+# What the last repetition may have changed, eps |s - s'|, as a share of the same [m/s^2].
+_SETTLED: Final = 1e-10
+
+_REPETITIONS: Final = 8
 
 # What rows at their bounds may give for the levels below [m/s^2], so that a corner has an inside:
 # 1e-10 of gravity, a hundredth of what counts as no force.
@@ -95,6 +115,7 @@ class Cascade:
 
     def __init__(self, qp: QPSolver, levels: int, regularisation: float) -> None:
         self._chains = [Chain(qp) for _ in range(levels)]
+        self._rest = Chain(qp)
         self._regularisation = regularisation
 
     def solve(
@@ -111,8 +132,8 @@ class Cascade:
         for chain, level in zip(self._chains, levels, strict=True):
             if not Z.shape[1]:
                 break  # those above leave nothing
-            inner = _within(given, level, x, Z, self._regularisation)
-            found = chain.solve(inner, lambda: (np.zeros(0), costs()[1]))
+            inner = _within(given, level, x, Z)
+            found = self._answer(chain, inner, -Z.T @ x, lambda: (np.zeros(0), costs()[1]))
             if found.elastic and not answers:  # once more with equations, which may be wishes
                 return self._at_once(given, level, costs)
             answers.append(found)
@@ -120,9 +141,49 @@ class Cascade:
                 return (x if len(answers) > 1 else None), answers  # what those above have, stays
             x = x + Z @ found.answer.x
             z = np.abs(found.answer.z)
-            strictly = z > STRICTLY * z.max(initial=0.0)
+            least = PRESSED * (peak(inner.H.diagonal()) + peak(inner.g))
+            strictly = z > max(STRICTLY * z.max(initial=0.0), least)
             Z = Z @ null_space(np.vstack((_undecided(level, Z), inner.C[strictly]))).T
+        if Z.shape[1]:
+            found = self._least(given, x, Z, lambda: (np.zeros(0), costs()[1]))
+            answers.append(found)
+            if found.answer is not None and found.solved:
+                x = x + Z @ found.answer.x
         return x, answers
+
+    def _answer(
+        self, chain: Chain, level: QuadraticProgram, centre: Array, costs: Costs
+    ) -> ChainAnswer:
+        """Return the answer of a level over s, of many that nearest to a centre, but for digits."""
+        size = peak(level.H.diagonal())
+        if not size > 0.0:  # those above have decided it
+            return chain.solve(_near(level, self._regularisation, centre), costs)
+        eps = min(self._regularisation, _NEARLY_NONE * size)
+        found = chain.solve(_near(level, eps, centre), costs)
+        if found.answer is None or not found.solved:  # flat directions are hard on solvers
+            rough = chain.solve(_near(level, self._regularisation, centre), costs)
+            if rough.answer is None or not rough.solved:
+                return rough
+            found = rough
+            eps = self._regularisation
+        for _ in range(_REPETITIONS):
+            x = found.answer.x  # type: ignore[union-attr]
+            if eps * peak(x - centre) <= _SETTLED * size:
+                break
+            again = chain.solve(_near(level, eps, x), costs)
+            if again.answer is None or not again.solved:
+                break
+            path = found.path if len(again.path) == 1 else found.path + again.path
+            found = replace(again, path=path, iterations=found.iterations + again.iterations)
+            centre = x
+        return found
+
+    def _least(self, given: Constraints, x: Array, Z: Array, costs: Costs) -> ChainAnswer:
+        """Return the s of the least |x + Z s|^2: what the last level leaves."""
+        C, lower, upper = _left(given, x, Z)
+        none = np.zeros((0, Z.shape[1]))
+        program = QuadraticProgram(np.eye(Z.shape[1]), Z.T @ x, none, np.zeros(0), C, lower, upper)
+        return self._rest.solve(program, costs)
 
     def _at_once(
         self, given: Constraints, level: Level, costs: Costs
@@ -143,23 +204,32 @@ def weighted(constraints: Constraints, level: Level) -> QuadraticProgram:
     return QuadraticProgram(H, g, *constraints)
 
 
-def _within(
-    given: Constraints, level: Level, x: Array, Z: Array, regularisation: float
-) -> QuadraticProgram:
+def _within(given: Constraints, level: Level, x: Array, Z: Array) -> QuadraticProgram:
     """Return the program of a level over s, with the point x = x + Z s at s = 0 feasible."""
-    GZ, CZ, Cx = level.rows.of(Z), given.C @ Z, given.C @ x
+    GZ = _undecided(level, Z)
     WG = level.weights[:, None] * GZ
-    H = GZ.T @ WG
-    H.ravel()[:: len(H) + 1] += regularisation
-    g = WG.T @ (level.rows.of(x) - level.rows.b) + regularisation * (Z.T @ x)
+    g = WG.T @ (level.rows.of(x) - level.rows.b)
+    none = np.zeros((0, Z.shape[1]))
+    return QuadraticProgram(GZ.T @ WG, g, none, np.zeros(0), *_left(given, x, Z))
+
+
+def _near(level: QuadraticProgram, eps: float, centre: Array) -> QuadraticProgram:
+    """Return a program with eps |s - centre|^2 / 2 beside its objective."""
+    H = level.H.copy()
+    H.ravel()[:: len(H) + 1] += eps
+    return replace(level, H=H, g=level.g - eps * centre)
+
+
+def _left(given: Constraints, x: Array, Z: Array) -> tuple[Array, Array, Array]:
+    """Return the inequalities over s, C Z and its bounds."""
+    CZ, Cx = given.C @ Z, given.C @ x
     lower, upper = given.lower - Cx, given.upper - Cx
     # what the levels above left at a bound is there but for rounding
     lower[(lower > -SLACK) & (lower < 10 * SLACK)] = -SLACK
     upper[(upper < SLACK) & (upper > -10 * SLACK)] = SLACK
     decided = (np.linalg.norm(CZ, axis=1) < DECIDED) & (lower <= 0) & (upper >= 0)
     lower[decided], upper[decided] = -np.inf, np.inf
-    none = np.zeros((0, Z.shape[1]))
-    return QuadraticProgram(H, g, none, np.zeros(0), CZ, lower, upper)
+    return CZ, lower, upper
 
 
 def _undecided(level: Level, Z: Array) -> Array:

@@ -20,6 +20,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from functools import cached_property
 from math import isfinite, isinf
+from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -35,7 +36,8 @@ from condyn_pin.control.control_limits import AccelerationBounds, ControlLimits,
 from condyn_pin.control.elimination import Elimination
 from condyn_pin.control.levels import FLOOR, JOINT, LAW, MOTOR, Level, Row, Rows, Stack
 from condyn_pin.control.motion import Motion
-from condyn_pin.control.qp.quadratic_program import Constraints
+from condyn_pin.control.qp.elastic import Elastic
+from condyn_pin.control.qp.quadratic_program import Constraints, peak
 from condyn_pin.control.reduction import Reduction, reduced
 from condyn_pin.control.swing import locked
 from condyn_pin.control.tasks.base import Home, Task
@@ -44,6 +46,13 @@ from condyn_pin.dynamics.at_state import told
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
+
+# What joints brake less than as well as they can, as a share of what they fall short by, and in
+# m/s^2 or rad/s^2: the best alone would leave a program without an inside.
+_ROOM: Final = 1e-3
+
+# Constraints that a notice names.
+_NAMED: Final = 3
 
 
 class Program:
@@ -177,7 +186,8 @@ class Program:
         self._asked = []
         levels = [self._level(stack, t) for stack in self.levels]
         wished = self._rows(self.hard, t)
-        return self._constraints.of(self._at, wished, self.motion), levels
+        load = self.motion.terms.h - passive
+        return self._constraints.of(self._at, wished, self.motion, load), levels
 
     @property
     def unreached(self) -> float:
@@ -234,6 +244,58 @@ class Program:
         if self._constant:
             self._fixed[stack] = found
         return found
+
+    def unkept(self, q: Array, v: Array, a: Array, lam: Array, size: float) -> tuple[str, ...]:
+        """Notice of constraints that accelerate, by name, beside accelerations of this size."""
+        _, s = self.equations.residuals(q, v, 0.0 * v, a, lam)
+        rates = self.equations.jacobian(q) @ v - self.equations.wanted[1]
+        by = {bound.name: peak(s[bound.rows]) for bound in self._scene.bounds}
+        found = sorted((x, name) for name, x in by.items() if x > tolerances.SOLVED * size)
+        if not found:
+            return ()
+        worst = ", ".join(f"{name} by {x:.2g}" for x, name in found[: -_NAMED - 1 : -1])
+        more = f" and {len(found) - _NAMED} more" if len(found) > _NAMED else ""
+        text = f"no acceleration keeps all constraints: {worst} m/s^2 or rad/s^2{more}"
+        if peak(rates) > tolerances.CONSISTENT * max(1.0, peak(v)):
+            text += (
+                f"; they move at up to {peak(rates):.2g} m/s or rad/s, which "
+                "mechanism.project_velocity takes off"
+            )
+        return (text,)
+
+    def unviable(self) -> tuple[str, ...]:
+        """Notices of joints that are beyond their limits, or too fast to be stopped before them."""
+        terms = self.motion.terms
+        load = terms.h - self.passive
+        return self.bounds.unviable(self.motion.q, self.motion.v, terms.M.diagonal(), load)
+
+    def relaxed(self, given: Constraints, gives: Elastic) -> tuple[Constraints, str] | None:
+        """Constraints in which joints brake as well as motors and floor allow, and a notice of it.
+
+        None if anything else has to give, or an acceleration would exceed its own limit.
+        """
+        first, columns = len(self.most), self.bounds.columns
+        rows = slice(first, first + len(columns))
+        given_by, others = gives.of_inequalities[rows], gives.of_inequalities.copy()
+        others[rows] = 0.0
+        if self.bounds.dt is None or max(peak(others), peak(gives.of_equations)) > tolerances.GIVES:
+            return None
+        a = given.C[rows] @ gives.x
+        room = _ROOM * (1.0 + given_by) * (given_by > tolerances.GIVES)
+        lower = np.minimum(given.lower[rows], a - room)
+        upper = np.maximum(given.upper[rows], a + room)
+        most = self.bounds.most[columns] + 2.0 * room
+        a_0 = self._at.a_0[columns]
+        if (upper + a_0 > most).any() or (lower + a_0 < -most).any():
+            return None
+        bounds = given.lower.copy(), given.upper.copy()
+        bounds[0][rows], bounds[1][rows] = lower, upper
+        i = int(given_by.argmax())
+        text = (
+            f"{self.bounds.names[i]}: motors and floor cannot brake it as its limits demand, by "
+            f"{given_by[i]:.3g} m/s^2 or rad/s^2: it is braked as well as they can"
+        )
+        return given._replace(lower=bounds[0], upper=bounds[1]), text
 
     def equation_rows(self, given: Constraints) -> list[Row]:
         """Return what the equations of a tick are."""

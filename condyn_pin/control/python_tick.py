@@ -19,6 +19,7 @@ from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.hierarchy import Cascade
 from condyn_pin.control.levels import Level
 from condyn_pin.control.program import Program
+from condyn_pin.control.qp.chain import ChainAnswer
 from condyn_pin.control.qp.polish import Polished
 from condyn_pin.control.qp.quadratic_program import Constraints
 from condyn_pin.control.verdict import verdict
@@ -50,12 +51,20 @@ class PythonTick:
         given, levels = self.assembled(q, v, t, passive)
         start = perf_counter()
         x, answers = self._cascade.solve(given, levels, lambda: self._costs(given))
+        asked: list[ChainAnswer] = answers
+        said: tuple[str, ...] = ()
+        gives = answers[-1].elastic if x is None else None
+        if gives and (less := self._program.relaxed(given, gives)):
+            given, said = less[0], (less[1],)
+            x, answers = self._cascade.solve(given, levels, lambda: self._costs(given))
+            asked = [*asked, *answers]
         elapsed = perf_counter() - start
         self.polished = [each.answer for each in answers]
+        found = verdict(self._program, given, x, answers)
         return ControlAnswer(
-            *verdict(self._program, given, x, answers),
-            path=tuple(step for each in answers for step in each.path),
-            iterations=sum(each.iterations for each in answers),
+            **found._replace(notices=said + found.notices)._asdict(),
+            path=tuple(step for each in asked for step in each.path),
+            iterations=sum(each.iterations for each in asked),
             solve_time=elapsed,
             actuation=self._actuation,
             cones=self._cones,

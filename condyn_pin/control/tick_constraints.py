@@ -47,7 +47,7 @@ class TickConstraints:
         self._cones, self._bounds = cones, bounds
         self._limited, self._most, self._least = entries(limited), most, -most
 
-    def of(self, at: Reduction, wished: Rows, motion: Motion) -> Constraints:
+    def of(self, at: Reduction, wished: Rows, motion: Motion, load: Array) -> Constraints:
         """Return the constraints of a tick; overwritten by the next call.
 
         Parameters
@@ -57,6 +57,8 @@ class TickConstraints:
             Of the tasks that are equations.
         motion : Motion
             The state, for joints near their limits and cones that turn.
+        load : (nv,) array
+            h - passive [N m, N].
         """
         if at.sizes != self._sizes:
             self._sizes, self._memory = at.sizes, self._blank(at, wished)
@@ -68,7 +70,7 @@ class TickConstraints:
         np.negative(at.unreached_0, out=b[:first])
         b[first : first + m] = self._within_reach(at.touch, at.wanted)
         b[first + m :] = wished.b
-        self._limit(at, motion)
+        self._limit(at, motion, load)
         return self._memory
 
     def _blank(self, at: Reduction, wished: Rows) -> Constraints:
@@ -85,7 +87,7 @@ class TickConstraints:
             made.C[first_cone:, k : k + m] = cones.constant
         return made
 
-    def _limit(self, at: Reduction, motion: Motion) -> None:
+    def _limit(self, at: Reduction, motion: Motion, load: Array) -> None:
         """Write the inequalities."""
         _, _, C, lower, upper = self._memory
         k, columns, first = at.touch.shape[1], self._bounds.columns, len(self._most)
@@ -96,7 +98,7 @@ class TickConstraints:
         np.subtract(self._most, given, out=upper[:first])
         if len(columns):
             C[first:last, :k] = at.map.N[columns]
-            least, most = self._bounds.at(motion.q, motion.v)
+            least, most = self._bounds.at(motion.q, motion.v, motion.terms.M.diagonal(), load)
             lower[first:last], upper[first:last] = least - at.a_0[columns], most - at.a_0[columns]
         if self._cones.constant is None:
             C[last:, k : k + len(at.touch)] = self._cones.rows(motion.data.oMi)

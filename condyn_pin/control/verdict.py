@@ -33,6 +33,7 @@ class Verdict(NamedTuple):
     infeasible: Contradiction | None
     residuals: ControlResiduals
     status: ControlStatus
+    notices: tuple[str, ...] = ()
 
 
 def verdict(
@@ -56,7 +57,11 @@ def verdict(
     residuals, status = _proof(program, a, tau, passive, lam, answers)
     errors, last = program.errors(x), answers[-1].answer
     active = active_rows(program, last.active, last.at_upper) if last else ()
-    return Verdict(tau, a, lam, rigid, errors, active, None, residuals, status)
+    notices = program.unviable()
+    size = max(peak(a), tolerances.GRAVITY)
+    if program.left_out or residuals.constraints > tolerances.SOLVED * size:
+        notices += program.unkept(program.motion.q, program.motion.v, a, lam, size)
+    return Verdict(tau, a, lam, rigid, errors, active, None, residuals, status, notices)
 
 
 def _proof(

@@ -78,6 +78,11 @@ class CompiledTick:
             return None
         at_v, at_a, at_tau, at_lam, at_rigid, at_errors = self._parts
         errors = out[at_errors:]
+        notices: tuple[str, ...] = ()
+        if constraints > tolerances.SOLVED * max(size, tolerances.GRAVITY):
+            self._program.equations.at(t)
+            a, lam = out[at_a:at_tau], out[at_lam:at_rigid]
+            notices = self._program.unkept(q, out[at_v:at_a], a, lam, max(size, tolerances.GRAVITY))
         sides = self._sides[answered - 1]
         active = active_rows(self._program, sides.nonzero()[0], sides > 0) if sides.any() else ()
         return ControlAnswer(
@@ -99,6 +104,7 @@ class CompiledTick:
             q=q.copy(),
             t=t,
             v=out[at_v:at_a],
+            notices=notices,
         )
 
     def begin_from(self, answers: Sequence[Polished | None]) -> None:

@@ -38,6 +38,10 @@ def tasks_of(program: Program) -> list[tuple[Task, BoundTask]]:
 def untaken(program: Program) -> Iterator[str]:
     """Yield what the core does not take of a controller, in words."""
     yield from untaken_rows(program.equations.model, program.equations.bounds)
+    if len(program.levels) > 1:
+        yield "tasks: it answers the levels of a Hierarchy with their regularisation"
+    if program.bounds.dt is not None:
+        yield "limits: it does not stop joints at their ends (dt)"
     for cone in program.cones.turning:
         if type(cone.cone) not in (FrictionCone, WrenchCone):
             yield f"cones: it does not turn a {type(cone.cone).__name__}"

@@ -204,12 +204,18 @@ def _independent(program: QuadraticProgram) -> QuadraticProgram | None:
     sizes = np.linalg.norm(program.A, axis=1)
     sizes[sizes == 0.0] = 1.0
     A, b = program.A / sizes[:, None], program.b / sizes
+    shares = sizes / sizes.max()
     factor, info = dpotrf(A @ A.T, lower=1)
-    if not info and (np.diagonal(factor) > tolerances.INDEPENDENT).all():
+    left = np.diagonal(factor)
+    independent = (left > tolerances.INDEPENDENT) & (left * shares > tolerances.REFERENCE_RANK)
+    if not info and independent.all():
         return replace(program, A=A, b=b)
     R, pivots = qr(A.T, mode="r", pivoting=True)
     pivot_sizes = np.abs(np.diagonal(R))
-    rank = int(np.count_nonzero(pivot_sizes > tolerances.RANK * pivot_sizes[0]))
+    counts = pivot_sizes > tolerances.RANK * pivot_sizes[0]
+    # of a small row what rounding of larger ones leaves may look independent
+    counts &= pivot_sizes * shares[pivots[: len(counts)]] > tolerances.REFERENCE_RANK
+    rank = len(counts) if counts.all() else int(np.argmin(counts))
     x = lstsq(A[pivots[:rank]], b[pivots[:rank]])[0] if rank else np.zeros(A.shape[1])
     off = np.abs(program.A @ x - program.b).max()
     if off > tolerances.GIVES * (1.0 + np.abs(program.b).max()):
