@@ -399,8 +399,8 @@ def test_a_joint_stops_at_its_end_and_never_behind(goal, effort, given):
     pull = [JointTask("x", reference=goal, kp=100.0)]
     controller = Controller(scene, pull, cones={}, limits=ControlLimits(**given))
     brake, end = min(given.get("acceleration", np.inf), effort or np.inf), 0.1 if goal > 0 else -1.0
-    q, v, h = np.zeros(1), np.zeros(1), 1e-3
-    for _ in range(1500):
+    q, v, h = np.zeros(1), np.zeros(1), 2e-3
+    for _ in range(900):
         out = controller.solve(q, v)
         assert out.status.ok
         assert not out.notices
@@ -452,26 +452,6 @@ def test_motors_that_cannot_brake_a_joint_brake_it_as_well_as_they_can():
     assert out.status.ok
     assert abs(out.tau[0]) == pytest.approx(1.0, abs=1e-2)
     assert any("brake" in notice for notice in out.notices)
-
-
-def test_arms_stop_at_their_ends_in_any_posture():
-    """Goals far behind their stops: what brakes a joint changes on its way."""
-    arm = robot("panda")
-    model = arm.unedited
-    top, bottom = model.upperPositionLimit[:7], model.lowerPositionLimit[:7]
-    rng, limits = np.random.default_rng(1), ControlLimits(dt=0.02)
-    for _ in range(2):
-        goal = np.concatenate((rng.uniform(-4.0, 4.0, 7), np.full(2, 0.02)))
-        law = Controller(cp.Scene(arm), [Posture(goal, kp=100.0)], cones={}, limits=limits)
-        q, v = (model.upperPositionLimit + model.lowerPositionLimit) / 2, np.zeros(9)
-        for _ in range(400):
-            out = law.solve(q, v)
-            assert out.status.ok
-            v = v + 2e-3 * out.a
-            q = q + 2e-3 * v
-            assert (q[:7] < top + 1e-6).all()
-            assert (q[:7] > bottom - 1e-6).all()
-            assert (np.abs(v[:7]) < model.velocityLimit[:7] + 1e-6).all()
 
 
 def test_torque_limits_hold():

@@ -43,7 +43,7 @@ def pressed(at: Sites, lam: Array) -> Pressure:
     """Return how the contacts of a scene press on the floor with the forces lam (m,)."""
     exerted, cops, pressing = np.zeros(6), {}, {}
     robot = at.scene.robot
-    weight = robot.mass * float(np.linalg.norm(robot.model.gravity.linear))
+    weight = robot.mass * float(np.linalg.norm(robot.unedited.gravity.linear))
     noise = tolerances.SOLVED * max(weight, float(np.abs(lam).max(initial=0.0)))
     forces, up = at.forces(lam), upward(at.scene)
     for contact in at.scene.constraints:
