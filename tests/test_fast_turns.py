@@ -8,6 +8,9 @@ from motions import body
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
+from condyn_pin.constraints import Ball, Box
+
+Array = np.ndarray
 
 DT = 0.4  # [s]
 
@@ -76,6 +79,98 @@ def test_a_hinge_that_turns_far_in_a_step_is_told(kind):
     assert not cp.simulate(*start, duration=1.0, dt=0.05).notices
     adaptive = cp.simulate(*start, duration=1.0, dt=0.1, integrator=cp.simulation.DormandPrince())
     assert not adaptive.notices
+
+
+def in_the_air(spin, *, ball: bool = False, contact=None) -> tuple[cp.Scene, Array, Array]:
+    """A box or a ball high over a floor, with an angular velocity [rad/s]."""
+    robot = cp.model.free_ball() if ball else cp.model.free_box(size=(0.2, 0.12, 0.08))
+    frame, shape = ("ball", Ball(0.05)) if ball else ("box", Box(0.1, 0.06, 0.04))
+    contacts = [contact or cp.FrictionalContact(frame, shape, friction=0.5)]
+    scene = cp.Scene(robot, contacts=contacts)
+    q, v = scene.state()
+    q[2], v[3:] = 5.0, spin
+    return scene, q, v
+
+
+SCHEMES = [cp.StewartTrinkle(), cp.Moreau()]
+TUMBLES = np.array([833.0, 8.0, 417.0])  # 9.3 rad in 10 ms
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda each: each.title)
+@pytest.mark.parametrize("spin", [TUMBLES, 0.4 * TUMBLES])
+def test_every_verb_of_steps_refuses_what_simulate_refuses(scheme, spin):
+    scene, q, v = in_the_air(spin)
+    run = cp.simulate(scene, q, v, duration=0.02, dt=0.01, integrator=scheme)
+    assert not run.status.ok
+    said = run.reason[run.reason.index("joint") :]
+    asked = {"dt": 0.01, "integrator": scheme}
+    taken = cp.step(scene, q, v, **asked, throw=False)
+    assert taken.status is cp.contact.ContactStatus.INACCURATE
+    assert taken.notices[0] == said
+    with pytest.raises(cp.SolveFailed, match="turns by"):
+        cp.step(scene, q, v, **asked)
+    routes = [cp.simulation.ActiveSet(), cp.simulation.Kappa(), cp.simulation.EventLocated()]
+    for route in routes:
+        with pytest.raises(cp.errors.StepFailed, match="turns by"):
+            taken.derivatives(route=route)
+        action = cp.layers.Action(scene, 0.01, scheme, route, motors=["floating"])
+        for verb in (action.step, action.derivatives):
+            with pytest.raises(cp.errors.StepFailed, match="turns by"):
+                verb(np.concatenate([q, v]), np.zeros(6))
+    calm = np.zeros_like(v)
+    batch = cp.simulation.step_batch(scene, np.array([q, q]), np.array([v, calm]), **asked)
+    assert list(batch.failed) == [0]
+    many = cp.simulation.step_derivatives_batch(
+        scene, np.array([q, q]), np.array([v, calm]), **asked
+    )
+    assert list(many.failed) == [0]
+    assert "turns by" in many.reasons[0]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES, ids=lambda each: each.title)
+def test_a_ball_alone_may_turn_by_nearly_a_turn(scheme):
+    """It flies on, and so do its derivatives; from 1.9 pi on it is refused as others are."""
+    scene, q, v = in_the_air([0.0, 450.0, 30.0], ball=True)
+    taken = cp.step(scene, q, v, dt=0.01, integrator=scheme)
+    assert np.abs(taken.v[3:] - v[3:]).max() < 1e-12
+    wanted = pin.integrate(scene.robot.model, q, np.concatenate([np.zeros(3), 0.01 * v[3:]]))
+    assert abs(wanted[3:] @ taken.q[3:]) == pytest.approx(1.0, abs=1e-12)
+    found, model, h = taken.derivatives(), scene.robot.model, 1e-6
+    for column in np.eye(12):
+        first, second = (
+            cp.step(
+                scene, pin.integrate(model, q, s * h * column[:6]), v + s * h * column[6:],
+                dt=0.01, integrator=scheme,
+            )
+            for s in (-1, 1)
+        )  # fmt: skip
+        dq = pin.difference(model, first.q, second.q) / (2 * h)
+        dv = (second.v - first.v) / (2 * h)
+        matrix = np.vstack(found.matrices)[:, :12]
+        assert np.abs(matrix @ column - np.concatenate([dq, dv])).max() < 1e-5
+    too_fast = cp.step(*in_the_air([0.0, 650.0, 0.0], ball=True), dt=0.01, throw=False)
+    assert not too_fast.status.ok
+    assert "up to 1.9 pi" in too_fast.notices[0]
+
+
+@pytest.mark.parametrize(
+    "contact",
+    [
+        cp.FrictionalContact("ball", Ball(0.05), offset=(0.01, 0.0, 0.0), friction=0.5),
+        cp.FrictionalContact("ball", Box(0.05, 0.05, 0.05), friction=0.5),
+    ],
+)
+def test_a_ball_with_a_contact_off_its_centre_is_as_other_bodies(contact):
+    scene, q, v = in_the_air([0.0, 450.0, 0.0], ball=True, contact=contact)
+    assert "turns by 4.5 rad" in cp.step(scene, q, v, dt=0.01, throw=False).notices[0]
+
+
+def test_a_ball_on_a_point_is_as_other_bodies():
+    scene = cp.Scene(cp.model.free_ball(), [cp.PointContact("ball")])
+    q, v = scene.state()
+    v[3:] = 0.0, 450.0, 0.0
+    found = cp.simulate(scene, q, v, duration=0.02, dt=0.01)
+    assert "turns by 4.5 rad" in found.reason
 
 
 def slider(mass: float = 1.0) -> cp.Scene:

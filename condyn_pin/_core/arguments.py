@@ -65,6 +65,7 @@ class Arguments:
     """
 
     def __init__(self, model: Any) -> None:
+        self._model = model
         self._shapes = ((model.nq,), (model.nv,), (model.nv,))
         self.units = _unit_parts(model)
         self.quaternions = tuple(
@@ -114,16 +115,36 @@ class Arguments:
         """
         (nq,), (nv,), _ = self._shapes
         q_ = finite("q", q, nq)
+        self._check_units("q", q_)
+        return q_, finite("v", v, nv), joint_torques("tau", tau, nv)
+
+    def configuration(self, name: str, q: ArrayLike) -> Array:
+        """Return the q of a state that a user handed in, normalised to rounding.
+
+        InvalidArgument if its quaternions are further from norm 1 than `check` allows.
+        """
+        array = np.array(finite(name, q, self._model.nq))
+        if pin.isNormalized(self._model, array, NORMALISED):
+            return array
+        self._check_units(name, array)
+        return np.array(pin.normalize(self._model, array))
+
+    def _check_units(self, name: str, q: Array) -> None:
         for part in self.units:
-            x = q_[part]
+            x = q[part]
             norm = hypot(*x)
             if not LOW < norm * norm < HIGH:
-                raise InvalidArgument(
-                    f"q[{part.start}:{part.stop}] = {x} has norm {norm:.9g}: "
-                    "a unit quaternion (x y z w) or (cos, sin) is needed; "
-                    "pin.normalize(robot.model, q) makes one"
-                )
-        return q_, finite("v", v, nv), joint_torques("tau", tau, nv)
+                raise not_of_norm_one(name, f"{part.start}:{part.stop}", x, norm)
+
+
+def not_of_norm_one(name: str, at: str, x: Array, norm: float, row: str = "") -> InvalidArgument:
+    """Return the error of a quaternion, or a (cos, sin), in a state."""
+    index = f"{row}, {at}" if row else at
+    of = f"{name}[{row}]" if row else name
+    return InvalidArgument(
+        f"{name}[{index}] = {x} has norm {norm:.9g}: a unit quaternion (x y z w) or (cos, sin) is "
+        f"needed; pin.normalize(robot.model, {of}) makes one"
+    )
 
 
 def joint_torques(name: str, tau: ArrayLike, nv: int) -> Array:
@@ -137,7 +158,7 @@ def is_none(tau: object) -> bool:
 
 
 def normalised(model: Any, name: str, q: ArrayLike) -> Array:
-    """Return a configuration that a user handed in, its quaternions normalised.
+    """Return a guess or a posture that a user handed in, its quaternions normalised.
 
     One that is normalised already is returned as it is, digit by digit: pin.normalize would move
     the last bits of it again and again.

@@ -65,6 +65,12 @@ def difference(model: Any, q0: NDArray[np.float64], q1: NDArray[np.float64]) -> 
     return step
 
 
+def unbounded(model: Any) -> tuple[int, ...]:
+    """Return where v holds the rates of angles that q holds as (cos, sin)."""
+    chosen = [joint for joint in model.joints if joint.shortname().startswith(_PAIRS)]
+    return tuple(joint.idx_v + joint.nv - 1 for joint in chosen)
+
+
 def turning(model: Any) -> tuple[int, ...]:
     """Return the joints whose axes turn with their own q: S(q) is no constant in the body's axes.
 

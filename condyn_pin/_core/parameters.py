@@ -20,6 +20,9 @@ ITERATIONS: Final = (1, 2, 3, 5, 10, 20, 50, 100)
 ACCURACIES: Final = (1e-2, 1e-4, 1e-6, 1e-8, 1e-10, 1e-12)
 Grid = dict[str, tuple[Any, ...]]
 
+# Steps whose squares are numbers [s].
+_SHORTEST, _LONGEST = 1e-150, 1e150
+
 _LONGEST_CALL = 1000  # characters
 _MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
 
@@ -94,6 +97,24 @@ def check_share(name: str, value: float) -> None:
     """Refuse what is not between 0 and 1, both excluded."""
     if not 0 < finite(name, value, ()) < 1:
         raise InvalidArgument(f"{name} = {shown(value)}: between 0 and 1")
+
+
+def seconds(name: str, value: float) -> float:
+    """Return a time that a user handed in [s]; InvalidArgument if it is not above zero."""
+    if not finite(name, value, ()) > 0:
+        raise InvalidArgument(f"{name} = {value!r}: a number > 0 [s] is needed")
+    return float(value)  # of numpy it may have fewer digits
+
+
+def step_size(dt: float) -> float:
+    """Return a time step [s]; InvalidArgument if its square is no number."""
+    dt = seconds("dt", dt)
+    if not _SHORTEST <= dt <= _LONGEST:
+        raise InvalidArgument(
+            f"dt = {dt:g}: its square under- or overflows; a step between {_SHORTEST:g} and "
+            f"{_LONGEST:g} s is needed"
+        )
+    return dt
 
 
 def check_called(name: str, function: object, words: str) -> None:

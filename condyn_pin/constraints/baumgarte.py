@@ -7,6 +7,7 @@ from math import e, sqrt
 from typing import ClassVar
 
 from condyn_pin._core.arrays import finite
+from condyn_pin._core.parameters import seconds, step_size
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.errors import InvalidArgument
 
@@ -83,8 +84,7 @@ class Baumgarte(Drift):
         InvalidArgument
             If T is not positive, or `remaining` is not between 0 and 1.
         """
-        if not finite("T", T, ()) > 0:
-            raise InvalidArgument(f"T = {T!r}: a number > 0 [s] is needed")
+        T = seconds("T", T)
         if not 0 < finite("remaining", remaining, ()) < 1:
             raise InvalidArgument(f"remaining = {remaining!r}: between 0 and 1")
         from scipy.special import lambertw  # as long to import as Pinocchio
@@ -108,8 +108,7 @@ class Baumgarte(Drift):
         InvalidArgument
             If dt is not positive.
         """
-        if not finite("dt", dt, ()) > 0:
-            raise InvalidArgument(f"dt = {dt!r}: a number > 0 [s] is needed")
+        dt = step_size(dt)
         return cls(0.5 / dt, 1.0 / dt)
 
     @classmethod

@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import UNLIMITED
-from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin._core.parameters import step_size
 from condyn_pin.control.motion import entry_names
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.limits import Limits
@@ -86,7 +86,7 @@ class ControlLimits:
                 "dataclasses.replace(robot, model=model)"
             )
         if self.dt is not None:
-            check_positive("time [s]", dt=self.dt)
+            step_size(self.dt)
         if self.acceleration is not None:
             most = finite("acceleration", self.acceleration, np.shape(self.acceleration))
             if most.size and most.min() <= 0:

@@ -28,7 +28,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.contact.scene_cones import Cones
@@ -177,7 +176,7 @@ def push_bound(
     check_not_driven(scene, "push_bound")
     if not isinstance(torque, bool):
         raise InvalidArgument(f"torque = {torque!r}: True or False is needed")
-    q_ = normalised(scene.robot.unedited, "q", q)
+    q_ = scene.robot.arguments.configuration("q", q)
     floor = level_floor(Sites(scene, q_))
     along = floor.axes[:2].T @ along_plane(floor.axes[:2], way)
     brake = Brake(anchored(scene, q_), q_, floor, along, cones, actuation, torque, rigid)

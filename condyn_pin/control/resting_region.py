@@ -20,7 +20,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.contact_cones import ContactCones
@@ -79,7 +78,7 @@ def support_polygon(scene: Scene, q: ArrayLike, cones: Cones | None = None) -> S
     """
     check_scene(scene)
     check_bilateral(scene)
-    at = Sites(scene, normalised(scene.robot.model, "q", q))
+    at = Sites(scene, scene.robot.arguments.configuration("q", q))
     points = touching_points(at)
     check_touching(points)
     if cones is not None:

@@ -6,7 +6,6 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
@@ -35,7 +34,7 @@ def contact_gaps(scene: Scene, q: ArrayLike) -> dict[str, float]:
         If q has a wrong size, is not finite, or has an unnormalised quaternion.
     """
     check_scene(scene)
-    q_ = normalised(scene.robot.model, "q", q)
+    q_ = scene.robot.arguments.configuration("q", q)
     candidates, gaps = gaps_at(scene, q_)
     return dict(zip(candidates.names, gaps.tolist(), strict=False))  # intervals have none
 
@@ -44,7 +43,7 @@ def penetration(scene: Scene, q: ArrayLike) -> dict[str, ConstraintViolation]:
     """Return the contacts and stops that are passed at q, and how far."""
     if not scene.contacts:
         return {}
-    candidates, gaps = gaps_at(scene, normalised(scene.robot.model, "q", q))
+    candidates, gaps = gaps_at(scene, scene.robot.arguments.configuration("q", q))
     return {
         candidates.names[i]: gap_of_kind(-gaps[i], is_length=candidates.is_length[i])
         for i in np.flatnonzero(gaps < -tolerances.CLOSED)

@@ -9,7 +9,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.control.actuation import Actuation
@@ -130,5 +129,5 @@ class Action:
     def _state(self, x: ArrayLike, u: ArrayLike) -> tuple[Array, Array, Array]:
         robot = self.scene.robot
         x_ = finite("x", x, robot.nq + robot.nv)
-        q = normalised(robot.model, "x", x_[: robot.nq])
+        q = robot.arguments.configuration("x", x_[: robot.nq])
         return q, x_[robot.nq :], self.B @ finite("u", u, self.B.shape[1])

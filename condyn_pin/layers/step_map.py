@@ -7,7 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.parameters import step_size
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene, time_of
 from condyn_pin.errors import InvalidArgument, SolveFailed
@@ -93,8 +94,7 @@ def check_steps(scene: Scene, dt: float, integrator: ContactScheme, route: Route
         )
     if not isinstance(route, Route):
         raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
-    if not float(finite("dt", dt, ())) > 0.0:
-        raise InvalidArgument(f"dt = {dt!r}: a positive number is needed [s]")
+    step_size(dt)
     time_of(scene)  # refuses driven rows without a time
     check_scheme(scene, integrator)
     route.scheme(integrator)  # refuses what it cannot take

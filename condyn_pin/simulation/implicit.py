@@ -23,6 +23,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg.inverse import inverse
 from condyn_pin._core.linalg.minimum_norm import factorise
 from condyn_pin.errors import StepFailed
+from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.system import System, total_torque
 from condyn_pin.simulation.torques import Torque
 
@@ -47,7 +48,7 @@ def implicit_system(system: System, dt: float) -> System:
     """
     applied, passive = system.applied, system.passive
     if not passive.is_nothing:
-        system = _Heavier(system, dt, total_torque(applied, passive, dt))
+        system = _Heavier(system, dt, _torque_at_end(system, dt))
     return system if applied.jacobian is None else _WithSlopes(system, dt)
 
 
@@ -68,16 +69,41 @@ def iterated_system(system: System, dt: float, last: Callable[[], Array]) -> Sys
 
 def _torque_of_last(system: System, dt: float, last: Callable[[], Array]) -> Torque:
     """Return the torques with what the added inertia takes of the last a."""
-    inertia, between = system.passive.inertia(dt), system.passive.between
+    added = _added(system.passive, dt)
 
     def torque(t: float, q: Array, v: Array) -> Array:
-        tau = system.torque(t, q, v) + inertia * last()
-        if between:
-            rows, weights = between.inertia_rows(q, dt)
-            tau += rows.T @ (weights * (rows @ last()))
-        return tau
+        return system.torque(t, q, v) + added(q, last())
 
     return torque
+
+
+def _torque_at_end(system: System, dt: float) -> Torque:
+    """Return the torques at the end of a step, less those of the added inertia that a has too much.
+
+    v1 = v + dt (a + w x u) in the axes that floating bodies have where the step begins.
+    """
+    torque, added = total_torque(system.applied, system.passive, dt), _added(system.passive, dt)
+    if not system.manifold.floats:
+        return torque
+
+    def straight(t: float, q: Array, v: Array) -> Array:
+        return torque(t, q, v) - added(q, system.manifold.turning(v))
+
+    return straight
+
+
+def _added(passive: Passive, dt: float) -> Callable[[Array, Array], Array]:
+    """Return (q, a) -> what dt D + dt^2 K takes of an acceleration (nv,) [N, N m]."""
+    inertia, between = passive.inertia(dt), passive.between
+
+    def added(q: Array, a: Array) -> Array:
+        taken = inertia * a
+        if between:
+            rows, weights = between.inertia_rows(q, dt)
+            taken += rows.T @ (weights * (rows @ a))
+        return taken
+
+    return added
 
 
 class _Heavier(System):
@@ -152,7 +178,12 @@ class _WithSlopes(System):
         self._system.at(t)
         by_q, by_v = self._slopes(t, q, v)
         X = -self._dt * by_v - self._dt**2 * by_q
-        ahead = self._dt * by_q @ v if self._its_last is None else X @ self._its_last()
+        if self._its_last is not None:
+            ahead = X @ self._its_last()
+        else:
+            ahead = self._dt * by_q @ v
+            if self.manifold.floats:  # v1 = v + dt (a + w x u)
+                ahead -= X @ self.manifold.turning(v)
         a = self._answer(q, v, self.torque(t, q, v) + ahead, X)
         self._last = t, q, v, a
         return a

@@ -106,7 +106,10 @@ class Residuals:
         return Residual(r, c, J, J.dot(v) - system.equations.wanted[1])
 
     def partials(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Partials:
-        """Return the partial derivatives; torques applied count as constant without slopes."""
+        """Return the partial derivatives, V' being constant where a = V' - w x u (`Manifold`).
+
+        Torques applied count as constant without slopes.
+        """
         system, n = self._system, len(v)
         of = system.workspace.linearisation.at(q, v, a, lam)
         r_q = of.r_q + system.passive.stiffness_matrix(q)
@@ -114,4 +117,7 @@ class Residuals:
         if system.applied.slopes_are_known:
             by_q, by_v = system.applied.slopes(t, q, v)
             r_q, r_v = r_q - by_q, r_v - by_v
-        return Partials(system.mass(q), of.J, r_q, r_v)
+        M = system.mass(q)
+        if system.manifold.floats:
+            r_v = r_v - M @ system.manifold.turning_by(v)
+        return Partials(M, of.J, r_q, r_v)

@@ -30,6 +30,7 @@ from condyn_pin.errors import CondynError
 from condyn_pin.mechanism.check import check
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.left_out import bodies_passed, limits_passed
+from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.motion_status import (
     LARGER,
@@ -171,20 +172,26 @@ def _coarse_turns(trajectory: Trajectory) -> list[str]:
     run, model = trajectory.run, trajectory.scene.robot.model
     if run.integrator.between_events.is_adaptive:
         return []
-    speed = np.abs(trajectory.v).max(axis=0)
+    speed, curved = np.abs(trajectory.v).max(axis=0), dict(Manifold(model).turns)
     turns = {
         model.names[i]: float(speed[joint.idx_v + k])
         for i, joint in enumerate(list(model.joints)[1:], start=1)
         for k, length in enumerate(lengths(joint))
-        if not length and speed[joint.idx_v + k] * run.dt > pi
+        if not length and model.names[i] not in curved
+    } | {
+        name: float(np.linalg.norm(trajectory.v[:, at], axis=1).max())
+        for name, at in curved.items()
     }
+    turns = {joint: speed for joint, speed in turns.items() if speed * run.dt > pi}
     if not turns or not run.status.ok:
         return []
     joint = max(turns, key=turns.__getitem__)
+    what = "too much to resolve its effect on other joints"
+    if joint in curved:  # others end the run
+        what = "right for a ball, too much to resolve what is fixed to it off its centre"
     return [
         f"joint {joint!r} turns by {turns[joint] * run.dt:.3g} rad in a step of {run.dt:.3g} s, "
-        "too much to resolve its effect on other joints: take dt below "
-        f"{pi / turns[joint]:.2g} s"
+        f"{what}: take dt below {pi / turns[joint]:.2g} s"
     ]
 
 

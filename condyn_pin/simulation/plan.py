@@ -8,8 +8,7 @@ from math import ceil
 
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arrays import finite
-from condyn_pin._core.parameters import check_called, check_count
+from condyn_pin._core.parameters import check_called, check_count, seconds, step_size
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics import choice
@@ -36,9 +35,6 @@ _MOST_STEPS = 10**9
 
 # Iterations where rows are redundant; see `default_solver`.
 _ITERATIONS = 4
-
-# Steps whose squares are numbers [s].
-_SHORTEST, _LONGEST = 1e-150, 1e150
 
 
 @dataclass(frozen=True)
@@ -92,10 +88,7 @@ def plan(
 
 def _steps(duration: float, dt: float) -> tuple[int, float]:
     """Return how many steps there are, and their size."""
-    for argument, value in (("duration", duration), ("dt", dt)):
-        if not finite(argument, value, ()) > 0:
-            raise InvalidArgument(f"{argument} = {value!r}: a number > 0 [s] is needed")
-    duration, dt = float(duration), float(dt)  # of numpy they may have fewer digits
+    duration, dt = seconds("duration", duration), seconds("dt", dt)
     ratio = duration / dt
     if ratio > _MOST_STEPS:
         raise InvalidArgument(
@@ -104,12 +97,7 @@ def _steps(duration: float, dt: float) -> tuple[int, float]:
     steps = max(ceil(ratio * (1 - 1e-12)), 1)
     # dt itself where it fits: duration / steps would be another number
     dt = dt if abs(steps - ratio) < 1e-9 * ratio else duration / steps
-    if not _SHORTEST <= dt <= _LONGEST:
-        raise InvalidArgument(
-            f"dt = {dt:g}: its square under- or overflows; a step between {_SHORTEST:g} and "
-            f"{_LONGEST:g} s is needed"
-        )
-    return steps, dt
+    return steps, step_size(dt)
 
 
 def check_closing(integrator: Integrator, drift: Drift) -> None:

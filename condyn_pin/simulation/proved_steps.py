@@ -20,8 +20,9 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import joint_torques
-from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.parameters import step_size
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.loads import Load
@@ -53,9 +54,7 @@ class ProvedSteps:
                 "StewartTrinkle() or Moreau(); simulate takes the others"
             )
         check_scheme(scene, scheme)
-        if not finite("dt", dt, ()) > 0:
-            raise InvalidArgument(f"dt = {dt!r}: a number > 0 [s] is needed")
-        self._scene, self._dt, self._scheme = scene, float(dt), scheme
+        self._scene, self._dt, self._scheme = scene, step_size(dt), scheme
         self._system = System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
         self._steps = ContactSteps(scheme, self._system, self._dt)
         gravity = float(np.linalg.norm(scene.robot.model.gravity.linear))
@@ -109,7 +108,7 @@ class ProvedSteps:
             correction_work=work.correction, algorithmic_work=work.algorithmic,
             driven_work=work.driven,
             dt=self._dt, scene=self._scene, integrator=self._scheme, start=start,
-            _taken=self._steps.last,
+            _taken=self._steps.last, _turns=self._steps.turn_fault(v, v1),
         )  # fmt: skip
 
     def _hold(self, tau: float | ArrayLike, forces: Sequence[AppliedForce]) -> Array:

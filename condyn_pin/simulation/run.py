@@ -9,7 +9,6 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.parameters import check_called
@@ -252,7 +251,7 @@ def start(
     scene: Scene, q: ArrayLike, v: ArrayLike, plan: Plan, *, closed: bool = True
 ) -> tuple[Array, Array]:
     """Return the first state, which has to satisfy the constraints if it is to be closed."""
-    q_ = normalised(scene.robot.model, "q", q)
+    q_ = scene.robot.arguments.configuration("q", q)
     v_ = np.array(finite("v", v, scene.robot.nv))
     scene.robot.check_unedited()
     if closed:

@@ -21,14 +21,16 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from math import inf
-from typing import cast
+from typing import Any, cast
 
 import numpy as np
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.errors import InvalidArgument, StepFailed
 from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.system import Step, System
 
 # A gap that grows by less a step is one that does not move: alpha = 0 or beta = 0.
@@ -43,11 +45,20 @@ _STEPS = 4
 _SAME = 1e-10
 
 
+def _slider() -> Any:
+    """Return the model of one slider."""
+    model = pin.Model()
+    model.addJoint(0, pin.JointModelPX(), pin.SE3.Identity(), "gap")
+    return model
+
+
 class _Gap:
     """What an integrator sees of one gap: q = c, v = c', the step being the unit of time.
 
     It is a system without springs, damping, torques or curved coordinates.
     """
+
+    manifold = Manifold(_slider())
 
     def __init__(self, drift: Baumgarte, dt: float) -> None:
         self._Kp, self._Kd = drift.Kp * dt * dt, drift.Kd * dt
@@ -56,13 +67,9 @@ class _Gap:
         """Return c''."""
         return -self._Kd * v - self._Kp * q
 
-    def integrate(self, q: Array, dv: Array) -> Array:
-        """Return q moved along dv."""
-        return q + dv
-
-    def slope(self, t: float, q0: Array, theta: Array, v: Array) -> tuple[Array, Array]:
-        """Return theta' and v'."""
-        return v, self.acceleration(t, q0 + theta, v)
+    def slope(self, t: float, q0: Array, y: Array, V: Array) -> tuple[Array, Array]:
+        """Return y' and V'."""
+        return V, self.acceleration(t, q0 + y, V)
 
     def implicit(self, dt: float) -> _Gap:
         """Return the same."""

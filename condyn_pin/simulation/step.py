@@ -8,7 +8,6 @@ from typing import Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.kept import Kept
 from condyn_pin.constraints.applied_force import AppliedForce
@@ -155,4 +154,5 @@ def _steps(scene: Scene, dt: float, integrator: ContactScheme) -> ProvedSteps:
 
 
 def _state(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
-    return normalised(scene.robot.model, "q", q), np.array(finite("v", v, scene.robot.nv))
+    robot = scene.robot
+    return robot.arguments.configuration("q", q), np.array(finite("v", v, robot.nv))

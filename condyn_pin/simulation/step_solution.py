@@ -104,6 +104,7 @@ class StepSolution:
     integrator: ContactScheme
     start: StepStart
     _taken: Taken  # the step as it was posed and answered, for its derivatives
+    _turns: str  # which body turns further than a step follows, if one does
 
     @one_blas_thread
     def derivatives(
@@ -130,6 +131,8 @@ class StepSolution:
             If the route cannot differentiate a step of this scheme, or by a parameter.
         SolveFailed
             If the contact problem has no answer that modes can be read off.
+        StepFailed
+            If a body turns further than a step follows it.
 
         Notes
         -----
@@ -147,9 +150,9 @@ class StepSolution:
 
     @property
     def status(self) -> ContactStatus:
-        """OK if contacts are answered, momentum and energy are balanced, and loops end closed."""
-        status = self.contact.status
-        if status.ok and not (self._is_balanced and self._is_closed and self._keeps_energy):
+        """OK if contacts are answered, energy kept, loops closed, and turns followed."""
+        status, kept = self.contact.status, self._is_balanced and self._keeps_energy
+        if status.ok and not (kept and self._is_closed and not self._turns):
             return ContactStatus.INACCURATE
         return status
 
@@ -177,6 +180,8 @@ class StepSolution:
                 f"explains, and at most {self.energy_limit:.2g} J is right: bodies turn or move "
                 f"too far in it, take a shorter one than {1e3 * self.dt:.4g} ms"
             )
+        if self._turns:
+            said.append(self._turns)
         return (*said, *self.contact.notices)
 
     @property

@@ -7,7 +7,7 @@ on the manifold of configurations. All that a stage of a step calls is in this f
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 from math import isclose
 from typing import TYPE_CHECKING, Final
@@ -61,8 +61,10 @@ class System:
         written to.
     passive : Passive
         Springs and damping, those that are on.
+    manifold : Manifold
+        The coordinates of a step.
     integrate : callable
-        (q, dv) -> q moved along dv.
+        (q, dq) -> q moved along dq, on a screw: for moves that are small, as corrections are.
     contacts : Candidates
         What may touch; the workspace and its scene know nothing of them.
     contact_work : ContactWork
@@ -92,6 +94,7 @@ class System:
         self.torque = total_torque(self.applied, self.passive)
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.contacts, self.contact_work = Candidates(self.model, contacts), NO_WORK
+        self._bounds = contacts
         self.located: tuple[ContactEvent, ...] = ()
         self.remarks = Remarks()
         self.look: Callable[[float, Array, Array], Row] = self.sample
@@ -103,6 +106,7 @@ class System:
         """Switch to another scene of the same robot; steppers have to be started again."""
         self.workspace.use(scene.bilateral.at(0.0))
         self.contacts = Candidates(self.model, scene.contact_bounds)
+        self._bounds = scene.contact_bounds
         self._is_driven = scene.is_driven
         self._last = _NOTHING
         if "spare" in vars(self):
@@ -182,19 +186,22 @@ class System:
         a = self.acceleration(t, q, v)
         return t, q, v, a, self.lam(), applied.first(t, q, v), NO_TOUCH
 
-    def slope(self, t: float, q0: Array, theta: Array, v: Array) -> tuple[Array, Array]:
-        """Return theta' and v' (nv,) at q = integrate(q0, theta), the coordinates of a step."""
-        rate = v if self.manifold.is_flat else self.rate(theta, v)
-        return rate, self.acceleration(t, self.integrate(q0, theta), v)
+    def slope(self, t: float, q0: Array, y: Array, V: Array) -> tuple[Array, Array]:
+        """Return y' and V' (nv,), with y and V the coordinates of a step from q0 (`Manifold`)."""
+        q, v = self.manifold.place(q0, y, V)
+        return self.manifold.rates(y, V, v, self.acceleration(t, q, v))
 
-    def rate(self, theta: Array, v: Array) -> Array:
-        """Return theta' = Jr(theta)^-1 v (nv,) of q = integrate(q0, theta); see `Manifold`."""
-        if self.manifold.is_flat:
-            return v
-        # Jr^-1 is the derivative of difference(q0, q) by q, whatever q0 is
-        q0 = self.manifold.origin
-        Jr_inv = pin.dDifference(self.model, q0, self.integrate(q0, theta), pin.ARG1)
-        return np.asarray(Jr_inv.dot(v))
+    def turn_fault(self, v: Array, dt: float) -> str:
+        """Return which body turns too far in a step of dt; nothing if none does."""
+        return self.manifold.turn_fault(v, dt, self._balls)
+
+    @property
+    def _balls(self) -> frozenset[str]:
+        """The joints whose bodies move the same however they are turned."""
+        if self.scene.rows or self.passive.between is not None:
+            return frozenset()
+        felt = (joint for bound in self._bounds for joint in _felt(bound))
+        return self.manifold.balls - {self.model.names[joint] for joint in felt}
 
     def implicit(self, dt: float) -> System:
         """Return the system whose springs and damping act at the end of a step of size dt."""
@@ -269,11 +276,21 @@ def total_torque(applied: Applied, passive: Passive, dt: float = 0.0) -> Torque:
     return torque
 
 
+def _felt(bound: BoundContact) -> Iterator[int]:
+    """Yield the joints whose turning a contact feels: all but those of balls about their centre."""
+    for touch in bound.touches:
+        yield touch.ground
+        if np.abs(touch.centre).max() > tolerances.MOMENT * touch.radius:
+            yield touch.joint
+    for pair in bound.pairs:
+        yield from (pair.joint, pair.ground)
+
+
 class CorrectedStepper:
     """An integrator's steps of one size, the correction of a drift scheme behind each."""
 
     def __init__(self, system: System, integrator: Integrator, drift: Drift, dt: float) -> None:
-        self._dt, self._manifold = dt, system.manifold
+        self._dt, self._turn_fault = dt, system.turn_fault
         bare = integrator.start(system, dt)
         self._step, self._lam, self._touch = bare.step, bare.lam, bare.touch
         self.sample = bare.sample or system.sample
@@ -300,10 +317,10 @@ class CorrectedStepper:
         if keep and self._samples_start:
             keep(self._first(t, q, v))
         if slow and v.dot(v) > slow:  # all velocities together: most often that is enough
-            self._manifold.check_turn(v, self._dt)
+            self._check_turn(v)
         q, v, a = self._step(t, q, v)
         if slow and v.dot(v) > slow:
-            self._manifold.check_turn(v, self._dt)
+            self._check_turn(v)
         if self._is_driven:
             self._system.check_reach(t1, q, v)
         if keep and self._lam:
@@ -316,3 +333,8 @@ class CorrectedStepper:
             touch = self._touch() if self._touch else NO_TOUCH
             keep((t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v), touch))
         return q, v
+
+    def _check_turn(self, v: Array) -> None:
+        fault = self._turn_fault(v, self._dt)
+        if fault:
+            raise StepFailed(fault)

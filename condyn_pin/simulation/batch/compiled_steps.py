@@ -38,6 +38,7 @@ from condyn_pin.simulation.batch.inputs import loose
 from condyn_pin.simulation.integrators import Integrator, closings, path_ends
 from condyn_pin.simulation.integrators.contact_scheme import sizes_of_gaps
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
+from condyn_pin.simulation.manifold import Manifold
 
 # A penetration at the start of a motion that none is looked at again for [m, rad].
 _DEEP: Final = 0.9 * tolerances.NEARLY_CLOSED
@@ -117,12 +118,16 @@ _DOUBTFUL: Final = tolerances.FORCES / 100
 
 
 def left_to_python(
-    workspace: Workspace, outputs: Arrays, done: NDArray[np.int32], dt: float
+    workspace: Workspace, v0: Array, outputs: Arrays, done: NDArray[np.int32], dt: float
 ) -> NDArray[np.intp]:
     """Return the rows that the core has not done, or whose steps may not be ok."""
     errors, weight = outputs["errors"], workspace.scene.nominal.weight
     doubtful = errors[:, _DYNAMICS] > _DOUBTFUL * dt * weight
     doubtful |= errors[:, _VIOLATION] > tolerances.OUT_OF_REACH
+    slow = Manifold(workspace.model).slow(dt)
+    if slow is not None:
+        for v in (v0, outputs["v"]):
+            doubtful |= np.einsum("ni,ni->n", v, v) > slow
     return np.flatnonzero((done == 0) | doubtful)
 
 
@@ -175,4 +180,4 @@ class SteppedRows:
             modes=codes, done=done, threads=threads, **paths_of(workspace, self.dt),
         )  # fmt: skip
         outputs["codes"][:], outputs["statuses"][:] = codes, STATUSES.index(ContactStatus.OK)
-        return left_to_python(workspace, outputs, done, self.dt), {}
+        return left_to_python(workspace, inputs["v0"], outputs, done, self.dt), {}

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import HIGH, LOW, is_none
+from condyn_pin._core.arguments import HIGH, LOW, is_none, not_of_norm_one
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.parallel.memory import Arrays
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
@@ -32,11 +32,7 @@ def check_states(
     for_all = np.ndim(TAU) == 1
     tau = finite("TAU", TAU, (model.nv,) if for_all else (count, model.nv))
     for i, part, norm in loose(robot, q):
-        raise InvalidArgument(
-            f"{name}[{i}, {part.start}:{part.stop}] = {q[i, part]} has norm {norm:.9g}: a unit "
-            "quaternion (x y z w) or (cos, sin) is needed; "
-            f"pin.normalize(robot.model, {name}[{i}]) makes one"
-        )
+        raise not_of_norm_one(name, f"{part.start}:{part.stop}", q[i, part], norm, row=f"{i}")
     return np.ascontiguousarray(q), np.ascontiguousarray(v), np.ascontiguousarray(tau)
 
 

@@ -7,7 +7,6 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.modes import SLIDE
 from condyn_pin.simulation.between_events.contact_terms import ContactTerms
@@ -163,10 +162,13 @@ class Segments:
         start, end = now.held.lam.dot(now.terms.sigma), made.held.lam.dot(made.terms.sigma)
         if not made.h or not (len(dynamics.sliding) or (dynamics.of_dry == SLIDE).any()):
             return 0.0
-        system, h, (terms, look1) = self._system, made.h, (now.terms, made.terms)
-        theta = np.asarray(pin.difference(system.model, terms.q, look1.q))
-        theta = theta / 2 + h / 8 * (terms.v - system.rate(theta, look1.v))
-        v = (terms.v + look1.v) / 2 + h / 8 * (now.held.a - made.held.a)
-        middle = ContactTerms(system, terms.t + h / 2, system.integrate(terms.q, theta), v)
+        system, h, (terms, last) = self._system, made.h, (now.terms, made.terms)
+        manifold = system.manifold
+        y = manifold.between(terms.q, last.q, h / 2 * (terms.v + last.v))
+        V, A = manifold.of_start(y, last.v), manifold.straight(terms.v, now.held.a)
+        rate, A1 = manifold.rates(y, V, last.v, made.held.a)
+        y = y / 2 + h / 8 * (terms.v - rate)
+        at, v = manifold.place(terms.q, y, (terms.v + V) / 2 + h / 8 * (A - A1))
+        middle = ContactTerms(system, terms.t + h / 2, at, v)
         power = dynamics.solve(middle).lam.dot(middle.sigma)
         return h / 6 * float(start + 4 * power + end)

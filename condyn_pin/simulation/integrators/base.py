@@ -15,8 +15,9 @@
 4. A stepper may remember what it found, such as a multiplier to start the next iteration from. But
    a drift scheme may have moved the state since: it starts from the state it is handed. After an
    event another stepper is started; one step of another size is a stepper that is used once.
-5. Configurations are moved by `system.integrate` only, never by addition. Between order 2 and the
-   exponential map stands `system.rate`; `system.slope` has it beside the acceleration.
+5. A step goes in the coordinates y and V of `system.manifold`, never by addition to q: `place`
+   leads to (q, v), `rates` to y' and V', and `straight` to V' where the step begins; `system.slope`
+   has them beside the acceleration. Bodies that float go straight there, whatever they spin.
 6. An integrator that satisfies c(q) = 0 or J v = 0 itself sets `keeps_constraints`; then nothing
    else is asked of the rows (`system.workspace.drift` is None), and no drift scheme is the default.
    One that holds c(q) = 0 alone sets `needs_positions`: wheels and knives have none.

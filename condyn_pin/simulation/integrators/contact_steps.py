@@ -13,7 +13,7 @@ and Jdot_b v = gamma: loops stay closed to dt^3. One with J_b v+ = 0 would lose 
 step, and a four-bar with it 0.15 J in a second at 1 ms, in place of 0.004 J. Where nothing touches,
 h is taken at the mean of v and v+. What a step leaves open is closed behind it.
 
-Velocities of floating bodies are in axes that stand still within the step (`Floating`): h is
+Velocities of floating bodies are in axes that stand still within the step (`Manifold`): h is
 M w x u less, and gamma J_b w x u.
 """
 
@@ -71,6 +71,7 @@ class ContactSteps(PosedSteps):
         self._normals = self._candidates.normals
         self._driven = system.equations.driven
         self._furthest: tuple[str, float] | None = None
+        self._slow = system.manifold.slow(dt)
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return q and v at the end of a step, and the mean acceleration.
@@ -92,6 +93,20 @@ class ContactSteps(PosedSteps):
         ):
             self._system.remarks.note(t, (*notes_of(last.attempt.several), *last.notes))
         return taken
+
+    def turn_fault(self, v: Array, v1: Array) -> str:
+        """Return which body turns too far in a step from v to v1; nothing if none does."""
+        slow = self._slow
+        if slow is None or (v.dot(v) <= slow and v1.dot(v1) <= slow):
+            return ""
+        fault = self._system.turn_fault
+        return fault(v, self._dt) or fault(v1, self._dt)
+
+    def check_turn(self, v: Array, v1: Array) -> None:
+        """Refuse a step in which a body turns further than it is followed."""
+        fault = self.turn_fault(v, v1)
+        if fault:
+            raise StepFailed(fault)
 
     def check_path(self, t: float, q1: Array) -> None:
         """Refuse paths that press bodies into each other in the last step: nothing gives way."""

@@ -30,11 +30,10 @@ _WEIGHTS = np.array([1.0, 2.0, 2.0, 1.0]) / 6.0  # of Runge's and Kutta's stages
 class CoordinatePartitioning(Integrator):
     """Runge-Kutta 4 in the independent coordinates: an ordinary differential equation.
 
-    theta = (theta_I, theta_D) with q = q0 exp(theta), and D the largest independent columns of J,
-    anew in every step. At each stage
+    y = (y_I, y_D) and V = (V_I, V_D) are the coordinates of a step (`Manifold`), D the largest
+    independent columns of J, anew in every step. At each stage
 
-        c(q0 exp(theta)) = 0 gives theta_D,    J_D v_D = -J_I v_I gives v_D,
-        theta_I' = (Jr(theta)^-1 v)_I,         v_I' = a_I.
+        c(q) = 0 gives y_D,    J_D V_D = -J_I V_I gives V_D,    y_I' and V_I' are those of y and V.
 
     Both levels of the constraints hold at rounding, without gains and without projection: what is
     integrated are the nv - rank J degrees of freedom. Where a step passes a dead point of the
@@ -60,23 +59,26 @@ class CoordinatePartitioning(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
+        manifold = system.manifold
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             chart = _Chart(system, q, t, dt)
             I = chart.independent  # noqa: E741
             a1 = system.acceleration(t, q, v)
-            theta, rates, slopes = np.zeros(len(v)), [v], [a1]
+            y, rates, slopes = np.zeros(len(v)), [v], [manifold.straight(v, a1)]
             for share in (0.5, 0.5, 1.0):
                 now = t + share * dt
-                theta[I] = share * dt * rates[-1][I]
-                at, speed = chart.closed(now, theta, v[I] + share * dt * slopes[-1][I])
-                slopes.append(system.acceleration(now, at, speed))
-                rates.append(system.rate(theta, speed))
+                y[I] = share * dt * rates[-1][I]
+                at, V = chart.closed(now, y, v[I] + share * dt * slopes[-1][I])
+                v_at = manifold.own(y, V)
+                both = manifold.rates(y, V, v_at, system.acceleration(now, at, v_at))
+                rates.append(both[0])
+                slopes.append(both[1])
             mean, change = (_WEIGHTS @ np.array(each) for each in (rates, slopes))
-            theta[I] = dt * mean[I]
-            q1, v1 = chart.closed(t + dt, theta, v[I] + dt * change[I])
-            _check_jump(t, dt, v, v1, v + dt * change)
-            return q1, v1, a1
+            y[I] = dt * mean[I]
+            q1, V = chart.closed(t + dt, y, v[I] + dt * change[I])
+            _check_jump(t, dt, v, V, v + dt * change)
+            return q1, manifold.own(y, V), a1
 
         return Stepper(step)
 
@@ -93,7 +95,7 @@ def _check_jump(t: float, dt: float, v: Array, v1: Array, smooth: Array) -> None
 
 
 class _Chart:
-    """The coordinates theta of one step, and which of them the others determine."""
+    """The coordinates y of one step, and which of them the others determine."""
 
     def __init__(self, system: System, q: Array, t: float, dt: float) -> None:
         self._system, self._q, self._t, self._dt = system, q, t, dt
@@ -102,23 +104,24 @@ class _Chart:
         self._dependent: Indices = np.array(sorted(chosen[: system.scene.nominal.rank]), dtype=int)
         self.independent: Indices = np.setdiff1d(np.arange(J.shape[1]), self._dependent)
 
-    def closed(self, t: float, theta: Array, v_I: Array) -> tuple[Array, Array]:
-        """Return q and v at t; `theta` keeps its independent part, the other one is written."""
+    def closed(self, t: float, y: Array, V_I: Array) -> tuple[Array, Array]:
+        """Return q and V at t; `y` keeps its independent part, the other one is written."""
         system, D, q = self._system, self._dependent, self._q
 
         def iteration() -> float:
             nonlocal q
-            q = system.integrate(self._q, theta)
-            c, self._J = system.equations.position_level(q)
-            theta[D] -= _solved(self._J[:, D], c)
+            q = system.manifold.integrate(self._q, y)
+            c, J = system.equations.position_level(q)
+            self._J = system.manifold.rows(J, y)
+            y[D] -= _solved(self._J[:, D], c)
             return float(np.abs(c).max(initial=0.0))
 
         system.at(t)
         fixed_point_iteration(iteration, CoordinatePartitioning.title, t, self._dt, system.size(q))
-        v = np.zeros(len(theta))
-        v[self.independent] = v_I
-        v[D] = _solved(self._J[:, D], system.equations.wanted[1] - self._J @ v)
-        return q, v
+        V = np.zeros(len(y))
+        V[self.independent] = V_I
+        V[D] = _solved(self._J[:, D], system.equations.wanted[1] - self._J @ V)
+        return q, V
 
 
 def _solved(A: Array, b: Array) -> Array:

@@ -11,8 +11,8 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms
-from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
+from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.system import System
 
 
@@ -23,7 +23,7 @@ class CurvedPaths:
     step (`PathEnds`). Stops of joints are linear in q.
     """
 
-    def __init__(self, system: System, floating: Floating, dt: float) -> None:
+    def __init__(self, system: System, floating: Manifold, dt: float) -> None:
         self._system, self._floating, self._dt = system, floating, dt
 
     def bends(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from math import nan, pi
+from math import nan
 from typing import Any, ClassVar
 
 import numpy as np
@@ -12,6 +12,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import check_share
 from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
+from condyn_pin.simulation.manifold import HALF_TURN
 from condyn_pin.simulation.system import System
 
 # Smallest share of dt that a substep may have, before the motion counts as one that cannot be
@@ -30,8 +31,8 @@ _FAR = 1.0
 class DormandPrince(Integrator):
     """Adaptive steps, as small as the tolerances require; dt is only the sampling interval.
 
-    Within dt the state is (theta, v), q = integrate(q0, theta), as in `RungeKutta4`, from another
-    q0 once a body has turned by a radian. The size of a substep is remembered from one dt to the
+    Within dt the state is that of `RungeKutta4`, (y, V), from another q0 once a body has turned by
+    a radian. The size of a substep is remembered from one dt to the
     next; one that leads to where nothing can be evaluated is refused like one that is too wrong.
     With drift control by `Baumgarte` its gains count as fast motion once the tolerances are finer
     than the drift.
@@ -43,7 +44,7 @@ class DormandPrince(Integrator):
     Parameters
     ----------
     relative_tolerance, absolute_tolerance : float
-        Of the local error of theta and v, as in `scipy.integrate`. By default 1e-8 and 1e-10: what
+        Of the local error of y and V, as in `scipy.integrate`. By default 1e-8 and 1e-10: what
         a status of ok promises for accelerations.
     method : {8, 5}
         Dormand and Prince's method of order 8 (DOP853) or 5 (RK45, with local extrapolation).
@@ -84,7 +85,8 @@ class DormandPrince(Integrator):
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             a = system.acceleration(t, q, v)
-            q1, v1, size[0] = self._solve(_Slope(system, t, q, v, a), dt, size[0])
+            begun = _Slope(system, t, q, v, system.manifold.straight(v, a))
+            q1, v1, size[0] = self._solve(begun, dt, size[0])
             return q1, v1, a
 
         return Stepper(step)
@@ -124,47 +126,46 @@ class DormandPrince(Integrator):
 
 
 class _Slope:
-    """y' of y = (theta, v) in the coordinates of one chart, q = integrate(q0, theta).
+    """The slope of (y, V) in the coordinates of one chart, `Manifold` has them.
 
-    The step begins at t [s], and the chart at (q, v), `start` after that [s]. What cannot be
-    evaluated is not a number: such a substep is refused, and a smaller one tried.
+    The step begins at t [s], and the chart at (q, v), where V' is A, `start` after that [s]. What
+    cannot be evaluated is not a number: such a substep is refused, and a smaller one tried.
     """
 
     def __init__(
-        self, system: System, t: float, q: Array, v: Array, a: Array, start: float = 0.0
+        self, system: System, t: float, q: Array, v: Array, A: Array, start: float = 0.0
     ) -> None:
         self.t, self.start = t, start
         self._system, self._q, self._n = system, q, len(v)
         self.y0 = np.concatenate([np.zeros(len(v)), v])
-        self._first = np.concatenate([v, a])
+        self._first = np.concatenate([v, A])
         self._error = ""  # of the last evaluation that failed
 
-    def __call__(self, s: float, y: Array) -> Array:
-        """Return y' at t + s."""
-        if s == self.start:  # where theta is zero
+    def __call__(self, s: float, x: Array) -> Array:
+        """Return the slope at t + s."""
+        if s == self.start:  # where y is zero
             return self._first.copy()
-        system, theta, v = self._system, y[: self._n], y[self._n :].copy()
-        if not np.isfinite(y).all() or self.turned(y) > pi:  # where charts end
-            return np.full_like(y, nan)
+        y, V = x[: self._n], x[self._n :].copy()
+        if not np.isfinite(x).all() or self.turned(x) > HALF_TURN:
+            return np.full_like(x, nan)
         try:
-            a = system.acceleration(self.t + s, system.integrate(self._q, theta), v)
+            return np.concatenate(self._system.slope(self.t + s, self._q, y, V))
         except (SolveFailed, InvalidArgument) as error:
             self._error = f"at t = {self.t + s:.9g} s: {error}"
-            return np.full_like(y, nan)
-        return np.concatenate([system.rate(theta, v), a])
+            return np.full_like(x, nan)
 
-    def state(self, y: Array) -> tuple[Array, Array]:
+    def state(self, x: Array) -> tuple[Array, Array]:
         """Return q and v."""
-        return self._system.integrate(self._q, y[: self._n]), y[self._n :].copy()
+        return self._system.manifold.place(self._q, x[: self._n], x[self._n :].copy())
 
-    def turned(self, y: Array) -> float:
+    def turned(self, x: Array) -> float:
         """Return how far the body has turned in this chart that has turned furthest [rad]."""
-        return self._system.manifold.largest_turn(y[: self._n])[1]
+        return self._system.manifold.largest_turn(x[: self._n])[1]
 
-    def after(self, s: float, y: Array, slope: Array) -> _Slope:
-        """Return the slope in a chart that begins at y, where y' is known."""
-        a = slope[self._n :].copy()
-        return _Slope(self._system, self.t, *self.state(y), a, s)
+    def after(self, s: float, x: Array, slope: Array) -> _Slope:
+        """Return the slope in a chart that begins at x, where its slope is known."""
+        A = self._system.manifold.own(x[: self._n], slope[self._n :].copy())
+        return _Slope(self._system, self.t, *self.state(x), A, s)
 
     def trouble(self) -> str:
         """Return what keeps a step from being taken."""

@@ -1,4 +1,7 @@
-"""Explicit methods: what a step needs is known at its start. All hold rows by accelerations."""
+"""Explicit methods: what a step needs is known at its start. All hold rows by accelerations.
+
+Their equations are in the coordinates y and V of a step, and a stands for V' there (`Manifold`).
+"""
 
 from __future__ import annotations
 
@@ -30,11 +33,11 @@ class ExplicitEuler(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        acceleration, integrate = system.acceleration, system.integrate
+        acceleration, manifold = system.acceleration, system.manifold
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             a = acceleration(t, q, v)
-            return integrate(q, dt * v), v + dt * a, a
+            return *manifold.place(q, dt * v, v + dt * manifold.straight(v, a)), a
 
         return Stepper(step)
 
@@ -83,13 +86,13 @@ class SemiImplicitEuler(Integrator):
         """Return this integrator at work on `system`."""
         if self.implicit:
             system = system.implicit(dt)
-        acceleration, integrate = system.acceleration, system.integrate
+        acceleration, manifold = system.acceleration, system.manifold
         h = np.array(dt)  # numpy multiplies by an array faster than by a float
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             a = acceleration(t, q, v)
-            v1 = v + h * a
-            return integrate(q, h * v1), v1, a
+            V1 = v + h * manifold.straight(v, a)
+            return *manifold.place(q, h * V1, V1), a
 
         return Stepper(step, system=system)
 
@@ -117,14 +120,16 @@ class StormerVerlet(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        acceleration, integrate, half = system.acceleration, system.integrate, dt / 2
+        acceleration, manifold, half = system.acceleration, system.manifold, dt / 2
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             a = acceleration(t, q, v)
-            kick = half * a
-            v_half = v + kick
-            q1 = integrate(q, dt * v_half)
-            return q1, v_half + half * acceleration(t + dt, q1, v_half + kick), a
+            kick = half * manifold.straight(v, a)
+            V_half = v + kick
+            y = dt * V_half
+            q1, v_end = manifold.place(q, y, V_half + kick)
+            A1 = manifold.carried(y, v_end, acceleration(t + dt, q1, v_end))
+            return q1, manifold.own(y, V_half + half * A1), a
 
         return Stepper(step)
 
@@ -154,29 +159,32 @@ class Leapfrog(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        acceleration, integrate = system.acceleration, system.integrate
+        acceleration, manifold = system.acceleration, system.manifold
         h, half = np.array(dt), np.array(dt / 2)  # numpy multiplies by these faster than by floats
-        before: Array | None = None
+        before: Array | None = None  # V' of the step before, in the axes of its end
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             nonlocal before
             a = acceleration(t, q, v)
-            kick = half * a
-            v_half = v + kick if before is None else v + (a - 0.5 * before) * h
-            before = a
-            return integrate(q, h * v_half), v_half + kick, a
+            A = manifold.straight(v, a)
+            kick = half * A
+            V_half = v + kick if before is None else v + (A - 0.5 * before) * h
+            y = h * V_half
+            before = manifold.own(y, A)
+            return *manifold.place(q, y, V_half + kick), a
 
         return Stepper(step)
 
 
 @dataclass(frozen=True)
 class RungeKutta4(Integrator):
-    """The classic Runge-Kutta method, in the coordinates theta of q = integrate(q0, theta).
+    """The classic Runge-Kutta method, in the coordinates of a step.
 
-    theta' = Jr(theta)^-1 v,    v' = a(t, integrate(q0, theta), v)
+    x' = U,    theta' = Jr(theta)^-1 w,    U' = E (a_u + w x u),    w' = a_w
 
     Four stages. In these coordinates it keeps its order 4 on free-flyers and balls, where averaging
-    the velocities of the stages would have order 2.
+    the velocities of the stages would have order 2, and the flight of a ball has nothing to do with
+    its spin.
 
     References
     ----------
@@ -191,17 +199,18 @@ class RungeKutta4(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        acceleration, slope, integrate = system.acceleration, system.slope, system.integrate
+        acceleration, slope, manifold = system.acceleration, system.slope, system.manifold
         later = dt / 2
         # numpy multiplies by arrays faster than by floats
         h, half, sixth, two = (np.array(x) for x in (dt, dt / 2, dt / 6, 2.0))
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
-            a1 = acceleration(t, q, v)
-            r2, a2 = slope(t + later, q, half * v, v + half * a1)
-            r3, a3 = slope(t + later, q, half * r2, v + half * a2)
-            r4, a4 = slope(t + dt, q, h * r3, v + h * a3)
-            q1 = integrate(q, sixth * (v + two * (r2 + r3) + r4))
-            return q1, v + sixth * (a1 + two * (a2 + a3) + a4), a1
+            a = acceleration(t, q, v)
+            A1 = manifold.straight(v, a)
+            r2, A2 = slope(t + later, q, half * v, v + half * A1)
+            r3, A3 = slope(t + later, q, half * r2, v + half * A2)
+            r4, A4 = slope(t + dt, q, h * r3, v + h * A3)
+            y = sixth * (v + two * (r2 + r3) + r4)
+            return *manifold.place(q, y, v + sixth * (A1 + two * (A2 + A3) + A4)), a
 
         return Stepper(step)

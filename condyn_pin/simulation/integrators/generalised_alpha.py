@@ -83,7 +83,7 @@ class GeneralisedAlpha(Integrator):
         beta = 0.25 * (gamma + 0.5) ** 2
         share = (1 - alpha_f) / (1 - alpha_m)
         by_v, by_q = dt * gamma * share, dt**2 * beta * share
-        integrate, n = system.integrate, system.model.nv
+        manifold, n = system.manifold, system.model.nv
         known: list[tuple[Array, Array, Array]] = []  # q, a and A at the end of the last step
         forces = [np.zeros(0)]
         lag, passage = alpha_m - alpha_f, _Passage(system, dt)
@@ -98,15 +98,18 @@ class GeneralisedAlpha(Integrator):
                 if is_fast and passage.is_open(q):
                     forces[0], found = passage.step(t, q, v)
                     return found
-                A0 = a0 if is_fast else a0 + lag * change
-            a1 = a0
-            q1, v1, A1, inverse = q, v, A0, np.zeros((0, 0))
+                A0 = manifold.straight(v, a0)
+                if not is_fast:
+                    A0 = A0 + lag * change
+            start = end = manifold.straight(v, a0)
+            q1, v1, a1, A1, y, inverse = q, v, a0, A0, np.zeros(n), np.zeros((0, 0))
 
             def iteration() -> float:
-                nonlocal a1, lam, q1, v1, A1, inverse
-                A1 = (share * a1) + (alpha_f * a0 - alpha_m * A0) / (1 - alpha_m)
-                v1 = v + dt * ((1 - gamma) * A0 + gamma * A1)
-                q1 = integrate(q, dt * v + dt**2 * ((0.5 - beta) * A0 + beta * A1))
+                nonlocal end, lam, q1, v1, a1, A1, y, inverse
+                A1 = (share * end) + (alpha_f * start - alpha_m * A0) / (1 - alpha_m)
+                y = dt * v + dt**2 * ((0.5 - beta) * A0 + beta * A1)
+                q1, v1 = manifold.place(q, y, v + dt * ((1 - gamma) * A0 + gamma * A1))
+                a1 = manifold.of_own(y, v1, end)
                 if not len(inverse):
                     of = residuals.partials(t + dt, q1, v1, a1, lam)
                     top = of.M + by_v * of.r_v + by_q * of.r_q
@@ -114,11 +117,11 @@ class GeneralisedAlpha(Integrator):
                     inverse = inverse_of(np.block([[top, -of.J.T], bottom]))
                 left = residuals.at(t + dt, q1, v1, a1, lam)
                 change = inverse.dot(np.concatenate([left.r, left.c / by_q]))
-                a1, lam = a1 - change[:n], lam - change[n:]
+                end, lam = end - manifold.of_start(y, change[:n]), lam - change[n:]
                 return max(by_q * float(np.abs(change[:n]).max()), _largest(left.c))
 
             fixed_point_iteration(iteration, self.title, t, dt, system.size(q))
-            forces[0], known[:] = lam, [(q1, a1, A1)]
+            forces[0], known[:] = lam, [(q1, a1, manifold.own(y, A1))]
             return q1, v1, a1
 
         return Stepper(system.retried(step), lambda: forces[0])
@@ -149,9 +152,12 @@ def _begin(system: System, t: float, q: Array, v: Array, dt: float) -> tuple[Arr
     """Return a, dt a' and lam at a start: A is the acceleration at t + lag dt, up to dt^2."""
     a = system.acceleration(t, q, v)
     lam, near = system.lam(), _NEAR * dt
-    moved = system.integrate(q, near * v + near**2 / 2 * a)
-    later = system.acceleration(t + near, moved, v + near * a)
-    return a, (later - a) / _NEAR, lam
+    manifold = system.manifold
+    A = manifold.straight(v, a)
+    y = near * v + near**2 / 2 * A
+    moved, v_near = manifold.place(q, y, v + near * A)
+    later = manifold.carried(y, v_near, system.acceleration(t + near, moved, v_near))
+    return a, (later - A) / _NEAR, lam
 
 
 def _is_fast(a: Array, change: Array) -> bool:

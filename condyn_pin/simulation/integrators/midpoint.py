@@ -20,7 +20,8 @@ class ImplicitMidpoint(Integrator):
     v_m = v0 + dt/2 a_m,    a_m = a(t0 + dt/2, q0 exp(dt/2 v_m), v_m)
     v1  = v0 + dt a_m,      q1 = q0 exp(dt v_m)
 
-    Solved by an iteration on a_m in which the robot's springs and damping may be stiff, and torques
+    In the coordinates of a step, where floating bodies go straight (`Manifold`). Solved by an
+    iteration on a_m in which the robot's springs and damping may be stiff, and torques
     of a function too (`System.iterated`); all else has to change little in a step. The constraints
     are held by accelerations and drift.
 
@@ -38,25 +39,23 @@ class ImplicitMidpoint(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        acceleration, integrate, half = system.acceleration, system.integrate, dt / 2
-        a_middle = np.zeros(0)
-        improved = system.iterated(half, lambda: a_middle)
+        acceleration, manifold, half = system.acceleration, system.manifold, dt / 2
+        middle = _Middle(system, dt)
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
-            nonlocal a_middle
-            a = a_middle = acceleration(t, q, v)
+            a = acceleration(t, q, v)
+            A = manifold.straight(v, a)
 
             def iteration() -> float:
-                nonlocal a_middle
-                v_middle = v + half * a_middle
-                found = improved.acceleration(t + half, integrate(q, half * v_middle), v_middle)
-                change, a_middle = found - a_middle, found
+                nonlocal A
+                found = middle.improved(t, q, v, A)
+                change, A = found - A, found
                 return dt**2 * float(np.abs(change).max())
 
             fixed_point_iteration(iteration, self.title, t, dt, system.size(q))
-            return integrate(q, dt * (v + half * a_middle)), v + dt * a_middle, a
+            return *manifold.place(q, dt * (v + half * A), v + dt * A), a
 
-        return Stepper(improved.retried(step))
+        return Stepper(middle.system.retried(step))
 
 
 @dataclass(frozen=True)
@@ -67,7 +66,8 @@ class LinearlyImplicitMidpoint(Integrator):
     (M + dt/2 D + dt^2/4 K) (a_m - a_before) = f(t0 + dt/2, q_m, v_m) - M a_before + J^T lam
     v1 = v0 + dt a_m,            q1 = q0 exp(dt (v0 + dt/2 a_m))
 
-    with M, J and all forces f, springs and damping among them, at (q_m, v_m). It is
+    with M, J and all forces f, springs and damping among them, at (q_m, v_m), in the coordinates of
+    a step (`Manifold`). It is
     `ImplicitMidpoint` with one iteration that begins with the a_m of the step before: a_before is
     wrong by order dt, v_m by order dt^2, and so is what depends on it. Springs and damping are
     linear, so that the one iteration solves for them exactly: they do not limit dt. The first
@@ -94,22 +94,45 @@ class LinearlyImplicitMidpoint(Integrator):
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
-        integrate = system.integrate
+        manifold, middle = system.manifold, _Middle(system, dt)
         h, half = np.array(dt), np.array(dt / 2)  # numpy multiplies by these faster than by floats
-        a_middle = np.zeros(0)  # none yet
-        improved = system.iterated(dt / 2, lambda: a_middle)
-
-        def improve(t: float, q: Array, v: Array) -> Array:
-            v_middle = v + half * a_middle
-            return improved.acceleration(t + dt / 2, integrate(q, half * v_middle), v_middle)
+        before: Array | None = None  # V' in the middle of the step before, in the axes of its end
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
-            nonlocal a_middle
-            if not a_middle.size:
-                improved.difference_if_stiff(t, q, v)
-                a_middle = np.zeros(len(v))
-                a_middle = improve(t, q, v)
-            a = a_middle = improve(t, q, v)
-            return integrate(q, h * (v + half * a)), v + h * a, a
+            nonlocal before
+            if before is None:
+                middle.system.difference_if_stiff(t, q, v)
+                before = middle.improved(t, q, v, np.zeros(len(v)))
+            A = middle.improved(t, q, v, before)
+            y = h * (v + half * A)
+            before = manifold.own(y, A)
+            return *manifold.place(q, y, v + h * A), middle.a
 
         return Stepper(step)
+
+
+class _Middle:
+    """The middle of a step: V' there, from a V' that is nearly it.
+
+    Attributes
+    ----------
+    system : System
+        Whose springs and damping act where the iteration ends.
+    a : (nv,) array
+        The last acceleration found, in the axes of the middle.
+    """
+
+    def __init__(self, system: System, dt: float) -> None:
+        self._manifold, self._half = system.manifold, np.array(dt / 2)
+        self.a = np.zeros(0)
+        self.system = system.iterated(dt / 2, lambda: self.a)
+
+    def improved(self, t: float, q: Array, v: Array, A: Array) -> Array:
+        """Return the V' of a solve at the place and with the velocity that A leads to."""
+        manifold, half = self._manifold, self._half
+        V = v + half * A
+        y = half * V
+        q, v = manifold.place(q, y, V)
+        self.a = manifold.of_own(y, v, A)
+        self.a = self.system.acceleration(t + half.item(), q, v)
+        return manifold.carried(y, v, self.a)

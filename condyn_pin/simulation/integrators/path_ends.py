@@ -28,9 +28,9 @@ from scipy.linalg.lapack import dtrtrs
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.islands import components
-from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.contact_scheme import allowed_gaps, are_slower
 from condyn_pin.simulation.integrators.posed import Posed
+from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.system import System
 
 # A step in which joints turn less bends the path of a limb of a metre by 0.05 mm at most [rad, m].
@@ -50,7 +50,7 @@ class There(NamedTuple):
 class PathEnds:
     """The ends of the paths of one system in steps of one size."""
 
-    def __init__(self, system: System, floating: Floating, dt: float) -> None:
+    def __init__(self, system: System, floating: Manifold, dt: float) -> None:
         self._system, self._floating, self._dt = system, floating, dt
         self._contacts, self._data = system.contacts, system.equations.data
         self._run = algorithms(self._data)

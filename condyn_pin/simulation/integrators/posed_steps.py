@@ -17,7 +17,6 @@ from condyn_pin.contact.condense import condense
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.restitution import Strike
 from condyn_pin.model.soundness import singular_mass
-from condyn_pin.simulation.floating import Floating
 from condyn_pin.simulation.integrators.chosen_contacts import Chosen
 from condyn_pin.simulation.integrators.contact_scheme import (
     ContactScheme,
@@ -42,7 +41,7 @@ class PosedSteps:
 
     Attributes
     ----------
-    floating : Floating
+    floating : Manifold
         The axes of floating bodies.
     paths : CurvedPaths
     ends : PathEnds
@@ -55,7 +54,7 @@ class PosedSteps:
     def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
         self._scheme, self._system, self._dt = scheme, system, dt
         self._equations, self._candidates = system.equations, system.contacts
-        self.floating = Floating(system.model)
+        self.floating = system.manifold
         self.paths = CurvedPaths(system, self.floating, dt)
         self.ends = PathEnds(system, self.floating, dt)
         self._applied, passive = system.applied, system.passive

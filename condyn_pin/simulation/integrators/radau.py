@@ -50,10 +50,10 @@ class _Radau(Integrator):
 
 @dataclass(frozen=True)
 class RadauIIA(_Radau):
-    """Radau IIA at the position level (index 3), in the coordinates theta of the step.
+    """Radau IIA at the position level (index 3), in the coordinates y and V of a step (`Manifold`).
 
-    theta_i = dt sum_j A_ij Jr(theta_j)^-1 V_j,    Q_i = q0 exp(theta_i),    c(Q_i) = 0
-    V_i = v0 + dt sum_j A_ij a_j,    M(Q_i) a_i + h(Q_i, V_i) = tau + J(Q_i)^T lam_i
+    Y_i = dt sum_j A_ij Y_j',    V_i = v0 + dt sum_j A_ij V_j',    c(Q_i) = 0,
+    M(Q_i) a_i + h(Q_i, v_i) = tau + J(Q_i)^T lam_i
 
     The order is 2 s - 1 for q, s for v and s - 1 for lam with s stages (Hairer, Lubich, Roche; for
     all s Jay). One stage is implicit Euler, whose orders are 1 from the second step on: a and lam
@@ -130,25 +130,30 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
     nodes, n, m = A.sum(axis=1), system.model.nv, system.scene.rows
     from_velocities = np.linalg.inv(dt * A)
     from_gaps = from_velocities @ from_velocities
-    forces = [np.zeros(0)]
+    forces, manifold = [np.zeros(0)], system.manifold
 
     def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         a0 = system.acceleration(t, q, v)
-        a, lam, mu = np.tile(a0, (s, 1)), np.tile(system.lam(), (s, 1)), np.zeros((s, m))
-        theta, Q, V = np.outer(dt * nodes, v), [q] * s, np.zeros((s, n))
-        middle = system.integrate(q, dt / 2 * v), v + dt / 2 * a0
+        A0 = manifold.straight(v, a0)
+        a, lam, mu = np.tile(A0, (s, 1)), np.tile(system.lam(), (s, 1)), np.zeros((s, m))  # a is V'
+        Y, Q, own, of_own = np.outer(dt * nodes, v), [q] * s, [v] * s, [a0] * s
+        middle = manifold.place(q, dt / 2 * v, v + dt / 2 * A0)
         of = residuals.partials(t + dt / 2, *middle, a0, lam[0])
         newton = _newton(of, A, dt, residuals.damping)
         pull, hold = _second_multiplier(of, residuals.damping)
 
         def iteration() -> float:
-            nonlocal a, lam, mu, theta, Q, V
+            nonlocal a, lam, mu, Y, Q, own, of_own
             V = v + dt * A.dot(a)
             moving = V + mu.dot(pull) if stabilised else V
-            rates = [system.rate(*pair) for pair in zip(theta, moving, strict=True)]
-            before, theta = theta, dt * A.dot(rates)
-            Q = [system.integrate(q, theta_i) for theta_i in theta]
-            left = [residuals.at(t + nodes[i] * dt, Q[i], V[i], a[i], lam[i]) for i in range(s)]
+            rates = [manifold.rate(*pair) for pair in zip(Y, moving, strict=True)]
+            before, Y = Y, dt * A.dot(rates)
+            Q = [manifold.integrate(q, y) for y in Y]
+            own = [manifold.own(*pair) for pair in zip(Y, V, strict=True)]
+            of_own = [manifold.of_own(*each) for each in zip(Y, own, a, strict=True)]
+            left = [
+                residuals.at(t + nodes[i] * dt, Q[i], own[i], of_own[i], lam[i]) for i in range(s)
+            ]
             gaps = np.array([each.c for each in left])
             if stabilised:
                 velocities = np.array([each.velocity for each in left])
@@ -157,15 +162,16 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
                 wanted = from_gaps.dot(gaps)
             rhs = np.hstack([[each.r for each in left], wanted])
             change = newton.dot(rhs.ravel()).reshape(s, n + m)
-            a, lam = a - change[:, :n], lam - change[:, n:]
+            moved = [manifold.of_start(*pair) for pair in zip(Y, change[:, :n], strict=True)]
+            a, lam = a - moved, lam - change[:, n:]
             if stabilised:
                 mu = mu - (from_velocities.dot(gaps) - velocities).dot(hold)
             largest = dt**2 * np.abs(change[:, :n]).max()
-            return float(max(np.abs(theta - before).max(), largest, np.abs(gaps).max(initial=0)))
+            return float(max(np.abs(Y - before).max(), largest, np.abs(gaps).max(initial=0)))
 
         fixed_point_iteration(iteration, title, t, dt, system.size(q))
         forces[0] = lam[-1]
-        return Q[-1], V[-1], a[-1]
+        return Q[-1], own[-1], of_own[-1]
 
     return Stepper(system.retried(step), lambda: forces[0])
 

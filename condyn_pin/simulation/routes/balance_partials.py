@@ -1,6 +1,6 @@
 """What the balance of momentum and the constraints leave of a step, at fixed v+ and impulses.
 
-    df = (M (v + dt w x u - v+) + dt (tau - h) + J_b^T l_b)',    w x u as in `Floating`
+    df = (M (v + dt w x u - v+) + dt (tau - h) + J_b^T l_b)',    w x u as in `Manifold`
     ds = (s' - dt/2 (gamma - J_b w x u) - J_b v+)'
 
 by where the equations are taken, by their v and by tau, in all `Columns`. J_c^T lam belongs to df
@@ -41,7 +41,7 @@ def left_of_momentum(
     f = columns.empty()
     np.multiply(dt, of.rhs[:n], out=f[:, : 2 * n])
     f[:, columns.tau] = steps.unit_impulses
-    f[:, columns.v] += dt * M.dot(steps.partials.turning(posed.mean))
+    f[:, columns.v] += dt * M.dot(steps.floating.turning_by(posed.mean))
     if mean is not None:
         by_mean = f[:, columns.v].copy()
         f[:, columns.v] = 0.0
@@ -66,7 +66,7 @@ def left_of_constraints(steps: LinearSteps, of: Linearised, posed: Posed, v1: Ar
         return slip
     missing = (v1 + posed.v) / dt  # to the acceleration of `of`
     s_q = -of.rhs[n:, :n] + steps.linearisation.turning(posed.at, missing)
-    by_v = -of.rhs[n:, n:] - of.J @ steps.partials.turning(posed.v)
+    by_v = -of.rhs[n:, n:] - of.J @ steps.floating.turning_by(posed.v)
     slip[:, columns.q], slip[:, columns.v] = -0.5 * dt * s_q, -0.5 * dt * by_v
     return slip
 

@@ -65,4 +65,4 @@ class DifferentiatedRows:
         outputs["codes"][:], outputs["read"][:] = codes, read
         outputs["q_end"][:], outputs["v_end"][:] = outputs["q"], outputs["v"]
         outputs["statuses"][:] = STATUSES.index(ContactStatus.OK)
-        return left_to_python(workspace, outputs, done, self.dt), {}
+        return left_to_python(workspace, inputs["v0"], outputs, done, self.dt), {}

@@ -1,4 +1,4 @@
-"""How what `Floating` does to floating bodies changes with what it is given; tangent columns.
+"""How what `Manifold` does to floating bodies changes with what it is given; tangent columns.
 
     p+ = p + R x, R+ = R exp(y):    dp+ = E^T (dp - x x dtheta + dx),   dtheta+ = E^T dtheta + Jr dy
     u+ = exp(-dt w) u:              du+ = E^T du + dt u+ x Jr dw,    y = dt w
@@ -21,7 +21,7 @@ _SKEW = np.array([[0.0, -1.0], [1.0, 0.0]])  # S x is x turned by a quarter
 
 
 class FloatingPartials:
-    """The partials of `Floating` of one model."""
+    """The partials of the `Manifold` of one model."""
 
     def __init__(self, model: Any) -> None:
         self._model, self._one = model, np.eye(model.nv)
@@ -55,17 +55,6 @@ class FloatingPartials:
             turn = by_move[i : i + 2, i : i + 2]
             by_v[i : i + 2, i : i + 2] = turn
             by_v[i : i + 2, i + 2] = -dt * _SKEW @ turn @ v[i : i + 2]
-        return by_v
-
-    def turning(self, v: Array) -> Array:
-        """Return w x u by v (nv, nv)."""
-        by_v = np.zeros((len(v), len(v)))
-        for i in self._bodies:
-            by_v[i : i + 3, i : i + 3] = pin.skew(v[i + 3 : i + 6])
-            by_v[i : i + 3, i + 3 : i + 6] = -pin.skew(v[i : i + 3])
-        for i in self._planar:
-            by_v[i : i + 2, i : i + 2] = v[i + 2] * _SKEW
-            by_v[i : i + 2, i + 2] = _SKEW @ v[i : i + 2]
         return by_v
 
 

@@ -153,6 +153,7 @@ class LinearSteps:
         if agrees_by_chance(self, taken.posed):
             taken = self._with_impact_apart(t, q, v)
         after, alongs = np.zeros(0), list[Array]()
+        self.steps.check_turn(v, taken.v)
         self.system.at(self.steps.looks_at(t))
         for posed, _, attempt, natural in taken.tried:
             if posed.kept is not None:
@@ -189,13 +190,15 @@ class LinearSteps:
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of a step of the scheme."""
-        q, v, _ = self.steps.step(t, q, v)
-        return q, v
+        q1, v1, _ = self.steps.step(t, q, v)
+        self.steps.check_turn(v, v1)
+        return q1, v1
 
     def ended(self, t: float, q: Array, v: Array, law: _Law) -> tuple[Array, Array]:
         """Return what `end` does, without derivatives."""
         self.steps.attempt(t, q, v)
         posed, _, attempt, natural = self.steps.last.tried[-1]
+        self.steps.check_turn(v, self.steps.last.v)
         v1 = posed.velocity(law(posed.problem, attempt.lam, natural).lam)
         moved = self.floating.integrate(posed.at, self.share * v1)
         q1 = self.steps.closings.closed(posed.condensed.factors, moved)

@@ -40,7 +40,7 @@ class LocatedStep:
 
     def taken(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of the step."""
-        done, landings = 0.0, self._landings
+        done, landings, v0 = 0.0, self._landings, v
         while done < self._dt:
             struck = landings.struck(q, v)
             if struck is not None:
@@ -48,6 +48,7 @@ class LocatedStep:
             cut = landings.next(t, done, q, v)
             q, v = self._flow(cut, t, q, v)
             done = cut.start + cut.length if cut.closing >= 0 else self._dt
+        self._steps.steps.check_turn(v0, v)
         return q, v
 
     def differentiated(self, route: Route, t: float, q: Array, v: Array) -> StepDerivatives:
@@ -55,7 +56,7 @@ class LocatedStep:
         columns, n, landings = self._steps.columns, len(v), self._landings
         dq, dv, done, ds = columns.empty(), columns.empty(), 0.0, np.zeros(columns.size)
         dq[:, columns.q], dv[:, columns.v] = np.eye(n), np.eye(n)
-        modes, none = dict[str, str](), np.zeros(n)
+        modes, none, v0 = dict[str, str](), np.zeros(n), v
         margin = self._from_landing(q, v)
         while done < self._dt:
             struck = landings.struck(q, v)
@@ -83,6 +84,7 @@ class LocatedStep:
                 ds = -(J_n @ dq) / opening
                 dq, dv = dq + np.outer(rate_q, ds), dv + np.outer(rate_v, ds)
                 margin = min(margin, self._missed(opening * (self._dt - done), opening))
+        self._steps.steps.check_turn(v0, v)
         margin = min(margin, self._from_landing(q, v))
         return made(route, self._steps, (q, v), (dq, dv), modes, margin)
 

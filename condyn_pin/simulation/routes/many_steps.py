@@ -159,7 +159,8 @@ class DerivativesKernel:
         if isinstance(taken, CondynError):
             return str(taken)
         if not taken.status.ok:
-            return f"the step has no derivatives: {taken.status}"
+            why = "; ".join((f"{taken.status}", *taken.notices))
+            return f"the step has no derivatives: {why}"
         try:
             of = taken.derivatives(route=self.route, wrt=self.wrt)
         except CondynError as error:

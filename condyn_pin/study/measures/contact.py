@@ -10,7 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.parameters import step_size
 from condyn_pin._core.timing import Call, State
 from condyn_pin.contact.attempts import attempt_contact
 from condyn_pin.contact.judge import judged, solve_contact
@@ -81,8 +82,7 @@ class ContactMeasure(Measure):
     integrator: ContactScheme = StewartTrinkle()  # noqa: RUF009  a value
 
     def __post_init__(self) -> None:
-        if not finite("dt", self.dt, ()) > 0:
-            raise InvalidArgument(f"dt = {self.dt!r}: a number > 0 [s] is needed")
+        step_size(self.dt)
         if not isinstance(self.integrator, ContactScheme):
             raise InvalidArgument(
                 f"integrator = {self.integrator!r}: a scheme with contacts is needed, such as "

@@ -10,7 +10,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.parameters import seconds, step_size
 from condyn_pin._core.timing import Call, State
 from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.scene import Scene
@@ -99,10 +100,7 @@ class GradientMeasure(Measure):
     integrator: ContactScheme = Moreau()  # noqa: RUF009  a value
 
     def __post_init__(self) -> None:
-        for name in ("duration", "dt"):
-            if not finite(name, getattr(self, name), ()) > 0:
-                raise InvalidArgument(f"{name} = {getattr(self, name)!r}: a number > 0 [s]")
-        if round(self.duration / self.dt) < 1:
+        if round(seconds("duration", self.duration) / step_size(self.dt)) < 1:
             raise InvalidArgument(f"dt = {self.dt!r}: at most the duration, {self.duration:g} s")
         if not isinstance(self.integrator, ContactScheme):
             raise InvalidArgument(

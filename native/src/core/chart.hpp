@@ -1,6 +1,6 @@
-// Joints that turn about more than one axis: how far one chart of theirs goes, and its velocities.
+// Joints that turn about more than one axis: how far a step of theirs goes, and its coordinates.
 //
-//   q (+) theta,    theta' = Jr(theta)^-1 v
+//   theta' = Jr(theta)^-1 w = w + theta x w / 2 + k theta x (theta x w),    k = (1 - (t/2) cot(t/2)) / t^2
 #pragma once
 #include "pinocchio.hpp"
 #include <cmath>
@@ -29,24 +29,18 @@ public:
     return false;
   }
 
-  /// theta' where the velocity is v.
-  void rate(const VectorXd & theta, const VectorXd & v, VectorXd & out) const
+  /// y' where V is the velocity, both of a step (`condyn_pin/simulation/manifold.py`).
+  void rate(const VectorXd & y, const VectorXd & V, VectorXd & out) const
   {
-    out = v;
+    out = V;
     for (const auto & [i, size] : joints_)
     {
-      if (size == 6)
-      {
-        SE3::Matrix6 J;
-        pinocchio::Jlog6(pinocchio::exp6(Motion(theta.segment<6>(i))), J);
-        out.segment<6>(i).noalias() = J * v.segment<6>(i);
-      }
-      else if (size == 3)
-      {
-        Matrix3d J;
-        pinocchio::Jlog3(pinocchio::exp3(theta.segment<3>(i)), J);
-        out.segment<3>(i).noalias() = J * v.segment<3>(i);
-      }
+      const Vector3d theta = y.segment<3>(i + size - 3), w = V.segment<3>(i + size - 3);
+      const double square = theta.squaredNorm(), half = 0.5 * std::sqrt(square);
+      const double k =
+        square < 1e-4 ? 1.0 / 12 + square / 720 : (1 - half * std::cos(half) / std::sin(half)) / square;
+      const Vector3d across = theta.cross(w);
+      out.segment<3>(i + size - 3) += 0.5 * across + k * theta.cross(across);
     }
   }
 

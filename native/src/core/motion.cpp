@@ -10,13 +10,13 @@ namespace condyn
 {
 Mover::Mover(const Scene & scene)
 : scene_(scene), solver_(solver_of(scene_)), data_(scene_.model), rows_(scene_.rows), chart_(scene_.model)
-, springs_(scene_), q1_(scene_.model.nq)
+, springs_(scene_), q1_(scene_.model.nq), floating_(scene_.model)
 {
   const Model & model = scene_.model;
   for (int i = 1; i < model.njoints; ++i)
     if (model.parents[i] == 0)
       roots_.push_back(model.idx_vs[i]);
-  for (auto * x : {&tau_, &a_, &a_middle_, &middle_v_, &along_})
+  for (auto * x : {&tau_, &a_, &a_middle_, &middle_v_, &along_, &y_, &V_})
     x->setZero(model.nv);
   middle_q_.setZero(model.nq);
 }
@@ -121,6 +121,13 @@ void Mover::torque(const VectorXd & q, const VectorXd & v, double drag)
   tau_ = applied_ - pull;
   look(q);
   springs_.pull(v, drag, tau_);
+  if (drag != 0 && !floating_.none()) // what acts ahead acts on a + w x u
+  {
+    const VectorXd turning = floating_.turning(v);
+    tau_ -= inertia_.cwiseProduct(turning);
+    if (!springs_.none())
+      tau_ -= of_springs_ * turning;
+  }
 }
 
 void Mover::weigh(Inertia inertia)
@@ -150,6 +157,14 @@ void Mover::move(VectorXd & q, const VectorXd & along)
 {
   pinocchio::integrate(scene_.model, q, along, q1_);
   q.swap(q1_);
+}
+
+/// The place and the velocity of coordinates of a step from q.
+void Mover::go(const VectorXd & q, const VectorXd & y, const VectorXd & V, VectorXd & q1, VectorXd & v1) const
+{
+  pinocchio::integrate(scene_.model, q, y, q1);
+  floating_.straighten(q, y, q1);
+  v1 = floating_.own(y, V);
 }
 
 /// One Newton step back to the constraints; the acceleration of the look counts for what it leads to.

@@ -4,7 +4,9 @@
 //   midpoint               a_m at (q (+) h/2 v_m, v_m), v_m = v + h/2 a_m;    v1 = v + h a_m
 //     linearly implicit      one iteration that begins with the a_m of the step before
 //     implicit               iterations to the last digit
-//   Runge-Kutta 4          in the coordinates theta of a step, q (+) theta, theta' = Jr(theta)^-1 v
+//   Runge-Kutta 4          the four stages of the classic method
+//
+// All are in the coordinates of a step, where bodies that float go straight (`Floating`, `Chart`).
 //
 // Springs and damping at the end of a step are inertia, h D + h^2 K (`condyn_pin/simulation/implicit.py`); of those
 // between frames that is a matrix, which the solver is handed.
@@ -17,6 +19,7 @@
 // A motion that cannot go on is given up: Python makes it again, and says why.
 #pragma once
 #include "chart.hpp"
+#include "floating.hpp"
 #include "path.hpp"
 #include "rows.hpp"
 #include "solver.hpp"
@@ -81,6 +84,7 @@ private:
   void look(const VectorXd & q);
   void torque(const VectorXd & q, const VectorXd & v, double drag);
   void move(VectorXd & q, const VectorXd & along);
+  void go(const VectorXd & q, const VectorXd & y, const VectorXd & V, VectorXd & q1, VectorXd & v1) const;
 
   Scene scene_; // its own: contacts are anchored where each motion begins
   std::unique_ptr<Solver> solver_;
@@ -100,5 +104,8 @@ private:
   int now_ = 0; // half steps behind which a step begins
   bool known_ = false; // whether a_ is that of the state already
   bool begun_ = false; // whether a_middle_ is that of a step
+
+  Floating floating_;
+  VectorXd y_, V_; // coordinates and velocities of a step; a_middle_ is V' in the axes of its start
 };
 } // namespace condyn
