@@ -1054,6 +1054,80 @@ def test_functions_that_cannot_be_called_are_refused_before_the_run(call, text):
     assert_refused(call, text)
 
 
+# --- states and steps
+
+
+def free_box() -> cp.Scene:
+    contact = cp.FrictionalContact("box", cp.constraints.Box(0.1, 0.1, 0.1), friction=0.5)
+    return cp.Scene(cp.model.free_box(), contacts=[contact])
+
+
+STATE_VERBS = {
+    "solve": lambda s, q, v: cp.solve(s.bilateral, q, v, v),
+    "solve_batch": lambda s, q, v: cp.solve_batch(s.bilateral, [q], [v], v),
+    "derivatives": lambda s, q, v: cp.derivatives(s.bilateral, q, v, v),
+    "step": lambda s, q, v: cp.step(s, q, v, dt=1e-3),
+    "contact_problem": lambda s, q, v: cp.simulation.contact_problem(s, q, v, dt=1e-3),
+    "step_batch": lambda s, q, v: cp.simulation.step_batch(s, [q], [v], dt=1e-3),
+    "simulate": lambda s, q, v: cp.simulate(s, q, v, duration=2e-3),
+    "simulate_batch": lambda s, q, v: cp.simulate_batch(s, [q], [v], duration=2e-3),
+    "action": lambda s, q, v: cp.layers.Action(s, 1e-3, motors=["floating"]).step([*q, *v], v),
+    "gaps": lambda s, q, v: cp.dynamics.contact_gaps(s, q),
+}
+
+
+@pytest.mark.parametrize("verb", STATE_VERBS)
+def test_one_rule_for_the_quaternion_of_a_state(verb):
+    """Six digits are enough, any other length is refused, a zero and NaN too."""
+    scene = free_box()
+    q, v = scene.state()
+    q[3:7] = np.array([0.2, -0.4, 0.1, 0.8]) / np.linalg.norm([0.2, -0.4, 0.1, 0.8])
+    q[2] = 1.0
+    for factor in (1.0, 1 + 5e-7, 1 - 5e-7):
+        off = q.copy()
+        off[3:7] *= factor
+        STATE_VERBS[verb](scene, off, v)
+    for factor in (3.0, 1 + 5e-6, 0.999, 0.0, np.nan):
+        off = q.copy()
+        off[3:7] *= factor
+        with pytest.raises(cp.InvalidArgument, match=r"norm|finite"):
+            STATE_VERBS[verb](scene, off, v)
+
+
+STEP_VERBS = {
+    "step": lambda s, q, v, dt: cp.step(s, q, v, dt=dt),
+    "contact_problem": lambda s, q, v, dt: cp.simulation.contact_problem(s, q, v, dt=dt),
+    "step_batch": lambda s, q, v, dt: cp.simulation.step_batch(s, [q], [v], dt=dt),
+    "derivatives": lambda s, q, v, dt: cp.simulation.step_derivatives_batch(s, [q], [v], dt=dt),
+    "simulate": lambda s, q, v, dt: cp.simulate(s, q, v, duration=1.0, dt=dt),
+    "a motion as long": lambda s, q, v, dt: cp.simulate(s, q, v, duration=dt, dt=dt),
+    "action": lambda s, q, v, dt: cp.layers.Action(s, dt, motors=["floating"]),
+    "limits": lambda s, q, v, dt: cp.control.ControlLimits(dt=dt),
+    "gains": lambda s, q, v, dt: cp.Baumgarte.deadbeat(dt),
+}
+
+
+@pytest.mark.parametrize("dt", [1e151, 1e160, 1e300, 1e-151, 5e-324, 0.0, -1.0, np.inf, np.nan])
+@pytest.mark.parametrize("verb", STEP_VERBS)
+def test_steps_of_an_absurd_size_are_refused_by_name(verb, dt):
+    if verb == "simulate" and dt > 1:  # it takes one step
+        dt = 1.0 / dt
+    scene = free_box()
+    with pytest.raises(cp.InvalidArgument, match=r"^(dt|duration) = "):
+        STEP_VERBS[verb](scene, *scene.state(), dt)
+
+
+@pytest.mark.parametrize("dt", [1e-140, 1e100, 1e149])
+@pytest.mark.parametrize("scheme", [cp.StewartTrinkle(), cp.Moreau()])
+def test_steps_of_any_other_size_have_a_status(scheme, dt):
+    scene = free_box()
+    q, v = scene.state()
+    for speed in (0.0, 1e5):
+        taken = cp.step(scene, q, v + speed, dt=dt, integrator=scheme, throw=False)
+        assert isinstance(taken.status, cp.contact.ContactStatus)
+        assert dt < 1 or not taken.status.ok
+
+
 # --- files and ports
 
 
