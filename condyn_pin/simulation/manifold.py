@@ -86,9 +86,9 @@ class Manifold:
         """Return y' (nv,)."""
         if not self._thetas:
             return V
-        rate = V.copy()
+        rate, at, of = V.copy(), y.tolist(), V.tolist()
         for i in self._thetas:
-            w = _rate(*y[i : i + 3].tolist(), *V[i : i + 3].tolist())
+            w = _rate(at[i], at[i + 1], at[i + 2], of[i], of[i + 1], of[i + 2])
             rate[i], rate[i + 1], rate[i + 2] = w
         return rate
 
@@ -98,11 +98,21 @@ class Manifold:
 
     def straight(self, v: Array, a: Array) -> Array:
         """Return V' (nv,) where a step begins: a + w x u."""
-        return a + self.turning(v) if self.floats else a
+        if not self.floats:
+            return a
+        if self._planar:
+            return a + self.turning(v)
+        A = a.copy()
+        for _, i in self._bodies:
+            x, y, z, p, q, r = v[i : i + 6].tolist()
+            A[i] += q * z - r * y
+            A[i + 1] += r * x - p * z
+            A[i + 2] += p * y - q * x
+        return A
 
     def own(self, y: Array, V: Array) -> Array:
         """Return velocities V (nv,), or V', in the axes that bodies have at y: E^T V."""
-        return self._turned(-y, V) if self.floats else V
+        return self._turned(y, V, -1.0) if self.floats else V
 
     def of_start(self, y: Array, v: Array) -> Array:
         """Return V (nv,) of velocities at y: E v."""
@@ -157,7 +167,7 @@ class Manifold:
 
     def turned(self, v: Array, dt: float) -> Array:
         """Return v in the axes that bodies have after dt."""
-        return self._turned(-dt * v, v)
+        return self._turned(v, v, -dt)
 
     def turning(self, v: Array) -> Array:
         """Return w x u of each body (nv,), zero elsewhere: how fast u changes by turning axes."""
@@ -193,15 +203,16 @@ class Manifold:
         self._turn_planar_rows(J, dt * v)
         return J
 
-    def _turned(self, y: Array, V: Array) -> Array:
-        """Return E V: what is linear, turned by the theta of y."""
+    def _turned(self, y: Array, V: Array, way: float = 1.0) -> Array:
+        """Return what is linear in V, turned by `way` times the theta of y."""
         turned = V.copy()
         for _, i in self._bodies:
-            turn = _quaternion(*y[i + 3 : i + 6].tolist())
+            a, b, c = y[i + 3 : i + 6].tolist()
+            turn = _quaternion(way * a, way * b, way * c)
             turned[i], turned[i + 1], turned[i + 2] = _rotated(*turn, *V[i : i + 3].tolist())
         for _, i in self._planar:
             x, z = V[i : i + 2].tolist()
-            angle = _finite(float(y[i + 2]))
+            angle = _finite(way * float(y[i + 2]))
             c, s = cos(angle), sin(angle)
             turned[i : i + 2] = c * x - s * z, c * z + s * x
         return turned
