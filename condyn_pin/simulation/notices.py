@@ -246,6 +246,8 @@ def answer_notices(trajectory: Trajectory, answers: Answers) -> list[str]:
     run = trajectory.run
     if not (run.status.ok and run.solver.exact):
         return []
+    digits = [phase.scene.nominal.digits for phase in trajectory.phases]
+    of_file = {each.note for each in digits if each}  # is of the scene, not of its motion
     if isinstance(run.integrator, ContactScheme):
         found = _step_notices(trajectory)
     elif trajectory.contact:
@@ -255,7 +257,7 @@ def answer_notices(trajectory: Trajectory, answers: Answers) -> list[str]:
             (t, notice)
             for t, answer in answers
             for notice in answer.notices
-            if notice not in _pulls(answer)  # the largest pull of the motion is said
+            if notice not in of_file.union(_pulls(answer))  # the largest pull is said
         ]
     said: dict[str, str] = {}
     remarked = [str(remark) for remark in run.remarks]
