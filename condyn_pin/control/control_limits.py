@@ -157,7 +157,8 @@ class AccelerationBounds:
         if self.dt is None:
             return -self.most[self.columns], self.most[self.columns]
         joints, (highest, lowest) = self.joints, self.reach
-        upper, lower = self._towards(v, inertia, load), self._towards(-v, inertia, -load)
+        upper = self._towards(v, inertia, load, self.dt)
+        lower = self._towards(-v, inertia, -load, self.dt)
         iv, x, speed = joints.iv, q[joints.iq], v[joints.iv]
         for bound, d, sign in ((upper, highest - x, 1.0), (lower, x - lowest, -1.0)):
             brake = self.braking(inertia, sign * load)[iv]
@@ -173,12 +174,12 @@ class AccelerationBounds:
     def braking(self, inertia: Array, load: Array) -> Array:
         """What each joint brakes with at most as it moves upwards (nv,); infinite if not known."""
         alone = np.maximum(self.effort + load, _WEAKEST * self.effort) / inertia
-        return np.minimum(self.most, alone)
+        return np.asarray(np.minimum(self.most, alone))
 
-    def _towards(self, v: Array, inertia: Array, load: Array) -> Array:
+    def _towards(self, v: Array, inertia: Array, load: Array, dt: float) -> Array:
         """Largest accelerations upwards (nv,) within those of velocities that are v."""
-        fastest = np.maximum((self.speed - v) / self.dt, -self.braking(inertia, load))
-        return np.minimum(self.most, fastest)
+        fastest = np.maximum((self.speed - v) / dt, -self.braking(inertia, load))
+        return np.asarray(np.minimum(self.most, fastest))
 
     def unviable(self, q: Array, v: Array, inertia: Array, load: Array) -> tuple[str, ...]:
         """Say which joints are beyond a limit, or come to it too fast to be stopped."""
