@@ -346,6 +346,29 @@ def test_projection_keeps_what_it_promises(four_bar, metric, solver, tolerance):
         assert left <= tolerance
 
 
+def test_a_gap_is_closed_nearly_on_the_shortest_way():
+    """A bob on a rod, 10 kg along x and 1 kg along z: off the closest place by the gap squared."""
+    model, still = pin.Model(), pin.SE3.Identity()
+    joint = model.addJoint(0, pin.JointModelPX(), still, "x")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(9.0, 0.1), still)
+    joint = model.addJoint(joint, pin.JointModelPZ(), still, "z")
+    model.appendBodyToJoint(joint, pin.Inertia.FromSphere(1.0, 0.1), still)
+    model.gravity = pin.Motion.Zero()
+    model.addFrame(pin.Frame("bob", joint, 0, still, pin.FrameType.OP_FRAME))
+    bob = cp.Robot("bob", model, postures={"right": np.array([1.0, 0.0])})
+    scene = cp.Scene(bob, [cp.Loop("bob", "universe", "rod", length=1.0)])
+    closest, how = np.array([math.cos(0.6), math.sin(0.6)]), {"duration": 1e-3, "dt": 1e-3}
+    off = []
+    for gap in (0.1, 0.05):  # along W^-1 J^T of the closest place
+        start = closest + gap * closest / np.array([10.0, 1.0])
+        drift = cp.simulation.Projection()
+        end = cp.simulate(scene, start, 0.0 * start, drift=drift, close_start=False, **how).q[-1]
+        assert np.linalg.norm(end) == pytest.approx(1.0, abs=1e-10)
+        off.append(np.linalg.norm(end - closest))
+    assert 0.01 * gap > off[1] > 0
+    assert 3 < off[0] / off[1] < 5
+
+
 @pytest.mark.parametrize("mu", [1.0, 1e3])
 @pytest.mark.parametrize(
     "scheme", [cp.simulation.PostStabilization(), cp.simulation.Projection()], ids=repr
