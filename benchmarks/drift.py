@@ -35,11 +35,13 @@ from typing import TYPE_CHECKING, Any, cast
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
+import pinocchio as pin
 
 import condyn_pin as cp
 from condyn_pin._core.machine import machine
 from condyn_pin.lab.laboratory import contest, errors, gap_growth
 from condyn_pin.lab.plots_drift import save_laboratory
+from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.stability_limit import stability_limit
 
 if TYPE_CHECKING:
@@ -174,6 +176,14 @@ def plain(case: Case) -> tuple[float, float, float] | None:
     return float(worst[0]), float(worst[1]), float(worst[2])
 
 
+def plane() -> pin.Model:
+    """Return the model of a point that slides along two axes."""
+    model = pin.Model()
+    for i, slide in enumerate((pin.JointModelPX(), pin.JointModelPZ())):
+        model.addJoint(i, slide, pin.SE3.Identity(), f"slide {i}")
+    return model
+
+
 class Squared:
     """What an integrator sees of the pendulum with the constraint of the table.
 
@@ -183,7 +193,7 @@ class Squared:
     lam: Any = staticmethod(lambda: np.zeros(1))
 
     def __init__(self, gains: cp.Baumgarte) -> None:
-        self._gains = gains
+        self._gains, self.manifold = gains, Manifold(plane())
 
     def acceleration(self, t: float, r: np.ndarray, v: np.ndarray) -> np.ndarray:
         """Return r''."""
@@ -191,19 +201,11 @@ class Squared:
         wanted = -gains.Kd * (r @ v) - gains.Kp * (r @ r - 1) / 2
         return down + (wanted - r @ down - v @ v) / (r @ r) * r
 
-    def integrate(self, r: np.ndarray, step: np.ndarray) -> np.ndarray:
-        """Return r moved by a step."""
-        return r + step
-
     def slope(
-        self, t: float, r0: np.ndarray, theta: np.ndarray, v: np.ndarray
+        self, t: float, r0: np.ndarray, y: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Return the rates of r and v."""
-        return v, self.acceleration(t, self.integrate(r0, theta), v)
-
-    def rate(self, theta: np.ndarray, v: np.ndarray) -> np.ndarray:
-        """Return the rate of r."""
-        return v
+        """Return the rates of y = r - r0 and of v."""
+        return v, self.acceleration(t, r0 + y, v)
 
     def implicit(self, dt: float) -> Squared:
         """Return the same: it has no springs and no damping."""

@@ -11,7 +11,6 @@ import condyn_pin as cp
 from condyn_pin._core.files import text as texts
 from condyn_pin.io import xml
 from condyn_pin.io.mjcf_file import compiled
-from condyn_pin.model.soundness import _memory
 
 pytestmark = pytest.mark.once
 
@@ -124,13 +123,6 @@ def test_large_files_are_not_read(tmp_path, monkeypatch):
         path.write_text(text)
         with pytest.raises(cp.errors.InvalidModel, match=words):
             cp.load_robot(path)
-
-
-def test_a_data_beyond_the_memory_of_the_machine_is_not_asked_for(monkeypatch):
-    assert _memory() > 1e8
-    monkeypatch.setattr("condyn_pin.model.soundness._memory", lambda: 100.0)
-    with pytest.raises(cp.errors.InvalidModel, match=r"Data of it would take 0 GB, more than this"):
-        cp.Robot("a", robot("four_bar").model)
 
 
 CARD = 'name = "x"\n[description]\nfile = "bar.urdf"\n'

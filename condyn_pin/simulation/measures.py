@@ -115,7 +115,13 @@ class Energy:
         return tolerances.ENERGY_KEPT * float(max(np.abs(part).max() for part in parts))
 
     def of(self, motion: int) -> Energy:
-        """Return the energies of one of many motions, whose samples are (k, N)."""
+        """Return the energies of one of N motions, whose samples are (k, N).
+
+        Parameters
+        ----------
+        motion : int
+            Its number.
+        """
         return Energy(*(getattr(self, field.name)[:, motion] for field in fields(self)))
 
     def __repr__(self) -> str:

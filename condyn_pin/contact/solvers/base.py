@@ -60,7 +60,7 @@ class Attempt(NamedTuple):
     several : tuple of Indeterminacy
         Contacts whose velocities Coulomb's law leaves open; no solver fills it in.
     cost : float
-        Of it and of those before, in ordinary solves.
+        Ordinary solves that it and those before it were as long as [1].
     stopped : bool
         Whether the budget ended the search.
     """
