@@ -26,10 +26,10 @@ Munthe-Kaas. High order Runge-Kutta methods on manifolds. Applied Numerical Math
 
 from __future__ import annotations
 
-from collections.abc import Container
-from functools import cached_property
+from collections.abc import Callable, Container
+from functools import cached_property, partial
 from math import cos, hypot, isfinite, nan, pi, sin
-from typing import Any, Final
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
@@ -44,6 +44,14 @@ _CURVED = {
     "JointModelSpherical": (0, 1, 2),
     "JointModelPlanar": (2,),
 }
+
+# (t, q, v) -> a, of joints in their own axes.
+Acceleration: TypeAlias = Callable[[float, Array, Array], Array]
+
+# Of a body within a step: the index of its velocity, E as a quaternion, u and w.
+_Flight: TypeAlias = tuple[
+    int, tuple[float, float, float, float], tuple[float, float, float], tuple[float, float, float]
+]
 
 # How far a body may turn in a step [rad], and one that moves the same however it is turned: what is
 # across theta counts 20 times in theta' there.
@@ -61,6 +69,7 @@ class Manifold:
 
     def __init__(self, model: Any) -> None:
         self._model = model
+        self._on_screws: Callable[[Array, Array], Array] = partial(pin.integrate, model)
         joints = [(i, j.shortname(), j.idx_q, j.idx_v) for i, j in enumerate(model.joints) if i]
         self._bodies = [(q, v) for _, name, q, v in joints if name == "JointModelFreeFlyer"]
         self._planar = [(q, v) for _, name, q, v in joints if name == "JointModelPlanar"]
@@ -74,9 +83,32 @@ class Manifold:
         self.floats = bool(self._bodies or self._planar)
         self.is_flat = not self.turns
 
+    def slope(
+        self, acceleration: Acceleration, t: float, q0: Array, y: Array, V: Array
+    ) -> tuple[Array, Array]:
+        """Return y' and V' (nv,) at coordinates y and velocities V of a step from q0."""
+        if self._planar:
+            q, v = self.place(q0, y, V)
+            return self.rates(y, V, v, acceleration(t, q, v))
+        at, of = y.tolist(), V.tolist()
+        q, v, flights = self._placed(q0, y, V, at, of)
+        a = acceleration(t, q, v)
+        A, by = (a.copy(), a.tolist()) if flights else (a, [])
+        for i, turn, (ux, uy, uz), (wx, wy, wz) in flights:
+            ax = by[i] + (wy * uz - wz * uy)
+            ay = by[i + 1] + (wz * ux - wx * uz)
+            az = by[i + 2] + (wx * uy - wy * ux)
+            A[i], A[i + 1], A[i + 2] = _rotated(*turn, ax, ay, az)
+        return self._moving(V, at, of), A
+
     def place(self, q0: Array, y: Array, V: Array) -> tuple[Array, Array]:
         """Return q and v of coordinates y and velocities V of a step from q0."""
-        return self.integrate(q0, y), self.own(y, V)
+        if not self.floats:
+            return self._on_screws(q0, y), V
+        if self._planar:
+            return self.integrate(q0, y), self.own(y, V)
+        q, v, _ = self._placed(q0, y, V, y.tolist(), V.tolist())
+        return q, v
 
     def rates(self, y: Array, V: Array, v: Array, a: Array) -> tuple[Array, Array]:
         """Return y' and V' (nv,) where bodies have the velocity v and the acceleration a."""
@@ -84,9 +116,30 @@ class Manifold:
 
     def rate(self, y: Array, V: Array) -> Array:
         """Return y' (nv,)."""
+        return self._moving(V, y.tolist(), V.tolist())
+
+    def _placed(
+        self, q0: Array, y: Array, V: Array, at: list[float], of: list[float]
+    ) -> tuple[Array, Array, list[_Flight]]:
+        """Return q and v of coordinates, which are `at` and `of` too, and each body's flight."""
+        q, flights = self._on_screws(q0, y), list[_Flight]()
+        if not self._bodies:
+            return q, V, flights
+        v, begun = V.copy(), q0.tolist()
+        for k, i in self._bodies:
+            px, py, pz, *R0 = begun[k : k + 7]
+            a, b, c = _rotated(*R0, at[i], at[i + 1], at[i + 2])
+            q[k], q[k + 1], q[k + 2] = px + a, py + b, pz + c
+            a, b, c, d = turn = _quaternion(at[i + 3], at[i + 4], at[i + 5])
+            u = v[i], v[i + 1], v[i + 2] = _rotated(-a, -b, -c, d, of[i], of[i + 1], of[i + 2])
+            flights.append((i, turn, u, (of[i + 3], of[i + 4], of[i + 5])))
+        return q, v, flights
+
+    def _moving(self, V: Array, at: list[float], of: list[float]) -> Array:
+        """Return y' (nv,) at coordinates and velocities, which are `at` and `of`."""
         if not self._thetas:
             return V
-        rate, at, of = V.copy(), y.tolist(), V.tolist()
+        rate = V.copy()
         for i in self._thetas:
             w = _rate(at[i], at[i + 1], at[i + 2], of[i], of[i + 1], of[i + 2])
             rate[i], rate[i + 1], rate[i + 2] = w
@@ -105,9 +158,9 @@ class Manifold:
         A = a.copy()
         for _, i in self._bodies:
             x, y, z, p, q, r = v[i : i + 6].tolist()
-            A[i] += q * z - r * y
-            A[i + 1] += r * x - p * z
-            A[i + 2] += p * y - q * x
+            b, c, d = a[i : i + 3].tolist()
+            b, c, d = b + (q * z - r * y), c + (r * x - p * z), d + (p * y - q * x)
+            A[i], A[i + 1], A[i + 2] = b, c, d
         return A
 
     def own(self, y: Array, V: Array) -> Array:
@@ -134,7 +187,7 @@ class Manifold:
 
     def integrate(self, q: Array, dq: Array) -> Array:
         """Return q moved along dq (nv,), bodies on straight lines."""
-        moved: Array = pin.integrate(self._model, q, dq)
+        moved = self._on_screws(q, dq)
         for k, i in self._bodies:
             x, y, z, *turn = q[k : k + 7].tolist()
             a, b, c = _rotated(*turn, *dq[i : i + 3].tolist())
@@ -226,7 +279,7 @@ class Manifold:
 
     def largest_turn(self, theta: Array) -> tuple[str, float]:
         """Return which of the curved joints turns furthest in theta, and by what angle [rad]."""
-        turns = [(float(np.linalg.norm(theta[at])), name) for name, at in self.turns]
+        turns = [(hypot(*theta[at[0] : at[-1] + 1].tolist()), name) for name, at in self.turns]
         angle, name = max(turns, default=(0.0, ""))
         return name, angle
 

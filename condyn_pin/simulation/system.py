@@ -186,10 +186,15 @@ class System:
         a = self.acceleration(t, q, v)
         return t, q, v, a, self.lam(), applied.first(t, q, v), NO_TOUCH
 
-    def slope(self, t: float, q0: Array, y: Array, V: Array) -> tuple[Array, Array]:
-        """Return y' and V' (nv,), with y and V the coordinates of a step from q0 (`Manifold`)."""
-        q, v = self.manifold.place(q0, y, V)
-        return self.manifold.rates(y, V, v, self.acceleration(t, q, v))
+    @property
+    def slope(self) -> Callable[[float, Array, Array, Array], tuple[Array, Array]]:
+        """(t, q0, y, V) -> y' and V' (nv,) at coordinates of a step from q0 (`Manifold`)."""
+        if self.manifold.is_flat:
+            return self._flat_slope
+        return partial(self.manifold.slope, self.acceleration)
+
+    def _flat_slope(self, t: float, q0: Array, y: Array, V: Array) -> tuple[Array, Array]:
+        return V, self.acceleration(t, self.integrate(q0, y), V)
 
     def turn_fault(self, v: Array, dt: float) -> str:
         """Return which body turns too far in a step of dt; nothing if none does."""

@@ -200,17 +200,19 @@ class RungeKutta4(Integrator):
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
         acceleration, slope, manifold = system.acceleration, system.slope, system.manifold
-        later = dt / 2
+        later, floats, integrate = dt / 2, manifold.floats, system.integrate
         # numpy multiplies by arrays faster than by floats
         h, half, sixth, two = (np.array(x) for x in (dt, dt / 2, dt / 6, 2.0))
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
             a = acceleration(t, q, v)
-            A1 = manifold.straight(v, a)
+            A1 = manifold.straight(v, a) if floats else a
             r2, A2 = slope(t + later, q, half * v, v + half * A1)
             r3, A3 = slope(t + later, q, half * r2, v + half * A2)
             r4, A4 = slope(t + dt, q, h * r3, v + h * A3)
             y = sixth * (v + two * (r2 + r3) + r4)
-            return *manifold.place(q, y, v + sixth * (A1 + two * (A2 + A3) + A4)), a
+            V = v + sixth * (A1 + two * (A2 + A3) + A4)
+            q1, v1 = manifold.place(q, y, V) if floats else (integrate(q, y), V)
+            return q1, v1, a
 
         return Stepper(step)
