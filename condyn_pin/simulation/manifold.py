@@ -127,8 +127,8 @@ class Manifold:
             return q, V, flights
         v, begun = V.copy(), q0.tolist()
         for k, i in self._bodies:
-            px, py, pz, *R0 = begun[k : k + 7]
-            a, b, c = _rotated(*R0, at[i], at[i + 1], at[i + 2])
+            px, py, pz, e, f, g, h = begun[k : k + 7]
+            a, b, c = _rotated(e, f, g, h, at[i], at[i + 1], at[i + 2])
             q[k], q[k + 1], q[k + 2] = px + a, py + b, pz + c
             a, b, c, d = turn = _quaternion(at[i + 3], at[i + 4], at[i + 5])
             u = v[i], v[i + 1], v[i + 2] = _rotated(-a, -b, -c, d, of[i], of[i + 1], of[i + 2])
