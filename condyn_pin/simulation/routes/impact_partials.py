@@ -1,6 +1,8 @@
 """How the impact with which a step begins changes with the start of the step.
 
-    lam_i by q, v, friction and restitution,    max(J_n v', 0) by the same,  v' behind the impact
+    lam_i by q, v, friction, restitution and inertias,    max(J_n v', 0) by the same
+
+with v' behind the impact. Inertias act by G alone: G' = -Y^T M' Y, with Y what unit impulses move.
 
 A law of restitution follows the path of a contact through slip, stop and slip, or phases of several
 contacts: its impulses are differenced, at states beside that of the step, to order four. All else
@@ -9,7 +11,7 @@ is that of the step behind it (`LinearSteps`).
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -17,7 +19,6 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.errors import SolveFailed
 from condyn_pin.simulation.integrators.posed import Posed
 
 if TYPE_CHECKING:
@@ -36,12 +37,6 @@ def impact_partials(steps: LinearSteps, posed: Posed) -> tuple[Array, Array]:
     """Return how impulses (m, columns), and velocities that they throw off (k, columns), change."""
     columns, strike = steps.columns, posed.strike
     assert strike is not None
-    if steps.inertias:
-        raise SolveFailed(
-            f"{steps.scheme.impacts!r}: an impact with friction has no derivatives by inertias; "
-            "restitution_law=Newton() has them",
-            None,
-        )
     e, mu = posed.chosen.restitution, posed.chosen.friction
     m, k, n = len(posed.near.before), len(e), len(posed.v)
     speed = float(np.abs(posed.near.before).max())
@@ -77,6 +72,12 @@ def impact_partials(steps: LinearSteps, posed: Posed) -> tuple[Array, Array]:
             changes[:, of_mu[i]] = _slope(rougher, one[: len(mu)], _STEP * mu[i])
         if e[i]:
             changes[:, of_e[i]] = _slope(lambda x: struck(here, e + x), one, _STEP * e[i])
+    for i, heavier in _by_inertias(steps, posed, len(mine)):
+
+        def weighing(share: Array, by: Array = heavier) -> Array:
+            return struck(here.replaced(G=here.G + share * by), e)
+
+        changes[:, i] = _slope(weighing, np.ones(1), _STEP * _size(here.G, heavier))
     lam = columns.empty(m)
     lam[: len(mine)] = changes[: len(mine)]
     return lam, changes[len(mine) :]
@@ -101,13 +102,37 @@ def agrees_by_chance(steps: LinearSteps, posed: Posed) -> bool:
     if not ((near.before[near.normals] < 0.0) & (e > 0.0)).any():
         return False
     law, n = steps.scheme.impacts, len(posed.v)
-    for along in np.eye(n):
-        at = steps.system.integrate(posed.at, _BESIDE * along)
-        problem = steps.steps.impact_at(chosen, near, at, posed.v)
+    here = chosen.impact(near)
+
+    def beside() -> Iterator[ContactProblem]:
+        for along in np.eye(n):
+            at = steps.system.integrate(posed.at, _BESIDE * along)
+            yield steps.steps.impact_at(chosen, near, at, posed.v)
+        for _, by in _by_inertias(steps, posed, here.rows):
+            yield here.replaced(G=here.G + _BESIDE * _size(here.G, by) * by)
+
+    for problem in beside():
         apart = law.strike(problem, e).apart
         if (apart if posed.strike is None else apart & ~posed.strike.apart).any():
             return True
     return False
+
+
+def _by_inertias(steps: LinearSteps, posed: Posed, m: int) -> Iterator[tuple[int, Array]]:
+    """Return the columns of inertias that G of an impact changes with, and how (m, m)."""
+    if not steps.inertias:
+        return
+    Y = posed.condensed.factors.solve(posed.J_c[:m].T, np.zeros((steps.system.equations.m, m)))[0]
+    momenta = np.array([steps.inertias.momenta(posed.at, y) for y in Y.T])  # (m, nv, columns)
+    for i in range(steps.inertias.size):
+        by = -Y.T.dot(momenta[:, :, i].T)
+        if by.any():
+            yield steps.columns.inertias.start + i, 0.5 * (by + by.T)
+
+
+def _size(G: Array, by: Array) -> float:
+    """Return how much of a parameter changes G by as much as it is."""
+    return float(np.abs(G).max() / np.abs(by).max())
 
 
 def _slope(function: Callable[[Array], Array], along: Array, h: float) -> Array:
