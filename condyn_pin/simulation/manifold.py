@@ -28,7 +28,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Container
 from functools import cached_property, partial
-from math import cos, hypot, isfinite, nan, pi, sin
+from math import cos, hypot, inf, isfinite, nan, pi, sin
 from typing import Any, Final, TypeAlias
 
 import numpy as np
@@ -296,6 +296,11 @@ class Manifold:
             speed = float(np.linalg.norm(v[at]))
             if not speed * dt > HALF_TURN:
                 continue
+            if speed * dt == inf:  # no dt would follow it
+                return (
+                    f"a step of {dt:.3g} s is not finite, the speed of joint {name!r} overflows: "
+                    "look at v, tau and masses, or take a smaller dt"
+                )
             end, what = HALF_TURN, "half a turn, pi"
             if name in balls:
                 end, what = _NEARLY_A_TURN, "1.9 pi, nearly a turn of a ball"
