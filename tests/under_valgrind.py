@@ -42,10 +42,6 @@ SHORT = {
         "test_native_ticks.py::test_driven_rows_follow_their_paths_as_in_python",
         "test_native_ticks.py::test_robots_of_few_joints_without_constraints",
         "test_native_ticks.py::test_numbers_that_do_not_fit_are_refused_at_the_border",
-        "test_native_hierarchy.py::test_a_level_begins_from_its_own_active_set",
-        "test_native_hierarchy.py::test_ranks_at_their_edge_are_left_to_python",
-        "test_native_hierarchy.py::test_levels_of_equations_and_levels_that_are_left_nothing",
-        "test_native_hierarchy.py::test_levels_that_do_not_fit_are_refused_at_the_border",
     ),
     "helgrind": (
         "test_native.py::test_threads_change_no_bit",
