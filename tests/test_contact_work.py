@@ -246,7 +246,7 @@ def test_files_and_tables_have_every_part(tmp_path: Path) -> None:
     assert {"contacts", "corrections"} <= set(labels)
     run.to_csv(tmp_path / "run.csv")
     heading = (tmp_path / "run.csv").read_text().partition("\n")[0]
-    assert heading.endswith("contact [J],correction [J],algorithmic [J]")
+    assert heading.endswith("contact [J],correction [J],algorithmic [J],doubt [J]")
     steps = cp.simulation.step_batch(scene, [lying(1e-3)], np.zeros((1, 6)), dt=1e-3)
     one = steps[0]
     lost = [one.energy_lost, one.correction_work, one.algorithmic_work]

@@ -234,7 +234,8 @@ def test_the_limit_is_where_gaps_grow(integrator, near, stable, monkeypatch):
         *rod_pendulum(), duration=20.0, dt=dt, integrator=integrator,
         drift=cp.Baumgarte.critical(share * stability_limit(integrator) / dt),
     )  # fmt: skip
-    assert (found.status.ok and found.violation.max() < 0.1) == stable
+    # to its end, however wide coarse steps come open beside gaps that grow
+    assert (found.run.status.ok and found.violation.max() < 0.1) == stable
 
 
 def test_gains_beyond_the_limit_are_refused():

@@ -74,7 +74,10 @@ def test_stiff_damping_asks_for_no_small_step_of_implicit_methods():
     }
     for integrator, dt in steps.items():
         found = cp.simulate(*hanging_cassie(), duration=0.04, dt=dt, integrator=integrator)
-        assert found.status.ok, found.reason
+        # SHAKE, whose velocities are not tangent, is told to have them off where damping is stiff
+        is_shake = isinstance(integrator, cp.simulation.Shake)
+        assert found.run.status.ok, found.run.reason
+        assert found.status.ok or (is_shake and "move apart" in found.reason), found.reason
         assert np.abs(found.q[-1] - exact.q[-1]).max() < 1e-3
 
 
@@ -179,12 +182,18 @@ def test_a_run_that_damping_breaks_down_says_which_joint_and_what_dt_would_do(in
     lost = cp.simulate(*start, duration=0.2, dt=2.5e-3, integrator=integrator)
     assert not lost.status.ok
     said = re.search(
-        r"damping of joint '\w+-tarsus-crank-joint' .* SemiImplicitEuler\(\).* below (\S+) s",
+        r"damping of joint '\w+-tarsus-crank-joint' .* RadauIIA\(3\), "
+        r"LinearlyImplicitMidpoint\(\), or dt below (\S+) s",
         lost.reason,
     )
     assert said, lost.reason
-    for dt, method in ((0.95 * float(said[1]), integrator), (2.5e-3, cp.SemiImplicitEuler())):
-        assert cp.simulate(*start, duration=0.05, dt=dt, integrator=method).status.ok
+    for dt, method in (
+        (0.95 * float(said[1]), integrator),
+        (2.5e-3, cp.simulation.RadauIIA(3)),
+        (2.5e-3, cp.simulation.LinearlyImplicitMidpoint()),
+    ):
+        found = cp.simulate(*start, duration=0.05, dt=dt, integrator=method)
+        assert found.status.ok, found.reason
 
 
 def test_damping_that_stops_a_tumbling_body_at_once():

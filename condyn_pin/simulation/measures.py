@@ -270,8 +270,8 @@ def _bent(v: Array) -> Array:
     (omega h)^2 of a frequency that samples resolve, 1 where they do not.
     """
     size = np.linalg.norm(v, axis=-1)
-    if len(v) < 3:
-        return np.zeros((len(v) - 1, *size.shape[1:]))
+    if len(v) < 3:  # two alone say nothing of it
+        return np.ones((len(v) - 1, *size.shape[1:]))
     bend = np.linalg.norm(v[2:] - 2.0 * v[1:-1] + v[:-2], axis=-1)
     share = bend / np.maximum(size[2:] + size[:-2], np.finfo(float).tiny)
     share = np.minimum(share, 1.0)

@@ -36,6 +36,7 @@ class MotionLimits:
         way, as in `SoftStep`.
     energy : float
         Energy that appeared or vanished without work, as a share of the largest exchange [1].
+        What gravity and torques exchange in one step is within it by schemes of order 1.
     error : float
         `Trajectory.error` from which on a notice names it, as a share of how far bodies moved [1].
 

@@ -151,13 +151,17 @@ def _bend(course: Course, when: int) -> float:
 def penetrated(course: Course) -> str:
     """Deepest contact, or joint past its stop, if it is beyond the limit."""
     worst_excess, said = 0.0, ""
-    for phase in course.phases:
-        if not phase.scene.contacts:
-            continue
-        names, gaps = gaps_along(phase.scene, course.q[phase.samples])
+    found = [
+        (phase, *gaps_along(phase.scene, course.q[phase.samples]))
+        for phase in course.phases
+        if phase.scene.contacts
+    ]
+    fastest = _closing_speeds(course, found)
+    for phase, names, gaps in found:
         if not gaps.size:
             continue
         t, limits = course.t[phase.samples], _depth_limits(course, phase, gaps)
+        limits += course.dt * np.array([fastest.get(name, 0.0) for name in names])
         excess = -gaps - limits
         k, i = np.unravel_index(int(excess.argmax()), excess.shape)
         if excess[k, i] <= worst_excess:
@@ -179,11 +183,26 @@ def _depth_limits(course: Course, phase: Phase, gaps: Array) -> Array:
     if isinstance(scheme, ContactScheme) and scheme.gives_way:
         return np.full(gaps.shape[1], inf)
     size = max(default_gap(course.scene.robot), tolerances.NEARLY_APART)
-    limits: Array = size + begun
-    if isinstance(scheme, ContactScheme) and not scheme.closes_gaps and len(gaps) > 1:
+    return np.asarray(size + begun)
+
+
+def _closing_speeds(
+    course: Course, found: Sequence[tuple[Phase, Sequence[str], Array]]
+) -> dict[str, float]:
+    """Fastest rate of each gap [m/s, rad/s] in the motion, by schemes that push nothing out.
+
+    Depth stays from one phase to the next: in its own, a contact may be at rest.
+    """
+    scheme, fastest = course.integrator, dict[str, float]()
+    is_limited = course.limits.penetration is not None
+    if is_limited or not isinstance(scheme, ContactScheme) or scheme.closes_gaps:
+        return fastest
+    for phase, names, gaps in found:
         spans = np.diff(course.t[phase.samples])[:, None]
-        limits += course.dt * np.abs(np.diff(gaps, axis=0) / spans).max(axis=0)
-    return limits
+        rates = np.abs(np.diff(gaps, axis=0) / spans).max(axis=0, initial=0.0)
+        for name, rate in zip(names, rates, strict=True):
+            fastest[name] = max(float(rate), fastest.get(name, 0.0))
+    return fastest
 
 
 def _depth_cure(course: Course) -> str:
@@ -197,7 +216,7 @@ def unbalanced(course: Course) -> str:
     """Largest energy without work, if it is beyond the limit."""
     energy, limit = course.energy, course.limits.energy
     rest, scale = unexplained(course), energy.scale
-    if _damps_springs(course.integrator):
+    if _is_of_first_order(course.integrator):
         lost = np.ptp(energy.springs)
         rest = np.where(energy.error < 0.0, np.maximum(rest - lost, 0.0), rest)
     most = float(rest.max(initial=0.0))
@@ -225,16 +244,29 @@ def energy_cure(course: Course) -> str:
 def unexplained(course: Course) -> Array:
     """Energy that appeared or vanished without work since the loops were closed (k,) [J].
 
-    Less what the quadrature of work over the samples may be off by. Constraints that give way, or
-    that close an open start, do work: it is zero while they do.
+    Less what the quadrature of work over the samples may be off by, and what one step of a scheme
+    of first order exchanges. Constraints that give way, or that close an open start, do work: it
+    is zero while they do.
     """
     error, doubt = course.energy.error, course.energy.doubt
     if not _is_hard(course):
         return np.zeros_like(error)
     start = min(_closed_from(course), len(error) - 1)
-    rest = np.abs(error - error[start]) - (doubt - doubt[start])
+    rest = np.abs(error - error[start]) - (doubt - doubt[start]) - _of_a_step(course)
     rest[:start] = 0.0
     return np.asarray(np.where(rest < 0.0, 0.0, rest))
+
+
+def _of_a_step(course: Course) -> float:
+    """Energy [J] that gravity and torques exchange in one step, by schemes of first order.
+
+    They are half a step late or early: m g v dt / 2 of a free fall, a share of 1 / k after k steps.
+    """
+    if not _is_of_first_order(course.integrator) or len(course.t) < 2:
+        return 0.0
+    spans = np.diff(course.t)
+    by_each = [np.abs(np.diff(part)) for part in (course.energy.potential, course.energy.work)]
+    return float(max((np.minimum(course.dt / spans, 1.0) * each).max() for each in by_each))
 
 
 def smallest_energy(course: Course) -> float:
@@ -250,8 +282,8 @@ def _closed_from(course: Course) -> int:
     return int(closed.argmax()) if closed.any() else len(closed)
 
 
-def _damps_springs(integrator: Integrator) -> bool:
-    """Whether steps of order 1 have springs at their end, and damp what they cannot follow."""
+def _is_of_first_order(integrator: Integrator) -> bool:
+    """Whether steps have springs at their end, and damp what they cannot follow."""
     return isinstance(integrator, ContactScheme) or integrator.order.q == 1
 
 
