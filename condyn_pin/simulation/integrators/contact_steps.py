@@ -30,7 +30,7 @@ from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.judge import judged
 from condyn_pin.contact.modes import OPEN, Modes, contact_modes
 from condyn_pin.contact.solvers.newton import SemismoothNewton
-from condyn_pin.errors import StepFailed
+from condyn_pin.errors import SolveFailed, StepFailed
 from condyn_pin.simulation.contact_record import touch_of
 from condyn_pin.simulation.dead_ends import pressed_in
 from condyn_pin.simulation.integrators.base import Stepper
@@ -105,6 +105,8 @@ class ContactSteps(PosedSteps):
     def check_turn(self, v: Array, v1: Array) -> None:
         """Refuse a step in which a body turns further than it is followed."""
         fault = self.turn_fault(v, v1)
+        if fault and not isfinite(v1.dot(v1)):
+            raise SolveFailed(fault, None)
         if fault:
             raise StepFailed(fault)
 
