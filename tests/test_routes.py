@@ -986,6 +986,21 @@ def test_by_what_weighs_along_other_routes(route):
     assert by_weights(scene, q, v, np.zeros(len(v)), HARD[1], route, 1e-3) < 1e-7
 
 
+@pytest.mark.parametrize("seed", range(2))
+@pytest.mark.parametrize("law", [cp.contact.Energetic(), cp.contact.Poisson()], ids=repr)
+def test_an_impact_by_what_a_box_weighs(law, seed):
+    """A corner comes down and slips: where it is thrown depends on how the box turns."""
+    box = cp.model.free_box(mass=1.0, size=(0.2, 0.12, 0.08))
+    shape = cp.constraints.Box(0.1, 0.06, 0.04)
+    floor = cp.FrictionalContact("box", shape, friction=0.3, restitution=0.5)
+    scene, rng = cp.Scene(box, contacts=[floor]), np.random.default_rng(seed)
+    q = pin.integrate(box.model, scene.state()[0], np.append(np.zeros(3), rng.normal(size=3)))
+    q[2] -= min(cp.dynamics.contact_gaps(scene, q).values()) + 1e-5
+    v = np.concatenate([rng.normal(size=2), [-1.0], rng.normal(size=3)])
+    scheme = cp.Moreau(contact=NEWTON, restitution_law=law)
+    assert by_weights(scene, q, v, np.zeros(6), scheme, ActiveSet(), 1e-3) < 1e-7
+
+
 @pytest.mark.parametrize(
     ("scheme", "route", "parameter"),
     [
