@@ -201,6 +201,10 @@ class Squared:
         wanted = -gains.Kd * (r @ v) - gains.Kp * (r @ r - 1) / 2
         return down + (wanted - r @ down - v @ v) / (r @ r) * r
 
+    def integrate(self, r: np.ndarray, step: np.ndarray) -> np.ndarray:
+        """Return r moved by a step."""
+        return r + step
+
     def slope(
         self, t: float, r0: np.ndarray, y: np.ndarray, v: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:

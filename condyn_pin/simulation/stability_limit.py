@@ -67,6 +67,10 @@ class _Gap:
         """Return c''."""
         return -self._Kd * v - self._Kp * q
 
+    def integrate(self, q: Array, dq: Array) -> Array:
+        """Return q moved by dq."""
+        return q + dq
+
     def slope(self, t: float, q0: Array, y: Array, V: Array) -> tuple[Array, Array]:
         """Return y' and V'."""
         return V, self.acceleration(t, q0 + y, V)

@@ -131,16 +131,19 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
     from_velocities = np.linalg.inv(dt * A)
     from_gaps = from_velocities @ from_velocities
     forces, manifold = [np.zeros(0)], system.manifold
+    # a row of velocities alone leaves no gap for the second multiplier to close
+    placed = [row for bound in system.scene.bounds for row in bound.positioned]
 
     def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         a0 = system.acceleration(t, q, v)
         A0 = manifold.straight(v, a0)
-        a, lam, mu = np.tile(A0, (s, 1)), np.tile(system.lam(), (s, 1)), np.zeros((s, m))  # a is V'
+        # a is V'
+        a, lam, mu = np.tile(A0, (s, 1)), np.tile(system.lam(), (s, 1)), np.zeros((s, len(placed)))
         Y, Q, own, of_own = np.outer(dt * nodes, v), [q] * s, [v] * s, [a0] * s
         middle = manifold.place(q, dt / 2 * v, v + dt / 2 * A0)
         of = residuals.partials(t + dt / 2, *middle, a0, lam[0])
         newton = _newton(of, A, dt, residuals.damping)
-        pull, hold = _second_multiplier(of, residuals.damping)
+        pull, hold = _second_multiplier(of.M, of.J[placed], residuals.damping)
 
         def iteration() -> float:
             nonlocal a, lam, mu, Y, Q, own, of_own
@@ -165,7 +168,7 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
             moved = [manifold.of_start(*pair) for pair in zip(Y, change[:, :n], strict=True)]
             a, lam = a - moved, lam - change[:, n:]
             if stabilised:
-                mu = mu - (from_velocities.dot(gaps) - velocities).dot(hold)
+                mu = mu - (from_velocities.dot(gaps) - velocities)[:, placed].dot(hold)
             largest = dt**2 * np.abs(change[:, :n]).max()
             return float(max(np.abs(Y - before).max(), largest, np.abs(gaps).max(initial=0)))
 
@@ -187,7 +190,7 @@ def _newton(of: Partials, A: Array, dt: float, damping: float) -> Array:
     return inverse(whole)
 
 
-def _second_multiplier(of: Partials, damping: float) -> tuple[Array, Array]:
-    """Return (M^-1 J^T)^T (m, nv), by which mu moves q, and (J M^-1 J^T)^-1 (m, m)."""
-    Y: Array = np.asarray(np.linalg.solve(of.M, of.J.T), dtype=np.float64)
-    return Y.T, inverse(of.J @ Y + damping * np.eye(len(of.J)))
+def _second_multiplier(M: Array, J: Array, damping: float) -> tuple[Array, Array]:
+    """M^-1 J^T, transposed (k, nv), by which mu moves q, and (J M^-1 J^T)^-1 (k, k)."""
+    Y: Array = np.asarray(np.linalg.solve(M, J.T), dtype=np.float64)
+    return Y.T, inverse(J @ Y + damping * np.eye(len(J)))
