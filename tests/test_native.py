@@ -550,7 +550,9 @@ def test_motions_are_those_of_python(label, steps, drift):
     found = cp.simulate_batch(scene, q, v, tau, **how, record=7, executor=cp.Native(threads=2))
     # steps leave loops a little open, and rows that are redundant then are left out by other sums
     redundant = scene.nominal.looks_independent
-    same_bits = steps != "Runge-Kutta 4" and not redundant
+    # bodies that float are turned by other sums
+    floats = scene.robot.model.joints[1].shortname() == "JointModelFreeFlyer"
+    same_bits = steps != "Runge-Kutta 4" and not redundant and not floats
     within = CLOSED if redundant and "post" in drift else MOVED
     assert_moved_alike(found, wanted, bits=same_bits, within=within)
     for name, its in wanted.samples.arrays.items():

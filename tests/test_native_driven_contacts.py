@@ -195,8 +195,8 @@ def test_what_the_core_leaves_of_a_motion_is_taken_by_python(monkeypatch):
 
     def short(*about: object) -> np.ndarray:  # Newton's method ends early, most often at no answer
         plan = step_plan(*about)
-        assert (plan[8], plan[13]) == (EXACT.contact.max_iterations, CONTACT_SOLVED)
-        plan[8], plan[13] = 5, 1e-12
+        assert (plan[8], plan[14]) == (EXACT.contact.max_iterations, CONTACT_SOLVED)
+        plan[8], plan[14] = 5, 1e-12
         return plan
 
     taken = []

@@ -95,7 +95,7 @@ def test_stages_of_a_step_are_those_of_python(name, drift):
     q, v, tau = batch_near(scene, 0.0, 0.0, 2)
     how = {
         "dt": 1e-3, "duration": 0.05, "integrator": cp.RungeKutta4(), "drift": drift,
-        "solver": solver, "record": 10,
+        "solver": solver, "record": 10, "limits": cp.simulation.MotionLimits(energy=np.inf),
     }  # fmt: skip
     wanted = cp.simulate_batch(scene, q, 0.05 * v, tau, **how)
     found = cp.simulate_batch(scene, q, 0.05 * v, tau, **how, executor=cp.Native(threads=1))
