@@ -10,7 +10,7 @@ constexpr double opened = 1e-9; // by how much, as `_OPENS`
 constexpr double least_pivot = 1e-5; // below which rows may be combinations of others, as `_PIVOT`
 constexpr int open_mode = 0, slide_mode = 2;
 
-/// Whether impulses along all normals open all contacts that impulses move, and no contact alone holds what it touches.
+/// Whether impulses along all normals open all contacts that impulses move.
 bool opens_all(const ContactProblem & problem)
 {
   VectorXd e = VectorXd::Zero(problem.rows());
@@ -27,10 +27,31 @@ bool opens_all(const ContactProblem & problem)
       continue;
     const double mu = i < problem.cones() ? problem.friction[i] : 0.0;
     const double slip = mu > 0.0 ? mu * std::hypot(S[n - 2], S[n - 1]) : 0.0;
-    if (!(S[n] - slip > enough) || (mu > 0.0 && !(G(n, n) > mu * std::hypot(G(n - 2, n), G(n - 1, n)))))
+    if (!(S[n] - slip > enough))
       return false;
   }
   return true;
+}
+
+/// Whether a contact alone may hold what it touches without a force that asks for it: G_nn <= mu |G_nt|.
+bool holds_alone(const ContactProblem & problem)
+{
+  const MatrixXd & G = problem.G;
+  for (int i = 0; i < problem.cones(); ++i)
+    if (const int n = problem.normal(i); problem.friction[i] > 0.0 && G(n, n) > 0.0)
+      if (!(G(n, n) > problem.friction[i] * std::hypot(G(n - 2, n), G(n - 1, n))))
+        return true;
+  return false;
+}
+
+/// Whether all impulses do something: no row of G is a combination of others.
+bool is_independent(const MatrixXd & G)
+{
+  const Eigen::LLT<MatrixXd> factor(G);
+  if (factor.info() != Eigen::Success)
+    return false;
+  const VectorXd pivots = factor.matrixLLT().diagonal();
+  return pivots.minCoeff() > least_pivot * pivots.maxCoeff();
 }
 
 bool is_redundant(const ContactProblem & problem, const Eigen::VectorXi & modes)
@@ -54,12 +75,20 @@ bool may_be_indeterminate_alone(const ContactProblem & problem, const VectorXd &
 {
   if (!(problem.friction.array() > 0.0).any()) // convex
     return false;
-  if (!opens_all(problem))
+  if (holds_alone(problem))
     return true;
+  if (is_independent(problem.G))
+    return false;
   const Eigen::VectorXi modes = contact_modes(problem, lam, moves);
-  bool slides = false;
+  bool slides = false, stays = true;
   for (int i = 0; i < problem.cones(); ++i)
-    slides = slides || (modes[i] == slide_mode && problem.friction[i] > 0.0);
+  {
+    const bool rubs = problem.friction[i] > 0.0;
+    slides = slides || (rubs && modes[i] == slide_mode);
+    stays = stays && (!rubs || (modes[i] != slide_mode && modes[i] != open_mode));
+  }
+  if (!stays && !opens_all(problem)) // of a wedge in which nothing moves all answers have that motion
+    return true;
   return slides && modes.size() > 1 && is_redundant(problem, modes);
 }
 } // namespace

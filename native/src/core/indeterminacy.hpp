@@ -1,6 +1,7 @@
 // Whether the answer of a contact problem may be one of several, by tests that cost next to nothing.
 //
-//   wedge      none where impulses along all normals open all contacts: S = G e_n, S_n > mu |S_t|
+//   wedge      none where rows are independent, or impulses along all normals open all contacts: S = G e_n,
+//              S_n > mu |S_t|; of one in which nothing moves all answers have that motion
 //   Painlevé   none of one contact with G_nn > mu |G_nt|
 //   continuum  none where nothing slides, or rows that are not open are independent
 //
