@@ -54,20 +54,44 @@ void Touching::ask(const VectorXd & here, const VectorXd & bent, const FreeStep 
   }
 }
 
-/// Unless impulses that push out each contact by itself push all out, and nothing in: a motion can follow them then.
+/// Whether pushes may have to yield: unless y of what is pushed out, a little soft, is the answer of `yielding_gaps` in
+/// `contact_scheme.py`, which then pushes as fast as each gap asks.
 bool Touching::presses(const StepPlan & plan) const
 {
+  constexpr double soft = 1e-4, all = 0.99; // as `_YIELDS`, `_ALL`
   if (with_gaps < 2 || !(gaps.minCoeff() < -plan.at_rest))
     return false;
   const auto & G = problem.G;
-  VectorXd y = VectorXd::Zero(problem.rows());
+  std::vector<int> pushed;
   for (int i = 0; i < with_gaps; ++i)
-    if (const int n = problem.normal(i); gaps[i] < -plan.at_rest && G(n, n) > 0.0)
-      y[n] = -plan.allowed(gaps[i]) / (plan.dt * G(n, n));
-  const VectorXd moved = plan.dt * (G * y);
+    if (gaps[i] < -plan.at_rest && G(problem.normal(i), problem.normal(i)) > 0.0)
+      pushed.push_back(i);
+  const auto wanted = [&](int i) { return -plan.allowed(gaps[i]) / plan.dt; };
+  const Eigen::Index k = pushed.size();
+  MatrixXd N(k, k);
+  VectorXd y(k);
+  for (Eigen::Index r = 0; r < k; ++r)
+  {
+    y[r] = wanted(pushed[r]) - bends[pushed[r]] / plan.dt;
+    for (Eigen::Index c = 0; c < k; ++c)
+      N(r, c) = G(problem.normal(pushed[r]), problem.normal(pushed[c]));
+    N(r, r) *= 1.0 + soft;
+  }
+  y = N.ldlt().solve(y).eval();
+  if (!(y.size() == 0 || y.minCoeff() >= 0.0))
+    return true;
   for (int i = 0; i < with_gaps; ++i)
-    if (const int n = problem.normal(i); G(n, n) > 0.0 && !(moved[n] >= -plan.allowed(gaps[i]) * (1 - 1e-12)))
+  {
+    const int n = problem.normal(i);
+    double moved = 0.0, feels = 0.0;
+    for (Eigen::Index c = 0; c < k; ++c)
+      moved += G(n, problem.normal(pushed[c])) * y[c], feels += std::abs(G(n, problem.normal(pushed[c])));
+    if (!(G(n, n) > 0.0) || feels == 0.0)
+      continue;
+    const double got = moved + bends[i] / plan.dt;
+    if (!(got >= (gaps[i] < -plan.at_rest ? all : 1.0) * wanted(i)))
       return true;
+  }
   return false;
 }
 
