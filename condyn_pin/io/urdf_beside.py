@@ -131,8 +131,14 @@ def _yaml(path: Path) -> Mapping[str, Any]:
         raise MissingExtra(
             "a YAML needs PyYAML: python -m pip install 'condyn_pin[yaml]'"
         ) from error
+
+    # of lists that hold themselves each text is met once
+    class Printable(yaml.SafeLoader):  # type: ignore[misc]
+        def construct_scalar(self, node: Any) -> Any:
+            return written_out(super().construct_scalar(node))
+
     try:
-        said = written_out(yaml.safe_load(text))
+        said = yaml.load(text, Loader=Printable)
     except (yaml.YAMLError, RecursionError, ValueError) as error:
         raise InvalidModel(f"it is not valid YAML: {' '.join(str(error).split())}") from error
     return said if isinstance(said, dict) else {}

@@ -105,14 +105,19 @@ def _new_file(target: Path, suffix: str) -> tuple[Path, int | None]:
         target.open("ab").close()  # what nobody may write to is not replaced either
         mode = stat.S_IMODE(target.stat().st_mode)
     _remove_abandoned(target.parent)
-    new = target.parent / f"{_MARK}{secrets.token_hex(8)}{suffix}"
-    lock = os.open(new, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+    while True:
+        new = target.parent / f"{_MARK}{secrets.token_hex(8)}{suffix}"
+        lock = os.open(new, os.O_CREAT | os.O_EXCL | os.O_WRONLY, 0o666)
+        if fcntl is not None:
+            fcntl.flock(lock, fcntl.LOCK_EX)
+        if new.exists():
+            break
+        os.close(lock)  # another writer came before the lock, and took it for abandoned
     if mode is not None:
         new.chmod(mode)
     if fcntl is None:
         os.close(lock)
         return new, None
-    fcntl.flock(lock, fcntl.LOCK_EX)
     return new, lock
 
 
