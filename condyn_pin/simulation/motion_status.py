@@ -266,7 +266,7 @@ def _of_a_step(course: Course) -> float:
         return 0.0
     spans = np.diff(course.t)
     by_each = [np.abs(np.diff(part)) for part in (course.energy.potential, course.energy.work)]
-    return float(max((np.minimum(course.dt / spans, 1.0) * each).max() for each in by_each))
+    return float(max((course.dt / np.maximum(spans, course.dt) * each).max() for each in by_each))
 
 
 def smallest_energy(course: Course) -> float:
