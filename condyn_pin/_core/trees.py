@@ -23,7 +23,7 @@ from condyn_pin._core._pin import pin, placements_view
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel
 
-# Tensors that are small: whoever has fewer bodies has one pin.Data [bytes].
+# Tensors that are small: a model with fewer bodies has one pin.Data [bytes].
 _SMALL: Final = 2**25
 
 

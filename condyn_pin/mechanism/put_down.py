@@ -63,16 +63,19 @@ def put_down(scene: Scene, q: ArrayLike) -> Array:
     candidates = Candidates(model, scene.contact_bounds, exact=True)
     if not candidates.cones or model.joints[1].shortname() != "JointModelFreeFlyer":
         return placed
-    down = _shifted(scene, candidates, placed, walls=False)[0]
-    clear, ends = _shifted(scene, candidates, down, walls=True)
+    own = _of_the_base(scene)
+    down = _shifted(scene, candidates, own, placed, walls=False)[0]
+    clear, ends = _shifted(scene, candidates, own, down, walls=True)
     found = clear if ends else down
     _check_ties(scene, placed, found)
     return found
 
 
-def _shifted(scene: Scene, candidates: Candidates, q: Array, *, walls: bool) -> tuple[Array, bool]:
-    """Q on the ground, and out of `walls`; whether a shift was the last."""
-    model, up, own = scene.robot.unedited, upward(scene), _of_the_base(scene)
+def _shifted(
+    scene: Scene, candidates: Candidates, own: NDArray[np.bool_], q: Array, *, walls: bool
+) -> tuple[Array, bool]:
+    """Base on the ground and out of `walls`, by `own` contacts; whether the shifts ended."""
+    model, up = scene.robot.unedited, upward(scene)
     data, placed = data_of(model), q.copy()
     for _ in range(_SHIFTS):
         algorithms(data).forwardKinematics(model, data, placed)

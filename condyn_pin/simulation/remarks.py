@@ -1,4 +1,4 @@
-"""Remarks: what steps of a run leave to say, each once, with its first time."""
+"""Remarks: sentences of the steps of a run, each once, with its first time."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from condyn_pin.contact.indeterminacy import Indeterminacy
 
 
 class Note(NamedTuple):
-    """What one step has to say."""
+    """A sentence of one step, with the contacts that it is of."""
 
     kind: str
     names: tuple[str, ...]  # of contacts
