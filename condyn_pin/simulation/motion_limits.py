@@ -4,12 +4,17 @@ from __future__ import annotations
 
 from dataclasses import dataclass, fields
 from math import isnan
+from typing import Any
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import shown
+from condyn_pin._core.kept import Kept
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.manifold import Manifold
+
+# Every motion of a batch is judged by it.
+_gaps = Kept[float]()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -73,5 +78,9 @@ def check_limits(limits: object) -> MotionLimits:
 
 def default_gap(robot: Robot) -> float:
     """Largest gap of a constraint [m, rad] in a motion that is ok, by default."""
-    size = tolerances.LEFT_OPEN * Manifold(robot.model).reach
+    return _gaps.of(robot, None, lambda: _gap_of(robot.unedited))
+
+
+def _gap_of(model: Any) -> float:
+    size = tolerances.LEFT_OPEN * Manifold(model).reach
     return min(max(size, 2 * tolerances.NEARLY_CLOSED), tolerances.OUT_OF_REACH)
