@@ -165,7 +165,7 @@ class Robot:
 
     @cached_property
     def arguments(self) -> Arguments:
-        """The check of (q, v, tau): their sizes, and quaternions and (cos, sin) of norm 1 in q."""
+        """The check that (q, v, tau) have their sizes, and quaternions and (cos, sin) norm 1."""
         return Arguments(self.unedited)
 
     @property
