@@ -94,16 +94,21 @@ class Residuals:
     def __init__(self, system: System) -> None:
         self._system, self._model = system, system.model
         self._data = whole_data(system.model)
+        self._kept: Callable[[Array], Array]
         self.damping = _DAMPING * system.scene.nominal.delassus_norm
+
+    def begin(self, q: Array) -> None:
+        """Begin a step at q: which rows it keeps (`System.kept_rows`)."""
+        self._kept = self._system.kept_rows(q)
 
     def at(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Residual:
         """Return the residuals."""
-        system = self._system
+        system, kept = self._system, self._kept
         system.at(t)
-        c, J = system.equations.position_level(q)
+        c, J = map(kept, system.equations.position_level(q))
         bodies = pin.rnea(self._model, self._data, q, v, a)
         r = bodies - system.torque(t, q, v) - J.T.dot(lam)
-        return Residual(r, c, J, J.dot(v) - system.equations.wanted[1])
+        return Residual(r, c, J, J.dot(v) - kept(system.equations.wanted[1]))
 
     def partials(self, t: float, q: Array, v: Array, a: Array, lam: Array) -> Partials:
         """Return the partial derivatives, V' being constant where a = V' - w x u (`Manifold`).
@@ -120,4 +125,4 @@ class Residuals:
         M = system.mass(q)
         if system.manifold.floats:
             r_v = r_v - M @ system.manifold.turning_by(v)
-        return Partials(M, of.J, r_q, r_v)
+        return Partials(M, self._kept(of.J), r_q, r_v)

@@ -242,6 +242,16 @@ class System:
     def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:
         """Begin to difference the torques of a function, if that is what this system is for."""
 
+    def kept_rows(self, q: Array) -> Callable[[Array], Array]:
+        """Return x -> rows x (m,) or (m, k) without what only the digits of the file make up at q.
+
+        Loops of such a file cannot close along those rows.
+        """
+        digits = self.equations.digits
+        rounded = digits() if digits else None
+        left = rounded.left_out_by_digits(self.equations.jacobian(q)) if rounded else None
+        return left.kept if left else _as_they_are
+
     def size(self, q: Array) -> float:
         """Return how large the numbers are that c(q) is a difference of [m, rad], at least 1."""
         return max(1.0, self.manifold.reach, float(np.abs(q).max(initial=0.0)))
@@ -279,6 +289,10 @@ def total_torque(applied: Applied, passive: Passive, dt: float = 0.0) -> Torque:
         return tau if between is None else tau + between.torque(q, v, dt)
 
     return torque
+
+
+def _as_they_are(x: Array) -> Array:
+    return x
 
 
 def _felt(bound: BoundContact) -> Iterator[int]:

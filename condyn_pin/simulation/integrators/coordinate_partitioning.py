@@ -99,7 +99,8 @@ class _Chart:
 
     def __init__(self, system: System, q: Array, t: float, dt: float) -> None:
         self._system, self._q, self._t, self._dt = system, q, t, dt
-        self._J = J = system.equations.jacobian(q)
+        self._kept = system.kept_rows(q)
+        self._J = J = self._kept(system.equations.jacobian(q))
         chosen, _ = pivots(J, _NOTHING * float(np.abs(J).max(initial=0.0)))
         self._dependent: Indices = np.array(sorted(chosen[: system.scene.nominal.rank]), dtype=int)
         self.independent: Indices = np.setdiff1d(np.arange(J.shape[1]), self._dependent)
@@ -111,7 +112,7 @@ class _Chart:
         def iteration() -> float:
             nonlocal q
             q = system.manifold.integrate(self._q, y)
-            c, J = system.equations.position_level(q)
+            c, J = map(self._kept, system.equations.position_level(q))
             self._J = system.manifold.rows(J, y)
             y[D] -= _solved(self._J[:, D], c)
             return float(np.abs(c).max(initial=0.0))
@@ -120,7 +121,8 @@ class _Chart:
         fixed_point_iteration(iteration, CoordinatePartitioning.title, t, self._dt, system.size(q))
         V = np.zeros(len(y))
         V[self.independent] = V_I
-        V[D] = _solved(self._J[:, D], system.equations.wanted[1] - self._J @ V)
+        wanted = self._kept(system.equations.wanted[1])
+        V[D] = _solved(self._J[:, D], wanted - self._J @ V)
         return q, V
 
 

@@ -89,6 +89,7 @@ class GeneralisedAlpha(Integrator):
         lag, passage = alpha_m - alpha_f, _Passage(system, dt)
 
         def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+            residuals.begin(q)
             if known and known[0][0] is q:
                 _, a0, A0 = known[0]
                 lam = forces[0]

@@ -135,6 +135,7 @@ def _stepper(system: System, dt: float, s: int, title: str, *, stabilised: bool)
     placed = [row for bound in system.scene.bounds for row in bound.positioned]
 
     def step(t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
+        residuals.begin(q)
         a0 = system.acceleration(t, q, v)
         A0 = manifold.straight(v, a0)
         # a is V'

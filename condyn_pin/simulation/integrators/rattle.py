@@ -19,6 +19,7 @@ Hairer, Lubich, Wanner. Geometric Numerical Integration. Springer, 2006, chapter
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, ClassVar, NamedTuple
 
@@ -105,8 +106,9 @@ class Shake(Integrator):
 class _Place(NamedTuple):
     """What belongs to one configuration."""
 
+    kept: Callable[[Array], Array]  # rows without what the digits of the file make up
     M: Array  # (nv, nv)
-    J: Array  # (m, nv)
+    J: Array  # (m, nv), kept
     M_inv: Array  # (nv, nv)
     G_inv: Array  # (m, m), of J M^-1 J^T, damped
     Md_inv: Array  # (nv, nv), of M + dt/2 D
@@ -145,7 +147,7 @@ class _Hamiltonian:
         end = self._place(q1)
         v1 = end.M_inv.dot(p + self._half * self._force(t + self._dt, q1, v_end))
         if self._hidden:
-            wanted = self._system.equations.wanted[1]
+            wanted = end.kept(self._system.equations.wanted[1])
             for _ in range(2):
                 v1 -= end.M_inv.dot(end.J.T.dot(end.G_inv.dot(end.J.dot(v1) - wanted)))
         else:  # the multiplier of the next step takes the place of this one's
@@ -170,7 +172,7 @@ class _Hamiltonian:
         def iteration() -> float:
             nonlocal p, v_start, v_end, q1, lam, towards
             if next(left_to_do, None) == 0:  # q1 is nearly known, and with it how lam moves it
-                J1 = system.equations.jacobian(q1)
+                J1 = place.kept(system.equations.jacobian(q1))
                 towards = _between(J1, place.Md_inv, place.J) / (half * dt)
             p = p0 + half * (self._force(t, q, v_start) + D.dot(v_start) + place.J.T.dot(lam))
             v_start = place.Md_inv.dot(p)
@@ -178,7 +180,7 @@ class _Hamiltonian:
             M = system.mass(system.integrate(q, half * (v_start + v_end)))
             v_end = dposv(M, p)[1]
             before, q1 = q1, system.integrate(q, half * (v_start + v_end))
-            c = system.equations.violation(q1)
+            c = place.kept(system.equations.violation(q1))
             lam = lam - towards.dot(c)
             gap, moved = np.abs(c).max(initial=0.0), np.abs(q1 - before).max(initial=0.0)
             return float(max(gap, moved))
@@ -208,14 +210,15 @@ class _Hamiltonian:
 
     def _place(self, q: Array) -> _Place:
         """Return what belongs to q."""
-        M, J = self._system.mass(q), self._system.equations.jacobian(q)
+        kept = self._system.kept_rows(q)
+        M, J = self._system.mass(q), kept(self._system.equations.jacobian(q))
         M_inv = inverse(M)
         both = M_inv, _between(J, M_inv, J)
         D = self._passive.damping_matrix(q) if self._passive.between else self._of_joints
         if not D.any():
-            return _Place(M, J, *both, *both, D)
+            return _Place(kept, M, J, *both, *both, D)
         Md_inv = inverse(M + self._half * D)
-        return _Place(M, J, *both, Md_inv, _between(J, Md_inv, J), D)
+        return _Place(kept, M, J, *both, Md_inv, _between(J, Md_inv, J), D)
 
 
 def _between(J1: Array, M_inv: Array, J: Array) -> Array:
