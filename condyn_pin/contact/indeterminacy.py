@@ -39,7 +39,7 @@ from scipy.linalg.lapack import dposv, dpotrf
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin.contact.islands import islands
-from condyn_pin.contact.modes import MOVES, SLIDE, InModes, Modes, contact_modes
+from condyn_pin.contact.modes import MOVES, OPEN, SLIDE, STICK, InModes, Modes, contact_modes
 from condyn_pin.contact.natural_map import newton
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
@@ -176,7 +176,7 @@ def by_rule(
         if stress is not None:
             return _wedged(problem, found, natural, accuracy, stress)
         if natural <= max(accuracy, tolerances.CONTACT_SOLVED):
-            case = _continuum(problem, found.lam)
+            case = _continuum(problem, found.lam, _closed_modes(problem, found.lam))
     if case is None and natural <= max(accuracy, tolerances.CONTACT_SOLVED):
         case = _painleve(problem, found.lam)
     if case is None:
@@ -381,15 +381,20 @@ def _could_hold(problem: ContactProblem, stress: Array) -> Array:
 # Redundant contacts that slide.
 
 
-def _continuum(problem: ContactProblem, lam: Array) -> Indeterminacy | None:
-    """Return the contacts that slide where the equations of their modes leave velocities open."""
-    modes = contact_modes(problem, lam)
+def _continuum(
+    problem: ContactProblem, lam: Array, modes: Modes | None = None
+) -> Indeterminacy | None:
+    """Return the contacts that slide where the equations of their modes leave velocities open.
+
+    The modes are those of lam (m,), or given.
+    """
+    if modes is None:
+        modes = contact_modes(problem, lam)
     slides = (modes[: len(problem.friction)] == SLIDE) & (problem.friction > 0)
     if not slides.any() or not _may_be_redundant(problem, modes):
         return None
     small, unit = normalised(problem)
     end = newton(small, np.asarray(lam / unit), _POLISH)
-    modes = contact_modes(small, end.lam)
     of = InModes(small, modes).at(end.lam)
     A = of.by_sigma.dot(small.G) + of.by_lam
     if not np.isfinite(A).all():
@@ -398,8 +403,21 @@ def _continuum(problem: ContactProblem, lam: Array) -> Indeterminacy | None:
     free = vectors[values <= _LEFT * values[0]]
     if not len(free) or not np.abs(small.G.dot(free.T)).max() > _MOVED:
         return None
-    slides = (modes[: len(problem.friction)] == SLIDE) & (problem.friction > 0)
     return Indeterminacy("continuum", tuple(problem.names[i] for i in np.flatnonzero(slides)))
+
+
+def _closed_modes(problem: ContactProblem, lam: Array) -> Modes:
+    """Return modes in which contacts that touch without a load are closed, too.
+
+    An answer may be at the end of its continuum, where a contact has lost its load to others.
+    """
+    modes, sigma = contact_modes(problem, lam).copy(), problem.velocities(lam)
+    still, (t1, t2, n) = MOVES * problem.scale[1], problem.sets.axes
+    of_cones = modes[: len(problem.friction)]
+    slips = np.maximum(np.abs(sigma[t1]), np.abs(sigma[t2])) > still
+    touches = (of_cones == OPEN) & (sigma[n] <= still)
+    of_cones[touches] = np.where(slips[touches], SLIDE, STICK)
+    return modes
 
 
 def _may_be_redundant(problem: ContactProblem, modes: Modes) -> bool:

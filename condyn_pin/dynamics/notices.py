@@ -34,7 +34,10 @@ def notices_of(solution: Solution, sites: Sites) -> tuple[str, ...]:
     said = (digits.note,) if digits else ()
     finite = bool(np.isfinite(solution.a).all())
     why = undetermined(solution) if finite else ""
-    off = _off_the_constraints(solution, why) if finite else ()
+    try:
+        off = _off_the_constraints(solution, why) if finite else ()
+    except InvalidModel:  # M is singular at q, which `_doubts` names
+        off = ()
     wrong_forces = () if why else _wrong_forces(solution)
     slack = _left_out_of_tau(solution) if finite else ()
     found = slack + pulling(solution.forces, sites) + wrong_forces + said + off

@@ -56,10 +56,10 @@ bool ContactLaw::holds(const ContactProblem & problem, int row, int contact) con
   return modes[contact] == stick && (row < problem.dry() || problem.limits[row - problem.dry()] > 0.0);
 }
 
-bool ContactLaw::linearise(const ContactProblem & problem, MatrixXd & by_g, MatrixXd & by_friction) const
+void ContactLaw::equations(const ContactProblem & problem, MatrixXd & A, MatrixXd & B) const
 {
   const int m = problem.rows(), cones = problem.cones();
-  MatrixXd A = problem.G, B = MatrixXd::Zero(m, m + cones); // by_sigma G + by_lam, and [by_sigma, by_friction]
+  A = problem.G, B.setZero(m, m + cones);
   const auto fix = [&](int row, bool velocity) { // that, or the impulse
     if (velocity)
       B(row, row) = 1;
@@ -87,10 +87,16 @@ bool ContactLaw::linearise(const ContactProblem & problem, MatrixXd & by_g, Matr
   }
   for (int r = problem.lines(), contact = cones; r < m; ++r, ++contact)
     fix(r, holds(problem, r, contact));
+}
+
+bool ContactLaw::linearise(const ContactProblem & problem, MatrixXd & by_g, MatrixXd & by_friction) const
+{
+  MatrixXd A, B;
+  equations(problem, A, B);
   MatrixXd X;
   if (!least(A, B, X))
     return false;
-  by_g = -X.leftCols(m), by_friction = -X.rightCols(cones);
+  by_g = -X.leftCols(problem.rows()), by_friction = -X.rightCols(problem.cones());
   return true;
 }
 

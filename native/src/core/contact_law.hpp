@@ -18,6 +18,9 @@ public:
   /// Reads it off impulses that solve a problem to rounding; what is slower than the share `moves` of |g| sticks.
   void read(const ContactProblem & problem, const VectorXd & lam, double moves);
 
+  /// Fills A = by_sigma G + by_lam (m, m), and B = [by_sigma, by_friction] (m, m + cones).
+  void equations(const ContactProblem & problem, MatrixXd & A, MatrixXd & B) const;
+
   /// Fills lam by g (m, m) and by friction (m, cones), the least where contacts are redundant; false where that
   /// is in doubt.
   bool linearise(const ContactProblem & problem, MatrixXd & by_g, MatrixXd & by_friction) const;

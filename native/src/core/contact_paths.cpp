@@ -64,6 +64,9 @@ double ContactSteps::off()
   const VectorXd start = begun();
   for (Eigen::Index i = 0; i < gap_there_.size(); ++i)
     gap_there_[i] -= start[i] - plan_.allowed(start[i]);
+  for (int i = 0; i < touching_.with_gaps; ++i)
+    if (const int k = touching_.chosen[i]; touching_.is_pressed(i, plan_))
+      gap_there_[k] += touching_.allowed[i] - plan_.allowed(start[k]);
   for (const auto & [first, end] : candidates.several) // they have other points there
     gap_there_.segment(first, end - first).setConstant(gap_there_.segment(first, end - first).minCoeff());
   double worst = gap_there_.size() ? std::max(0.0, -gap_there_.minCoeff()) : 0.0;

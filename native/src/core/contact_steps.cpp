@@ -75,9 +75,9 @@ void ContactSteps::pose()
 bool ContactSteps::solve()
 {
   natural = solve_contact(touching_.problem, plan_.method, plan_.solved, touching_.lam);
-  if (!(natural <= plan_.solved) || touching_.presses(plan_))
+  if (!(natural <= plan_.solved) || touching_.contradicts(plan_))
     return false;
-  if (may_be_indeterminate(touching_.problem, touching_.lam, plan_.moves))
+  if (is_indeterminate(touching_.problem, touching_.lam, plan_.moves, plan_.solved))
     return false;
   touching_.forget_held();
   VectorXd & v1 = touching_.v1;

@@ -1,17 +1,15 @@
-// Whether the answer of a contact problem may be one of several, by tests that cost next to nothing.
+// Whether a contact problem has several motions, by the tests of `condyn_pin/contact/indeterminacy.py`.
 //
-//   wedge      none where rows are independent, or impulses along all normals open all contacts: S = G e_n,
-//              S_n > mu |S_t|; of one in which nothing moves all answers have that motion
-//   Painlevé   none of one contact with G_nn > mu |G_nt|
-//   continuum  none where nothing slides, or rows that are not open are independent
+//   wedge      z in K, z != 0, G z = 0, g . z = 0, where not all that closes can stick
+//   continuum  the equations of modes in which redundant contacts slide leave velocities open
+//   Painleve   another answer, where G_nn <= mu |G_nt| of one contact; all contacts that are alone there
 //
-// `condyn_pin/contact/indeterminacy.py` has tests that decide, and the rule that chooses one: what may have several is
-// Python's.
+// The rule that chooses one of them is Python's.
 #pragma once
 #include "contact_problem.hpp"
 
 namespace condyn
 {
-/// Whether a problem that lam solves may have other answers that move otherwise.
-bool may_be_indeterminate(const ContactProblem & problem, const VectorXd & lam, double moves);
+/// Whether a problem that lam solves has other answers, which move otherwise.
+bool is_indeterminate(const ContactProblem & problem, const VectorXd & lam, double moves, double accuracy);
 } // namespace condyn

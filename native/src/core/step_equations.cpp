@@ -56,7 +56,7 @@ void StepDerivatives::ask()
   {
     const int row = posed.problem.normal(i);
     const double gap = posed.gaps[i];
-    const double pushed = step.plan_.allowed(gap) == step.plan_.pushed_out * gap ? step.plan_.pushed_out : 0.0;
+    const double pushed = posed.allowed[i] == step.plan_.pushed_out * gap ? step.plan_.pushed_out : 0.0;
     const double share = gap < -step.plan_.at_rest ? pushed : 1.0;
     e_.row(row).head(n) = share / dt * posed.J_c.row(row);
   }

@@ -1,4 +1,7 @@
 #include "touching.hpp"
+#include "nonnegative.hpp"
+#include <algorithm>
+#include <cmath>
 
 namespace condyn
 {
@@ -45,53 +48,94 @@ void Touching::ask(const VectorXd & here, const VectorXd & bent, const FreeStep 
   problem.g.noalias() = X.transpose() * free.free;
   if (free.blocked.rank)
     problem.g.noalias() += blocked.transpose() * free.held;
+  yield(plan);
   for (int i = 0; i < with_gaps; ++i)
   {
     const int n = problem.normal(i);
-    problem.g[n] += (bends[i] + plan.allowed(gaps[i])) / plan.dt;
+    problem.g[n] += (bends[i] + allowed[i]) / plan.dt;
     if (problem.G(n, n) == 0.0) // constraints hold it: it goes where they go
       problem.g[n] = std::max(problem.g[n], 0.0);
   }
 }
 
-/// Whether pushes may have to yield: unless y of what is pushed out, a little soft, is the answer of `yielding_gaps` in
-/// `contact_scheme.py`, which then pushes as fast as each gap asks.
-bool Touching::presses(const StepPlan & plan) const
+/// How far gaps may close, where pushes give way to each other and to what touches: `yielding_gaps` of
+/// `contact_scheme.py`, island by island.
+void Touching::yield(const StepPlan & plan)
 {
-  constexpr double soft = 1e-4, all = 0.99; // as `_YIELDS`, `_ALL`
-  if (with_gaps < 2 || !(gaps.minCoeff() < -plan.at_rest))
-    return false;
-  const auto & G = problem.G;
-  std::vector<int> pushed;
+  allowed.resize(with_gaps);
   for (int i = 0; i < with_gaps; ++i)
-    if (gaps[i] < -plan.at_rest && G(problem.normal(i), problem.normal(i)) > 0.0)
-      pushed.push_back(i);
-  const auto wanted = [&](int i) { return -plan.allowed(gaps[i]) / plan.dt; };
-  const Eigen::Index k = pushed.size();
-  MatrixXd N(k, k);
-  VectorXd y(k);
-  for (Eigen::Index r = 0; r < k; ++r)
+    allowed[i] = plan.allowed(gaps[i]);
+  if (with_gaps < 2 || !(allowed.minCoeff() < 0.0))
+    return;
+  const auto felt = [&](int i, int j) { return problem.G(problem.normal(i), problem.normal(j)); };
+  std::vector<int> left; // all else is held by constraints
+  for (int i = with_gaps - 1; i >= 0; --i)
+    if (felt(i, i) > 0.0)
+      left.push_back(i);
+  while (!left.empty())
   {
-    y[r] = wanted(pushed[r]) - bends[pushed[r]] / plan.dt;
-    for (Eigen::Index c = 0; c < k; ++c)
-      N(r, c) = G(problem.normal(pushed[r]), problem.normal(pushed[c]));
-    N(r, r) *= 1.0 + soft;
+    std::vector<int> island{left.back()};
+    left.pop_back();
+    for (std::size_t k = 0; k < island.size(); ++k)
+      for (std::size_t j = left.size(); j-- > 0;)
+        if (felt(island[k], left[j]) != 0.0)
+          island.push_back(left[j]), left.erase(left.begin() + j);
+    std::sort(island.begin(), island.end());
+    if (island.size() > 1 && VectorXd(allowed(island)).minCoeff() < 0.0)
+      follow(island, plan.dt);
   }
-  y = N.ldlt().solve(y).eval();
-  if (!(y.size() == 0 || y.minCoeff() >= 0.0))
-    return true;
-  for (int i = 0; i < with_gaps; ++i)
+}
+
+/// Of the velocities wanted, p or -gap / dt, those that a motion can follow:
+///
+///   y = argmin_{y >= 0}  y . (G_nn + soft) y / 2 - ask . y,    p' = min(p, G_nn y)
+void Touching::follow(const std::vector<int> & island, double dt)
+{
+  // as `_YIELDS`, `_HARD`, `_ALL`, `_NONE`, `_BUT_ROUNDING`; and what sinks
+  constexpr double yields = 1e-4, hard = 1e-10, all = 0.99, none = 1e-3, but_rounding = 1.0 - 1e-6, sinks = 1e-6;
+  std::vector<int> n;
+  for (int i : island)
+    n.push_back(problem.normal(i));
+  const VectorXd size = problem.G.diagonal()(n).cwiseSqrt(), inverse = size.cwiseInverse();
+  const MatrixXd S = inverse.asDiagonal() * problem.G(n, n) * inverse.asDiagonal();
+  const VectorXd wanted = -allowed(island) / dt, bent = bends(island) / dt;
+  VectorXd ask = inverse.cwiseProduct(wanted - bent), got;
+  VectorXd soft = (wanted.array() > 0.0).select(VectorXd::Constant(n.size(), yields), hard);
+  if (!std::isfinite(S.sum() + ask.sum())) // which the step finds out
+    return;
+  for (std::size_t again = 0; again <= n.size(); ++again)
   {
-    const int n = problem.normal(i);
-    double moved = 0.0, feels = 0.0;
-    for (Eigen::Index c = 0; c < k; ++c)
-      moved += G(n, problem.normal(pushed[c])) * y[c], feels += std::abs(G(n, problem.normal(pushed[c])));
-    if (!(G(n, n) > 0.0) || feels == 0.0)
-      continue;
-    const double got = moved + bends[i] / plan.dt;
-    if (!(got >= (gaps[i] < -plan.at_rest ? all : 1.0) * wanted(i)))
+    const Eigen::LLT<MatrixXd> factor(S + MatrixXd(soft.asDiagonal()));
+    VectorXd y;
+    if (!nonnegative_least_squares(factor.matrixU(), factor.matrixL().solve(ask), y))
+      return;
+    got = size.cwiseProduct(S * y) + bent;
+    bool any = false;
+    for (std::size_t r = 0; r < n.size(); ++r)
+      if (got[r] < -sinks * wanted.maxCoeff() && soft[r] == yields)
+        soft[r] = hard, ask[r] = -bent[r] * inverse[r], any = true;
+    if (!any)
+      break;
+  }
+  for (std::size_t r = 0; r < n.size(); ++r)
+    if (wanted[r] > 0.0 && got[r] < all * wanted[r])
+      allowed[island[r]] = -dt * (got[r] <= none * wanted[r] ? 0.0 : std::min(got[r], wanted[r]) * but_rounding);
+}
+
+/// Whether a gap is pushed out by less than it would be alone: nothing can follow.
+bool Touching::is_pressed(int i, const StepPlan & plan) const
+{
+  const double alone = plan.allowed(gaps[i]);
+  return alone < 0.0 && allowed[i] > 0.99 * alone;
+}
+
+/// Whether that is so of one that is deep, of which Python has a notice.
+bool Touching::contradicts(const StepPlan & plan) const
+{
+  constexpr double seen = 1e-6; // as `_SEEN` of `tried.py` [m, rad]
+  for (int i = 0; i < with_gaps; ++i)
+    if (gaps[i] < -seen && is_pressed(i, plan))
       return true;
-  }
   return false;
 }
 
@@ -116,7 +160,7 @@ Vector3d Touching::work(const StepPlan & plan) const
     if (gaps[i] < -plan.at_rest)
     {
       const int n = problem.normal(i);
-      now -= 0.5 * lam[n] * plan.allowed(gaps[i]) / plan.dt;
+      now -= 0.5 * lam[n] * allowed[i] / plan.dt;
       left += 0.5 * lam[n] * std::max(before[n], 0.0);
     }
   const double correction = now + std::min(left, std::max(all - now, 0.0)), rest = all - correction;

@@ -1,7 +1,7 @@
 // The contacts that take part in a step, and what it asks of their impulses.
 //
 //   X = (1 - V V^T) S^-T J_c^T,    G = X^T X,    g = X^T S v_free + (V^T S^-T J_c^T)^T h
-//   g_n += (s + gap) / dt  (gap > 0),    s / dt - p,  p = min(-0.2 gap / dt, 0.2 m/s)  (gap < 0)
+//   g_n += (s + gap) / dt  (gap > 0),    s / dt - p,  p = min(-0.2 gap / dt, 0.2 m/s), or what can follow  (gap < 0)
 //
 // s is how much a gap bends away from the straight line along which its row would take it.
 #pragma once
@@ -22,6 +22,7 @@ struct Touching
   VectorXd path; // the velocity along it
   MatrixXd J_c, X, blocked; // rows, and S^-T J_c^T along what is free and what is blocked
   VectorXd gaps, bends, before; // of what has a gap, and J_c v
+  VectorXd allowed; // how far gaps may close in the step; negative for what is pushed out [m, rad]
   ContactProblem problem;
   VectorXd lam, v1; // the answer, and the velocity after it
 
@@ -30,11 +31,17 @@ struct Touching
   void eliminate(const MatrixXd & all, const Candidates & candidates, const FreeStep & free);
   /// G and g of gaps and bends of the chosen that have them.
   void ask(const VectorXd & gaps, const VectorXd & bends, const FreeStep & free, const StepPlan & plan);
-  /// Whether what is pushed out may be in the way of something else.
-  bool presses(const StepPlan & plan) const;
+  /// Whether a gap is pushed out by less than it would be alone: nothing can follow.
+  bool is_pressed(int with_gap, const StepPlan & plan) const;
+  /// Whether gaps and shapes contradict each other, of which Python has a notice.
+  bool contradicts(const StepPlan & plan) const;
   /// Takes no impulse for what constraints hold, where any would meet the law.
   void forget_held();
   /// What friction and impacts took, what pushing out gave, and what impulses gave against the laws of contact.
   Vector3d work(const StepPlan & plan) const;
+
+private:
+  void yield(const StepPlan & plan);
+  void follow(const std::vector<int> & island, double dt);
 };
 } // namespace condyn
