@@ -96,8 +96,14 @@ class Near(NamedTuple):
     @property
     def pressed(self) -> NDArray[np.bool_]:
         """Which gaps (k,) are pushed out by less than they would be alone: nothing can follow."""
+        return self.pushed_by_less_than(_ALL)
+
+    def pushed_by_less_than(self, share: float) -> NDArray[np.bool_]:
+        """Which gaps (k,) are pushed out by less than a share of what they would be alone."""
+        if len(self.allowed) < 2:
+            return np.zeros(len(self.gaps), dtype=bool)
         alone = allowed_gaps(self.gaps, self.dt)
-        return np.asarray((alone < 0.0) & (self.allowed > _ALL * alone))
+        return np.asarray((alone < 0.0) & (self.allowed > share * alone))
 
     @property
     def depth(self) -> Array:

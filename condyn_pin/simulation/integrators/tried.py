@@ -19,6 +19,9 @@ from condyn_pin.simulation.remarks import Note
 # How deep a penetration is that is spoken of [m, rad].
 _SEEN: Final = 1e-6
 
+# Share of a push below which a penetration counts as not pushed out [1].
+_HALF: Final = 0.5
+
 
 class Tried(NamedTuple):
     """A step with an answer of its contact solver."""
@@ -53,11 +56,7 @@ class Taken(NamedTuple):
         strike, near = self.posed.strike, self.posed.near
         notes = [] if strike is None else [Note(*note) for note in strike.notes]
         deep = near.gaps < -_SEEN
-        if (
-            len(near.allowed) > 1
-            and deep.any()
-            and (its := np.flatnonzero(deep & near.pressed)).size
-        ):
+        if deep.any() and (its := np.flatnonzero(deep & near.pushed_by_less_than(_HALF))).size:
             names = tuple(self.posed.problem.names[i] for i in its)
             depths = ", ".join(f"{-gap:.2g}" for gap in near.gaps[its])
             text = (

@@ -15,12 +15,13 @@ that keep the constraints.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from copy import copy
 from functools import cached_property
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.partials.contacts import ContactTurning
@@ -37,6 +38,7 @@ from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.path_ends import kept_paths, next_path
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.integrators.tried import Taken
+from condyn_pin.simulation.remarks import Note
 from condyn_pin.simulation.routes.asked_partials import add_asked
 from condyn_pin.simulation.routes.balance_partials import (
     left_of_constraints,
@@ -78,7 +80,7 @@ class Ended(NamedTuple):
     dv: Array  # (nv, columns)
     posed: Posed
     law: Law
-    several: tuple[Indeterminacy, ...]  # contacts whose velocities Coulomb's law leaves open
+    notes: tuple[Note, ...]  # why the derivatives are those of a rule, or of one side
 
 
 class LinearSteps:
@@ -152,7 +154,7 @@ class LinearSteps:
             taken = self.steps.last
         if agrees_by_chance(self, taken.posed):
             taken = self._with_impact_apart(t, q, v)
-        after, alongs = np.zeros(0), list[Array]()
+        after, alongs, notes = np.zeros(0), list[Array](), dict[str, Note]()
         self.steps.check_turn(v, taken.v)
         self.system.at(self.steps.looks_at(t))
         for posed, _, attempt, natural in taken.tried:
@@ -164,8 +166,7 @@ class LinearSteps:
             found = of(posed.problem, attempt.lam, natural)
             if attempt.several:
                 found = found.giving_way(posed.problem)
-            if is_open(posed):
-                found = found._replace(margin=0.0)
+            notes |= {note.text: note for note in _notes(posed, attempt.several)}
             v1 = posed.velocity(found.lam)
             dv1 = self._velocity(posed, found, v1, alongs[-1] if alongs else None)
             if not alongs:
@@ -177,7 +178,7 @@ class LinearSteps:
         if chain is not None:
             for by in (dq, dv):
                 by[:, : len(chain)] = by[:, : len(chain)].dot(chain)
-        return Ended(q1, v1, dq, dv, posed, found, attempt.several)
+        return Ended(q1, v1, dq, dv, posed, found, tuple(notes.values()))
 
     def _with_impact_apart(self, t: float, q: Array, v: Array) -> Taken:
         """Return the step with its impact by itself, also where Newton's law is the same."""
@@ -243,3 +244,25 @@ class LinearSteps:
     def restitution(self, posed: Posed) -> slice | Indices:
         """Return the columns of the restitution of the cones that take part."""
         return self.columns.of_cones("restitution", posed.chosen.cones)
+
+
+def _notes(posed: Posed, several: Sequence[Indeterminacy]) -> Iterator[Note]:
+    """Yield why derivatives of a step are those of a rule, or of one side."""
+    for each in several:
+        text = f"slopes are those of the rule: {each.text}"
+        yield Note(each.kind, each.whole_names, text)
+    if posed.strike is not None and is_open(posed):
+        yield _note(
+            "strike", posed, posed.strike.apart,
+            "strike at once, and no law says how they share that: slopes are those of one way",
+        )  # fmt: skip
+    if (pressed := posed.near.pressed).any():
+        yield _note(
+            "pushes", posed, pressed,
+            "pushes give way to each other here: by q, slopes are those of each push alone",
+        )  # fmt: skip
+
+
+def _note(kind: str, posed: Posed, which: NDArray[np.bool_], text: str) -> Note:
+    names = tuple(posed.problem.names[i] for i in np.flatnonzero(which))
+    return Note(kind, names, f"{', '.join(names)}: {text}")

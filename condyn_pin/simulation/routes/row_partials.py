@@ -5,8 +5,12 @@ Where contacts are taken where the equations of a step are, in closed form:
     (J_c v+)' = (J_c v+)_q dq,    (J_c^T lam)' = (J_c^T lam)_q dq,
     s' = J_e dq_e - J_n dq - dt ((J_n v)_q dq + J_n dv),    dq_e = d(q (+) dt v)
 
-Where they are taken at the end of a path along u, which is rare: by differences of
-`PathEnds.there`, with s = gap_e - gap - dt J_e u.
+Where they are taken at the end q_e of a path along u, whose axes T turns to those of the beginning,
+J_c = J_e T, with s = gap_e - gap - dt J_c u,
+
+    (J_c v+)' = (J_e T v+)_q dq_e + J_e T' v+,
+    (J_c^T lam)' = T^T (J_e^T lam)_q dq_e + T'^T J_e^T lam,
+    s' = J_e dq_e - J_n dq - dt ((J_c u)' + J_c du),    dq_e = d(q (+) dt u)
 """
 
 from __future__ import annotations
@@ -15,7 +19,6 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms
 from condyn_pin.dynamics.derivatives.carried import slope
@@ -74,25 +77,36 @@ def _bends(steps: LinearSteps, posed: Posed, before: Array) -> Array:
 def _at_the_end(
     steps: LinearSteps, posed: Posed, path: Array, lam: Array, v1: Array, along: Array
 ) -> RowPartials:
-    model, dt, chosen, columns = steps.system.model, steps.dt, posed.chosen, steps.columns
-    m, k = len(lam), len(posed.near.bends)
+    dt, chosen, columns = steps.dt, posed.chosen, steps.columns
+    floating, rows, n = steps.floating, chosen.rows, len(v1)
+    one, moved = np.eye(n), dt * along
 
-    def rows(moved: Array) -> Array:
-        at, u = pin.integrate(model, posed.at, moved[: len(path)]), path + moved[len(path) :] / dt
-        gaps, J = steps.steps.ends.there(at, u)
-        J_c = J[chosen.rows]
-        bent = gaps[chosen.gaps] - dt * J_c.dot(u)[chosen.normals]
-        return np.concatenate((J_c.dot(v1), lam.dot(J_c), bent))
+    def turn(y: Array) -> Array:
+        return floating.rows_before(one, path + y / dt, dt)
 
-    moves = np.concatenate((steps.itself, dt * along))
-    changes = np.zeros((m + len(v1) + k, moves.shape[1]))
-    for i in np.flatnonzero(moves.any(axis=0)):
-        size = float(np.abs(moves[:, i]).max())
-        changes[:, i] = size * slope(rows, moves[:, i] / size)
-    bends = changes[m + len(v1) :]
+    T = turn(np.zeros(n))
+    J_e = steps.steps.ends.there(posed.at, path).J.dot(T.T)
+    by_at, by_move = steps.partials.integrate(posed.at, dt * path)
+    dq_e = by_at.dot(steps.itself) + by_move.dot(moved)
+    all_lam = np.zeros(len(J_e))
+    all_lam[rows] = lam
+    steps.turning.go(floating.integrate(posed.at, dt * path), J_e)
+    turned, pulled = steps.turning.by_q((T.dot(v1), T.dot(path)), all_lam)
+    J_c, pull = J_e[rows], lam.dot(J_e[rows])
+    slips, slips_along = turned[0, rows].dot(dq_e), turned[1, rows].dot(dq_e)
+    slips_along += J_c.dot(T.dot(along))
+    pulls = T.T.dot(pulled.dot(dq_e))
+    for i in np.flatnonzero(moved.any(axis=0)) if floating.floats else ():
+        size = float(np.abs(moved[:, i]).max())
+        dT = size * slope(turn, moved[:, i] / size)
+        slips[:, i] += J_c.dot(dT.dot(v1))
+        slips_along[:, i] += J_c.dot(dT.dot(path))
+        pulls[:, i] += pull.dot(dT)
+    normals = chosen.normals
+    bends = J_c[normals].dot(dq_e) - dt * slips_along[normals]
     bends[:, columns.q] -= posed.J_n
     if posed.kept is not None:
         its = posed.kept.gaps[chosen.near]
         begun = _at_the_beginning(steps, posed, lam, v1).bends
         bends[its], bends[its, : begun.shape[1]] = 0.0, begun[its]
-    return RowPartials(changes[:m], changes[m : m + len(v1)], bends)
+    return RowPartials(slips, pulls, bends)

@@ -12,7 +12,6 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.modes import MODES, OPEN, contact_modes
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.errors import InvalidArgument, SolveFailed
@@ -23,6 +22,7 @@ from condyn_pin.simulation.routes.law import Law
 if TYPE_CHECKING:
     from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
     from condyn_pin.simulation.integrators.posed import Posed
+    from condyn_pin.simulation.remarks import Note
     from condyn_pin.simulation.routes.base import Route
     from condyn_pin.simulation.routes.linear_steps import Ended, LinearSteps
 
@@ -51,9 +51,9 @@ class StepDerivatives:
     matrices : tuple of (nv, columns) array
         q+ and v+ by q, v, tau, friction, restitution and solref, side by side [mixed], and by
         inertias if they were asked for.
-    several : tuple of Indeterminacy
-        Contacts whose velocities Coulomb's law does not determine: the derivatives are those of
-        the rule that chose one, contacts that give way alike.
+    notes : tuple of Note
+        Why the derivatives are those of a rule, or of one side: Coulomb's law does not determine
+        velocities, contacts share an impact in several ways, or pushes give way to each other.
     """
 
     q: Array
@@ -64,20 +64,20 @@ class StepDerivatives:
     names: tuple[str, ...]
     matrices: tuple[Array, Array]  # of q+ and of v+, (nv, columns) each
     parameters: tuple[str, ...]
-    several: tuple[Indeterminacy, ...] = ()
+    notes: tuple[Note, ...] = ()
 
     @property
     def one_sided(self) -> bool:
         """Whether the derivative holds on one side only, or by a rule.
 
-        A contact is so near to another mode, or Coulomb's law leaves its velocity open.
+        A contact is so near to another mode, or `notes` say why.
         """
         return self.margin < tolerances.SWITCHES
 
     @property
     def notices(self) -> tuple[str, ...]:
         """What deserves attention, a sentence each."""
-        return tuple(f"slopes are those of the rule: {each.text}" for each in self.several)
+        return tuple(note.text for note in self.notes)
 
     @property
     def dq_dq(self) -> Array:
@@ -181,21 +181,21 @@ def differentiated(route: Route, steps: LinearSteps, ended: Ended) -> StepDeriva
     if not isfinite(ended.dq.sum() + ended.dv.sum()):
         raise SolveFailed(f"{route!r}: the derivatives of this step are not finite", None)
     state, matrices = (ended.q, ended.v), (ended.dq, ended.dv)
-    is_one_sided = ended.several or (route.is_smooth and _is_at_a_kink(steps, ended.posed))
+    is_one_sided = ended.notes or (route.is_smooth and _is_at_a_kink(steps, ended.posed))
     margin = 0.0 if is_one_sided else _margin(steps, ended)
-    return made(route, steps, state, matrices, modes_of(steps, ended), margin, ended.several)
+    return made(route, steps, state, matrices, modes_of(steps, ended), margin, ended.notes)
 
 
 def made(
     route: Route, steps: LinearSteps, state: tuple[Array, Array],
     matrices: tuple[Array, Array], modes: dict[str, str], margin: float,
-    several: tuple[Indeterminacy, ...] = (),
+    notes: tuple[Note, ...] = (),
 ) -> StepDerivatives:  # fmt: skip
     """Return the derivatives with these `matrices`, of a step that ends in this `state`."""
     candidates, parameters = steps.system.contacts, found_parameters(route, steps.scheme, steps.wrt)
     q, v, dq, dv = read_only((*state, *matrices))
     names = candidates.names[: candidates.cones]
-    return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters, several)
+    return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters, notes)
 
 
 def found_parameters(route: Route, scheme: ContactScheme, wrt: Sequence[str]) -> tuple[str, ...]:

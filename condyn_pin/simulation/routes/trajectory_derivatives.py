@@ -162,9 +162,8 @@ class TrajectoryDerivatives:
         self._swept |= i == self.steps - 1
         if of.one_sided:
             self._one_sided.add(i)
-        if of.several:
-            of_them = zip(of.several, of.notices, strict=True)
-            self._notes[i] = [Note(each.kind, each.whole_names, text) for each, text in of_them]
+        if of.notes:
+            self._notes[i] = list(of.notes)
 
     def __repr__(self) -> str:
         return f"TrajectoryDerivatives({self.route!r}: {self.steps} steps)"

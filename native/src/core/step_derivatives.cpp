@@ -38,6 +38,9 @@ bool StepDerivatives::operator()(const Readings & readings)
   const int n = scene_.model.nv, cones = step.candidates.cones();
   if (step.touching_.along_path || !(step.natural <= readings.polished))
     return false;
+  for (int i = 0; i < step.touching_.with_gaps; ++i)
+    if (step.touching_.is_pressed(i, step.plan_)) // Python flags slopes of pushes that give way
+      return false;
   project();
   dv.setZero(n, 3 * n + cones);
   law_.read(step.touching_.problem, step.touching_.lam, slides * readings.polished);

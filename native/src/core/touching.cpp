@@ -123,18 +123,18 @@ void Touching::follow(const std::vector<int> & island, double dt)
 }
 
 /// Whether a gap is pushed out by less than it would be alone: nothing can follow.
-bool Touching::is_pressed(int i, const StepPlan & plan) const
+bool Touching::is_pressed(int i, const StepPlan & plan, double share) const
 {
   const double alone = plan.allowed(gaps[i]);
-  return alone < 0.0 && allowed[i] > 0.99 * alone;
+  return alone < 0.0 && allowed[i] > share * alone;
 }
 
 /// Whether that is so of one that is deep, of which Python has a notice.
 bool Touching::contradicts(const StepPlan & plan) const
 {
-  constexpr double seen = 1e-6; // as `_SEEN` of `tried.py` [m, rad]
+  constexpr double seen = 1e-6, half = 0.5; // as `_SEEN` [m, rad] and `_HALF` of `tried.py`
   for (int i = 0; i < with_gaps; ++i)
-    if (gaps[i] < -seen && is_pressed(i, plan))
+    if (gaps[i] < -seen && is_pressed(i, plan, half))
       return true;
   return false;
 }

@@ -31,8 +31,8 @@ struct Touching
   void eliminate(const MatrixXd & all, const Candidates & candidates, const FreeStep & free);
   /// G and g of gaps and bends of the chosen that have them.
   void ask(const VectorXd & gaps, const VectorXd & bends, const FreeStep & free, const StepPlan & plan);
-  /// Whether a gap is pushed out by less than it would be alone: nothing can follow.
-  bool is_pressed(int with_gap, const StepPlan & plan) const;
+  /// Whether a gap is pushed out by less than that share of what it would be alone: nothing can follow.
+  bool is_pressed(int with_gap, const StepPlan & plan, double share = 0.99) const;
   /// Whether gaps and shapes contradict each other, of which Python has a notice.
   bool contradicts(const StepPlan & plan) const;
   /// Takes no impulse for what constraints hold, where any would meet the law.
