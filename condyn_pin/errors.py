@@ -34,6 +34,7 @@ __all__ = [
     "StaleModel",
     "StepFailed",
     "UnknownName",
+    "UnmodelledWarning",
     "UnsupportedBackend",
     "UnsupportedConstraint",
     "WorkersLost",
@@ -230,6 +231,10 @@ class Interrupted(KeyboardInterrupt):
 
 class StepFailed(CondynError):
     """A step of an integrator did not converge; the text says what to do."""
+
+
+class UnmodelledWarning(UserWarning):
+    """A file has what changes the motion, and is not in the model: `Robot.unmodelled` lists it."""
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:

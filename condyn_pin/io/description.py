@@ -21,6 +21,8 @@ Body = tuple[str, float, Array]
 class Description:
     """What was read from a file; all fields but `reversed` are those of `Robot`.
 
+    A file may have no name.
+
     Attributes
     ----------
     reversed : tuple of str
@@ -33,6 +35,8 @@ class Description:
     springs: tuple[Spring, ...] = ()
     postures: Mapping[str, Array] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
+    unmodelled: tuple[str, ...] = ()
+    name: str = ""
     reversed: tuple[str, ...] = ()
 
 

@@ -27,8 +27,9 @@ from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from warnings import warn
 
-from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
+from condyn_pin.errors import InvalidArgument, InvalidModel, UnmodelledWarning, unknown_name
 from condyn_pin.io.files import check_root_joint, example_robot_data, robots_folder
 from condyn_pin.model.mechanisms import MECHANISMS
 from condyn_pin.model.robot import Robot
@@ -95,8 +96,16 @@ def load_robot(
         If the package with the description is not installed.
     InvalidModel
         If a file cannot be read; the text names the file and the element.
+
+    Warns
+    -----
+    UnmodelledWarning
+        If the file has what changes the motion and is not in the model: `Robot.unmodelled`.
     """
     robot = _loaded(name, _root_joint(floating, root_joint), variant)
+    if robot.unmodelled:
+        text = f"{name}: changes the motion, and is not modelled: {'; '.join(robot.unmodelled)}"
+        warn(text, UnmodelledWarning, stacklevel=2)
     return robot if precision is None else replace(robot, precision=precision)
 
 

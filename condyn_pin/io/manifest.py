@@ -46,7 +46,8 @@ def read_alone(path: Path, root_joint: str) -> Robot:
     read = _read(path, {}, root_joint, ())
     with place(path):
         fields = _fields(read) | {"precision": tolerances.WRITTEN_GEOMETRY}
-        robot = Robot(path.stem, source=str(path), description=str(path), **fields)
+        fields["name"] = read.name or path.stem
+        robot = Robot(source=str(path), description=str(path), **fields)
         for loop in robot.loops:
             bind(robot, [loop])
         return _with_notices(robot)
@@ -62,9 +63,9 @@ def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
     own = loops_of(config.get("loops", ()))
     ends = {_ends(loop) for loop in own}
     robot = Robot(
-        config["name"],
         **_fields(read)
         | {
+            "name": config["name"],
             "postures": _postures(config, folder, read),
             "loops": (*(loop for loop in read.loops if _ends(loop) not in ends), *own),
             "contacts": contacts_of(config.get("contacts", ())),

@@ -53,8 +53,10 @@ class Summary:
         Condition numbers of the mass matrix, and of the nonzero part of J M^-1 J^T.
     notes : tuple of str
         What deserves attention.
+    unmodelled : tuple of str
+        What the description has, changes the motion, and is not in the model.
     unused : tuple of str
-        What the description has and the dynamics do not use.
+        What else the description has and the dynamics do not use.
     source, licence : str
         Where the description comes from, and its licence.
     contacts : tuple of (name, text)
@@ -79,6 +81,7 @@ class Summary:
     condition: float
     delassus_condition: float
     notes: tuple[str, ...]
+    unmodelled: tuple[str, ...]
     unused: tuple[str, ...]
     source: str
     licence: str
@@ -123,6 +126,10 @@ class Summary:
                 "contacts", html.grid(("contact", "distance"), self.contacts),
                 count=len(self.contacts),
             ),
+            html.folded(
+                "changes the motion, and is not modelled", html.notes(self.unmodelled),
+                count=0,
+            ),
             html.folded("in the file and not used", html.notes(self.unused)),
             html.notes(self.notes),
         )  # fmt: skip
@@ -134,6 +141,7 @@ class Summary:
             for n, kind, rows in self.constraints
         ]
         lines += [f"{'contact':<16} {name}: {text}" for name, text in self.contacts]
+        lines += [f"{'not modelled':<16} {text}" for text in self.unmodelled]
         lines += [f"{'not used':<16} {text}" for text in self.unused]
         lines += [f"{'note':<16} {text}" for text in self.notes]
         return "\n".join(lines)
@@ -163,6 +171,7 @@ def summarise(scene: Scene, q: ArrayLike | None) -> Summary:
         condition=at.condition,
         delassus_condition=at.delassus_condition,
         notes=tuple(notes),
+        unmodelled=robot.unmodelled,
         unused=tuple(_unused(scene)),
         source=robot.source,
         licence=robot.licence,

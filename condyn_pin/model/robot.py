@@ -82,7 +82,7 @@ class Robot:
         Springs of the description. They act in `step` and `simulate`; in `solve` and `derivatives`
         only if you add `passive_torque` to tau.
     unused : sequence of str, optional
-        What the description has and the dynamics do not use, a sentence each.
+        What the description has and the dynamics do not use, but for what is `unmodelled`.
     source, licence : str, optional
         Where the description comes from, and its licence.
     description : str, optional
@@ -94,6 +94,8 @@ class Robot:
         count by no more at every closed state are redundant. Rounding, 1e-11, for models that are
         built in Python; `load_robot` gives files 1e-5. 0 takes every row at its word, at open
         states too, and no status doubts a state.
+    unmodelled : sequence of str, optional
+        What the description has, changes the motion, and is not in the model, a sentence each.
 
     Raises
     ------
@@ -116,6 +118,7 @@ class Robot:
     description: str = ""
     spring_dampers: Sequence[SpringDamper] = ()
     precision: float = tolerances.ROUNDED_GEOMETRY
+    unmodelled: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         check_origin(self.name, self.model)
@@ -477,7 +480,7 @@ class Robot:
     def __reduce__(self) -> tuple[Any, ...]:
         state = (self.name, self.model, dict(self.postures), self.loops, self.contacts)
         origin = (self.source, self.licence, self.description)
-        rest = (*origin, self.spring_dampers, self.precision)
+        rest = (*origin, self.spring_dampers, self.precision, self.unmodelled)
         return Robot, (*state, self.actuated, self.springs, self.unused, *rest)
 
     def _repr_html_(self) -> str:

@@ -29,6 +29,7 @@ _MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {
     "springs": (Spring,),
     "spring_dampers": (SpringDamper,),
     "unused": (str,),
+    "unmodelled": (str,),
 }
 
 

@@ -43,6 +43,9 @@ def robot_html(robot: Robot) -> str:
             html.grid(columns, contacts),
             count=len(contacts),
         ),
+        html.folded(
+            "changes the motion, and is not modelled", html.notes(robot.unmodelled), count=0
+        ),
         html.folded("in the file and not used", html.notes(robot.unused)),
     )
 

@@ -66,6 +66,9 @@ def together(robots: Mapping[str, Robot]) -> Robot:
             replace(each, joint=new(each.joint)) for new, robot in pairs for each in robot.springs
         ],
         unused=[f"{name}: {text}" for name, robot in robots.items() for text in robot.unused],
+        unmodelled=[
+            f"{name}: {text}" for name, robot in robots.items() for text in robot.unmodelled
+        ],
         source="; ".join(dict.fromkeys(robot.source for robot in robots.values())),
         licence="; ".join(dict.fromkeys(robot.licence for robot in robots.values())),
         spring_dampers=[

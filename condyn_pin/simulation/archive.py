@@ -68,7 +68,9 @@ _TITLES: Final = {MOTION: "a trajectory", MOTIONS: "a batch of motions"}
 CHOICES: Final[dict[str, type]] = {"integrator": Integrator, "drift": Drift, "solver": Solver}
 
 _LISTS = ("loops", "contacts", "springs", "spring_dampers")
-_WORDS = ("name", "actuated", "unused", "source", "licence", "description", "precision")
+_WORDS = (
+    "name", "actuated", "unused", "unmodelled", "source", "licence", "description", "precision",
+)  # fmt: skip
 _POSTURE = "posture "
 _MODEL = "model "
 
@@ -139,13 +141,13 @@ def _robot(about: dict[str, Any], content: Content) -> Robot:
     postures = {k.removeprefix(_POSTURE): q for k, q in content.items() if k.startswith(_POSTURE)}
     model, lost = model_of(about["model"], numbers)
     lists: dict[str, Any] = {key: [decode(c) for c in about[key]] for key in _LISTS}
-    # files of before have no precision
-    about = {"precision": tolerances.ROUNDED_GEOMETRY, **about}
+    # files of before have neither
+    about = {"precision": tolerances.ROUNDED_GEOMETRY, "unmodelled": (), **about}
     words: dict[str, Any] = {key: about[key] for key in _WORDS}
     for key in ("source", "licence", "description"):
         if not isinstance(words[key], str):
             raise TypeError(f"{key} = {words[key]!r}")
-    words["unused"] = (*words["unused"], *lost)
+    words["unmodelled"] = (*words["unmodelled"], *lost)
     return Robot(model=model, postures=postures, **lists, **words)
 
 

@@ -41,6 +41,7 @@ def show(
         return
     rows = list(summary.facts().items())
     rows += [("constraint", f"{name}: {kind}, {n} rows") for name, kind, n in summary.constraints]
+    rows += [("not modelled", text) for text in summary.unmodelled]
     rows += [("not used", text) for text in summary.unused]
     rows += [("note", text) for text in summary.notes]
     if not scene.constraints:
