@@ -36,6 +36,10 @@ LARGER = 2.0
 # Share of the largest velocity that |J v| may be.
 _SLIP = 1e-2
 
+# Kinetic energy that no one misses, as a share: half of it in speed. A motion without forces
+# exchanges nothing that its errors could be compared with.
+_OF_KINETIC = 1e-3
+
 
 @dataclass(frozen=True, eq=False)
 class Course:
@@ -270,10 +274,11 @@ def _of_a_step(course: Course) -> float:
 
 
 def smallest_energy(course: Course) -> float:
-    """Energy that no one misses [J]: rounding of energies, and what lifts the robot by 1 nm."""
+    """Energy that no one misses [J]: rounding, what lifts the robot by 1 nm, a little of its own."""
     gravity = float(np.linalg.norm(course.scene.robot.model.gravity.linear))
     lifted = tolerances.ENERGY_KEPT * course.scene.robot.mass * gravity
-    return max(course.energy.kept, lifted)
+    moving = _OF_KINETIC * float(course.energy.kinetic.max(initial=0.0))
+    return max(course.energy.kept, lifted, moving)
 
 
 def _closed_from(course: Course) -> int:
