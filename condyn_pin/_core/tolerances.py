@@ -34,6 +34,10 @@ CLOSED: Final = 1e-10
 # are at 1e-15 to 1e-12, and REFERENCE_RANK is rounding beside them.
 OPEN: Final = 0.1 * CLOSED
 
+# Violation that is no rounding [m, rad], nor |J v| [m/s, rad/s]: near a singular posture the answer
+# to such a state is looked at, for it may be that of the gap. Exact states leave 1e-17 to 1e-15.
+NOT_ROUNDING: Final = 1e-14
+
 # The same where rows are factorised anyway, and to look at the gap costs little: below it redundant
 # rows are below REFERENCE_RANK, also in loops of a millimetre.
 AJAR: Final = 1e-13

@@ -104,7 +104,7 @@ def undetermined(solution: Solution) -> str:
             f"closing the loops ({gap} at {name}) leads {doubt:.2g} of the way to a singular "
             "posture: no a belongs to this state at its precision; Scene.assemble(q) closes them"
         )
-    if max(off) <= tolerances.OPEN or not solution.error_bound < tolerances.DOUBT / 10:
+    if max(off) <= tolerances.NOT_ROUNDING or not solution.error_bound < tolerances.DOUBT / 10:
         return ""
     nominal, v, a = scene.nominal, solution.v, solution.a
     left = left_out_at(scene, solution.q)

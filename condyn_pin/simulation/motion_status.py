@@ -36,7 +36,7 @@ LARGER = 2.0
 # Share of the largest velocity that |J v| may be.
 _SLIP = 1e-2
 
-# Kinetic energy that no one misses, as a share: half of it in speed. A motion without forces
+# Kinetic energy that a motion may lose, as a share: half of it in speed. One without forces
 # exchanges nothing that its errors could be compared with.
 _OF_KINETIC = 1e-3
 
@@ -224,7 +224,8 @@ def unbalanced(course: Course) -> str:
         lost = np.ptp(energy.springs)
         rest = np.where(energy.error < 0.0, np.maximum(rest - lost, 0.0), rest)
     most = float(rest.max(initial=0.0))
-    if most <= max(limit * scale, smallest_energy(course)):
+    moving = _OF_KINETIC * float(energy.kinetic.max(initial=0.0))
+    if most <= max(limit * scale, smallest_energy(course), moving):
         return ""
     since = int(np.argmax(~(rest <= limit * scale)))
     return (
@@ -274,11 +275,10 @@ def _of_a_step(course: Course) -> float:
 
 
 def smallest_energy(course: Course) -> float:
-    """Energy that no one misses [J]: rounding, what lifts the robot by 1 nm, a little of its own."""
+    """Energy that no one misses [J]: rounding of energies, and what lifts the robot by 1 nm."""
     gravity = float(np.linalg.norm(course.scene.robot.model.gravity.linear))
     lifted = tolerances.ENERGY_KEPT * course.scene.robot.mass * gravity
-    moving = _OF_KINETIC * float(course.energy.kinetic.max(initial=0.0))
-    return max(course.energy.kept, lifted, moving)
+    return max(course.energy.kept, lifted)
 
 
 def _closed_from(course: Course) -> int:
