@@ -334,7 +334,7 @@ NAMES: dict[Any, str] = {
     "nobody": "no robot named 'nobody'; known: anymal_c, ",
     "/nowhere/arm.urdf": r"/nowhere/arm\.urdf: cannot be opened",
     "/nowhere/arm.sdf": r"/nowhere/arm\.sdf: cannot be opened: No such file",
-    "/nowhere/arm.xacro": "a .urdf, an .sdf or an .xml with an MJCF is needed",
+    "/nowhere/arm.stl": "a .urdf, an .sdf or an .xml with an MJCF is needed",
     "/nowhere/arm": "no robot named '/nowhere/arm'",
     "": "a .urdf, an .sdf or an .xml with an MJCF is needed",
     "a" * 5000: r"^name = 'a{80}': no name and no path: .*too long",

@@ -23,9 +23,11 @@ leave out: loops, contacts, motors, postures, the licence.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 from warnings import warn
 
@@ -59,14 +61,16 @@ def load_robot(
     root_joint: str | None = None,
     variant: Mapping[str, str] | None = None,
     precision: float | None = None,
+    actuated: Sequence[str] | None = None,
 ) -> Robot:
     """Load a robot by its name, or from a URDF, SDF, MJCF or robot.toml.
 
     Parameters
     ----------
     name : str or Path
-        A name that `condyn robots` lists, or a path: of a URDF, of an SDF, of an MJCF (.xml), of a
-        folder with a robot.toml, or of such a file, whatever it is called.
+        A name that `condyn robots` lists, or one of the package `robot_descriptions`, if that is
+        installed; the text of a URDF, from ``<robot`` on; or a path: of a URDF, of an SDF, of an
+        MJCF (.xml), of a folder with a robot.toml, or of such a file, whatever it is called.
     floating : bool, optional
         For a URDF or an SDF: whether its root link floats; it is fixed to the world by default.
         Named robots and folders say it themselves.
@@ -80,6 +84,8 @@ def load_robot(
         `Robot.precision`: how right the numbers of the file are [rad, sizes of a loop]. By default
         what a robot.toml says, or 1e-5, as five digits are: 1.5708 for pi/2 is off by 3.7e-6. 0
         takes them at their word.
+    actuated : sequence of str, optional
+        The joints with a motor; by default those that the file names.
 
     Returns
     -------
@@ -103,8 +109,11 @@ def load_robot(
         If the file has what changes the motion and is not in the model: `Robot.unmodelled`.
     """
     robot = _loaded(name, _root_joint(floating, root_joint), variant)
+    if actuated is not None:
+        robot = replace(robot, actuated=actuated)
     if robot.unmodelled:
-        text = f"{name}: changes the motion, and is not modelled: {'; '.join(robot.unmodelled)}"
+        said = "; ".join(robot.unmodelled)
+        text = f"{robot.name}: changes the motion, and is not modelled: {said}"
         warn(text, UnmodelledWarning, stacklevel=2)
     return robot if precision is None else replace(robot, precision=precision)
 
@@ -129,15 +138,22 @@ def _loaded(name: str | Path, root_joint: str | None, variant: Mapping[str, str]
         raise InvalidArgument(f"name = {name!r}: a name or a path is needed")
     if root_joint is not None:
         check_root_joint(root_joint)
-    known = available_robots()
+    known, chosen = available_robots(), {} if variant is None else variant
+    if isinstance(name, str) and name.lstrip().startswith("<"):
+        from condyn_pin.io.manifest import read_alone
+
+        check_variant(chosen, {})
+        return read_alone(name, root_joint or "fixed")
     path = _path(name)
-    chosen = {} if variant is None else variant
+    described = None if str(name) in known or path.exists() else _described(str(name))
     plain = path.suffix in _ROOTED or (path.suffix == ".xml" and root_joint is None)
     if str(name) not in known and plain and not path.is_dir():
         from condyn_pin.io.manifest import read_alone
 
         check_variant(chosen, {})
         return read_alone(path, root_joint or "fixed")
+    if described is not None:
+        return _loaded(described, root_joint, variant)
     if root_joint is not None:
         raise InvalidArgument(
             f"root_joint = {root_joint!r}: it is for a URDF or an SDF; {str(name)!r} says itself "
@@ -150,12 +166,27 @@ def _loaded(name: str | Path, root_joint: str | None, variant: Mapping[str, str]
     config = _config(robots_folder() / str(name) if str(name) in known else path)
     if config.is_file():
         return _read_config(config, chosen)
+    if path.suffix == ".xacro":
+        raise InvalidModel(
+            f"{path}: a .xacro makes a URDF: expand it with `xacro {path.name} > robot.urdf`"
+        )
     if path.suffix or path.exists():
         raise InvalidModel(
             f"{path}: a .urdf, an .sdf or an .xml with an MJCF is needed, or a folder with a "
             "robot.toml"
         )
     raise unknown_name("robot", str(name), known)
+
+
+def _described(name: str) -> Path | None:
+    """Return the file of a name of the package `robot_descriptions`; None if it has none."""
+    if not name.endswith("_description") or find_spec("robot_descriptions") is None:
+        return None
+    if not name.isidentifier() or find_spec(f"robot_descriptions.{name}") is None:
+        return None
+    found = import_module(f"robot_descriptions.{name}")
+    paths = (getattr(found, key, None) for key in ("URDF_PATH", "MJCF_PATH"))
+    return next((Path(path) for path in paths if path), None)
 
 
 def _read_config(path: Path, variant: Mapping[str, str]) -> Robot:

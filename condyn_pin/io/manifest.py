@@ -41,13 +41,19 @@ def read_config(path: Path, variant: Mapping[str, str]) -> Robot:
         return _robot(chosen_config(config, variant), path.parent)
 
 
-def read_alone(path: Path, root_joint: str) -> Robot:
-    """Return the robot of a description that no robot.toml describes."""
-    read = _read(path, {}, root_joint, ())
-    with place(path):
-        fields = _fields(read) | {"precision": tolerances.WRITTEN_GEOMETRY}
-        fields["name"] = read.name or path.stem
-        robot = Robot(source=str(path), description=str(path), **fields)
+def read_alone(source: Path | str, root_joint: str) -> Robot:
+    """Return the robot of a description that no robot.toml describes: a file, or a URDF's text."""
+    if isinstance(source, Path):
+        read, where = _read(source, {}, root_joint, ()), str(source)
+        of_file = {"source": where, "description": where}
+    else:
+        from condyn_pin.io.urdf import read_urdf
+
+        read, where, of_file = read_urdf(source, root_joint), "the text of a URDF", {}
+    with place(where):
+        fields = _fields(read) | of_file | {"precision": tolerances.WRITTEN_GEOMETRY}
+        fields["name"] = read.name or (source.stem if isinstance(source, Path) else "robot")
+        robot = Robot(**fields)
         for loop in robot.loops:
             bind(robot, [loop])
         return _with_notices(robot)

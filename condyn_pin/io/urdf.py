@@ -4,6 +4,8 @@ Pinocchio gets a copy of the file with what was checked and nothing else: no mes
 numbers in one spelling. A URDF is a tree of hinges and sliders; conventions add what is missing:
 
     <mimic>              q = multiplier q_other + offset, a `Coupling`
+    a second parent      a joint that is cut, and closed by a `Loop`; <loop_joint>, <constraint>
+                         and <joint> in <gazebo> as well, see `urdf_cuts`
     names of links       the two halves of a cut joint, see `urdf_closures`
     a YAML or a TOML     loops, motors, balls and universal joints, see `urdf_beside`
 
@@ -25,18 +27,19 @@ from condyn_pin.io.files import check_root_joint
 from condyn_pin.io.urdf_beside import Beside, read_beside
 from condyn_pin.io.urdf_check import checked
 from condyn_pin.io.urdf_closures import closings
-from condyn_pin.io.urdf_retyped import retyped, with_balls
-from condyn_pin.io.urdf_unused import unused
+from condyn_pin.io.urdf_cuts import close, cuts_of
+from condyn_pin.io.urdf_retyped import retyped, turn_planes, with_balls
+from condyn_pin.io.urdf_unused import unmodelled, unused
 from condyn_pin.io.xml import open_xml, place
 
 
-def read_urdf(path: Path, root_joint: str = "fixed", *, mimic: bool = True) -> Description:
+def read_urdf(source: Path | str, root_joint: str = "fixed", *, mimic: bool = True) -> Description:
     """Read a URDF.
 
     Parameters
     ----------
-    path : Path
-        The file. Meshes are not needed.
+    source : Path or str
+        The file, or its text. Meshes are not needed.
     root_joint : {"fixed", "free_flyer"}
         How the root link is attached to the world.
     mimic : bool
@@ -53,26 +56,36 @@ def read_urdf(path: Path, root_joint: str = "fixed", *, mimic: bool = True) -> D
         If the file cannot be read; the text names the element.
     """
     check_root_joint(root_joint)
-    with place(path):
-        robot = open_xml(path, "robot")
-        return _robot(robot, read_beside(path), root_joint, mimic)
+    is_file = isinstance(source, Path)
+    with place(source if is_file else "the text of a URDF"):
+        robot = open_xml(source, "robot")
+        if macro := next((e.tag for e in robot.iter() if "/xacro}" in e.tag), ""):
+            tag = macro.rpartition("}")[2]
+            raise InvalidModel(f"<xacro:{tag}>: a macro; expand it with `xacro FILE > robot.urdf`")
+        beside = read_beside(source) if isinstance(source, Path) else Beside()
+        return _robot(robot, beside, root_joint, mimic)
 
 
 def _robot(robot: ET.Element, beside: Beside, root_joint: str, mimic: bool) -> Description:
     tree = retyped(robot, beside.joints)
-    copy = checked(tree, floating=root_joint == "free_flyer", mimic=mimic)
+    copy, past_the_tree = checked(tree, floating=root_joint == "free_flyer", mimic=mimic)
     links, joints = ([e.attrib["name"] for e in tree.findall(tag)] for tag in ("link", "joint"))
     named = () if beside.loops is not None else tuple(closings(links, joints))
     couplings = _couplings(tree) if mimic else ()
     balls = [name for name, kind in beside.joints.items() if kind == "SPHERICAL"]
+    model = with_balls(_model(ET.tostring(copy, encoding="unicode"), root_joint), balls)
+    cuts = tuple(cuts_of(tree, past_the_tree))
+    turn_planes(model, tree)
     return Description(
-        with_balls(_model(ET.tostring(copy, encoding="unicode"), root_joint), balls),
-        loops=(*couplings, *(beside.loops or named)),
+        model,
+        loops=(*couplings, *(beside.loops or named), *close(model, cuts)),
         unused=(
             *unused(tree, copy, coupled=mimic, cuts=named),
             *beside.unused(),
         ),
+        unmodelled=tuple(unmodelled(past_the_tree)),
         actuated=beside.motors,
+        name=robot.attrib["name"],
     )
 
 

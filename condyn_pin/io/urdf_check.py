@@ -19,8 +19,10 @@ from condyn_pin.io.xml import check_counts, find, label
 _SCALAR: Final = ("revolute", "continuous", "prismatic")
 
 
-def checked(robot: Element, *, floating: bool, mimic: bool) -> Element:
-    """Return a copy of a URDF with what Pinocchio reads, all of it checked.
+def checked(robot: Element, *, floating: bool, mimic: bool) -> tuple[Element, list[Element]]:
+    """Return a copy of a URDF with what Pinocchio reads, all of it checked, and what it cannot.
+
+    That are the joints whose child has a parent already: each closes a loop of the tree.
 
     Parameters
     ----------
@@ -42,6 +44,8 @@ def checked(robot: Element, *, floating: bool, mimic: bool) -> Element:
     if not links:
         raise InvalidModel("<robot> has no <link>; at least one is needed")
     check_counts(len(links), sum(joint.get("type") != "fixed" for joint in joints.values()))
+    beside = _beside_the_tree(links, joints)
+    joints = {name: joint for name, joint in joints.items() if name not in beside}
     root = _root(links, joints)
     for name in (*links, *joints):
         if name in WORLD and (name != root or floating):
@@ -53,7 +57,7 @@ def checked(robot: Element, *, floating: bool, mimic: bool) -> Element:
         copy_link(copy, link)
     for joint in joints.values():
         copy_joint(copy, joint, one_number=joint.attrib["name"] in mimicking)
-    return copy
+    return copy, list(beside.values())
 
 
 def _named(robot: Element, tag: str) -> dict[str, Element]:
@@ -69,21 +73,29 @@ def _named(robot: Element, tag: str) -> dict[str, Element]:
     return found
 
 
+def _beside_the_tree(
+    links: Mapping[str, Element], joints: Mapping[str, Element]
+) -> dict[str, Element]:
+    """Return the joints whose child has a parent already, in the order of the file."""
+    have_parents, beside = set[str](), dict[str, Element]()
+    for name, joint in joints.items():
+        child = _end(joint, "child", links)
+        if child in have_parents:
+            beside[name] = joint
+        have_parents.add(child)
+    return beside
+
+
 def _root(links: Mapping[str, Element], joints: Mapping[str, Element]) -> str:
     """Return the root link; refuse what is no tree."""
-    parent_of: dict[str, str] = {}
-    for name, joint in joints.items():
-        parent, child = (_end(joint, end, links) for end in ("parent", "child"))
-        if child in parent_of:
-            raise InvalidModel(
-                f"joint {name!r}: link {child!r} has another parent joint; a URDF is a tree: cut "
-                "the loop, and close it by [[loops]] in a robot.toml"
-            )
-        parent_of[child] = parent
+    parent_of = {_end(j, "child", links): _end(j, "parent", links) for j in joints.values()}
     roots = [link for link in links if link not in parent_of]
     if len(roots) != 1:
         found = f"the links {', '.join(map(repr, roots[:4]))} have" if roots else "no link has"
-        raise InvalidModel(f"{found} no parent joint; exactly one link, the root, must have none")
+        advice = "" if roots else "; exchange parent and child of the joint that closes the loop"
+        raise InvalidModel(
+            f"{found} no parent joint; exactly one link, the root, must have none{advice}"
+        )
     reached = {roots[0]}
     waiting = [roots[0]]
     children: dict[str, list[str]] = {}

@@ -1,4 +1,4 @@
-"""Joints that a URDF cannot describe, put in the place of the hinges that stand for them.
+"""Joints that a URDF cannot describe, or Pinocchio does not read from it.
 
 A ball takes the place of its hinge in Pinocchio's model, a universal joint is two hinges with an
 empty link between them, and a fixed joint is one of the file. Where it stands is where the hinge
@@ -13,6 +13,7 @@ from xml.etree.ElementTree import Element, SubElement, fromstring, tostring
 
 from condyn_pin._core._pin import pin
 from condyn_pin.errors import InvalidModel, unknown_name
+from condyn_pin.io.urdf_cuts import along
 from condyn_pin.model.smaller_robot import copy_numbers
 
 _OF_A_HINGE: Final = ("axis", "limit", "dynamics", "mimic", "safety_controller", "calibration")
@@ -84,3 +85,24 @@ def with_balls(model: Any, names: Collection[str]) -> Any:
         made.addFrame(frame, False)  # the inertia is on the joint already
     copy_numbers(model, made, [name for name in list(model.names)[1:] if name not in names])
     return made
+
+
+def turn_planes(model: Any, robot: Element) -> None:
+    """Turn the planar joints of a model so that their planes are across their axes.
+
+    Pinocchio has them across z: with R z = axis, the joint is placed by M R, and all that is on it
+    by R^-1.
+    """
+    for joint in robot.findall("joint"):
+        if joint.get("type") != "planar":
+            continue
+        i = model.getJointId(joint.attrib["name"])
+        R = along(joint.find("axis"))
+        model.jointPlacements[i] = model.jointPlacements[i] * R
+        model.inertias[i] = R.actInv(model.inertias[i])
+        for k in range(i + 1, model.njoints):
+            if model.parents[k] == i:
+                model.jointPlacements[k] = R.actInv(model.jointPlacements[k])
+        for frame in model.frames:
+            if frame.parentJoint == i and frame.type != pin.FrameType.JOINT:
+                frame.placement = R.actInv(frame.placement)

@@ -1,4 +1,4 @@
-"""What a URDF has and the constrained dynamics do not use, a sentence each."""
+"""What a URDF has and the model has not, or the dynamics do not use, a sentence each."""
 
 from __future__ import annotations
 
@@ -17,7 +17,8 @@ _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 # What is read: the elements below each one, and its attributes. All else is counted.
 _ELEMENTS: Final[Mapping[str, Sequence[str]]] = {
-    "robot": ("link", "joint"),
+    "robot": ("link", "joint", "loop_joint", "constraint", "gazebo"),
+    "gazebo": ("joint",),
     "link": ("inertial", "visual"),  # view draws the latter
     "inertial": ("origin", "mass", "inertia"),
     "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
@@ -26,6 +27,7 @@ _ELEMENTS: Final[Mapping[str, Sequence[str]]] = {
 }
 _ATTRIBUTES: Final[Mapping[str, Sequence[str]]] = {
     "robot": ("name", "version"),
+    "gazebo": (),
     "link": ("name",),
     "inertial": (),
     "mass": ("value",),
@@ -77,6 +79,15 @@ def unused(robot: Element, copy: Element, *, coupled: bool, cuts: Sequence[Loop]
         )
     yield from _closures(robot, cuts)
     yield from doubts(_bodies(copy))
+
+
+def unmodelled(past_the_tree: Iterable[Element]) -> Iterator[str]:
+    """Say what of joints at which loops are cut changes the motion, and is not in the model."""
+    for joint in past_the_tree:
+        dynamics = joint.find("dynamics")
+        lost = [] if dynamics is None else [k for k in dynamics.attrib if float(dynamics.attrib[k])]
+        if lost:
+            yield f"{' and '.join(lost)} of joint {joint.attrib['name']!r}, at which a loop is cut"
 
 
 def _having(joints: Iterable[Element], path: str) -> list[str]:

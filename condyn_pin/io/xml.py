@@ -18,7 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.files.text import read_bytes, written_out
+from condyn_pin._core.files.text import check_size, read_bytes, written_out
 from condyn_pin.errors import CondynError, InvalidModel
 from condyn_pin.model.soundness import MOST_JOINTS
 
@@ -38,10 +38,17 @@ def place(where: object) -> Iterator[None]:
         raise
 
 
-def open_xml(path: str | PathLike[str], tag: str = "") -> Element:
-    """Return the root of an XML file, whose tag has to be this one, or raise InvalidModel."""
+def open_xml(source: str | PathLike[str], tag: str = "") -> Element:
+    """Return the root of an XML, whose tag has to be this one, or raise InvalidModel.
+
+    The source is a file, or a text that begins with an element.
+    """
     try:
-        root = ElementTree.fromstring(read_bytes(path))
+        if isinstance(source, str) and source.lstrip().startswith("<"):
+            check_size(len(source))
+            root = ElementTree.fromstring(source)
+        else:
+            root = ElementTree.fromstring(read_bytes(source))
         if sum(1 for _ in root.iter()) > _MOST_ELEMENTS:
             raise ValueError(f"it has more than {_MOST_ELEMENTS} elements")
         for element in root.iter():

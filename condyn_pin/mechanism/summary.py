@@ -7,8 +7,10 @@ from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
 
+import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.names import counted, few
@@ -19,6 +21,7 @@ from condyn_pin.mechanism.classification import Classification, classification
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.freedom import base_freedom
 from condyn_pin.mechanism.rank import Rank
+from condyn_pin.model.robot import Robot
 
 _ROWS_SHOWN = 12
 _ILL_CONDITIONED = 1e12
@@ -171,7 +174,7 @@ def summarise(scene: Scene, q: ArrayLike | None) -> Summary:
         condition=at.condition,
         delassus_condition=at.delassus_condition,
         notes=tuple(notes),
-        unmodelled=robot.unmodelled,
+        unmodelled=(*robot.unmodelled, *_rotors(robot)),
         unused=tuple(_unused(scene)),
         source=robot.source,
         licence=robot.licence,
@@ -190,6 +193,15 @@ def _contacts(scene: Scene, q: Array) -> Iterator[tuple[str, str]]:
         for gap, is_length in zip(gaps.tolist(), candidates.is_length.tolist(), strict=True)
     ]
     yield from zip_longest(candidates.names, texts, fillvalue="dry friction")
+
+
+def _rotors(robot: Robot) -> Iterator[str]:
+    """Say which joints have a rotor that is not in the inertia of the model."""
+    model = robot.model
+    geared = np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
+    lacking = np.array(model.armature) < (1.0 - tolerances.MOMENT) * geared
+    if where := [n for n in robot.joints if lacking[indices(model, [n])[1]].any()]:
+        yield f"rotors ({few(where)}): add rotorInertia * rotorGearRatio**2 to model.armature"
 
 
 def _unused(scene: Scene) -> Iterator[str]:

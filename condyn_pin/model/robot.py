@@ -173,8 +173,8 @@ class Robot:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names of the frames that constraints can use."""
-        return tuple(dict.fromkeys(frame.name for frame in self.model.frames))
+        """Names of the frames that constraints can use; a joint is a frame of its name, too."""
+        return tuple(dict.fromkeys((*(f.name for f in self.model.frames), *self.joints)))
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -354,6 +354,47 @@ class Robot:
             If a mass is not positive, or the body has none whose inertia could grow.
         """
         return replace(self, model=robot_joints.model_with_masses(self.model, masses))
+
+    def with_motors(self, *joints: str) -> Robot:
+        """Return a robot whose motors are on these joints, and on no others."""
+        return replace(self, actuated=joints)
+
+    def with_loops(self, *loops: Constraint) -> Robot:
+        """Return a robot with more loops and couplings."""
+        return replace(self, loops=(*self.loops, *loops))
+
+    def with_contacts(self, *contacts: Constraint) -> Robot:
+        """Return a robot with more ready-made contacts."""
+        return replace(self, contacts=(*self.contacts, *contacts))
+
+    def with_posture(self, name: str, values: Mapping[str, ArrayLike]) -> Robot:
+        """Return a robot with one more posture, the first: its default from then on.
+
+        Parameters
+        ----------
+        name : str
+        values : mapping of str to float or array_like
+            By joint, as for `configuration`, which has the others as well [rad, m].
+        """
+        others = {key: q for key, q in self.postures.items() if key != name}
+        return replace(self, postures={name: self.configuration(values), **others})
+
+    def with_limits(self, limits: Mapping[str, tuple[float, float]]) -> Robot:
+        """Return a robot with other limits of position.
+
+        Parameters
+        ----------
+        limits : mapping of str to (float, float)
+            Lower and upper limit of joints with one coordinate [rad, m]; infinity for none.
+
+        Raises
+        ------
+        UnknownName
+            If there is no such joint; the text lists the nearest names.
+        InvalidArgument
+            If a joint has several coordinates, or its lower limit is above the upper one.
+        """
+        return replace(self, model=robot_joints.model_with_limits(self, limits))
 
     def frictional_contacts(
         self, friction: float, *, on: Plane | None = None

@@ -29,6 +29,8 @@ def find_frame(robot: Robot, name: str) -> tuple[int, Any]:
                 f"frame {name!r} of {robot.name} has the world's name and is elsewhere; rename it"
             )
         return 0, pin.SE3.Identity()
+    if not found and name in robot.joints:  # a model that was built has joints, and no frames
+        return int(robot.model.getJointId(name)), pin.SE3.Identity()
     if not found:
         raise unknown_name("frame", name, robot.frames)
     first = found[0]

@@ -143,6 +143,17 @@ def _is_one(value: Any) -> bool:
     return not isinstance(value, (list, tuple)) and np.ndim(value) == 0
 
 
+def model_with_limits(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> Any:
+    """Return a model with other limits of position; see `Robot.with_limits`."""
+    changed = pin.Model(robot.model)
+    for name, ends in _pairs(limits):
+        place, words = index(robot, name, "q"), f"limits of {name}"
+        if np.isnan(ends).any() or np.shape(ends) != (2,) or not ends[0] <= ends[1]:
+            raise InvalidArgument(f"{words} = {ends!r}: a lower and an upper one are needed")
+        changed.lowerPositionLimit[place], changed.upperPositionLimit[place] = ends
+    return changed
+
+
 def model_with_masses(model: Any, masses: Mapping[str, float]) -> Any:
     """Return a model with other masses, inertias in proportion; see `Robot.with_masses`."""
     changed = pin.Model(model)
