@@ -213,6 +213,8 @@ def _unused(scene: Scene) -> Iterator[str]:
 
 def _notes(scene: Scene, at: Rank) -> Iterator[str]:
     yield from at.notes
+    if scene.robot.unmodelled:
+        yield f"the file has more, which changes the motion: {'; '.join(scene.robot.unmodelled)}"
     if at.condition > _ILL_CONDITIONED:
         yield (
             f"M has a condition number of {at.condition:.0e}: look for bodies of next to no "
