@@ -55,9 +55,9 @@ class Transmissions:
 
     def __init__(self, mj: Any) -> None:
         self.mj, self._joints = mj, joint_names(mj)
-        on = {
-            what: not disabled(mj, what) for what in ("SPRING", "DAMPER", "FRICTIONLOSS", "LIMIT")
-        }
+        constrained = not disabled(mj, "CONSTRAINT")
+        on = {what: not disabled(mj, what) for what in ("SPRING", "DAMPER")}
+        on |= {what: constrained and not disabled(mj, what) for what in ("FRICTIONLOSS", "LIMIT")}
         self.armature = mj.dof_armature.copy()
         self.damping = mj.dof_damping * on["DAMPER"]
         self.friction = mj.dof_frictionloss * on["FRICTIONLOSS"]

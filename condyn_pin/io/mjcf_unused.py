@@ -46,7 +46,10 @@ def unmodelled(mj: Any, had: Transmissions) -> Iterator[str]:
     weightless = mj.opt.gravity * (not disabled(mj, "GRAVITY"))
     lifted = mj.body_gravcomp * mj.body_mass * (mj.body_weldid > 0) * weightless.any()
     found += [
-        ("armature of free joints", _named(joints, (kinds == FREE) * had.armature[mj.jnt_dofadr])),
+        (
+            "armature of free joints",
+            _named(joints, (kinds == FREE) & (had.armature[mj.jnt_dofadr] != 0)),
+        ),
         ("springs of free joints and balls", _named(joints, (kinds <= BALL) & sprung)),
         ("limits of balls", _named(joints, (kinds == BALL) & (mj.jnt_limited > 0))),
         ("gravity compensation of bodies", _named(bodies, lifted)),
@@ -105,4 +108,5 @@ def _biased(mj: Any) -> ArrayLike:
     kinds = mj.actuator_biastype
     affine, none = (kinds == int(getattr(types, f"mjBIAS_{k}")) for k in ("AFFINE", "NONE"))
     acts = np.where(affine, mj.actuator_biasprm[:, :3].any(axis=1), ~none)
-    return acts & (not disabled(mj, "ACTUATION"))
+    integrates = mj.actuator_gaintype == int(getattr(require_mujoco("").mjtGain, "mjGAIN_PID", -1))
+    return (acts | integrates) & (not disabled(mj, "ACTUATION"))
