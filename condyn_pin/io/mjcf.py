@@ -106,8 +106,8 @@ class _Reader:
             actuated=tuple(dict.fromkeys(motors)),
             springs=tuple(spring for spring in springs if spring.joint in scalar),
             spring_dampers=tuple(
-                SpringDamper(*(self._site_frame(s) for s in ends), *values)
-                for ends, *values in self.had.straight
+                SpringDamper(self._site_frame(a), self._site_frame(b), *values)
+                for (a, b), *values in self.had.straight
             ),
             postures=self._postures(),
             unused=(*self.unused, *unused(mj, self.had)),
@@ -191,17 +191,19 @@ class _Reader:
             g[j] = g.get(j, 0.0) - c[1] * coefficient
         least = _ROUNDING * max(map(abs, g.values()), default=0.0)
         tied = [(self.joints[j], x) for j, x in g.items() if abs(x) > least]
-        joints, b = [joint for joint, _ in tied], float(ref1 + c[0] - c[1] * ref2)
+        b = float(ref1 + c[0] - c[1] * ref2)
         if any(c[2:]):
             who = listed([self.joints[j] for j in g])
             self.unmodelled.append(f"equality {name!r} couples {who} by a polynomial, polycoef {c}")
         elif len(tied) == 1:
-            yield HeldJoint(joints[0], b / tied[0][1], name=name)
+            ((joint, x),) = tied
+            yield HeldJoint(joint, b / x, name=name)
         elif len(tied) == 2:
-            first, second = tied[0][1], tied[1][1]
-            yield Coupling(*joints, -second / first, b / first, name=name)
+            (joint_a, x), (joint_b, y) = tied
+            yield Coupling(joint_a, joint_b, -y / x, b / x, name=name)
         else:
-            self.unmodelled.append(f"equality {name!r} couples {listed(joints) or 'no joints'}")
+            who = listed([joint for joint, _ in tied]) or "no joints"
+            self.unmodelled.append(f"equality {name!r} couples {who}")
 
     def _length(self, kind: str, k: int) -> tuple[dict[int, float] | None, float]:
         """Return by joint how a coordinate or a tendon follows it, and how long it is drawn."""

@@ -104,7 +104,7 @@ class Transmissions:
         coefficients = coefficients_of(mj, t)
         if coefficients == {}:
             return  # it has one length
-        where, modelled = "which is spatial", ()
+        where, modelled = "which is spatial", tuple[str, ...]()
         lower, upper = mj.tendon_lengthspring[t].tolist()
         if coefficients is None:
             if lower == upper and min(has["stiffness"], has["damping"]) >= 0:
@@ -172,9 +172,7 @@ def driven(mj: Any) -> list[int | None]:
     """Return the joint that each actuator drives alone, None if there is no such joint."""
     found: list[int | None] = []
     for kind, target in pulled(mj):
-        coefficients = {target: 1.0} if kind == "joint" else None
-        if kind == "tendon":
-            coefficients = coefficients_of(mj, target)
-        alone = coefficients is not None and len(coefficients) == 1
-        found.append(next(iter(coefficients)) if alone else None)
+        moves = {target: 1.0} if kind == "joint" else None
+        moves = coefficients_of(mj, target) if kind == "tendon" else moves
+        found.append(next(iter(moves)) if moves and len(moves) == 1 else None)
     return found

@@ -8,6 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.arrays import Array
 from condyn_pin._core.names import few, listed
 from condyn_pin.io.mjcf_file import body_names, disabled, joint_names, names_of, require_mujoco
 from condyn_pin.io.mjcf_transmissions import Transmissions, driven, pulled
@@ -43,8 +44,8 @@ def unmodelled(mj: Any, had: Transmissions) -> Iterator[str]:
         if hasattr(mj, array) and not (switch and disabled(mj, switch))
     ]
     kinds, sprung = mj.jnt_type, np.isin(range(mj.njnt), [spring.joint for spring in had.springs])
-    weightless = mj.opt.gravity * (not disabled(mj, "GRAVITY"))
-    lifted = mj.body_gravcomp * mj.body_mass * (mj.body_weldid > 0) * weightless.any()
+    weight = mj.opt.gravity * (not disabled(mj, "GRAVITY"))
+    lifted = mj.body_gravcomp * mj.body_mass * (mj.body_weldid > 0) * weight.any()
     found += [
         (
             "armature of free joints",
@@ -102,11 +103,11 @@ def _named(names: Sequence[str], values: ArrayLike) -> list[str]:
     return list(dict.fromkeys(name for name, row in rows if np.any(row)))
 
 
-def _biased(mj: Any) -> ArrayLike:
+def _biased(mj: Any) -> Array:
     """Return which actuators push although nothing is asked of them."""
     types = require_mujoco("").mjtBias
     kinds = mj.actuator_biastype
     affine, none = (kinds == int(getattr(types, f"mjBIAS_{k}")) for k in ("AFFINE", "NONE"))
     acts = np.where(affine, mj.actuator_biasprm[:, :3].any(axis=1), ~none)
     integrates = mj.actuator_gaintype == int(getattr(require_mujoco("").mjtGain, "mjGAIN_PID", -1))
-    return (acts | integrates) & (not disabled(mj, "ACTUATION"))
+    return np.asarray((acts | integrates) & (not disabled(mj, "ACTUATION")))

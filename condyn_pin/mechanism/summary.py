@@ -171,7 +171,7 @@ def summarise(scene: Scene, q: ArrayLike | None) -> Summary:
         condition=at.condition,
         delassus_condition=at.delassus_condition,
         notes=tuple(notes),
-        unmodelled=robot.unmodelled,
+        unmodelled=tuple(robot.unmodelled),
         unused=tuple(_unused(scene)),
         source=robot.source,
         licence=robot.licence,
