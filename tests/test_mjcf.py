@@ -220,6 +220,9 @@ def test_inertia_may_follow_from_geoms(read):
     ball, rod = 500 * 4 / 3 * np.pi * 0.1**3, 1000 * np.pi * 0.02**2 * (0.5 + 4 / 3 * 0.02)
     assert robot.mass == pytest.approx(ball + rod, rel=1e-12)
     assert any("2 geoms" in text for text in robot.unused)
+    assert robot.name == "robot"  # the file has no name, and MuJoCo makes one up
+    drawn = read(GEOMS.replace("<geom ", '<geom contype="0" conaffinity="0" '))
+    assert not any("geoms" in text for text in drawn.unused)
 
 
 def test_without_mujoco_the_remedy_is_named(read, monkeypatch):

@@ -12,6 +12,7 @@ from pathlib import Path
 import mujoco
 import numpy as np
 import pytest
+from fuzz import assert_survived
 from referee import MujocoReferee
 
 import condyn_pin as cp
@@ -188,6 +189,12 @@ def test_the_files_check_finds_no_difference(tmp_path):
     )
     assert not check.causes
     assert not any("tendons" in note for note in check.notes)
+
+
+@pytest.mark.once  # MuJoCo's compiler reads it
+@pytest.mark.parametrize("seed", range(2))
+def test_a_spoilt_random_model_is_refused_or_read(tmp_path, seed):
+    assert_survived(tmp_path, "robot.xml", RandomModel(seed).text, seed)
 
 
 # One by one ---------------------------------------------------------------------------------------

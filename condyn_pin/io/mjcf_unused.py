@@ -70,7 +70,8 @@ def unused(mj: Any, had: Transmissions) -> Iterator[str]:
     """Say what else is in a mujoco.MjModel, and is not used by itself."""
     joints, alone = joint_names(mj), driven(mj)
     counts = {
-        "geoms, as bodies that touch": mj.ngeom,
+        "geoms, as bodies that touch": np.count_nonzero(mj.geom_contype | mj.geom_conaffinity),
+        "pairs of geoms that touch": mj.npair,
         "actuators, but for their joints": sum(joint is not None for joint in alone),
         "sensors": mj.nsensor,
         "mocap bodies, which stand still": mj.nmocap,
