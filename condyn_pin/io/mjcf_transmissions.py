@@ -114,6 +114,9 @@ class Transmissions:
             if len(coefficients) == 1:
                 modelled = self._add_to_joint(*coefficients.popitem(), t, has)
         left = [f"{key} {x:g}" for key, x in has.items() if x and key not in modelled]
+        if left and left[-1] == "limits 1":
+            least, most = mj.tendon_range[t]
+            left[-1] = f"limits from {least:g} to {most:g}"
         if left:
             slack = f" from {lower:g} to {upper:g} m slack" if lower < upper else ""
             self.lost.append(f"tendon {name!r}, {where}: {', '.join(left)}{slack}")
