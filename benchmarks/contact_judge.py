@@ -52,8 +52,10 @@ DIFFERENCED = 1e-4
 MARGIN = 1e-3
 OFF_KINKS = 3e-5  # [m, rad]
 
-# Depth from which two bodies have no one place where they meet [m].
-TOO_DEEP = 0.02
+# Depth from which two bodies have no one place where they meet [m], and how often bodies are put
+# elsewhere for it. Steps [s].
+TOO_DEEP, TRIES = 0.02, 20
+STEPS = (5e-4, 1e-3, 2e-3)
 
 
 @dataclass(frozen=True)
@@ -164,43 +166,46 @@ def draw(rng: np.random.Generator) -> World:
             if kind == 0
             else Solid(mass, float(sizes[0]), float(sizes[1]) if kind == 1 else 0.0, sizes)
         )
-    model = pin.Model()
-    for i, solid in enumerate(solids):
-        joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"joint {i}")
-        model.appendBodyToJoint(joint, solid.inertia, pin.SE3.Identity())
-        model.addFrame(pin.Frame(f"body {i}", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
     lean = rng.normal(scale=0.3, size=2) * (rng.random() < 0.5)
     floor = np.array([*lean, 1.0]) / np.linalg.norm([*lean, 1.0])
     planes = [(floor, 0.0)]
     if rng.random() < 0.3:
         wall = np.array([1.0, *rng.normal(scale=0.3, size=2)])
         planes.append((wall / np.linalg.norm(wall), -0.5))
-    pairs, contacts = [], []
+    pairs = []
 
     def friction() -> float:
         return float(rng.choice([0.0, 0.3, 0.8, rng.uniform(0, 1.2)]))
 
     for i, solid in enumerate(solids):
-        for j, (n, height) in enumerate(planes):
-            pairs.append((i, -1 - j, friction()))
-            contacts.append(
-                FrictionalContact(
-                    f"body {i}", solid.shape, on=Plane(normal=tuple(n), height=height),
-                    friction=pairs[-1][2], name=f"{i} on plane {j}",
-                )
-            )  # fmt: skip
+        pairs += [(i, -1 - j, friction()) for j in range(len(planes))]
         if solid.radius == 0.0 or solid.half_length:
             continue
         for j, other in enumerate(solids):
-            if j == i or (j > i and other.radius and not other.half_length):
-                continue
-            pairs.append((i, j, friction()))
-            contacts.append(
-                FrictionalContact(
-                    f"body {i}", solid.shape, on=f"body {j}", on_shape=other.shape,
-                    friction=pairs[-1][2], name=f"{i} on {j}",
-                )
-            )  # fmt: skip
+            if j != i and not (j > i and other.radius and not other.half_length):
+                pairs.append((i, j, friction()))
+    return made(solids, planes, pairs)
+
+
+def made(solids: list[Solid], planes: list[Any], pairs: list[tuple[int, int, float]]) -> World:
+    """Return the world of solids and planes of which some pairs may touch."""
+    model, contacts = pin.Model(), []
+    for i, solid in enumerate(solids):
+        joint = model.addJoint(0, pin.JointModelFreeFlyer(), pin.SE3.Identity(), f"joint {i}")
+        model.appendBodyToJoint(joint, solid.inertia, pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"body {i}", joint, 0, pin.SE3.Identity(), pin.FrameType.OP_FRAME))
+    for one, two, friction in pairs:
+        what: dict[str, Any]
+        if two < 0:
+            normal, height = planes[-1 - two]
+            what = {"on": Plane(normal=tuple(normal), height=height)}
+        else:
+            what = {"on": f"body {two}", "on_shape": solids[two].shape}
+        contacts.append(
+            FrictionalContact(
+                f"body {one}", solids[one].shape, **what, friction=friction, name=f"{one} on {two}"
+            )
+        )
     return World(solids, planes, pairs, cp.Scene(cp.Robot("world", model), contacts=contacts))
 
 
@@ -333,10 +338,11 @@ def states(seed: int, count: int, of_each: int) -> Iterator[tuple[str, World, An
         rng = np.random.default_rng([seed, k])
         world = draw(rng)
         for j in range(min(of_each, count - k * of_each)):
-            q, v = place(world, rng)
-            while min(each.gap for each in world.meetings(poses_of(q))) < -TOO_DEEP:
+            for _ in range(TRIES):
                 q, v = place(world, rng)
-            yield f"scene {k}, state {j}", world, q, v, float(rng.choice([5e-4, 1e-3, 2e-3]))
+                if min(each.gap for each in world.meetings(poses_of(q))) > -TOO_DEEP:
+                    yield f"scene {k}, state {j}", world, q, v, float(rng.choice(STEPS))
+                    break
 
 
 def judge_steps(seed: int, count: int) -> int:

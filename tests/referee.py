@@ -63,6 +63,11 @@ class MujocoReferee:
         X, Xdot_v = self._place(q, v)
         return X.T @ (self.data.qfrc_bias + self._mass_matrix() @ Xdot_v)
 
+    def passive(self, q: np.ndarray, v: np.ndarray) -> np.ndarray:
+        """τ = Xᵀ qfrc_passive: springs, dampers, and all else that MuJoCo counts there, (nv,)."""
+        X, _ = self._place(q, v)
+        return X.T @ self.data.qfrc_passive
+
     def loop_jacobian(self, q: np.ndarray) -> np.ndarray:
         """J = J_mj X, (m, nv): velocity of the first frame less the second, linear first.
 

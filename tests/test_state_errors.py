@@ -21,9 +21,14 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 
 NAMES = tuple(name for name in machines() if name != "cart with a door")
-SOLVERS = [cp.Proximal(), cp.LCABA(), *(cp.dynamics.SOLVERS[name]() for name in (
-    "nullspace", "gaussprinciple", "reference", "conjugategradient", "minimumresidual",
-))]  # fmt: skip
+SOLVERS = [
+    kind()
+    for kind in (
+        cp.Proximal, cp.LCABA, cp.dynamics.NullSpace, cp.dynamics.GaussPrinciple,
+        cp.dynamics.Reference, cp.dynamics.ConjugateGradient, cp.dynamics.MinimumResidual,
+    )
+    if not kind.missing()  # of this Pinocchio
+]  # fmt: skip
 
 
 class Closed(NamedTuple):
@@ -155,7 +160,7 @@ def test_rows_that_are_always_zero_carry_no_force():
     for name, joint in (("nail", 0), ("edge", door)):
         model.addFrame(pin.Frame(name, joint, 0, place, pin.FrameType.OP_FRAME))
     scene = cp.Scene(cp.Robot("door", model), [cp.Loop("nail", "edge", "ball")])
-    for solver in (cp.Proximal(), cp.LCABA(), cp.dynamics.NullSpace()):
+    for solver in SOLVERS[:3]:
         if takes(solver, scene):
             found = cp.solve(scene, [0.0], [1.0], [0.0], solver=solver, throw=False)
             assert np.abs(found.lam).max() < 1e-9

@@ -92,6 +92,13 @@ def dry_friction(model: Any) -> NDArray[np.float64]:
     return np.array(model.upperDryFrictionLimit if _IS_4 else model.friction)
 
 
+def set_dry_friction(model: Any, friction: NDArray[np.float64]) -> None:
+    """Give a model dry friction along each coordinate of v [N m, N], the same both ways."""
+    model.friction = friction
+    if _IS_4:
+        model.lowerDryFrictionLimit = -friction
+
+
 def constraint_cholesky(data: Any) -> Any:
     """Return Pinocchio's Cholesky factor of [[-mu I, J], [J^T, M]]."""
     return data.constraint_chol if _IS_4 else data.contact_chol

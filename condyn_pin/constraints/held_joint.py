@@ -10,7 +10,7 @@ from condyn_pin._core.arrays import finite
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import check_size, text
 from condyn_pin.constraints.coupling import one_coordinate
-from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.protocols import Machine, MjcfWriter
 from condyn_pin.constraints.rows.couplings import Coupled
 from condyn_pin.errors import unknown_name
 
@@ -45,6 +45,7 @@ class HeldJoint(Constraint):
 
     rows: ClassVar[int] = 1
     closes: ClassVar[bool] = True
+    in_mjcf: ClassVar[bool] = True
 
     joint: str
     value: float = 0.0  # [rad or m]
@@ -85,3 +86,9 @@ class HeldJoint(Constraint):
     def in_units(self, length: float, of_joint: Callable[[str], float]) -> HeldJoint:
         """Return it with its coordinate in other units."""
         return replace(self, value=of_joint(self.joint) * self.value)
+
+    def write_mjcf(self, to: MjcfWriter) -> None:
+        """Write an equality of one joint: MuJoCo counts from where the file draws it."""
+        shift = self.value - to.coordinate(self.joint)
+        polynomial = [shift, 0.0, 0.0, 0.0, 0.0]
+        to.equate("joint", name=self.name, joint1=self.joint, polycoef=polynomial)

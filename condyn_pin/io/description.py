@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.model.spring import Spring
+from condyn_pin.model.spring import Spring, SpringDamper
 
 # Name, mass [kg], and inertia about the centre of mass [kg m^2]
 Body = tuple[str, float, Array]
@@ -33,6 +33,7 @@ class Description:
     loops: tuple[Constraint, ...] = ()
     actuated: tuple[str, ...] = ()
     springs: tuple[Spring, ...] = ()
+    spring_dampers: tuple[SpringDamper, ...] = ()
     postures: Mapping[str, Array] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
     unmodelled: tuple[str, ...] = ()

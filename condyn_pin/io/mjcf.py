@@ -19,21 +19,26 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
+from condyn_pin._core._pin import pin, set_dry_friction
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import WORLD
+from condyn_pin._core.names import listed
+from condyn_pin.constraints.base import WORLD, Constraint
 from condyn_pin.constraints.coupling import Coupling
+from condyn_pin.constraints.held_joint import HeldJoint
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel
 from condyn_pin.io.description import Description
-from condyn_pin.io.mjcf_file import body_names, compiled, joint_names, require_mujoco
-from condyn_pin.io.mjcf_unused import not_read, not_used
+from condyn_pin.io.mjcf_file import body_names, compiled, disabled, joint_names, require_mujoco
+from condyn_pin.io.mjcf_transmissions import Transmissions, coefficients_of, driven
+from condyn_pin.io.mjcf_unused import unmodelled, unused
 from condyn_pin.io.xml import place
-from condyn_pin.model.spring import Spring
+from condyn_pin.model.spring import Spring, SpringDamper
 from condyn_pin.model.tree import DrawnJoint, DrawnTree
 
 KINDS: Final = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
 DRAWN: Final = "qpos0"
+_UNNAMED: Final = "MuJoCo Model"  # what MuJoCo calls it
+_ROUNDING: Final = 1e-12  # of coefficients that cancel
 _ONE: Final = np.array([1.0, 0.0, 0.0, 0.0])  # no turn, w x y z
 
 
@@ -47,8 +52,9 @@ def read_mjcf(path: str | PathLike[str]) -> Description:
     Returns
     -------
     Description
-        The model, its loops and couplings, motors, springs, the keyframes as postures (the last
-        one is ``qpos0``, in which the file draws the model), and what is not used.
+        The model, its loops, couplings and held joints, motors, springs, the keyframes as postures
+        (the last one is ``qpos0``, in which the file draws the model), and what is not modelled
+        or not used.
 
     Raises
     ------
@@ -78,30 +84,36 @@ class _Reader:
             if name in WORLD:
                 raise InvalidModel(f"the name {name!r} is the world's; rename it")
         self.tree = DrawnTree(mj.names.split(b"\0", 1)[0].decode(), self.bodies)
-        self.unused = list(lost)
+        self.had = Transmissions(mj)
+        self.unused, self.unmodelled = list(lost), list[str]()
 
     def read(self) -> Description:
         mj, tree = self.mj, self.tree
-        tree.model.gravity.linear = mj.opt.gravity * (not self._disabled("GRAVITY"))
+        tree.model.gravity.linear = mj.opt.gravity * (not disabled(mj, "GRAVITY"))
         for k in range(1, mj.nbody):
             self._add_body(k)
         for s, site in enumerate(self.sites):
             self._add_site(s, site)
-        loops = tuple(self._loops())
-        postures = self._postures()
-        springs = tuple(self._springs())
-        self.unused += [*not_read(mj), *not_used(mj, tuple(tree.joints.values()), springs)]
+        set_dry_friction(tree.model, self.had.friction)
+        loops = tuple(self._equalities())
+        motors = [self.joints[j] for j in driven(mj) if j is not None]
+        scalar = {name for name, joint in tree.joints.items() if joint.scalar}
+        springs = [Spring(self.joints[j], k, rest) for j, k, rest in self.had.springs]
+        name = tree.model.name
         return Description(
             tree.model,
             loops=loops,
-            actuated=tuple(dict.fromkeys(self._actuated())),
-            springs=tuple(Spring(j.name, k, rest) for j, k, rest in springs if j.scalar),
-            postures=postures,
-            unused=tuple(self.unused),
+            actuated=tuple(dict.fromkeys(motors)),
+            springs=tuple(spring for spring in springs if spring.joint in scalar),
+            spring_dampers=tuple(
+                SpringDamper(self._site_frame(a), self._site_frame(b), *values)
+                for (a, b), *values in self.had.straight
+            ),
+            postures=self._postures(),
+            unused=(*self.unused, *unused(mj, self.had)),
+            unmodelled=(*self.unmodelled, *unmodelled(mj, self.had)),
+            name="" if name == _UNNAMED else name,
         )
-
-    def _disabled(self, what: str) -> bool:
-        return bool(self.mj.opt.disableflags & getattr(self.mujoco.mjtDisableBit, f"mjDSBL_{what}"))
 
     def _add_body(self, k: int) -> None:
         mj = self.mj
@@ -120,11 +132,7 @@ class _Reader:
     def _joint(self, j: int) -> DrawnJoint:
         mj, kind = self.mj, KINDS[int(self.mj.jnt_type[j])]
         scalar, dof = kind in ("slide", "hinge"), int(mj.jnt_dofadr[j])
-        lower, upper = mj.jnt_range[j] if scalar and mj.jnt_limited[j] else (-inf, inf)
-        armature = float(mj.dof_armature[dof])
-        if kind == "free" and armature:
-            self.unused.append(f"armature of the free joint {self.joints[j]!r}")
-            armature = 0.0
+        lower, upper = self.had.limits[j] if scalar else (-inf, inf)
         return DrawnJoint(
             self.joints[j],
             kind,
@@ -133,8 +141,9 @@ class _Reader:
             reference=float(mj.qpos0[mj.jnt_qposadr[j]]) if scalar else 0.0,
             lower=float(lower),
             upper=float(upper),
-            armature=armature,
-            damping=0.0 if self._disabled("DAMPER") else float(mj.dof_damping[dof]),
+            # that of a free joint is along the axes of the world, which no Pinocchio joint has
+            armature=0.0 if kind == "free" else float(self.had.armature[dof]),
+            damping=float(self.had.damping[dof]),
         )
 
     def _add_site(self, s: int, site: str) -> None:
@@ -151,35 +160,58 @@ class _Reader:
         site = self.sites[s]
         return f"{site}_site" if site in self.bodies else site
 
-    def _loops(self) -> Iterator[Loop | Coupling]:
-        mj, types = self.mj, self.mujoco.mjtEq
-        tags = {types.mjEQ_CONNECT: "connect", types.mjEQ_WELD: "weld", types.mjEQ_JOINT: "joint"}
+    def _equalities(self) -> Iterator[Constraint]:
+        mj, off = self.mj, disabled(self.mj, "EQUALITY", "CONSTRAINT")
         for k in range(mj.neq):
-            tag = tags.get(types(mj.eq_type[k]))
-            name = mj.equality(k).name or f"{tag or 'equality'}{k}"
-            if tag is None:
-                self.unused.append(f"equality {name!r}, of another kind than connect, weld, joint")
-            elif not mj.eq_active0[k] or self._disabled("EQUALITY"):
+            kind = self.mujoco.mjtEq(mj.eq_type[k]).name.removeprefix("mjEQ_").lower()
+            name = mj.equality(k).name or f"{kind}{k}"
+            if off or not mj.eq_active0[k]:
                 self.unused.append(f"equality {name!r} is not active")
-            elif tag == "joint":
-                yield from self._coupling(k, name)
+            elif kind in ("connect", "weld"):
+                yield self._loop(k, kind, name)
+            elif kind in ("joint", "tendon"):
+                yield from self._row(k, kind, name)
             else:
-                yield self._loop(k, tag, name)
+                self.unmodelled.append(f"equality {name!r}, of the kind {kind}")
 
-    def _coupling(self, k: int, name: str) -> Iterator[Coupling]:
-        """Yield the coupling q1 - ref1 = c0 + c1 (q2 - ref2), if it is one."""
-        mj, c = self.mj, self.mj.eq_data[k, :5]
-        a, b = int(mj.eq_obj1id[k]), int(mj.eq_obj2id[k])
-        if b < 0:
-            one = self.joints[a]
-            self.unused.append(f"equality {name!r}: it holds joint {one!r} still, not done here")
-        elif c[2:].any() or c[1] == 0:
-            said = f"polycoef is {c.tolist()}, and only a proportion is used"
-            self.unused.append(f"equality {name!r}: {said}")
+    def _row(self, k: int, kind: str, name: str) -> Iterator[Constraint]:
+        """Yield an equality l1 - ref1 = c0 + c1 (l2 - ref2) of coordinates or fixed tendons.
+
+        It is a row g . q = b, of one joint or of two.
+        """
+        mj, c = self.mj, self.mj.eq_data[k, :5].tolist()
+        ends = [int(end[k]) for end in (mj.eq_obj1id, mj.eq_obj2id)]
+        if ends[1] < 0:
+            c[1:] = [0.0] * 4
+        (g, ref1), (other, ref2) = (self._length(kind, end) for end in ends)
+        if g is None or other is None:
+            self.unmodelled.append(f"equality {name!r}, of tendons that are not fixed ones")
+            return
+        for j, coefficient in other.items():
+            g[j] = g.get(j, 0.0) - c[1] * coefficient
+        least = _ROUNDING * max(map(abs, g.values()), default=0.0)
+        tied = [(self.joints[j], x) for j, x in g.items() if abs(x) > least]
+        b = float(ref1 + c[0] - c[1] * ref2)
+        if any(c[2:]):
+            who = listed([self.joints[j] for j in g])
+            self.unmodelled.append(f"equality {name!r} couples {who} by a polynomial, polycoef {c}")
+        elif len(tied) == 1:
+            ((joint, x),) = tied
+            yield HeldJoint(joint, b / x, name=name)
+        elif len(tied) == 2:
+            (joint_a, x), (joint_b, y) = tied
+            yield Coupling(joint_a, joint_b, -y / x, b / x, name=name)
         else:
-            a_, b_ = (self.tree.joints[self.joints[j]] for j in (a, b))
-            offset = float(a_.reference + c[0] - c[1] * b_.reference)
-            yield Coupling(a_.name, b_.name, float(c[1]), offset, name=name)
+            who = listed([joint for joint, _ in tied]) or "no joints"
+            self.unmodelled.append(f"equality {name!r} couples {who}")
+
+    def _length(self, kind: str, k: int) -> tuple[dict[int, float] | None, float]:
+        """Return by joint how a coordinate or a tendon follows it, and how long it is drawn."""
+        if k < 0:
+            return {}, 0.0
+        if kind == "joint":
+            return {k: 1.0}, float(self.mj.qpos0[self.mj.jnt_qposadr[k]])
+        return coefficients_of(self.mj, k), float(self.mj.tendon_length0[k])
 
     def _loop(self, k: int, tag: str, name: str) -> Loop:
         mj, data = self.mj, self.mj.eq_data[k]
@@ -218,21 +250,6 @@ class _Reader:
                 "rename it"
             )
         return found | {DRAWN: drawn}
-
-    def _actuated(self) -> Iterator[str]:
-        trn = self.mujoco.mjtTrn
-        kinds = int(trn.mjTRN_JOINT), int(trn.mjTRN_JOINTINPARENT)
-        for k in range(self.mj.nu):
-            if int(self.mj.actuator_trntype[k]) in kinds:
-                yield self.joints[self.mj.actuator_trnid[k, 0]]
-
-    def _springs(self) -> Iterator[tuple[DrawnJoint, float, float]]:
-        """Yield the joints with a spring, its stiffness, and where it rests."""
-        mj = self.mj
-        for j, joint in enumerate(self.tree.joints.values()):
-            if mj.jnt_stiffness[j] and not self._disabled("SPRING"):
-                at = mj.jnt_qposadr[j]
-                yield joint, float(mj.jnt_stiffness[j]), float(mj.qpos_spring[at])
 
 
 def _pose(translation: Array, wxyz: Array) -> Any:

@@ -103,6 +103,18 @@ def require_mujoco(reason: str) -> Any:
     return mujoco
 
 
+def disabled(mj: Any, *what: str) -> bool:
+    """Whether one of these is off by the flags of a mujoco.MjModel."""
+    flags = require_mujoco("flags of an MJCF").mjtDisableBit
+    return any(mj.opt.disableflags & int(getattr(flags, f"mjDSBL_{each}")) for each in what)
+
+
+def names_of(mj: Any, kind: str) -> list[str]:
+    """Return the names of all of a kind that is not "body" or "joint", ``KINDk`` without one."""
+    numbers = range(len(getattr(mj, f"name_{kind}adr")))
+    return [getattr(mj, kind)(k).name or f"{kind}{k}" for k in numbers]
+
+
 def body_names(mj: Any) -> list[str]:
     """Return the names of the bodies of a mujoco.MjModel, ``bodyK`` for those without."""
     return [mj.body(k).name or f"body{k}" for k in range(mj.nbody)]

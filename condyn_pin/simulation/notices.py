@@ -343,13 +343,13 @@ def _tensile_contacts(trajectory: Trajectory) -> list[str]:
             its = normals.get(constraint.name)
             if its is None or its.min() >= least:
                 continue
-            k = int(its.argmin())
+            k = int(np.argmax(its <= (1.0 - tolerances.SOLVED) * its.min()))  # the first of equals
             here = {name: float(each[k]) for name, each in normals.items()}
             shared = shared_normals(Sites(phase.scene, q[k]), here)
             if constraint.name not in shared.names:
                 if constraint.name not in worst or its[k] < worst[constraint.name][0]:
                     worst[constraint.name] = float(its[k]), float(t[k]), constraint
-            elif shared.most < min(least, together[0]):
+            elif shared.most < min(least, (1.0 + tolerances.SOLVED) * together[0]):
                 pull = f"{-shared.most:.4g} N at t = {t[k]:.4g} s"
                 together = shared.most, f"{shared_text(shared, pull)}; an Event takes it off"
     return [together[1]] * bool(together[1]) + [

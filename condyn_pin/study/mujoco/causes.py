@@ -12,7 +12,7 @@ What a joint carries is, in MuJoCo, its body and all that is fixed to it:
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,7 +20,8 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
-from condyn_pin.io.mjcf_file import body_names
+from condyn_pin.io.mjcf_file import body_names, disabled
+from condyn_pin.io.mjcf_transmissions import Transmissions
 from condyn_pin.io.mjcf_write_joint import scalar_axis
 from condyn_pin.study.mujoco.pairs import Pair, axes, holder
 
@@ -42,7 +43,7 @@ class _Causes:
     def __init__(self, bridge: MujocoBridge, data: Any, q: Array, tolerance: float) -> None:
         self.robot, self.model, self.mj = bridge.robot, bridge.robot.model, bridge.model
         self.pairs, self.data, self.tolerance = bridge.pairs, data, tolerance
-        self.bodies = body_names(self.mj)
+        self.bodies, self.had = body_names(self.mj), Transmissions(self.mj)
         self.placed = whole_data(self.model)
         pin.forwardKinematics(self.model, self.placed, q)
         among = {pair.there: pair.here for pair in self.pairs}
@@ -55,8 +56,8 @@ class _Causes:
         self.length = max(float(np.abs(x).max()) for x in lengths)
 
     def all(self) -> Iterator[str]:
-        disabled = self._disabled("GRAVITY")
-        ours, theirs = self.model.gravity.linear, self.mj.opt.gravity * (not disabled)
+        ours = self.model.gravity.linear
+        theirs = self.mj.opt.gravity * (not disabled(self.mj, "GRAVITY"))
         if self._differ(ours, theirs):
             yield f"gravity: {_text(ours)} m/s^2 here, {_text(theirs)} in MuJoCo"
         displaced: set[int] = set()
@@ -72,12 +73,6 @@ class _Causes:
             body = self.bodies[self.mj.jnt_bodyid[pair.there]]
             yield from (f"body {body} (joint {pair.name}): {said}" for said in carried)
 
-    def _disabled(self, *what: str) -> bool:
-        import mujoco
-
-        bits = (getattr(mujoco.mjtDisableBit, f"mjDSBL_{name}") for name in what)
-        return any(self.mj.opt.disableflags & int(bit) for bit in bits)
-
     def _differ(self, ours: Any, theirs: Any, scale: float | None = None) -> bool:
         """Whether numbers differ by more than the tolerance of a scale, by default the largest."""
         if scale is None:
@@ -87,24 +82,23 @@ class _Causes:
     def _joint(self, pair: Pair) -> Iterator[str]:
         """Say what of a joint differs that does not depend on where it stands."""
         turns = pair.kind != "slide"
-        springs = [s for s in self.robot.springs if s.joint == pair.name]
-        k = sum(spring.stiffness for spring in springs)
-        rest = sum(s.stiffness * s.reference for s in springs) / k if k else 0.0
-        k_there = float(np.max(self.mj.jnt_stiffness[pair.there]))
-        k_there *= not self._disabled("SPRING")
-        damping = self.mj.dof_damping[pair.dof] * (not self._disabled("DAMPER"))
+        springs = [(s.stiffness, s.reference) for s in self.robot.springs if s.joint == pair.name]
+        k, rest = _together(springs)
+        k_there, at = _together([(s, r) for j, s, r in self.had.springs if j == pair.there])
         for name, unit, ours, theirs in (
             (
                 "armature", "kg m^2" if turns else "kg",
-                self.model.armature[pair.v], self.mj.dof_armature[pair.dof],
+                self.model.armature[pair.v], self.had.armature[pair.dof],
             ),
-            ("damping", "N m s/rad" if turns else "N s/m", self.model.damping[pair.v], damping),
+            (
+                "damping", "N m s/rad" if turns else "N s/m",
+                self.model.damping[pair.v], self.had.damping[pair.dof],
+            ),
             ("stiffness", "N m/rad" if turns else "N/m", k, k_there),
         ):  # fmt: skip
             if self._differ(ours, theirs):
                 here, there = _text(_one(ours)), _text(_one(theirs))
                 yield f"joint {pair.name}: {name} {here} {unit} here, {there} in MuJoCo"
-        at = self.mj.qpos_spring[pair.qpos][0]
         if k and k_there and abs(rest - at) > self.tolerance:
             text = f"{rest:.9g} {'rad' if turns else 'm'} here, {at:.9g} in MuJoCo"
             yield f"joint {pair.name}: its spring rests at {text}"
@@ -188,6 +182,12 @@ class _Causes:
             inertia += R @ np.diag(self.mj.body_inertia[body]) @ R.T
             inertia += mass * (d @ d * np.eye(3) - np.outer(d, d))
         return m, c, inertia
+
+
+def _together(springs: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return stiffness and rest of springs, as one."""
+    k = sum(stiffness for stiffness, _ in springs)
+    return k, sum(stiffness * rest for stiffness, rest in springs) / k if k else 0.0
 
 
 def _one(values: Any) -> Array:

@@ -28,6 +28,7 @@ from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.io.mjcf_transmissions import Transmissions
 from condyn_pin.study.mujoco.causes import causes
 from condyn_pin.study.mujoco.cross_check import CrossCheck, TermCheck
 from condyn_pin.study.mujoco.mujoco_terms import LoopRows, MujocoTerms, equalities_of
@@ -196,7 +197,7 @@ def _beside(bridge: MujocoBridge) -> Iterator[str]:
         "a medium": mj.opt.density or mj.opt.viscosity,
         "springs or dampers that are polynomials": np.any(getattr(mj, "jnt_stiffnesspoly", 0))
         or np.any(getattr(mj, "dof_dampingpoly", 0)),
-        "tendons": mj.ntendon > len(bridge.robot.spring_dampers),  # which are tendons there
+        "tendons": Transmissions(mj).lost,
     }
     if any(forces.values()):
         there = listed([name for name, found in forces.items() if found])
