@@ -221,7 +221,7 @@ def unbalanced(course: Course) -> str:
     energy, limit = course.energy, course.limits.energy
     rest, scale = unexplained(course), energy.scale
     if _is_of_first_order(course.integrator):
-        lost = np.ptp(energy.springs)
+        rest, lost = np.maximum(rest - _of_a_step(course), 0.0), np.ptp(energy.springs)
         rest = np.where(energy.error < 0.0, np.maximum(rest - lost, 0.0), rest)
     most = float(rest.max(initial=0.0))
     moving = _OF_KINETIC * float(energy.kinetic.max(initial=0.0))
@@ -249,15 +249,14 @@ def energy_cure(course: Course) -> str:
 def unexplained(course: Course) -> Array:
     """Energy that appeared or vanished without work since the loops were closed (k,) [J].
 
-    Less what the quadrature of work over the samples may be off by, and what one step of a scheme
-    of first order exchanges. Constraints that give way, or that close an open start, do work: it
-    is zero while they do.
+    Less what the quadrature of work over the samples may be off by. Constraints that give way, or
+    that close an open start, do work: it is zero while they do.
     """
     error, doubt = course.energy.error, course.energy.doubt
     if not _is_hard(course):
         return np.zeros_like(error)
     start = min(_closed_from(course), len(error) - 1)
-    rest = np.abs(error - error[start]) - (doubt - doubt[start]) - _of_a_step(course)
+    rest = np.abs(error - error[start]) - (doubt - doubt[start])
     rest[:start] = 0.0
     return np.asarray(np.where(rest < 0.0, 0.0, rest))
 
@@ -267,7 +266,7 @@ def _of_a_step(course: Course) -> float:
 
     They are half a step late or early: m g v dt / 2 of a free fall, a share of 1 / k after k steps.
     """
-    if not _is_of_first_order(course.integrator) or len(course.t) < 2:
+    if len(course.t) < 2:
         return 0.0
     spans = np.diff(course.t)
     by_each = [np.abs(np.diff(part)) for part in (course.energy.potential, course.energy.work)]
