@@ -205,7 +205,7 @@ def test_limits_in_any_of_the_format_s_spellings(read, kind, limits, expected):
     keys = ("lowerPositionLimit", "upperPositionLimit", "effortLimit", "velocityLimit")
     assert tuple(getattr(model, key).item() for key in keys) == expected
     assert model.nq == 1
-    assert ("joint limits: 'j'" in robot.unused) == (kind == "continuous")
+    assert ("joint limits that the type has not: 'j'" in robot.unused) == (kind == "continuous")
 
 
 def test_damping_springs_and_friction_go_where_they_belong(read):

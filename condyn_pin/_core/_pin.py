@@ -92,6 +92,15 @@ def dry_friction(model: Any) -> NDArray[np.float64]:
     return np.array(model.upperDryFrictionLimit if _IS_4 else model.friction)
 
 
+def set_dry_friction(model: Any, rows: slice, torque: float) -> None:
+    """Give coordinates of v a dry friction [N m, N]."""
+    ends = {"upperDryFrictionLimit": 1, "lowerDryFrictionLimit": -1} if _IS_4 else {"friction": 1}
+    for key, sign in ends.items():
+        values = getattr(model, key).copy()
+        values[rows] = sign * torque
+        setattr(model, key, values)
+
+
 def constraint_cholesky(data: Any) -> Any:
     """Return Pinocchio's Cholesky factor of [[-mu I, J], [J^T, M]]."""
     return data.constraint_chol if _IS_4 else data.contact_chol
