@@ -41,9 +41,9 @@ def read_config(path: Path, variant: Mapping[str, str]) -> Robot:
         return _robot(chosen_config(config, variant), path.parent)
 
 
-def read_alone(path: Path, root_joint: str) -> Robot:
+def read_alone(path: Path, root_joint: str, model: str | None = None) -> Robot:
     """Return the robot of a description that no robot.toml describes."""
-    read = _read(path, {}, root_joint, ())
+    read = _read(path, {} if model is None else {"model": model}, root_joint, ())
     with place(path):
         fields = _fields(read) | {"precision": tolerances.WRITTEN_GEOMETRY}
         fields["name"] = read.name or path.stem

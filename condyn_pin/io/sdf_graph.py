@@ -13,6 +13,7 @@ frame p in it (`placement_frame`), baseMn = baseMp · nMp⁻¹.
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
+from pathlib import Path
 from typing import Any, Final, NamedTuple
 from xml.etree.ElementTree import Element
 
@@ -83,6 +84,17 @@ def parts_of(top: Placed, files: Files) -> dict[str, Part]:
             _add(parts, Part(inner.owner, scope, inner), inner.name)
             waiting.append((inner, f"{scope}{inner.name}::"))
     return parts
+
+
+def links_in(path: Path) -> list[tuple[str, Element, Path]]:
+    """Return the links of the model in a file, by name, and the files in which they are written."""
+    files = Files(path)
+    parts = parts_of(files.chosen(None).model, files)
+    return [
+        (name, part.element, part.model.file)
+        for name, part in parts.items()
+        if part.element.tag == "link"
+    ]
 
 
 def _add(parts: dict[str, Part], part: Part, name: str) -> None:
