@@ -204,7 +204,10 @@ FILES = {
         "no <model>, but <include> 'model://arm', not found in its folder",
     ),
     "no model": ('<sdf version="1.7"><world name="w"/></sdf>', "no <model>"),
-    "two models": ('<sdf version="1.7"><model name="m"/><model name="n"/></sdf>', "'m', 'n', which can move; choose one with model='m'"),
+    "two models": (
+        '<sdf version="1.7"><model name="m"/><model name="n"/></sdf>',
+        "'m', 'n', which can move; choose one with model='m'",
+    ),
 }
 
 
