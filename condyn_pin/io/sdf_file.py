@@ -167,7 +167,7 @@ def _plugins(chosen: Chosen, parts: Mapping[str, Part]) -> list[Element]:
 
 
 def _named(plugin: Element) -> str:
-    return plugin.get("name") or plugin.get("filename", "")
+    return plugin.get("name", "") or plugin.get("filename", "")
 
 
 def _file(plugin: Element) -> str:

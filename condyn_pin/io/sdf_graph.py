@@ -174,8 +174,11 @@ def links_of(parts: Mapping[str, Part], top: Placed) -> dict[str, str]:
             base[name] = part.word("child")
         elif part.element.tag == "frame":
             base[name] = part.named(part.element.get("attached_to", "")) or part.home
-    ends = {*links, WORLD}
-    return {WORLD: WORLD} | {name: _chain(name, base, ends, parts)[-1] for name in base}
+    found = {name: name for name in (WORLD, *links)}
+    for name in base:
+        chain = _chain(name, base, found, parts)
+        found.update(dict.fromkeys(chain, found[chain[-1]]))
+    return found
 
 
 def _chain(

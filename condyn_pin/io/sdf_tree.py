@@ -127,10 +127,9 @@ class SdfTree(Tree):
             bounded = joint.kind != "continuous"
             bounds = (axis.lower, axis.upper) if bounded else (-inf, inf)
             limits = [axis.effort, axis.velocity, *bounds]
-        settings = {"limits": limits, "damping": axis.damping}
-        i = self.add_joint(carrier, made, iMj, joint.name, **settings)
-        at = self.model.joints[i].idx_v
-        set_dry_friction(self.model, slice(at, self.model.nv), axis.friction)
+        i = self.add_joint(carrier, made, iMj, joint.name, limits=limits, damping=axis.damping)
+        first = self.model.joints[i].idx_v
+        set_dry_friction(self.model, slice(first, self.model.nv), axis.friction)
         return i
 
     def _carry(self, link: str, carrier: int, before: int, iMlink: Any) -> None:
