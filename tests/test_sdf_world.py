@@ -120,6 +120,20 @@ def test_models_that_stand_still_are_no_robot(file):
         read_sdf(file(world(model("m") * 2)), model="m")
 
 
+def test_a_model_without_a_joint_that_moves_may_float(file):
+    path = file(model("m", AB + joint("j", "a", "b", "fixed", "")))
+    with pytest.raises(InvalidModel, match=r"robot\.sdf: .*no degree of freedom.*floating=True"):
+        cp.load_robot(path)
+    assert cp.load_robot(path, floating=True).nv == 6
+
+
+def test_a_world_of_many_models_is_refused_in_a_few_words(file):
+    many = "".join(model(f"m{i}", link("a")) for i in range(1000))
+    with pytest.raises(InvalidModel, match=r"'m7', \.\.\., which can move") as error:
+        read_sdf(file(world(many)))
+    assert len(str(error.value)) < 400
+
+
 # Models in models -------------------------------------------------------------------------------
 
 HAND = (
@@ -169,6 +183,13 @@ def test_a_placement_frame_of_the_model_itself(file):
     robot = read_sdf(file(model("m", PLACED + HAND, placement_frame="tip")))
     at = frame_poses(robot.model, np.zeros(1))
     np.testing.assert_allclose(at["tip"], HAND_AT, atol=ROUNDING)
+
+
+def test_the_parts_of_models_stand_in_the_order_of_the_file(read):
+    body = link("a") + "".join(model(name, link("l")) for name in ("x", "y", "z"))
+    robot = read(body + "".join(joint(f"j{n}", "a", f"{n}::l") for n in ("x", "y", "z")))
+    bodies = [f.name for f in robot.model.frames if f.type == pin.FrameType.BODY]
+    assert bodies == ["a", "x::l", "y::l", "z::l"]
 
 
 def test_more_models_in_each_other_than_any_file_has_are_refused(read):

@@ -100,7 +100,13 @@ def _read(
     options = {key: description[key] for key in FOR_SDF if key in description}
     if root_joint == "free_flyer":
         options["root_joint"] = pin.JointModelFreeFlyer()
-    return read_sdf(file, actuated=actuated, **options)
+    read = read_sdf(file, actuated=actuated, **options)
+    if read.model.nv == 0:
+        raise InvalidModel(
+            f"{file}: the model has no degree of freedom: no joint moves, and the root link is "
+            'fixed; floating=True, in a robot.toml root_joint = "free_flyer", lets it float'
+        )
+    return read
 
 
 def _fields(read: Description) -> dict[str, Any]:

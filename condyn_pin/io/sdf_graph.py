@@ -66,8 +66,7 @@ def parts_of(top: Placed, files: Files) -> dict[str, Part]:
     """Return what has a name in a model and in the models in it: they share one scope each."""
     parts: dict[str, Part] = {}
     waiting, count = [(top, "")], 0
-    while waiting:
-        model, scope = waiting.pop()
+    for model, scope in waiting:  # it grows
         count += len(model.model)
         if count > _MOST_ELEMENTS:
             raise InvalidModel(f"more than {_MOST_ELEMENTS} elements in all that is included")

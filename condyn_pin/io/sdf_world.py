@@ -163,7 +163,7 @@ def _choice(models: list[Placed], lost: list[str], name: str | None) -> Placed:
     else:
         raise unknown_name("model", name, names)
     if len(found) > 1:
-        moving = quoted(model.name for model in found)
+        moving = quoted(model.name for model in found[:8]) + ", ..." * (len(found) > 8)
         raise InvalidModel(
             f"the file has the models {moving}, which can move; choose one with model="
             f"{found[0].name!r}" + ("" if name is None else "; rename those of one name")
@@ -172,7 +172,7 @@ def _choice(models: list[Placed], lost: list[str], name: str | None) -> Placed:
         included = f", but <include> {quoted(lost)}, not found in its folder" if lost else ""
         raise InvalidModel(f"the file has no <model>{included}; one that moves is needed")
     if not found or found[0].static:
-        still = quoted(model.name for model in (found or models))
+        still = quoted(model.name for model in (found or models)[:8])
         raise InvalidModel(
             f"<static> models do not move: {still}; take <static> out of the one that is the robot"
         )
