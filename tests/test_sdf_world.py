@@ -134,6 +134,13 @@ def test_a_world_of_many_models_is_refused_in_a_few_words(file):
     assert len(str(error.value)) < 400
 
 
+def test_a_path_that_is_none_is_refused(tmp_path):
+    os.symlink("round.sdf", tmp_path / "round.sdf")
+    for path in (tmp_path / "round.sdf", tmp_path / "a\0b.sdf", tmp_path / ("x" * 5000 + ".sdf")):
+        with pytest.raises(InvalidModel, match="cannot be"):
+            read_sdf(path)
+
+
 # Models in models -------------------------------------------------------------------------------
 
 HAND = (
@@ -241,7 +248,17 @@ def test_an_included_file_may_include_one_beside_itself(file):
 def test_nothing_outside_of_the_folder_of_the_file_is_read(file, tmp_path):
     outside = file(model("b", link("b")), name="outside/model.sdf")
     os.symlink(outside.parent, (tmp_path / "in").mkdir() or tmp_path / "in" / "link")
-    for uri in ("model://../outside", str(outside), f"file://{outside}", "model://link", "", "."):
+    os.symlink("round", tmp_path / "in" / "round")
+    for uri in (
+        "round",
+        "x" * 5000,
+        "model://../outside",
+        str(outside),
+        f"file://{outside}",
+        "model://link",
+        "",
+        ".",
+    ):
         path = file(model("m", link("a") + include(uri)), name="in/robot.sdf")
         with pytest.raises(InvalidModel, match="brings no model from the folder of the file"):
             read_sdf(path)

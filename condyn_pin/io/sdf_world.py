@@ -61,9 +61,14 @@ class Files:
     """The SDF files to which a first one leads, each opened once."""
 
     def __init__(self, first: Path) -> None:
-        self._top, self._first = first.resolve().parent, first
+        self._first = first
         self._opened: dict[Path, Element] = {}
         self._includes = 0
+
+    @property
+    def _top(self) -> Path:
+        """The folder that nothing leaves; the first file is open by then, and so it exists."""
+        return self._first.resolve().parent
 
     def chosen(self, name: str | None) -> Chosen:
         """Return the model of a name, or the only one that moves."""
@@ -126,14 +131,14 @@ class Files:
 
     def _find(self, uri: str, folder: Path) -> Path | None:
         """Return the file of an address, if it is in a folder or above it, below the first one."""
-        name = uri.removeprefix("model://").removeprefix("file://")
-        while name and folder.is_relative_to(self._top):
+        name, top = uri.removeprefix("model://").removeprefix("file://"), self._top
+        while name and folder.is_relative_to(top):
             try:
                 path = (folder / name).resolve()
                 path = (path / "model.sdf").resolve() if path.is_dir() else path
-                if path.is_relative_to(self._top) and path.is_file():
+                if path.is_relative_to(top) and path.is_file():
                     return path
-            except OSError:  # a name that is too long
+            except (OSError, RuntimeError):  # a name that is too long, links in a circle
                 return None
             folder = folder.parent
         return None
