@@ -22,6 +22,9 @@ from sdf_texts import (
     springs,
 )
 
+from condyn_pin.constraints import JointFriction
+from condyn_pin.model.robot import Robot
+
 NO_LIMIT = np.finfo(float).max
 
 
@@ -205,7 +208,7 @@ def test_limits_in_any_of_the_format_s_spellings(read, kind, limits, expected):
     keys = ("lowerPositionLimit", "upperPositionLimit", "effortLimit", "velocityLimit")
     assert tuple(getattr(model, key).item() for key in keys) == expected
     assert model.nq == 1
-    assert ("joint limits: 'j'" in robot.unused) == (kind == "continuous")
+    assert ("joint limits that the type has not: 'j'" in robot.unused) == (kind == "continuous")
 
 
 def test_damping_springs_and_friction_go_where_they_belong(read):
@@ -217,18 +220,34 @@ def test_damping_springs_and_friction_go_where_they_belong(read):
     robot = read(body)
     assert robot.model.damping.tolist() == [0.5, 0.25, 0.25, 0.25, 0]
     assert springs(robot) == {"three": (9.0, -1.0)}
-    assert robot.unused == ("joint friction: 'one'",)
+    assert robot.unused == (
+        "joint friction, which JointFriction adds to the contacts of a scene: 'one'",
+    )
+    assert robot.unmodelled == ()
+    machine = Robot("machine", robot.model)
+    (row,) = JointFriction("one").bind(machine).dry
+    assert row.limit == 7
 
 
 def test_what_a_cut_joint_cannot_do_is_reported(read):
     lost = "<damping>1</damping><friction>2</friction><spring_stiffness>3</spring_stiffness>"
-    robot = read(
-        "".join(map(link, "abc"))
-        + joint("ab", "a", "b")
-        + joint("ac", "a", "c")
-        + joint("cut", "b", "c", "ball", axis("<upper>1</upper>", lost))
-    )
-    assert springs(robot) == {}
-    assert robot.unused == tuple(
-        f"joint {setting}: 'cut'" for setting in ("friction", "damping", "spring", "limits")
-    )
+    for kind, words in (("ball", ()), ("revolute", ("limits",))):
+        robot = read(
+            "".join(map(link, "abc"))
+            + joint("ab", "a", "b")
+            + joint("ac", "a", "c")
+            + joint("cut", "b", "c", kind, axis("<upper>1</upper>", lost)),
+            cut=["cut"],
+        )
+        assert springs(robot) == {}
+        assert robot.unmodelled == tuple(
+            f"joint {setting}: 'cut'" for setting in ("friction", "damping", "spring", *words)
+        )
+    assert robot.unused == ()
+
+
+def test_settings_of_a_fixed_joint_change_nothing(read):
+    dynamics = "<damping>1</damping><friction>2</friction><spring_stiffness>3</spring_stiffness>"
+    robot = read(AB + joint("j", "a", "b", "fixed", axis("<upper>1</upper>", dynamics)))
+    assert robot.unused == ("settings of fixed joints: 'j'",)
+    assert robot.unmodelled == ()

@@ -13,7 +13,7 @@ import pytest
 from fuzz import assert_survived
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from sdf_texts import ARM, INERTIAL, closures, couplings, frame_poses, joint, link
+from sdf_texts import ARM, INERTIAL, closures, couplings, frame_poses, joint, link, pose
 
 from condyn_pin.errors import CondynError
 from condyn_pin.io.description import Description
@@ -27,8 +27,30 @@ GEARS = (
 )
 UPRIGHT = '<axis><xyz expressed_in="__model__">0 0 1</xyz></axis>'
 CROSS = "<axis><xyz>0 0 1</xyz></axis><axis2><xyz>1 0 0</xyz></axis2>"
+MIMIC = (
+    '<axis><xyz>0 0 1</xyz><mimic joint="screw" axis="axis"><multiplier>2</multiplier>'
+    "<offset>0.1</offset><reference>0.2</reference></mimic></axis>"
+)
+THREAD = "<screw_thread_pitch>0.1</screw_thread_pitch><axis><xyz>0 0 1</xyz></axis>"
+# A model in the model, at the pose of its frame, with a screw that a claw follows.
+HAND = (
+    '<model name="hand" placement_frame="grip" canonical_link="palm">'
+    + pose("0.1 0 0 0 0 90", degrees="true", relative_to="tool")
+    + link("palm")
+    + link("thumb", pose("0 0 0 0 0 0.6 0.8", rotation_format="quat_xyzw") + INERTIAL)
+    + link("claw", "<gravity>true</gravity>" + INERTIAL)
+    + '<frame name="grip" attached_to="palm">'
+    + pose("0 0 0.1 0 0 0")
+    + "</frame>"
+    + joint("screw", "palm", "thumb", "screw", THREAD)
+    + joint("follows", "palm", "claw", inside=MIMIC)
+    + "</model>"
+)
 VALID = (
-    '<sdf version="1.9"><model name="m">'
+    '<sdf version="1.9"><world name="w"><gravity>0 0 -9.7</gravity>'
+    '<model name="ground"><static>true</static><link name="floor"/></model><model name="m">'
+    + HAND
+    + joint("holds", "upper", "hand::palm", "fixed", "")
     + ARM.replace("</link>", INERTIAL + "</link>", 1)  # the base may move here
     + joint("loop", "base", "finger", "ball")
     + link("rotor")
@@ -43,7 +65,7 @@ VALID = (
     )
     + joint("gears", "rotor", "wheel", "gearbox", GEARS)
     + joint("hooke", "upper", "rotor", "universal", CROSS)
-    + "</model></sdf>"
+    + "</model></world></sdf>"
 )
 # Ways to read it; the root is needed, for only the wheel is no joint's child.
 WAYS = (
@@ -90,7 +112,7 @@ def test_the_file_that_is_mutated_below_is_a_valid_one(fuzz_file):
     fuzz_file.write_text(VALID)
     whole, split, back, cut = (read_sdf(fuzz_file, **options) for options in WAYS)
     assert [c.name for c in closures(whole)] == ["socket", "loop"]
-    assert len(couplings(whole)) == len(couplings(back)) == len(couplings(cut)) == 1
+    assert len(couplings(whole)) == len(couplings(back)) == len(couplings(cut)) == 2
     assert [c.kind for c in closures(split)] == ["weld"] * 3
     assert [c.name for c in closures(cut)] == ["shoulder", "socket"]
 

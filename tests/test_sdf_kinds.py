@@ -223,3 +223,92 @@ def test_a_wrong_gearbox_is_refused_with_the_reason(read, body, says):
 
 def test_a_second_axis_that_the_type_has_not_is_reported(read):
     assert "second axis: 'j'" in read(AB + joint("j", "a", "b", inside=AXES)).unused
+
+
+# Mimics and screws ------------------------------------------------------------------------------
+
+
+def mimic(leader: str, multiplier: str = "2", axis: str = "") -> str:
+    at = f' axis="{axis}"' if axis else ""
+    return (
+        f'<axis><xyz>0 0 1</xyz><mimic joint="{leader}"{at}><multiplier>{multiplier}</multiplier>'
+        "<offset>0.3</offset><reference>0.1</reference></mimic></axis>"
+    )
+
+
+ABC = AB + link("c")
+
+
+def test_a_mimic_is_a_coupling_with_an_offset(read):
+    robot = read(ABC + joint("lead", "a", "b") + joint("follow", "a", "c", inside=mimic("lead")))
+    assert couplings(robot) == (Coupling("follow", "lead", 2.0, 0.3 - 2 * 0.1),)
+    said = Robot("geared", robot.model, loops=robot.loops)
+    values = said.joint_values(cp.Scene(said, said.loops).sample(np.random.default_rng(0))[0])
+    assert values["follow"] == pytest.approx(2 * (values["lead"] - 0.1) + 0.3, abs=1e-9)
+
+
+def test_both_axes_of_a_universal_joint_lead_and_follow(read):
+    hooke = AXES.replace("</axis2>", mimic("h")[len("<axis><xyz>0 0 1</xyz>") : -7] + "</axis2>")
+    body = ABC + joint("h", "a", "b") + joint("u", "b", "c", "universal", hooke)
+    body += link("d") + joint("e", "c", "d", inside=mimic("u", "3", "axis2"))
+    found = {(c.joint_a, c.joint_b, c.ratio) for c in couplings(read(body))}
+    assert found == {("u_axis2", "h", 2.0), ("e", "u_axis2", 3.0)}
+
+
+def test_joints_of_a_mimic_are_not_cut(read):
+    ends = joint("lead", "a", "b") + joint("follow", "a", "c", inside=mimic("lead"))
+    loop = ABC + ends + joint("bc", "b", "c")
+    assert [c.name for c in closures(read(loop))] == ["bc"]
+    with pytest.raises(InvalidModel, match="'lead' cannot be cut: it is in the <mimic> 'follow~"):
+        read(loop, cut=["lead"])
+
+
+MIMIC_WRONG = {
+    "of no joint": (mimic("leed"), "", "'f' mimics 'leed', and 'leed' by its 'axis' is no hinge"),
+    "of a ball": (mimic("b"), joint("b", "a", "b", "ball", ""), "'b' by its 'axis' is no hinge"),
+    "of an axis that is not there": (
+        mimic("b", axis="axis2"), joint("b", "a", "b"), "'b' by its 'axis2' is no hinge",
+    ),
+    "of itself": (mimic("f"), "", "'f' mimic each other in a circle"),
+    "of each other": (mimic("b"), joint("b", "a", "b", inside=mimic("f")), "in a circle"),
+    "by nothing": (mimic("b", "0"), joint("b", "a", "b"), "'f'.*<multiplier> 0.*make it fixed"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize(("inside", "other", "says"), MIMIC_WRONG.values(), ids=MIMIC_WRONG)
+def test_a_wrong_mimic_is_refused_with_the_reason(read, inside, other, says):
+    body = link("a") + link("b_") + link("c") + joint("f", "a", "c", inside=inside)
+    with pytest.raises(InvalidModel, match=says):
+        read(body + other.replace("<child>b<", "<child>b_<"))
+
+
+@pytest.mark.parametrize("root", ["a", "b"])
+@pytest.mark.parametrize(
+    ("thread", "per_turn"),
+    [
+        ("<screw_thread_pitch>0.02</screw_thread_pitch>", 0.02),
+        ("<thread_pitch>-100</thread_pitch>", 2 * np.pi / 100),
+        ("<thread_pitch>5</thread_pitch><screw_thread_pitch>-3</screw_thread_pitch>", -3),
+    ],
+)
+def test_a_screw_goes_its_pitch_in_a_turn(read, thread, per_turn, root):
+    axis = thread + "<axis><xyz>0 3 4</xyz></axis>"
+    robot = read(AB + joint("s", "a", "b", "screw", axis), root=root)
+    at = frame_poses(robot.model, np.array([0.5]))
+    M = np.linalg.inv(at["a"]) @ at["b"]
+    along = np.array([0, 0.6, 0.8])
+    np.testing.assert_allclose(pin.log3(M[:3, :3]), 0.5 * along, atol=ROUNDING)
+    np.testing.assert_allclose(M[:3, 3], per_turn * 0.5 / (2 * np.pi) * along, atol=ROUNDING)
+
+
+def test_a_screw_needs_a_thread_and_a_place_in_the_tree(read):
+    with pytest.raises(InvalidModel, match="'s' is a screw and has no <screw_thread_pitch>"):
+        read(AB + joint("s", "a", "b", "screw"))
+    thread = "<screw_thread_pitch>1</screw_thread_pitch><axis><xyz>0 0 1</xyz></axis>"
+    loop = ABC + joint("ab", "a", "b") + joint("s", "b", "c", "screw", thread)
+    robot = read(loop + joint("ac", "a", "c"))
+    assert [c.name for c in closures(robot)] == ["ac"]
+    said = Robot("vice", robot.model, loops=robot.loops)
+    assert cp.Scene(said, said.loops).summary().rows == 5
+    with pytest.raises(InvalidModel, match="'s' cannot be cut: it is a screw"):
+        read(loop + joint("ac", "a", "c"), cut=["s"])

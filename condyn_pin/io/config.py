@@ -42,7 +42,8 @@ _CONFIG: Final[Mapping[str, Check]] = {
     "precision": _NUMBER,
 }  # fmt: skip
 FOR_SDF: Final[Mapping[str, Check]] = {
-    "root": _TEXT, "kinds": _TABLE, "drop": _TEXTS, "cut": _TEXTS, "as_file": _TRUTH,
+    "model": _TEXT, "root": _TEXT, "kinds": _TABLE, "drop": _TEXTS, "cut": _TEXTS,
+    "as_file": _TRUTH,
 }  # fmt: skip
 _DESCRIPTION: Final[Mapping[str, Check]] = {
     "file": _TEXT, "srdf": _TEXT, "root_joint": _TEXT, "rotors": _TRUTH, "lock": _TEXTS,

@@ -9,7 +9,7 @@ leave out: loops, contacts, motors, postures, the licence.
     [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
                    ("free_flyer" or "fixed"), rotors = true, lock = ["joint", ...];
                    for URDF also mimic = false, for joints that then move on their own;
-                   for SDF also root, kinds, drop, cut, as_file: see `io.sdf.read_sdf`
+                   for SDF also model, root, kinds, drop, cut, as_file: see `io.sdf.read_sdf`
     [[frames]]     name, parent, translation, rotation: more frames, see `Robot.with_frame`
     [[loops]]      kind and the fields of `Loop`; or kind = "coupling" and those of `Coupling`
                    (an SDF and an MJCF bring their own, a URDF mimic joints, links named as
@@ -59,6 +59,7 @@ def load_robot(
     *,
     floating: bool | None = None,
     root_joint: str | None = None,
+    model: str | None = None,
     variant: Mapping[str, str] | None = None,
     precision: float | None = None,
     actuated: Sequence[str] | None = None,
@@ -76,10 +77,11 @@ def load_robot(
         Named robots and folders say it themselves.
     root_joint : {"fixed", "free_flyer"}, optional
         The same in the words of robot.toml.
+    model : str, optional
+        For an SDF: the <model> of the file; by default the only one that is not static.
     variant : mapping of str to str, optional
         Option to value, such as ``{"springs": "locked"}``, for a robot whose robot.toml has
         variants; each option that is left out has its default.
-
     precision : float, optional
         `Robot.precision`: how right the numbers of the file are [rad, sizes of a loop]. By default
         what a robot.toml says, or 1e-5, as five digits are: 1.5708 for pi/2 is off by 3.7e-6. 0
@@ -94,10 +96,11 @@ def load_robot(
     Raises
     ------
     UnknownName
-        If there is no such robot or variant; the text lists the nearest names.
+        If there is no such robot, model or variant; the text lists the nearest names.
     InvalidArgument
         If `root_joint` is unknown or contradicts `floating`, one of them is given for what is
-        neither a URDF nor an SDF, or `precision` is no number from 0 to 1e-3.
+        neither a URDF nor an SDF, `model` for what is no SDF, or `precision` is no number from 0 to
+        1e-3.
     MissingExtra
         If the package with the description is not installed.
     InvalidModel
@@ -108,7 +111,7 @@ def load_robot(
     UnmodelledWarning
         If the file has what changes the motion and is not in the model: `Robot.unmodelled`.
     """
-    robot = _loaded(name, _root_joint(floating, root_joint), variant)
+    robot = _loaded(name, _root_joint(floating, root_joint), model, variant)
     if actuated is not None:
         robot = replace(robot, actuated=actuated)
     if robot.unmodelled:
@@ -130,7 +133,9 @@ def _root_joint(floating: bool | None, root_joint: str | None) -> str | None:
     return said
 
 
-def _loaded(name: str | Path, root_joint: str | None, variant: Mapping[str, str] | None) -> Robot:
+def _loaded(
+    name: str | Path, root_joint: str | None, model: str | None, variant: Mapping[str, str] | None
+) -> Robot:
     # what reads files is imported when there is one to read: mechanisms need none of it
     from condyn_pin.io.config import check_variant
 
@@ -143,6 +148,7 @@ def _loaded(name: str | Path, root_joint: str | None, variant: Mapping[str, str]
         from condyn_pin.io.manifest import read_alone
 
         check_variant(chosen, {})
+        _check_model(model, "the text of a URDF", False)
         return read_alone(name, root_joint or "fixed")
     path = _path(name)
     described = None if str(name) in known or path.exists() else _described(str(name))
@@ -151,9 +157,11 @@ def _loaded(name: str | Path, root_joint: str | None, variant: Mapping[str, str]
         from condyn_pin.io.manifest import read_alone
 
         check_variant(chosen, {})
-        return read_alone(path, root_joint or "fixed")
+        _check_model(model, name, path.suffix == ".sdf")
+        return read_alone(path, root_joint or "fixed", model)
+    _check_model(model, name, False)
     if described is not None:
-        return _loaded(described, root_joint, variant)
+        return _loaded(described, root_joint, None, variant)
     if root_joint is not None:
         raise InvalidArgument(
             f"root_joint = {root_joint!r}: it is for a URDF or an SDF; {str(name)!r} says itself "
@@ -187,6 +195,14 @@ def _described(name: str) -> Path | None:
     found = import_module(f"robot_descriptions.{name}")
     paths = (getattr(found, key, None) for key in ("URDF_PATH", "MJCF_PATH"))
     return next((Path(path) for path in paths if path), None)
+
+
+def _check_model(model: str | None, name: str | Path, sdf: bool) -> None:
+    if model is not None and not (sdf and isinstance(model, str)):
+        raise InvalidArgument(
+            f"model = {model!r}: the name of a <model> of an SDF; {str(name)!r} "
+            + ("has them by name" if sdf else "is none, leave it out")
+        )
 
 
 def _read_config(path: Path, variant: Mapping[str, str]) -> Robot:

@@ -41,10 +41,11 @@ def read_config(path: Path, variant: Mapping[str, str]) -> Robot:
         return _robot(chosen_config(config, variant), path.parent)
 
 
-def read_alone(source: Path | str, root_joint: str) -> Robot:
+def read_alone(source: Path | str, root_joint: str, model: str | None = None) -> Robot:
     """Return the robot of a description that no robot.toml describes: a file, or a URDF's text."""
     if isinstance(source, Path):
-        read, where = _read(source, {}, root_joint, ()), str(source)
+        about = {} if model is None else {"model": model}
+        read, where = _read(source, about, root_joint, ()), str(source)
         of_file = {"source": where, "description": where}
     else:
         from condyn_pin.io.urdf import read_urdf
@@ -106,7 +107,13 @@ def _read(
     options = {key: description[key] for key in FOR_SDF if key in description}
     if root_joint == "free_flyer":
         options["root_joint"] = pin.JointModelFreeFlyer()
-    return read_sdf(file, actuated=actuated, **options)
+    read = read_sdf(file, actuated=actuated, **options)
+    if read.model.nv == 0:
+        raise InvalidModel(
+            f"{file}: the model has no degree of freedom: no joint moves, and the root link is "
+            'fixed; floating=True, in a robot.toml root_joint = "free_flyer", lets it float'
+        )
+    return read
 
 
 def _fields(read: Description) -> dict[str, Any]:

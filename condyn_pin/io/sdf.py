@@ -1,10 +1,11 @@
-"""Read a robot from an SDF file (1.5 and later): a tree, and the joints that close its loops.
+"""Read a robot from an SDF file (1.4 and later): a tree, and the joints that close its loops.
 
 The other files of the reader, in the order in which a file passes through them:
 
+    sdf_world    the models of the file and of those that it includes; the one that is the robot
     sdf_file     what the file says, as the values of `sdf_types`
     sdf_graph    where each link, joint and frame is drawn: oMx in the model frame o
-    sdf_kinds    the types of joints; universal joints, gearboxes, copies of links
+    sdf_kinds    the types of joints; universal joints, gearboxes, mimics, copies of links
     sdf_span     which joints make the tree, and which are cut
     sdf_tree     the Pinocchio model, and frames for what was cut
 
@@ -13,12 +14,12 @@ The format: http://sdformat.org/spec
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from os import PathLike
 from types import MappingProxyType
-from typing import Any
+from typing import Any, Final
 
 from condyn_pin._core.names import quoted
 from condyn_pin.constraints.coupling import Coupling
@@ -26,17 +27,31 @@ from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.io.description import Description, doubts
 from condyn_pin.io.sdf_file import parse
-from condyn_pin.io.sdf_kinds import chosen_joints, coupling_of, in_series, with_copies
+from condyn_pin.io.sdf_kinds import (
+    chosen_joints,
+    coupling_of,
+    in_series,
+    mimics_of,
+    with_copies,
+)
 from condyn_pin.io.sdf_span import Span, span
 from condyn_pin.io.sdf_tree import SdfTree
 from condyn_pin.io.sdf_types import Joint, Link, SdfModel
 from condyn_pin.io.xml import place
 from condyn_pin.model.spring import Spring
 
+# Settings of joints that change nothing, or that a scene adds, and those that change the motion.
+_FRICTION: Final = "joint friction, which JointFriction adds to the contacts of a scene"
+_SMALL: Final = (
+    "second axis", _FRICTION, "joint limits that the type has not", "settings of fixed joints",
+)  # fmt: skip
+_LARGE: Final = ("joint friction", "joint damping", "joint spring", "joint limits")
+
 
 def read_sdf(
     path: str | PathLike[str],
     *,
+    model: str | None = None,
     root: str | None = None,
     root_joint: Any | None = None,
     kinds: Mapping[str, str] = MappingProxyType({}),
@@ -50,7 +65,8 @@ def read_sdf(
     Parameters
     ----------
     path : str or path
-        File with exactly one model.
+    model : str, optional
+        The model of the file. By default the only one that is not static.
     root : str, optional
         Link on which the tree stands. By default the one that is no joint's child.
     root_joint : pin.JointModel, optional
@@ -59,7 +75,7 @@ def read_sdf(
         fixed where the file puts it.
     kinds : mapping of str to str
         Joint name to the type that replaces the file's: fixed, revolute, continuous, prismatic,
-        ball, universal or revolute2.
+        screw, ball, universal or revolute2.
     drop : sequence of str
         Joints to leave out.
     cut : sequence of str
@@ -77,15 +93,16 @@ def read_sdf(
         The model, its loops, couplings and springs, and what the file has and the model does not
         use. Each link is a BODY frame, each joint a JOINT frame (FIXED_JOINT for a fixed one), each
         frame of the file an OP_FRAME, and so are the two ends of a joint that is cut, ``NAME_a`` on
-        its parent link and ``NAME_b`` on its child, z along the axis of a hinge or slider.
+        its parent link and ``NAME_b`` on its child, z along the axis of a hinge or slider. What is
+        in a model of the model, written or included there, is named ``INNER::NAME``.
 
     Raises
     ------
     InvalidModel
         The file cannot be read, or what it says cannot be made a model.
     UnknownName
-        `root`, `kinds`, `drop`, `cut` or `actuated` has a name that the file or the reader does
-        not know.
+        `model`, `root`, `kinds`, `drop`, `cut` or `actuated` has a name that the file or the reader
+        does not know.
     InvalidArgument
         Both `cut` and `as_file` are given.
 
@@ -93,26 +110,30 @@ def read_sdf(
     -----
     A loop is cut at its joint of most freedom: a ball before a hinge or slider, those before a
     fixed joint; among equals at one without spring, then at the last of the file. A universal
-    joint is two hinges, ``name_axis`` and ``name_axis2``, which are not cut, and neither are the
-    hinges of a gearbox.
+    joint is two hinges, ``name_axis`` and ``name_axis2``, which are not cut, and neither are
+    screws, the hinges of a gearbox, and joints that mimic or are mimicked.
 
     Where the tree runs from child to parent, the joint is reversed: about the opposite axis, so
     that the coordinate of a hinge or slider, its limits, its spring and its damping stay what the
     file says. The quaternion of a reversed ball is the inverse of the file's.
 
     The file draws the model at ``pin.neutral(model)``, where therefore every loop is closed. A
-    continuous joint is one angle without limits.
+    continuous joint is one angle without limits, a screw its angle.
+
+    Gravity is that of the <world>, or Pinocchio's where there is none, and zero if <gravity> is
+    false for every link that moves.
     """
     _check_as_file(as_file, cut)
     with place(path):
-        sdf = parse(path)
+        sdf = parse(path, model)
         if as_file:
             kinds = {j.name: "revolute" for j in sdf.joints if j.kind == "gearbox"} | dict(kinds)
         links, chosen = in_series(sdf.links, chosen_joints(sdf, kinds, drop))
         gearboxes = tuple(joint for joint in chosen if joint.kind == "gearbox")
         joints = tuple(joint for joint in chosen if joint.kind != "gearbox")
-        couplings = tuple(coupling_of(gearbox, joints) for gearbox in gearboxes)
-        kept = _kept(links, joints, couplings, actuated)
+        geared = tuple(coupling_of(gearbox, joints) for gearbox in gearboxes)
+        mimics = mimics_of(joints)
+        kept = _kept(links, joints, geared, mimics, actuated)
         welds: tuple[Loop, ...] = ()
         if as_file:
             links, joints, welds = with_copies(links, joints)
@@ -126,15 +147,30 @@ def read_sdf(
         for name, (link, oMf) in sdf.frames.items():
             tree.mark(name, link, oMf)
         root_pose = tree.poses[spanned.start] if floating else None
+        moving = [link for link in links if tree.moves(link.name)]
+        light = [link.name for link in moving if not (link.weighs or link.massless)]
+        if light and len(light) == sum(not link.massless for link in moving):
+            tree.model.gravity.setZero()
+            light = []
+        elif sdf.gravity is not None:
+            tree.model.gravity.linear = sdf.gravity
+        settings = dict(_settings((*joints, *gearboxes), (*spanned.cut, *gearboxes)))
         return Description(
             tree.model,
-            loops=(*loops, *welds, *couplings),
+            name=sdf.name,
+            loops=(*loops, *welds, *geared, *mimics),
             springs=_springs(joints, spanned),
             reversed=spanned.reversed,
             unused=(
                 *_unused_parts(sdf, kinds, drop, root_pose, idle),
-                *_unused_settings((*joints, *gearboxes), (*spanned.cut, *gearboxes)),
+                *_defaults(sdf, [link.name for link in moving]),
+                *(f"{what}: {quoted(names)}" for what, names in settings.items() if what in _SMALL),
                 *_doubts(links),
+            ),
+            unmodelled=(
+                *sdf.unmodelled,
+                *([f"links without gravity: {quoted(light)}; here they weigh"] if light else ()),
+                *(f"{what}: {quoted(names)}" for what, names in settings.items() if what in _LARGE),
             ),
         )
 
@@ -156,7 +192,8 @@ def _check_as_file(as_file: Any, cut: Sequence[str]) -> None:
 def _kept(
     links: Sequence[Link],
     joints: Sequence[Joint],
-    couplings: Sequence[Coupling],
+    geared: Sequence[Coupling],
+    mimics: Sequence[Coupling],
     actuated: Sequence[str],
 ) -> dict[str, str]:
     """Return the joints that must stay in the tree, with the reason as errors say it."""
@@ -165,13 +202,18 @@ def _kept(
         if name not in names:
             raise unknown_name("joint", name, names)
     kept = dict.fromkeys(actuated, "is actuated")
-    for coupling in couplings:
-        for name in (coupling.joint_a, coupling.joint_b):
+    for coupling in geared:
+        for name in coupling.joints:
             kept.setdefault(name, f"is a hinge of the gearbox {coupling.name!r}")
+    for coupling in mimics:
+        for name in coupling.joints:
+            kept.setdefault(name, f"is in the <mimic> {coupling.name!r}")
     crosses = {link.name for link in links if link.massless}
     for joint in joints:
         if joint.parent in crosses or joint.child in crosses:
             kept.setdefault(joint.name, "is half of a universal joint")
+        if joint.kind == "screw":
+            kept.setdefault(joint.name, "is a screw")
     return kept
 
 
@@ -208,31 +250,38 @@ def _unused_parts(
         yield "pose of the root link in the file: the root joint's configuration replaces it"
 
 
-def _unused_settings(joints: Sequence[Joint], cut: Sequence[Joint]) -> Iterator[str]:
-    """Say which settings of the joints that are kept are not in the model."""
-    second = [
-        joint.name
-        for joint in joints
-        if joint.axis2.direction is not None and joint.kind != "gearbox"
-    ]
-    if second:
-        yield f"second axis: {quoted(second)}"
-    lost = [(joint.name, tuple(_lost(joint, joint not in cut))) for joint in joints]
-    for setting in ("friction", "damping", "spring", "limits"):
-        names = [name for name, settings in lost if setting in settings]
-        if names:
-            yield f"joint {setting}: {quoted(names)}"
+def _defaults(sdf: SdfModel, moving: Collection[str]) -> Iterator[str]:
+    """Say for which links that move the format fills in the inertia."""
+    for value, links in sdf.defaults.items():
+        if names := [name for name in links if name in moving]:
+            yield f"left out of <inertial>, and {value} here, as the format has it: {quoted(names)}"
+
+
+def _settings(joints: Sequence[Joint], cut: Sequence[Joint]) -> Iterator[tuple[str, list[str]]]:
+    """Yield settings of the joints that the dynamics do not use, and the joints that have them."""
+    said = [(joint.name, tuple(_lost(joint, joint not in cut))) for joint in joints]
+    for setting in (*_SMALL, *_LARGE):
+        if names := [name for name, settings in said if setting in settings]:
+            yield setting, names
 
 
 def _lost(joint: Joint, hanging: bool) -> Iterator[str]:
-    """Yield the settings of a joint, hanging in the tree or cut, that are not in the model."""
-    axis, uses_axis = joint.axis, hanging and joint.has_axis
-    if axis.friction != 0:
-        yield "friction"
-    if axis.damping != 0 and (not hanging or joint.kind == "fixed"):
-        yield "damping"
-    if axis.stiffness != 0 and not uses_axis:
-        yield "spring"
+    """Yield the settings of a joint, hanging in the tree or cut, that are not used."""
+    axis, bound = joint.axis, joint.has_axis
     limited = axis.lower > -inf or axis.upper < inf
-    if limited and (not uses_axis or joint.kind == "continuous"):
-        yield "limits"
+    if joint.axis2.direction is not None and joint.kind != "gearbox":
+        yield "second axis"
+    if joint.kind == "fixed":
+        if limited or axis.friction or axis.damping or axis.stiffness:
+            yield "settings of fixed joints"
+        return
+    if axis.friction != 0:
+        yield _FRICTION if hanging else "joint friction"
+    if axis.damping != 0 and not hanging:
+        yield "joint damping"
+    if axis.stiffness != 0 and not (hanging and bound):
+        yield "joint spring"
+    if limited and (joint.kind == "continuous" or not bound):
+        yield "joint limits that the type has not"
+    elif limited and not hanging:
+        yield "joint limits"

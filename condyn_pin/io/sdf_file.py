@@ -1,4 +1,4 @@
-"""An SDF file: the one model in it, its links, joints and frames placed, and what nobody reads.
+"""The model of an SDF file: its links, joints and frames placed, and what is not in them.
 
 `sdf_graph` has where each part is drawn. The axis a of a joint j is, however the file writes it,
 
@@ -7,9 +7,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Container, Mapping, Sequence
-from math import copysign, inf
+import re
+from collections import defaultdict
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from math import copysign, inf, pi
 from os import PathLike
+from pathlib import Path
 from typing import Any, Final
 from xml.etree.ElementTree import Element
 
@@ -18,100 +21,173 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.names import quoted
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.description import tensor
-from condyn_pin.io.sdf_graph import MODEL, links_of, model_poses, parts_of, pose_in, pose_of, word
-from condyn_pin.io.sdf_types import WORLD, Axis, Gear, Joint, Link, SdfModel
-from condyn_pin.io.xml import UNLIMITED, check_counts, find, floats, label, not_read, open_xml
+from condyn_pin.io.sdf_graph import (
+    Part,
+    is_model,
+    links_of,
+    model_poses,
+    parts_of,
+    pose_of,
+)
+from condyn_pin.io.sdf_types import WORLD, Axis, Gear, Joint, Link, Mimic, SdfModel
+from condyn_pin.io.sdf_world import Chosen, Files, flag, truth
+from condyn_pin.io.xml import UNLIMITED, check_counts, find, floats, label, not_read
 
+# What changes the motion and is not modelled, unless it is zero or false: by the element that has
+# it, and in the words of what is said of it.
+_CHANGES: Final[Mapping[str, Mapping[str, str]]] = {
+    "world": {"wind/linear_velocity": "wind", "joint": "joints of the world"},
+    "model": {"enable_wind": "wind on the model"},
+    "link": {
+        "enable_wind": "wind on the links",
+        "kinematic": "links that others move, <kinematic>",
+        "must_be_base_link": "links that float, <must_be_base_link>",
+        "velocity_decay/linear": "decay of the velocity of the links",
+        "velocity_decay/angular": "decay of the turning of the links",
+        "inertial/fluid_added_mass/*": "added mass of the fluid around the links",
+    },
+    "joint": {
+        "physics/ode/max_force": "motors in <physics> of the joints",
+        "physics/ode/cfm": "softness of the joints, <cfm>",
+        "physics/ode/suspension/cfm": "suspension of the joints",
+    },
+}
+_AXIS: Final = ("xyz", "limit", "dynamics", "use_parent_model_frame", "mimic")
 # What is read below each element; everything else is counted and reported.
-_READ: Final[Mapping[str, Container[str]]] = {
-    "sdf": ("model", "world"),
-    "world": ("model",),
-    "model": ("pose", "link", "joint", "frame"),
-    "link": ("pose", "inertial"),
-    "inertial": ("pose", "mass", "inertia"),
+_READ: Final[Mapping[str, Sequence[str]]] = {
+    "read": ("model",),
+    "model": ("pose", "link", "joint", "frame", "model", "include", "static", "plugin"),
+    "link": ("pose", "inertial", "gravity"),
+    "inertial": ("pose", "mass", "inertia", "fluid_added_mass"),
     "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"),
     "joint": (
         "pose", "parent", "child", "axis", "axis2", "gearbox_ratio", "gearbox_reference_body",
+        "thread_pitch", "screw_thread_pitch",
     ),
-    "axis": ("xyz", "limit", "dynamics", "use_parent_model_frame"),
-    "axis2": ("xyz", "limit", "dynamics", "use_parent_model_frame"),
+    "axis": _AXIS,
+    "axis2": _AXIS,
     "limit": ("lower", "upper", "effort", "velocity"),
     "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference"),
+    "mimic": ("multiplier", "offset", "reference"),
     "frame": ("pose",),
 }  # fmt: skip
+_OF_WORLD: Final = ("world", "model", "include", "gravity", "plugin", "physics")
+_DRIVES: Final = re.compile(  # in the name or the file of a plugin
+    "actuat|attach|buoyan|control|conveyor|damp|drag|drive|force(?!.?torque)|friction|gear|grasp|"
+    "grip|hydro|lift|mimic|motor|mover|propel|servo|spring|steer|suction|thrust|vacuum|velocity|"
+    "wind|wrench"
+)
 
 
-def parse(path: str | PathLike[str]) -> SdfModel:
-    """Return what a file says."""
-    sdf = open_xml(path, "sdf")
-    model = _only_model(sdf)
-    joints = [joint for joint in model.findall("joint") if joint.get("type") != "fixed"]
-    check_counts(len(model.findall("link")), len(joints))
-    parts = parts_of(model)
-    wMo, base = pose_in(model)
-    if base not in ("", WORLD):
-        raise InvalidModel(f"{label(model)}: pose relative to {base!r}; place it in the world")
-    link_of = links_of(parts, model.get("canonical_link"))
-    poses = model_poses(parts, wMo.inverse())
-
-    def tagged(tag: str) -> list[tuple[str, Element]]:
-        return [(name, element) for name, element in parts.items() if element.tag == tag]
-
+def parse(path: str | PathLike[str], name: str | None) -> SdfModel:
+    """Return what a file says of its model, or of the one with a name."""
+    files = Files(Path(path))
+    chosen = files.chosen(name)
+    top = chosen.model
+    parts = parts_of(top, files)
+    tagged: dict[str, dict[str, Part]] = {"link": {}, "joint": {}}
+    for each, part in parts.items():
+        tagged.setdefault(part.element.tag, {})[each] = part
+    joints = [part for part in tagged["joint"].values() if part.element.get("type") != "fixed"]
+    check_counts(len(tagged["link"]), len(joints))
+    poses, link_of = model_poses(parts, top), links_of(parts, top)
+    defaults: dict[str, list[str]] = defaultdict(list)
+    links = [_link(part, each, poses, defaults) for each, part in tagged["link"].items()]
     return SdfModel(
-        name=model.get("name", ""),
-        pose=wMo,
-        links=tuple(Link(n, poses[n], _inertia(e, n, poses)) for n, e in tagged("link")),
-        joints=tuple(_joint(e, n, poses, link_of) for n, e in tagged("joint")),
-        frames={n: (link_of[n], poses[n]) for n, _ in tagged("frame")},
-        unread=tuple(not_read(sdf, _READ)),
+        name=top.name,
+        pose=poses[WORLD].inverse(),
+        links=tuple(links),
+        joints=tuple(_joint(part, each, poses, link_of) for each, part in tagged["joint"].items()),
+        frames={
+            each: (link_of[each], poses[each])
+            for each, part in parts.items()
+            if part.element.tag == "frame" or is_model(part)
+        },
+        gravity=chosen.gravity,
+        defaults=defaults,
+        unread=(*chosen.unused, *_unread(chosen, parts)),
+        unmodelled=tuple(_unmodelled(chosen, parts)),
     )
 
 
-def _only_model(sdf: Element) -> Element:
-    version = sdf.get("version", "")
-    parts = version.split(".")
-    # Before 1.5 an axis without a frame was meant in the axes of the model.
-    if not all(part.isdecimal() for part in parts) or tuple(map(int, parts)) < (1, 5):
-        raise InvalidModel(f"<sdf> has version {version!r}; 1.5 or later is needed")
-    models = [*sdf.findall("model"), *sdf.findall("world/model")]
-    if len(models) != 1:
-        found = ", ".join(repr(m.get("name")) for m in models) or "no <model>"
-        included = _includes([*sdf.findall("include"), *sdf.findall("world/include")])
-        found += f", but{included}" if included else ""
-        raise InvalidModel(f"the file has {found}; exactly one <model> is needed")
-    if models[0].get("placement_frame"):
-        raise InvalidModel("<model> has a placement_frame, which is not supported; write its pose")
-    nested = models[0].find("model")
-    if nested is not None:
-        raise InvalidModel(
-            f"{label(models[0])}: {label(nested)} in it is not followed; write its links and "
-            "joints out in the model around it"
-        )
-    included = _includes(models[0].findall("include"))
-    if included:
-        raise InvalidModel(
-            f"{label(models[0])} has{included}, which is not followed; write out what is included"
-        )
-    return models[0]
+def _roots(chosen: Chosen, parts: Mapping[str, Part]) -> list[Element]:
+    """Return the model and those that it includes, each once, however often it is included."""
+    included = [p.model.model for p in parts.values() if p.element.tag == "include"]
+    return list({id(model): model for model in (chosen.model.model, *included)}.values())
 
 
-def _includes(elements: Sequence[Element]) -> str:
-    """Return how errors list what a file includes."""
-    uris = [repr((element.findtext("uri") or "").strip()) for element in elements]
-    return f" <include> {', '.join(uris)}" if uris else ""
+def _unread(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:
+    """Say which elements are not read, of the world and of the models."""
+    read = Element("read")
+    read.extend([e for e in chosen.world if e.tag not in (*_OF_WORLD, *_changing("world"))])
+    read.extend(_roots(chosen, parts))
+    elements = {tag: (*known, *_changing(tag)) for tag, known in _READ.items()}
+    yield from not_read(read, elements)
+    if idle := [_named(p) for p in _plugins(chosen, parts) if not _DRIVES.search(_file(p))]:
+        yield f"plugins: {quoted(idle)}"
 
 
-def _inertia(element: Element, name: str, poses: Mapping[str, Any]) -> Any | None:
-    """Return the inertia of a link in its own frame; None if the file gives none."""
+def _changing(tag: str) -> Iterable[str]:
+    """Return the elements below one that `_CHANGES` looks into."""
+    return (path.partition("/")[0] for path in _CHANGES.get(tag, ()))
+
+
+def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:
+    """Say what changes the motion and is not modelled, and where it is."""
+    places = [(chosen.world.get("name", ""), chosen.world), (chosen.model.name, chosen.model.model)]
+    places += [(name, part.model.model if is_model(part) else part.element)
+               for name, part in parts.items()]  # fmt: skip
+    found: dict[str, list[str]] = defaultdict(list)
+    for name, element in places:
+        for path, what in _CHANGES.get(element.tag, {}).items():
+            if any(_says(said) for said in element.findall(path)):
+                found[what].append(name)
+    if driving := [_named(p) for p in _plugins(chosen, parts) if _DRIVES.search(_file(p))]:
+        found["plugins that may drive it or push"] = driving
+    for what, names in found.items():
+        yield f"{what}: {quoted(dict.fromkeys(names))}"
+
+
+def _says(element: Element) -> bool:
+    """Whether an element says something other than zero or no."""
+    return len(element) > 0 or any(
+        word.lower() != "false" and word.strip("+-0.") != ""
+        for word in (element.text or "").split()
+    )
+
+
+def _plugins(chosen: Chosen, parts: Mapping[str, Part]) -> list[Element]:
+    owners = [chosen.world, chosen.model.model, chosen.model.owner]
+    owners += [e for p in parts.values() if is_model(p) for e in (p.element, p.model.model)]
+    plugins = [plugin for owner in owners for plugin in owner.findall("plugin")]
+    return list({id(plugin): plugin for plugin in plugins}.values())
+
+
+def _named(plugin: Element) -> str:
+    return plugin.get("name", "") or plugin.get("filename", "")
+
+
+def _file(plugin: Element) -> str:
+    return f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
+
+
+def _link(
+    part: Part, name: str, poses: Mapping[str, Any], defaults: Mapping[str, list[str]]
+) -> Link:
+    """Return a link with its inertia in its own frame; the format fills in what is left out."""
+    element = part.element
+    weighs = flag(element, "gravity", "true")
     inertial = find(element, "inertial")
-    if inertial is None:
-        return None
-    if inertial.get("auto", "false") not in ("false", "0"):
+    if inertial is not None and truth(inertial.get("auto", "false"), f"{label(element)}: auto"):
         raise InvalidModel(f"{label(element)}: <inertial auto>; write its mass and inertia out")
-    mass = _number(element, "inertial/mass")
-    moments = (_number(element, f"inertial/inertia/i{ab}") for ab in ("xx", "yy", "zz"))
+    for path, value in (("mass", "1 kg"), ("inertia", "1 kg m^2 about each axis")):
+        if find(element, f"inertial/{path}") is None:
+            defaults[value].append(name)
+    mass = _number(element, "inertial/mass", 1.0)
+    moments = (_number(element, f"inertial/inertia/i{ab}", 1.0) for ab in ("xx", "yy", "zz"))
     products = (_number(element, f"inertial/inertia/i{ab}", 0.0) for ab in ("xy", "xz", "yz"))
     inertia = tensor(*moments, *products)
     smallest, _, largest = np.linalg.eigvalsh(inertia)
@@ -119,20 +195,19 @@ def _inertia(element: Element, name: str, poses: Mapping[str, Any]) -> Any | Non
         raise InvalidModel(
             f"{label(element)}: <inertia> has the principal moment {smallest:g}; none may be < 0"
         )
-    linkMc, base = pose_in(element, "inertial/pose")
+    linkMc, base = part.pose("inertial/pose")
     if base not in ("", name):
         linkMc = poses[name].actInv(pose_of(base, poses, element) * linkMc)
     R = linkMc.rotation
     Y = pin.Inertia(mass, linkMc.translation, np.eye(3))
     Y.inertia = R @ inertia @ R.T  # the constructor refuses a moment that is zero but for rounding
-    return Y
+    return Link(name, poses[name], Y, weighs=weighs)
 
 
-def _joint(
-    element: Element, name: str, poses: Mapping[str, Any], link_of: Mapping[str, str]
-) -> Joint:
+def _joint(part: Part, name: str, poses: Mapping[str, Any], link_of: Mapping[str, str]) -> Joint:
     """Return the joint that an element describes."""
-    parent, child = (_link(element, end, link_of) for end in ("parent", "child"))
+    element = part.element
+    parent, child = (_end(part, end, link_of) for end in ("parent", "child"))
     if child in (WORLD, parent):
         raise InvalidModel(f"{label(element)}: joins {parent!r} to {child!r}; name another child")
     geared = find(element, "gearbox_reference_body") is not None
@@ -142,32 +217,42 @@ def _joint(
         parent=parent,
         child=child,
         pose=poses[name],
-        axis=_axis(element, "axis", name, poses),
-        axis2=_axis(element, "axis2", name, poses),
-        gear=_gear(element, link_of) if geared else None,
+        axis=_axis(part, "axis", name, poses),
+        axis2=_axis(part, "axis2", name, poses),
+        gear=_gear(part, link_of) if geared else None,
+        pitch=_pitch(element),
     )
 
 
-def _link(element: Element, tag: str, link_of: Mapping[str, str]) -> str:
-    name = word(element, tag)
+def _end(part: Part, tag: str, link_of: Mapping[str, str]) -> str:
+    name = part.word(tag)
     if name not in link_of:
-        raise InvalidModel(f"{label(element)}: <{tag}>: {unknown_name('link', name, link_of)}")
+        known = unknown_name("link", name, link_of)
+        raise InvalidModel(f"{label(part.element)}: <{tag}>: {known}")
     return link_of[name]
 
 
-def _gear(element: Element, link_of: Mapping[str, str]) -> Gear:
-    ratio = _number(element, "gearbox_ratio", 1.0)
+def _gear(part: Part, link_of: Mapping[str, str]) -> Gear:
+    ratio = _number(part.element, "gearbox_ratio", 1.0)
     if ratio == 0:
         raise InvalidModel(
-            f"{label(element)}: <gearbox_ratio> is 0, which holds the child still; "
+            f"{label(part.element)}: <gearbox_ratio> is 0, which holds the child still; "
             "write the ratio, or make its hinge fixed"
         )
-    return Gear(ratio, _link(element, "gearbox_reference_body", link_of))
+    return Gear(ratio, _end(part, "gearbox_reference_body", link_of))
 
 
-def _axis(element: Element, tag: str, name: str, poses: Mapping[str, Any]) -> Axis:
+def _pitch(joint: Element) -> float:
+    """Return the metres per radian of a screw, right-handed; 0 where the file says none."""
+    turns = _number(joint, "screw_thread_pitch", 0.0) / (2 * pi)  # metres in a turn
+    old = _number(joint, "thread_pitch", 0.0)  # radians in a metre, left-handed
+    return turns if turns or not old else -1 / old
+
+
+def _axis(part: Part, tag: str, name: str, poses: Mapping[str, Any]) -> Axis:
+    element = part.element
     axis = Axis(
-        direction=_direction(element, tag, name, poses),
+        direction=_direction(part, tag, name, poses),
         lower=_limit(element, f"{tag}/limit/lower", -inf),
         upper=_limit(element, f"{tag}/limit/upper", inf),
         effort=_bound(element, f"{tag}/limit/effort"),
@@ -176,28 +261,43 @@ def _axis(element: Element, tag: str, name: str, poses: Mapping[str, Any]) -> Ax
         friction=_number(element, f"{tag}/dynamics/friction", 0.0),
         stiffness=_number(element, f"{tag}/dynamics/spring_stiffness", 0.0),
         reference=_number(element, f"{tag}/dynamics/spring_reference", 0.0),
+        mimic=_mimic(part, f"{tag}/mimic"),
     )
     if axis.lower > axis.upper:
         raise InvalidModel(
             f"{label(element)}: <{tag}/limit>: {axis.lower:g} to {axis.upper:g}; exchange them"
         )
+    if axis.friction < 0:
+        raise InvalidModel(f"{label(element)}: <friction> is {axis.friction:g}; none may be < 0")
     return axis
 
 
-def _direction(element: Element, tag: str, name: str, poses: Mapping[str, Any]) -> Array | None:
+def _mimic(part: Part, path: str) -> Mimic | None:
+    mimic = find(part.element, path)
+    if mimic is None:
+        return None
+    leader, axis = part.named(mimic.get("joint", "")), mimic.get("axis", "axis")
+    numbers = (("multiplier", 1.0), ("offset", 0.0), ("reference", 0.0))
+    ratio, offset, zero = (_number(part.element, f"{path}/{key}", x) for key, x in numbers)
+    if ratio == 0:
+        raise InvalidModel(
+            f"{label(part.element)}: <mimic> with the <multiplier> 0 holds it still; make it fixed"
+        )
+    return Mimic(leader, axis, ratio, offset - ratio * zero)
+
+
+def _direction(part: Part, tag: str, name: str, poses: Mapping[str, Any]) -> Array | None:
+    element = part.element
     xyz = find(element, f"{tag}/xyz")
     if xyz is None:
         return None
     axis = floats(xyz.text, 3, f"{label(element)}: <{tag}/xyz>")
     if not axis.any():
         raise InvalidModel(f"{label(element)}: <{tag}/xyz> is zero; give it a direction")
-    flag = find(element, f"{tag}/use_parent_model_frame")
-    in_model = "0" if flag is None else (flag.text or "").strip()
-    if in_model not in ("0", "1", "false", "true"):
-        raise InvalidModel(
-            f"{label(element)}: <{tag}/use_parent_model_frame> is {in_model!r}; write 0 or 1"
-        )
-    frame = xyz.get("expressed_in") or (MODEL if in_model in ("1", "true") else name)
+    in_model = "true" if part.model.axes_of_model else "false"
+    frame = part.named(xyz.get("expressed_in", "")) or (
+        part.home if flag(element, f"{tag}/use_parent_model_frame", in_model) else name
+    )
     if frame != name:
         oRx = pose_of(frame, poses, element).rotation
         axis = poses[name].rotation.T @ (oRx @ axis)
@@ -215,13 +315,9 @@ def _bound(element: Element, path: str) -> float:
     return inf if value < 0 else value  # the format's way to say that it is not enforced
 
 
-def _number(
-    element: Element, path: str, default: float | None = None, *, infinite: bool = False
-) -> float:
+def _number(element: Element, path: str, default: float, *, infinite: bool = False) -> float:
     """Return the one number at a path, or the default where there is no such element."""
     found = find(element, path)
     if found is not None:
         return float(floats(found.text, 1, f"{label(element)}: <{path}>", infinite)[0])
-    if default is None:
-        raise InvalidModel(f"{label(element)}: no <{path}>; one number is needed")
     return default

@@ -15,6 +15,8 @@ With theta_1 the angle from there to its parent about `axis`, and theta_2 the on
 where theta = q if the hinge between the reference link and the other has the same direction and the
 reference link is its parent; each of the two that is the other way round changes the sign.
 
+A joint with <mimic> is a proportion too, with an offset; its two joints stay as they are.
+
 `with_copies` opens loops as Pinocchio's C++ parser does: every joint in the tree, on a copy of its
 child. A link with n parent joints is drawn n times, with m/n and I/n each. The first joint of the
 file carries the link itself, every other one a copy that is welded to it by 6 rows: a joint that
@@ -32,6 +34,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.names import quoted
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidModel, unknown_name
@@ -39,12 +42,12 @@ from condyn_pin.io.sdf_types import NO_AXIS, Axis, Gear, Joint, Link, SdfModel
 
 # The degrees of freedom that each type leaves, as far as the tree is concerned.
 FREEDOM: Final[Mapping[str, int]] = {
-    "fixed": 0, "revolute": 1, "continuous": 1, "prismatic": 1, "ball": 3,
+    "fixed": 0, "revolute": 1, "continuous": 1, "prismatic": 1, "screw": 1, "ball": 3,
 }  # fmt: skip
 _SERIES: Final = ("universal", "revolute2")
 KINDS: Final = (*FREEDOM, *_SERIES, "gearbox")
 _NEEDED: Final[Mapping[str, tuple[str, ...]]] = {
-    "revolute": ("axis",), "continuous": ("axis",), "prismatic": ("axis",),
+    **dict.fromkeys(("revolute", "continuous", "prismatic", "screw"), ("axis",)),
     "universal": ("axis", "axis2"), "revolute2": ("axis", "axis2"), "gearbox": ("axis", "axis2"),
 }  # fmt: skip
 
@@ -88,6 +91,11 @@ def _check(joint: Joint) -> None:
             f"joint {joint.name!r} is a gearbox and has no <gearbox_reference_body>; name the link "
             "from which both of its angles are measured"
         )
+    if joint.kind == "screw" and joint.pitch == 0:
+        raise InvalidModel(
+            f"joint {joint.name!r} is a screw and has no <screw_thread_pitch> [m per turn]; write "
+            "one other than zero"
+        )
     if joint.kind in _SERIES:
         a, b = np.asarray(joint.axis.direction), np.asarray(joint.axis2.direction)
         sine = np.linalg.norm(np.cross(a, b))
@@ -121,6 +129,34 @@ def in_series(
         hinges.append(replace(hinge, name=first, child=cross))
         hinges.append(replace(hinge, name=second, parent=cross, axis=joint.axis2))
     return (*links, *crosses), tuple(hinges)
+
+
+def mimics_of(joints: Sequence[Joint]) -> tuple[Coupling, ...]:
+    """Return the couplings q = multiplier (q_leader - reference) + offset of joints that mimic."""
+    led = {joint.name: joint.axis.mimic for joint in joints if joint.axis.mimic is not None}
+    scalar = [joint.name for joint in joints if joint.has_axis]
+    couplings = []
+    for name, mimic in led.items():
+        leader = mimic.leader if mimic.axis == "axis" else ""
+        if leader not in scalar:
+            leader = f"{mimic.leader}_{mimic.axis}"  # of a universal joint
+        for role, who in (("it", name), (f"{mimic.leader!r} by its {mimic.axis!r}", leader)):
+            if who not in scalar:
+                raise InvalidModel(
+                    f"joint {name!r} mimics {mimic.leader!r}, and {role} is no hinge, slider or "
+                    "screw of the model; take <mimic> out, or leave the joint out with drop"
+                )
+        couplings.append(Coupling(name, leader, mimic.ratio, mimic.offset))
+    leaders = {coupling.joint_a: coupling.joint_b for coupling in couplings}
+    for start in leaders:
+        way = [start]
+        while (after := leaders.get(way[-1], "")) and after not in way:
+            way.append(after)
+        if after == start:
+            raise InvalidModel(
+                f"the joints {quoted(way)} mimic each other in a circle; let one of them lead"
+            )
+    return tuple(couplings)
 
 
 def coupling_of(gearbox: Joint, joints: Sequence[Joint]) -> Coupling:

@@ -21,7 +21,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
+from condyn_pin._core._pin import dry_friction, pin, set_dry_friction
 from condyn_pin.constraints.constraint_fields import Axis
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel
@@ -90,6 +90,10 @@ class SdfTree(Tree):
         frames = self.model.frames
         return bool(frames[first].parentJoint != frames[second].parentJoint)
 
+    def moves(self, link: str) -> bool:
+        """Whether a link can move."""
+        return bool(self.model.frames[self._frames[link]].parentJoint)
+
     def close(self, joint: Joint) -> Loop:
         """Add the two frames of a cut joint, and return what closes it."""
         oMj = joint.pose
@@ -116,17 +120,27 @@ class SdfTree(Tree):
         if joint.kind == "ball":
             made = pin.JointModelSpherical()
         else:
-            made = one_coordinate(axis.direction, hinge=joint.kind != "prismatic")
+            if joint.kind == "screw":
+                made = pin.JointModelHelicalUnaligned(np.asarray(axis.direction), joint.pitch)
+            else:
+                made = one_coordinate(axis.direction, hinge=joint.kind != "prismatic")
             bounded = joint.kind != "continuous"
             bounds = (axis.lower, axis.upper) if bounded else (-inf, inf)
             limits = [axis.effort, axis.velocity, *bounds]
-        return self.add_joint(carrier, made, iMj, joint.name, limits=limits, damping=axis.damping)
+        i = self.add_joint(carrier, made, iMj, joint.name, limits=limits, damping=axis.damping)
+        first = self.model.joints[i].idx_v
+        friction = dry_friction(self.model)
+        friction[first:] = axis.friction
+        set_dry_friction(self.model, friction)
+        return i
 
     def _carry(self, link: str, carrier: int, before: int, iMlink: Any) -> None:
         inertia, massless = self._links[link].inertia, self._links[link].massless
-        if carrier and not massless and (inertia is None or inertia.mass <= 0):
-            has = "no <inertial>" if inertia is None else f"the mass {inertia.mass:g} kg"
-            raise InvalidModel(f"link {link!r} moves and has {has}; give it a mass > 0")
+        if carrier and not massless and inertia is not None and inertia.mass <= 0:
+            mass = inertia.mass
+            raise InvalidModel(
+                f"link {link!r} moves and has the mass {mass:g} kg; give it a mass > 0"
+            )
         self._frames[link] = self.add_frame(link, carrier, iMlink, "BODY", inertia, before)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Any, Final
@@ -18,8 +18,19 @@ class Link:
 
     name: str
     pose: Any  # oMlink
-    inertia: Any | None  # in the link's frame; None if the file gives none
+    inertia: Any | None  # in the link's frame; None for a cross
     massless: bool = False
+    weighs: bool = True
+
+
+@dataclass(frozen=True)
+class Mimic:
+    """What an axis of a joint follows: q = ratio q_leader + offset."""
+
+    leader: str
+    axis: str  # axis or axis2
+    ratio: float
+    offset: float  # [rad or m]
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,6 +46,7 @@ class Axis:
     friction: float = 0.0  # [N m or N]
     stiffness: float = 0.0  # of its spring [N m/rad or N/m]
     reference: float = 0.0  # where the spring rests [rad or m]
+    mimic: Mimic | None = None
 
 
 NO_AXIS: Final = Axis()
@@ -60,17 +72,18 @@ class Joint:
     axis: Axis
     axis2: Axis  # of a universal joint or a gearbox
     gear: Gear | None  # of a gearbox
+    pitch: float = 0.0  # of a screw, right-handed [m/rad]
 
     @property
     def has_axis(self) -> bool:
-        """Whether it is a hinge or a slider: one coordinate, about or along the axis."""
-        return self.kind in ("revolute", "continuous", "prismatic")
+        """Whether it is a hinge, a slider or a screw: one coordinate, about or along the axis."""
+        return self.kind in ("revolute", "continuous", "prismatic", "screw")
 
     def reversed(self) -> Joint:
         """Return the same joint from child to parent.
 
-        R(-a, q) = R(a, q)⁻¹: a hinge or a slider about the opposite axis keeps its coordinate q,
-        and with it limits, spring and damping. The quaternion of a ball becomes its inverse.
+        R(-a, q) = R(a, q)⁻¹: a hinge, slider or screw about the opposite axis keeps its coordinate
+        q, and with it limits, spring and damping. The quaternion of a ball becomes its inverse.
         """
         axis = self.axis
         if axis.direction is not None:
@@ -80,11 +93,14 @@ class Joint:
 
 @dataclass(frozen=True)
 class SdfModel:
-    """The one model of a file, its links and joints in the order of the file."""
+    """The model of a file, its links and joints in the order of the file."""
 
     name: str
     pose: Any  # wMo, the model frame in the world
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     frames: Mapping[str, tuple[str, Any]]  # the link that carries each, and its pose in the model
+    gravity: Array | None  # [m/s^2]
+    defaults: Mapping[str, Sequence[str]]  # inertias that the file leaves out, with their links
     unread: tuple[str, ...]  # sentences
+    unmodelled: tuple[str, ...]  # sentences

@@ -17,7 +17,10 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin.errors import InvalidModel
 from condyn_pin.io.mjcf_geoms import geoms_of
+from condyn_pin.io.sdf_graph import links_in
+from condyn_pin.io.sdf_world import pose_in
 from condyn_pin.io.shape import BODY, Colour, Shape
 from condyn_pin.io.xml import open_xml
 
@@ -50,12 +53,18 @@ def shapes_of(
     }
     shapes: list[Shape] = []
     missing: list[str] = []
-    for link in root.iter("link"):
+    links = [(link.get("name", ""), link, path) for link in root.iter("link")]
+    if path.suffix == ".sdf":
+        try:
+            links = links_in(path)
+        except InvalidModel as error:  # several models move: `Robot` does not say which it is
+            return (), (f"shapes are not drawn: {error}",)
+    for name, link, file in links:
         for visual in link.findall(element):
             try:
-                shapes.append(_shape(path, link.get("name", ""), visual, colours))
+                shapes.append(_shape(file, name, visual, colours))
             except (ValueError, TypeError, OSError) as error:
-                missing.append(f"link {link.get('name')!r} is not drawn whole: {error}")
+                missing.append(f"link {name!r} is not drawn whole: {error}")
     return tuple(shapes), tuple(missing)
 
 
@@ -89,11 +98,11 @@ def _shape(path: Path, link: str, visual: Element, colours: dict[str | None, Col
 
 def _placement(visual: Element) -> Any:
     """Return the placement of a <visual>: URDF writes <origin>, SDF <pose>."""
-    origin, pose = visual.find("origin"), _numbers(visual.findtext("pose"), (0.0,) * 6)
-    if origin is not None:
-        still = (0.0, 0.0, 0.0)
-        pose = _numbers(origin.get("xyz"), still) + _numbers(origin.get("rpy"), still)
-    return pin.SE3(pin.rpy.rpyToMatrix(*pose[3:6]), np.array(pose[:3]))
+    origin, still = visual.find("origin"), (0.0, 0.0, 0.0)
+    if origin is None:
+        return pose_in(visual)[0]
+    xyz, rpy = (_numbers(origin.get(key), still) for key in ("xyz", "rpy"))
+    return pin.SE3(pin.rpy.rpyToMatrix(*rpy[:3]), np.array(xyz[:3]))
 
 
 def _colour(material: Element) -> Colour:
