@@ -225,8 +225,8 @@ def _unused(scene: Scene) -> Iterator[str]:
 
 def _notes(scene: Scene, at: Rank) -> Iterator[str]:
     yield from at.notes
-    if rows := [text for text in scene.robot.unmodelled if text.startswith("equality ")]:
-        yield f"rows of the file are missing, and this is another mechanism: {'; '.join(rows)}"
+    if lost := [text for text in scene.robot.unmodelled if text.startswith("equality ")]:
+        yield f"rows of the file are missing, and this is another mechanism: {'; '.join(lost)}"
     if at.condition > _ILL_CONDITIONED:
         yield (
             f"M has a condition number of {at.condition:.0e}: look for bodies of next to no "
