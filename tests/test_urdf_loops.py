@@ -85,6 +85,8 @@ def test_hinges_of_loops(how):
     robot = bars(CLOSED[how])
     (loop,) = robot.loops
     assert (loop.name, loop.kind) == ("c", "hinge")
+    drawn = cp.Scene(robot, robot.loops).check(np.zeros(3), np.zeros(3)).violation["c"]
+    assert drawn.size < 1e-12
     assert_same_motion(cp.Scene(robot, robot.loops), by_hand("hinge", "y"))
 
 
