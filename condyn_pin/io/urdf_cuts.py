@@ -113,7 +113,11 @@ def _by_two_origins(element: Element) -> Cut:
     if axis is not None and axis.get("frame") == "parent" and one is not None:
         turn = pin.SE3(one.rotation.T, np.zeros(3)) * turn  # the axis is in the link, not in one
     one = None if one is None else one * turn
-    two = two if two is None or (other is None and one is not None) else two * along(axis if other is None else other)
+    two = (
+        two
+        if two is None or (other is None and one is not None)
+        else two * along(axis if other is None else other)
+    )
     return _cut(element, links, one, two, oriented=one is None or other is not None)
 
 

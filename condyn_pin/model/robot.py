@@ -173,8 +173,8 @@ class Robot:
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Names of the frames that constraints can use; a joint is a frame of its name, too."""
-        return tuple(dict.fromkeys((*(f.name for f in self.model.frames), *self.joints)))
+        """Names of the frames that constraints can use, beside those of joints."""
+        return tuple(dict.fromkeys(frame.name for frame in self.model.frames))
 
     @property
     def joints(self) -> tuple[str, ...]:

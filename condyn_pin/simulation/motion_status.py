@@ -221,7 +221,7 @@ def unbalanced(course: Course) -> str:
     energy, limit = course.energy, course.limits.energy
     rest, scale = unexplained(course), energy.scale
     if _is_of_first_order(course.integrator):
-        rest, lost = np.maximum(rest - _of_a_step(course), 0.0), np.ptp(energy.springs)
+        rest, lost = np.maximum(rest - of_a_step(course), 0.0), np.ptp(energy.springs)
         rest = np.where(energy.error < 0.0, np.maximum(rest - lost, 0.0), rest)
     most = float(rest.max(initial=0.0))
     moving = _OF_KINETIC * float(energy.kinetic.max(initial=0.0))
@@ -261,12 +261,12 @@ def unexplained(course: Course) -> Array:
     return np.asarray(np.where(rest < 0.0, 0.0, rest))
 
 
-def _of_a_step(course: Course) -> float:
+def of_a_step(course: Course) -> float:
     """Energy [J] that gravity and torques exchange in one step, by schemes of first order.
 
     They are half a step late or early: m g v dt / 2 of a free fall, a share of 1 / k after k steps.
     """
-    if len(course.t) < 2:
+    if not _is_of_first_order(course.integrator) or len(course.t) < 2:
         return 0.0
     spans = np.diff(course.t)
     by_each = [np.abs(np.diff(part)) for part in (course.energy.potential, course.energy.work)]

@@ -36,6 +36,7 @@ from condyn_pin.simulation.motion_status import (
     LARGER,
     energy_cure,
     left_open,
+    of_a_step,
     opening_cure,
     smallest_energy,
     unbalanced,
@@ -110,6 +111,8 @@ def _energy(trajectory: Trajectory) -> list[str]:
     """Return sentences on energy that no work accounts for, and on what steps added."""
     course, energy, said = trajectory.course, trajectory.energy, []
     rest, least, scale = unexplained(course), smallest_energy(course), energy.scale
+    if not energy.passed > least:  # half a step late, energy is not lost
+        rest = np.maximum(rest - 0.5 * of_a_step(course), 0.0)
     most, share = float(rest.max(initial=0.0)), tolerances.BALANCED
     # of what went in or out, unless that is next to nothing beside what went to and fro
     limit = max(least, share * max(min(energy.passed, scale), _LITTLE * scale))
