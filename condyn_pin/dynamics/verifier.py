@@ -108,10 +108,10 @@ class Verifier:
         left, sizes = left or self._left_out(q), nominal.redundancy
         if max(left.doubt, sizes.blurred(left, v, a, nominal.gravity)) >= tolerances.DOUBT:
             return False
-        # of M the nominal one is near enough
+        # of M the nominal one is near enough; light bodies change by up to six times these sizes
         pull = nominal.factors.solve_mass(equations.jacobian(q).T @ lam)
         rate = equations.gaps(q, v)[1]
-        if sizes.changes(left, v, a, pull, rate, nominal.gravity) < tolerances.DOUBT:
+        if sizes.changes(left, v, a, pull, rate, nominal.gravity) < tolerances.DOUBT / 10:
             return True
         if self._closed is None:
             self._closed = Equations(self._workspace.model, self._scene.bounds)
