@@ -13,7 +13,7 @@ from condyn_pin._core._pin import pin
 
 sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
 
-import noise
+import noise as noisy
 
 
 def flat_parallelogram(kind: str) -> cp.Scene:
@@ -138,7 +138,7 @@ ONCE_WRONG = [("flat", 708412872, 414089585), ("spherical", 1982913370, 28630370
 
 @pytest.mark.parametrize(("name", "machine", "state"), ONCE_WRONG)
 def test_states_that_were_wrong_once_are_right_or_told(name: str, machine: int, state: int) -> None:
-    scene, q = noise.DRAWN[name](np.random.default_rng(machine))
+    scene, q = noisy.DRAWN[name](np.random.default_rng(machine))
     solvers = [kind() for name, kind in cp.dynamics.SOLVERS.items() if name != "soft"]
-    judge, rng = noise.Judge(scene, q), np.random.default_rng(state)
-    assert not noise._one(scene, judge, q, rng, solvers, name).startswith("wrong")
+    judge, rng = noisy.Judge(scene, q), np.random.default_rng(state)
+    assert not noisy._one(scene, judge, q, rng, solvers, name).startswith("wrong")
