@@ -140,6 +140,21 @@ def test_damping_of_a_joint_that_is_cut_is_not_modelled():
     assert "changes the motion, and is not modelled" in robot._repr_html_()
 
 
+GAZEBO = (
+    '<gazebo reference="crank"><turnGravityOff>true</turnGravityOff><mu1>0.3</mu1></gazebo>'
+    '<gazebo reference="rocker"><springStiffness>3</springStiffness></gazebo>'
+)
+
+
+def test_what_gazebo_adds_to_the_motion_is_not_modelled():
+    with pytest.warns(UnmodelledWarning, match="turnGravityOff"):
+        robot = bars(GAZEBO)
+    assert robot.unmodelled == (
+        "<turnGravityOff> of <gazebo> (crank)", "<springStiffness> of <gazebo> (rocker)",
+    )  # fmt: skip
+    assert bars(GAZEBO.replace("true", "false").replace(">3<", ">0<")).unmodelled == ()
+
+
 # Planes -------------------------------------------------------------------------------------------
 
 PLANE = (

@@ -83,7 +83,7 @@ def _robot(robot: ET.Element, beside: Beside, root_joint: str, mimic: bool) -> D
             *unused(tree, copy, coupled=mimic, cuts=named),
             *beside.unused(),
         ),
-        unmodelled=tuple(unmodelled(past_the_tree)),
+        unmodelled=tuple(unmodelled(tree, past_the_tree)),
         actuated=beside.motors,
         name=robot.attrib["name"],
     )

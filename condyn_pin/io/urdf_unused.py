@@ -15,10 +15,18 @@ from condyn_pin.io.xml import not_read
 
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
+# What <gazebo> says of a link, a joint or all of it, and the texts that mean nothing.
+_OF_GAZEBO: Final = (
+    "turnGravityOff", "gravity", "static", "springStiffness", "springReference", "dampingFactor",
+)  # fmt: skip
+_NOTHING: Final[Mapping[str, Sequence[str]]] = {
+    **dict.fromkeys(_OF_GAZEBO, ("0", "0.0", "false")), "gravity": ("1", "true")
+}  # fmt: skip
+
 # What is read: the elements below each one, and its attributes. All else is counted.
 _ELEMENTS: Final[Mapping[str, Sequence[str]]] = {
     "robot": ("link", "joint", "loop_joint", "constraint", "gazebo"),
-    "gazebo": ("joint",),
+    "gazebo": ("joint", *_OF_GAZEBO),
     "link": ("inertial", "visual"),  # view draws the latter
     "inertial": ("origin", "mass", "inertia"),
     "joint": ("origin", "parent", "child", "axis", "limit", "dynamics", "mimic"),
@@ -27,7 +35,7 @@ _ELEMENTS: Final[Mapping[str, Sequence[str]]] = {
 }
 _ATTRIBUTES: Final[Mapping[str, Sequence[str]]] = {
     "robot": ("name", "version"),
-    "gazebo": (),
+    "gazebo": ("reference",),
     "link": ("name",),
     "inertial": (),
     "mass": ("value",),
@@ -81,8 +89,16 @@ def unused(robot: Element, copy: Element, *, coupled: bool, cuts: Sequence[Loop]
     yield from doubts(_bodies(copy))
 
 
-def unmodelled(past_the_tree: Iterable[Element]) -> Iterator[str]:
-    """Say what of joints at which loops are cut changes the motion, and is not in the model."""
+def unmodelled(robot: Element, past_the_tree: Iterable[Element]) -> Iterator[str]:
+    """Say what changes the motion, and is not in the model: Gazebo's, and of joints cut."""
+    for tag in _OF_GAZEBO:
+        where = [
+            gazebo.get("reference", "the robot")
+            for gazebo in robot.findall("gazebo")
+            if (said := gazebo.findtext(tag)) and said.strip().lower() not in _NOTHING[tag]
+        ]
+        if where:
+            yield f"<{tag}> of <gazebo> ({few(where)})"
     for joint in past_the_tree:
         dynamics = joint.find("dynamics")
         lost = [] if dynamics is None else [k for k in dynamics.attrib if float(dynamics.attrib[k])]
