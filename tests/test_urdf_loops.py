@@ -271,3 +271,39 @@ def test_rotors_that_are_not_in_the_inertia_are_said():
     assert "rotors (j)" in said
     model.armature = np.array([1.0])
     assert cp.Scene(cp.Robot("motor", model)).summary().unmodelled == ()
+
+
+def test_models_in_any_order_are_put_in_order():
+    """Two arms, joint by joint in turn, with frames, limits and a reference configuration."""
+    rng, mixed = np.random.default_rng(0), pin.Model()
+    ends = [0, 0]
+    for k in range(6):
+        place = pin.SE3(pin.rpy.rpyToMatrix(*rng.normal(size=3)), rng.normal(size=3))
+        made = (pin.JointModelRX(), pin.JointModelSpherical(), pin.JointModelPZ())[k % 3]
+        ends[k % 2] = mixed.addJoint(ends[k % 2], made, place, f"joint {k}")
+        body = pin.Inertia.Random()
+        mixed.appendBodyToJoint(ends[k % 2], body, pin.SE3.Identity())
+        mixed.addFrame(pin.Frame(f"f{k}", ends[k % 2], 0, place, pin.FrameType.OP_FRAME))
+    mixed.armature = rng.uniform(0.1, 1.0, size=mixed.nv)
+    mixed.referenceConfigurations["posed"] = pin.randomConfiguration(
+        mixed, -np.ones(mixed.nq), np.ones(mixed.nq)
+    )
+    with pytest.raises(cp.errors.InvalidModel, match="depth_first"):
+        cp.Robot("mixed", mixed)
+    ordered, of_q, of_v = cp.model.depth_first(mixed)
+    robot = cp.Robot("ordered", ordered)
+    q = mixed.referenceConfigurations["posed"]
+    assert np.array_equal(ordered.referenceConfigurations["posed"], q[of_q])
+    assert np.array_equal(ordered.armature, np.array(mixed.armature)[of_v])
+    data = mixed.createData()
+    pin.framesForwardKinematics(mixed, data, q)
+    for k in range(6):
+        wanted = data.oMf[mixed.getFrameId(f"f{k}")]
+        assert np.allclose(robot.frame_pose(q[of_q], f"f{k}"), wanted, rtol=0, atol=1e-12)
+    v, a = rng.normal(size=(2, mixed.nv))
+    torque = pin.rnea(mixed, data, q, v, a)  # which does not need the order
+    assert np.allclose(
+        pin.rnea(ordered, ordered.createData(), q[of_q], v[of_v], a[of_v]), torque[of_v], atol=1e-9
+    )
+    with pytest.raises(cp.errors.InvalidArgument, match="a pinocchio"):
+        cp.model.depth_first("mixed")

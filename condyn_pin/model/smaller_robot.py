@@ -8,7 +8,7 @@ cuts nothing off.
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import replace
 from typing import Any, TypeVar
 
@@ -16,11 +16,11 @@ import numpy as np
 
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.joints import indices
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.errors import UnknownName
+from condyn_pin.errors import InvalidArgument, UnknownName
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.spring import SpringDamper
 
@@ -107,7 +107,7 @@ def free_flyers(robot: Robot) -> tuple[str, ...]:
 
 
 def smaller_tree(model: Any, joints: Collection[str], q: Array, *, cut: bool = False) -> Any:
-    """Return a model without some joints, every other number of it kept.
+    """Return a model without some joints, the others depth-first, every other number of it kept.
 
     Parameters
     ----------
@@ -126,15 +126,16 @@ def smaller_tree(model: Any, joints: Collection[str], q: Array, *, cut: bool = F
     small.inertias[0] = pin.Inertia(model.inertias[0])
     data = whole_data(model)
     pin.forwardKinematics(model, data, q)
-    carriers = [(0, pin.SE3.Identity())]  # joint of the small tree, and the old joint's place on it
-    for i in range(1, model.njoints):
+    # joint of the small tree, and the old joint's place on it
+    carriers = [(0, pin.SE3.Identity())] * model.njoints
+    for i in _depth_first(model):
         carrier, placement = carriers[model.parents[i]]
         if model.names[i] in joints:
-            carriers.append((carrier, placement * data.liMi[i]))
+            carriers[i] = carrier, placement * data.liMi[i]
         else:
             on_carrier = placement * model.jointPlacements[i]
             number = small.addJoint(carrier, model.joints[i], on_carrier, model.names[i])
-            carriers.append((number, pin.SE3.Identity()))
+            carriers[i] = number, pin.SE3.Identity()
         if not (cut and model.names[i] in joints):
             small.appendBodyToJoint(carriers[i][0], model.inertias[i], carriers[i][1])
     _copy_frames(model, small, carriers, joints, cut)
@@ -144,6 +145,46 @@ def smaller_tree(model: Any, joints: Collection[str], q: Array, *, cut: bool = F
     for entry in model.referenceConfigurations:
         small.referenceConfigurations[entry.key()] = np.array(entry.data())[index_q]
     return small
+
+
+def depth_first(model: Any) -> tuple[Any, Indices, Indices]:
+    """Return a model whose joints are in the order that Pinocchio's algorithms need.
+
+    The children of a joint come before its siblings.
+
+    Parameters
+    ----------
+    model : pin.Model
+        With joints in any order.
+
+    Returns
+    -------
+    model : pin.Model
+        The same machine.
+    index_q, index_v : (nq,), (nv,) array of int
+        ``q[index_q]`` and ``v[index_v]`` are those of it, for q and v of the given model.
+
+    Raises
+    ------
+    InvalidArgument
+        If it is no model.
+    """
+    if not isinstance(model, pin.Model):
+        raise InvalidArgument(f"model = {type(model).__name__}: a pinocchio.Model is needed")
+    ordered = smaller_tree(model, (), np.array(pin.neutral(model)))
+    return ordered, *indices(model, list(ordered.names)[1:])
+
+
+def _depth_first(model: Any) -> Iterator[int]:
+    """Yield all joints, each before what it carries, and that before what is beside it."""
+    children = [list[int]() for _ in range(model.njoints)]
+    for i in range(model.njoints - 1, 0, -1):
+        children[model.parents[i]].append(i)
+    waiting = children[0]
+    while waiting:
+        i = waiting.pop()
+        yield i
+        waiting += children[i]
 
 
 def _copy_frames(

@@ -40,7 +40,7 @@ def check_model(model: Any) -> None:
     if not (data.is_sound() if isinstance(data, Forest) else model.check(data)):
         raise InvalidModel(
             "the joints were not added depth-first, and Pinocchio's crba is silently wrong on "
-            "such a model; add the children of a joint before its siblings"
+            "such a model; condyn_pin.model.depth_first(model) puts them in order"
         )
     _check_bodies(model)
     _check_mass_matrix(model, data)
