@@ -279,6 +279,19 @@ def test_stick_and_slip_in_closed_form():
     assert near[3] == pytest.approx(1e-2, rel=0.1)
 
 
+@pytest.mark.parametrize("route", [ActiveSet(), cp.simulation.EventLocated()])
+def test_corners_that_strike_at_once_have_slopes_of_one_way_and_a_sentence(route):
+    half = cp.constraints.Box(0.1, 0.1, 0.05)
+    floor = cp.constraints.FrictionalContact("box", half, friction=0.3, restitution=0.5)
+    scene = cp.Scene(cp.model.free_box(size=(0.2, 0.2, 0.1)), contacts=[floor])
+    q, v = np.array([0, 0, 0.0505, 0, 0, 0, 1.0]), np.array([0.5, 0, -1.0, 0, 0, 0])
+    q[2] -= 0.0005 * isinstance(route, ActiveSet)  # it does not look for the landing
+    of = cp.step(scene, q, v, dt=1e-3, integrator=cp.Moreau()).derivatives(route=route)
+    assert of.one_sided
+    assert [note.kind for note in of.notes] == ["strike"]
+    assert "strike at once" in of.notices[0]
+
+
 def test_what_is_about_to_slip_is_one_sided():
     assert pushed(0.5 * (9.81 + 0.2 * 1e-6 / 1e-4), ActiveSet()).one_sided
     assert not pushed(3.0, ActiveSet()).one_sided

@@ -172,6 +172,8 @@ class LinearSteps:
             if not alongs:
                 alongs.append(np.zeros_like(dv1))
             after = next_path(posed, alongs[-1], dv1)
+        if notes:
+            found = found._replace(margin=0.0)
         self.system.at(t + self.dt)  # where loops are closed behind the step
         q1, v1, dq, dv = moved(self, posed, v1, dv1)
         chain = self._starts.chain(t, q, v, taken.posed)

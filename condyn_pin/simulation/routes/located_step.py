@@ -16,6 +16,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import difference
 from condyn_pin.contact.modes import OPEN, SLIDE, STICK, InModes, Modes
 from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.simulation.remarks import Note
 from condyn_pin.simulation.routes.active_set import ActiveSet
 from condyn_pin.simulation.routes.base import Route
 from condyn_pin.simulation.routes.landings import RESTS, TOUCHES, Cut, HeldSteps, Landings
@@ -56,19 +57,21 @@ class LocatedStep:
         columns, n, landings = self._steps.columns, len(v), self._landings
         dq, dv, done, ds = columns.empty(), columns.empty(), 0.0, np.zeros(columns.size)
         dq[:, columns.q], dv[:, columns.v] = np.eye(n), np.eye(n)
-        modes, none, v0 = dict[str, str](), np.zeros(n), v
+        modes, none, v0, notes = dict[str, str](), np.zeros(n), v, dict[Note, None]()
         margin = self._from_landing(q, v)
         while done < self._dt:
             struck = landings.struck(q, v)
             if struck is not None:
                 impact = self._impact(struck).end(t + done, q, v, self._law)
                 modes, margin = self._joined(modes, margin, impact)
+                notes |= dict.fromkeys(impact.notes)
                 late = np.zeros(n), self._struck_late(impact, t + done)
                 q, v, (dq, dv) = impact.q, impact.v, _composed(impact, dq, dv, late, ds)
             cut = landings.next(t, done, q, v)
             flow = self._made(cut.length, cut.held)
             ended = flow.end(t + done, q, v, self._law)
             modes, margin = self._joined(modes, margin, ended)
+            notes |= dict.fromkeys(ended.notes)
             if cut.held.any():
                 dv = self._settled(ended, t + done, q, v, (dq, dv, ds))
             rate_q, rate_v = none, none
@@ -86,7 +89,7 @@ class LocatedStep:
                 margin = min(margin, self._missed(opening * (self._dt - done), opening))
         self._steps.steps.check_turn(v0, v)
         margin = min(margin, self._from_landing(q, v))
-        return made(route, self._steps, (q, v), (dq, dv), modes, margin)
+        return made(route, self._steps, (q, v), (dq, dv), modes, margin, tuple(notes))
 
     def _joined(
         self, modes: dict[str, str], margin: float, ended: Ended

@@ -181,8 +181,8 @@ def differentiated(route: Route, steps: LinearSteps, ended: Ended) -> StepDeriva
     if not isfinite(ended.dq.sum() + ended.dv.sum()):
         raise SolveFailed(f"{route!r}: the derivatives of this step are not finite", None)
     state, matrices = (ended.q, ended.v), (ended.dq, ended.dv)
-    is_one_sided = ended.notes or (route.is_smooth and _is_at_a_kink(steps, ended.posed))
-    margin = 0.0 if is_one_sided else _margin(steps, ended)
+    is_at_a_kink = route.is_smooth and _is_at_a_kink(steps, ended.posed)
+    margin = 0.0 if is_at_a_kink else _margin(steps, ended)
     return made(route, steps, state, matrices, modes_of(steps, ended), margin, ended.notes)
 
 
