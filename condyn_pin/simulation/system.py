@@ -247,9 +247,8 @@ class System:
 
         Loops of such a file cannot close along those rows.
         """
-        digits = self.equations.digits
-        rounded = digits() if digits else None
-        left = rounded.left_out_by_digits(self.equations.jacobian(q)) if rounded else None
+        equations = self.equations
+        left = equations.left_out_by_digits(equations.jacobian(q)) if equations.digits else None
         return left.kept if left else _as_they_are
 
     def size(self, q: Array) -> float:

@@ -177,6 +177,10 @@ class ConstraintRows:
         if np.abs(c).max(initial=0.0) > tolerances.AJAR:
             found = self.redundancy()
             return found.left_out(J, c) if found else None
+        return self.left_out_by_digits(J)
+
+    def left_out_by_digits(self, J: Array) -> LeftOut | None:
+        """Combinations of rows J that digits of a file alone make count; None without any."""
         rounded = self.digits and self.digits()
         return rounded.left_out_by_digits(J) if rounded else None
 
