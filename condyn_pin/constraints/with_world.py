@@ -10,6 +10,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.rotations import z_along
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.protocols import Machine
@@ -44,8 +45,8 @@ class WithWorld(Constraint, ABC):
 
 def plane(normal: Sequence[float] | Array, height: float | None) -> Any:
     """Return a frame in a plane of the world, z along its normal."""
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), np.array(normal))
-    return pin.SE3(turn.matrix(), (height or 0.0) * np.array(normal))
+    up = np.array(normal)
+    return pin.SE3(z_along(up), (height or 0.0) * up)
 
 
 def shifted(placement: Any, offset: Vector3) -> Any:

@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.parameters import check_count
+from condyn_pin._core.rotations import z_along
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.contact.cone import Cone, Margin, Row
 from condyn_pin.errors import InvalidArgument
@@ -83,7 +83,4 @@ class FrictionCone(Cone):
         """Return T as `Cone.turn`; x and y of a level floor are those of the world."""
         if contact.has_normal:
             return np.broadcast_to(np.eye(3), R.shape)
-        floor = pin.Quaternion.FromTwoVectors(
-            np.array([0.0, 0.0, 1.0]), self.floor_normal(up)
-        ).matrix()
-        return np.asarray(floor.T @ R)
+        return np.asarray(z_along(self.floor_normal(up)).T @ R)

@@ -9,8 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.rotations import z_along
 from condyn_pin.dynamics.force import Sites, upward
 from condyn_pin.errors import InvalidArgument
 
@@ -204,7 +204,7 @@ def level_floor(at: Sites) -> SupportPlane:
 
 def axes_of(normal: Array) -> Array:
     """Return two directions across a normal and itself, row by row; those of the world if level."""
-    return np.array(pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), normal).matrix().T)
+    return z_along(normal).T
 
 
 def convex_hull(points: Array) -> Array:

@@ -22,6 +22,7 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._core._pin import dry_friction, pin, set_dry_friction
+from condyn_pin._core.rotations import z_along
 from condyn_pin.constraints.constraint_fields import Axis
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel
@@ -99,7 +100,7 @@ class SdfTree(Tree):
         oMj = joint.pose
         axis: Axis | None = None
         if joint.has_axis:
-            oMj, axis = oMj * pin.SE3(_z_along(joint.axis.direction), np.zeros(3)), _Z
+            oMj, axis = oMj * pin.SE3(z_along(np.asarray(joint.axis.direction)), np.zeros(3)), _Z
         ends = f"{joint.name}_a", f"{joint.name}_b"
         for name, link in zip(ends, (joint.parent, joint.child), strict=True):
             self.mark(name, link, oMj)
@@ -142,8 +143,3 @@ class SdfTree(Tree):
                 f"link {link!r} moves and has the mass {mass:g} kg; give it a mass > 0"
             )
         self._frames[link] = self.add_frame(link, carrier, iMlink, "BODY", inertia, before)
-
-
-def _z_along(direction: Any) -> Any:
-    """Return the smallest rotation that takes z to a direction."""
-    return pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction).toRotationMatrix()

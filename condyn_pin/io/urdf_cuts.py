@@ -18,6 +18,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.rotations import z_along
 from condyn_pin.constraints.loop import Loop, LoopKind, axis_of
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.urdf_elements import link_at
@@ -161,5 +162,4 @@ def along(axis: Element | None) -> Any:
     xyz = floats(_AXIS if axis is None else axis.get("xyz", _AXIS), 3, "<axis xyz>")
     if not xyz.any():
         raise InvalidModel("<axis xyz> is zero; give it a direction")
-    z = np.array([0.0, 0.0, 1.0])
-    return pin.SE3(pin.Quaternion.FromTwoVectors(z, xyz / np.linalg.norm(xyz)).matrix(), 0 * z)
+    return pin.SE3(z_along(xyz / np.abs(xyz).max()), np.zeros(3))  # squares of small ones are 0

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.rotations import z_along
 from condyn_pin.constraints.contacts.bound import Pair
 from condyn_pin.constraints.contacts.cores import Core, lengths_of
 from condyn_pin.constraints.contacts.meetings import Meetings, meetings
@@ -175,8 +176,8 @@ def _coal_shape(core: Core) -> tuple[Any, Any]:
         corners.extend(core.vertices)
         return coal.Convex.convexHull(corners, True, "Qt"), pin.SE3.Identity()
     (length,), axis = lengths_of(core.vertices[:1] - core.vertices[1:])
-    turned = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), axis[0])
-    return coal.Capsule(core.radius, length), pin.SE3(turned.matrix(), core.vertices.mean(axis=0))
+    at = pin.SE3(z_along(axis[0]), core.vertices.mean(axis=0))
+    return coal.Capsule(core.radius, length), at
 
 
 def pieces_of(pairs: Sequence[Pair]) -> Iterator[tuple[Piece, ...]]:

@@ -11,6 +11,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.rotations import z_along
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
@@ -70,7 +71,7 @@ def _add_frames(model: Any, robot: Robot, ball: Constraint, turn: Array, q: Arra
     chord = pin.exp3(turn / 2) @ np.cross(axis, one.translation)
     moved = 2 * math.sin(angle / 2) * chord
     turned = pin.exp3(turn) @ one.rotation
-    along = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), chord).matrix()
+    along = z_along(chord)
     there = data.oMi[b].rotation.T @ data.oMi[a].rotation
     for name, joint, place, axes in (
         ("second_a", a, one.translation + moved, turned),
