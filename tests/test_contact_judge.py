@@ -7,17 +7,13 @@ chains of solvers, several answers, impulses that are just legal. Each runs in e
 from __future__ import annotations
 
 import json
-import sys
 from pathlib import Path
 
+import contact_judge as judge
 import numpy as np
 import pytest
 
 import condyn_pin as cp
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
-
-import contact_judge as judge
 
 HARD = json.loads((Path(__file__).parent / "hard_states.json").read_text(encoding="utf-8"))
 

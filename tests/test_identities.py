@@ -6,10 +6,9 @@ and on planes (`benchmarks/contact_judge.py`), and robots with loops.
 
 from __future__ import annotations
 
-import sys
 from dataclasses import replace
-from pathlib import Path
 
+import contact_judge as judge
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -20,10 +19,6 @@ from condyn_pin._core._pin import pin
 from condyn_pin.constraints import FrictionalContact, HeldJoint, Plane
 from condyn_pin.model import together
 from condyn_pin.simulation import step_batch
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
-
-import contact_judge as judge
 
 EXACT = cp.StewartTrinkle(contact=cp.contact.SemismoothNewton())
 DT = 1e-3

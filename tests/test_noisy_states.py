@@ -1,8 +1,6 @@
 """States that leave loops a little open: the closed machine's answer to first order, or not ok."""
 
-import sys
-from pathlib import Path
-
+import noise as noisy
 import numpy as np
 import pytest
 from scipy.linalg import null_space
@@ -10,10 +8,6 @@ from shared import axis_of
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-
-sys.path.insert(0, str(Path(__file__).parent.parent / "benchmarks"))
-
-import noise as noisy
 
 
 def flat_parallelogram(kind: str) -> cp.Scene:
