@@ -96,6 +96,8 @@ class RandomModel:
             f'<joint joint="{joint}" coef="{self.some()}"/></fixed>'
             for k, joint in enumerate(self.scalar)
         ]
+        pulled = "".join(f'<joint joint="{joint}" coef="{self.some()}"/>' for joint in self.scalar)
+        made += [f'<fixed name="sum">{pulled}</fixed>'] if len(self.scalar) > 1 else []
         moved = self.rng.permutation(self.sites)[:2]
         ends = "".join(f'<site site="{site}"/>' for site in moved)
         length = self.size()
@@ -126,7 +128,9 @@ class RandomModel:
             names = [name if tag == "joint" else f"t{k}" for k, name in ends]
             if names:
                 said = " ".join(f'{tag}{i + 1}="{name}"' for i, name in enumerate(names))
-                made.append(f'<{tag} {said} polycoef="{self.some(2)}"/>')
+                made.append(f'<{tag} {said} polycoef="{self.some(5 if n == 2 else 1)}"/>')
+        if len(self.scalar) > 1:
+            made.append(f'<tendon tendon1="sum" polycoef="{self.some()}"/>')
         return "".join(made)
 
 
@@ -249,10 +253,10 @@ LOST = {
     "tendon that carries": (two(spatial('armature="2"', "sa", "wall")), "spatial: armature 2$"),
     "tendon that bends": (two(spatial('stiffness="2"', "sa", "wall", "sb")), "l: stiffness 2$"),
     "tendon that drives": (two(spatial('stiffness="-2"', "sa", "wall")), "l: stiffness -2$"),
-    "polynomial": (two(equal('<joint joint1="j" joint2="k" polycoef="0.1 0.5 0.2"/>')),
-                   r"^equality 'joint0' couples j, k by a polynomial, polycoef \[0.1, 0.5, 0.2,"),
-    "three joints": (two(pull("", "j", "k", "l") + equal('<tendon name="e" tendon1="t"/>')),
-                     "^equality 'e' couples j, k, l$"),
+    "polynomial of several": (
+        two(pull("", "j", "k") + pull("", "l").replace('"t"', '"u"')
+            + equal('<tendon tendon1="u" tendon2="t" polycoef="0.1 0.5 0.2"/>')),
+        r"^equality 'tendon0' couples l, j, k by a polynomial, polycoef \[0.1, 0.5, 0.2,"),
     "a tendon in space": (two(spatial("", "sa", "wall") + equal('<tendon tendon1="t"/>')),
                           "^equality 'tendon0', of tendons that are not fixed ones$"),
     "lifted": (two().replace('<body name="a"', '<body name="a" gravcomp="0.5"'),

@@ -54,7 +54,7 @@ from condyn_pin.constraints.support import Foot, Patch, Support
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from condyn_pin.constraints.rows.any_bound import AnyBound
 
@@ -125,8 +125,8 @@ class Constraint(ABC):
         return False
 
     @abstractmethod
-    def sides(self, machine: Machine) -> tuple[int, int]:
-        """Return the numbers of the two joints of a machine that it ties; 0 is the world."""
+    def sides(self, machine: Machine) -> tuple[int, ...]:
+        """Return the numbers of the joints of a machine that it ties, 0 is the world."""
 
     @abstractmethod
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
@@ -217,6 +217,10 @@ class Constraint(ABC):
             if isinstance(value, str) and field.startswith(named)
         }
         return replace(self, name=new(self.name), **changed)
+
+    def with_held(self, values: Mapping[str, float]) -> Constraint:
+        """Return it where joints are held at values: the same for what is between frames."""
+        return self
 
     def in_units(self, length: float, of_joint: Callable[[str], float]) -> Constraint:
         """Return it with lengths times `length`, and coordinates of joints times `of_joint`."""

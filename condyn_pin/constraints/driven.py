@@ -13,7 +13,7 @@ log6, whose rate is J v only where it is closed, and those of a contact turn wit
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
@@ -105,7 +105,7 @@ class Driven(Constraint):
         """Whether time enters its rows: it does."""
         return True
 
-    def sides(self, machine: Machine) -> tuple[int, int]:
+    def sides(self, machine: Machine) -> tuple[int, ...]:
         """Return the joints that the constraint ties."""
         return self.constraint.sides(machine)
 
@@ -145,6 +145,10 @@ class Driven(Constraint):
     def renamed(self, new: Callable[[str], str]) -> Self:
         """Return it between frames and joints of other names."""
         return replace(self, name=new(self.name), constraint=self.constraint.renamed(new))
+
+    def with_held(self, values: Mapping[str, float]) -> Self:
+        """Return it with the constraint where joints are held."""
+        return replace(self, constraint=self.constraint.with_held(values))
 
     def in_units(self, length: float, of_joint: Callable[[str], float]) -> Self:
         """Refuse: a path is a function of time, in units of its own."""

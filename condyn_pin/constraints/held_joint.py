@@ -66,13 +66,13 @@ class HeldJoint(Constraint):
         """Return it on the coordinate of its joint."""
         joint = one_coordinate(machine, self.joint, self.name)
         q, v = int(joint.idx_q), int(joint.idx_v)
-        return Coupled(self.name, rows, (q, q), (v, v), 0.0, self.value)
+        return Coupled(self.name, rows, (q,), (v,), (1.0,), self.value)
 
     def bind_to_drive(self, machine: Machine, rows: slice) -> Coupled:
         """Return it as it is."""
         return self.bind(machine, rows)
 
-    def sides(self, machine: Machine) -> tuple[int, int]:
+    def sides(self, machine: Machine) -> tuple[int, ...]:
         """Return the joint, and the one before it."""
         if self.joint not in machine.joints:
             raise unknown_name("joint", self.joint, machine.joints)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Protocol
 
 from condyn_pin.constraints.constraint_fields import Vector3
@@ -50,6 +50,9 @@ class MjcfWriter(Protocol):
 
     def equate(self, tag: str, **words: str | Sequence[float]) -> None:
         """Write an equality."""
+
+    def fixed_tendon(self, name: str, weights: Mapping[str, float]) -> str:
+        """Return the name of a new tendon: a weighted sum of joint coordinates."""
 
     def site(self, frame: str, new: str) -> str:
         """Return the site of a frame; it is made, and called `new`, where there is none."""

@@ -11,12 +11,13 @@ and x y z w here. The format: https://mujoco.readthedocs.io/en/stable/XMLreferen
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from math import inf
 from os import PathLike
 from typing import Any, Final
 
 import numpy as np
+from numpy.polynomial import Polynomial
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin, set_dry_friction
@@ -175,35 +176,53 @@ class _Reader:
                 self.unmodelled.append(f"equality {name!r}, of the kind {kind}")
 
     def _row(self, k: int, kind: str, name: str) -> Iterator[Constraint]:
-        """Yield an equality l1 - ref1 = c0 + c1 (l2 - ref2) of coordinates or fixed tendons.
+        """Yield an equality l1 - ref1 = p(l2 - ref2) of coordinates or fixed tendons.
 
-        It is a row g . q = b, of one joint or of two.
+        Each is a weighted sum of coordinates, l = w . q, or nothing.
         """
         mj, c = self.mj, self.mj.eq_data[k, :5].tolist()
         ends = [int(end[k]) for end in (mj.eq_obj1id, mj.eq_obj2id)]
         if ends[1] < 0:
             c[1:] = [0.0] * 4
-        (g, ref1), (other, ref2) = (self._length(kind, end) for end in ends)
-        if g is None or other is None:
+        (w, ref1), (other, ref2) = (self._length(kind, end) for end in ends)
+        if w is None or other is None:
             self.unmodelled.append(f"equality {name!r}, of tendons that are not fixed ones")
-            return
-        for j, coefficient in other.items():
-            g[j] = g.get(j, 0.0) - c[1] * coefficient
-        least = _ROUNDING * max(map(abs, g.values()), default=0.0)
-        tied = [(self.joints[j], x) for j, x in g.items() if abs(x) > least]
-        b = float(ref1 + c[0] - c[1] * ref2)
-        if any(c[2:]):
-            who = listed([self.joints[j] for j in g])
-            self.unmodelled.append(f"equality {name!r} couples {who} by a polynomial, polycoef {c}")
-        elif len(tied) == 1:
-            ((joint, x),) = tied
-            yield HeldJoint(joint, b / x, name=name)
-        elif len(tied) == 2:
-            (joint_a, x), (joint_b, y) = tied
-            yield Coupling(joint_a, joint_b, -y / x, b / x, name=name)
+        elif any(c[2:]):
+            yield from self._curve(name, c, (w, ref1), (other, ref2))
         else:
-            who = listed([joint for joint, _ in tied]) or "no joints"
-            self.unmodelled.append(f"equality {name!r} couples {who}")
+            for j, weight in other.items():
+                w[j] = w.get(j, 0.0) - c[1] * weight
+            least = _ROUNDING * max(map(abs, w.values()), default=0.0)
+            tied = {self.joints[j]: x for j, x in w.items() if abs(x) > least}
+            offset = float(ref1 + c[0] - c[1] * ref2)
+            if len(tied) > 2:
+                yield Coupling(tied, offset=offset, name=name)
+            elif len(tied) == 2:
+                (one, x), (two, y) = tied.items()
+                yield Coupling(one, two, -y / x, offset / x, name=name)
+            elif tied:
+                ((joint, x),) = tied.items()
+                yield HeldJoint(joint, offset / x, name=name)
+            elif abs(offset) > _ROUNDING:
+                self.unmodelled.append(f"equality {name!r}, which nothing can meet")
+
+    def _curve(
+        self,
+        name: str,
+        c: Sequence[float],
+        first: tuple[Mapping[int, float], float],
+        second: tuple[Mapping[int, float], float],
+    ) -> Iterator[Coupling]:
+        """Yield w1 q1 = ref1 + p(w2 q2 - ref2), of one joint on either side."""
+        (w1, ref1), (w2, ref2) = first, second
+        if not (len(w1) == len(w2) == 1 and w1.keys() != w2.keys()):
+            who = listed([self.joints[j] for j in {**w1, **w2}])
+            self.unmodelled.append(f"equality {name!r} couples {who} by a polynomial, polycoef {c}")
+            return
+        ((one, x),), ((two, y),) = w1.items(), w2.items()
+        curve = (Polynomial(c)(Polynomial((-ref2, y))) + ref1) / x
+        offset, ratio, *higher = map(float, curve.trim().coef)
+        yield Coupling(self.joints[one], self.joints[two], ratio, offset, higher, name=name)
 
     def _length(self, kind: str, k: int) -> tuple[dict[int, float] | None, float]:
         """Return by joint how a coordinate or a tendon follows it, and how long it is drawn."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
@@ -120,20 +120,28 @@ class RobotWriter:
         said = {key: x if isinstance(x, str) else numbers(x) for key, x in words.items()}
         SubElement(self.equality, tag, said)
 
+    def fixed_tendon(self, name: str, weights: Mapping[str, float]) -> str:
+        """Return the name of a new tendon: a weighted sum of joint coordinates."""
+        tendon = SubElement(self._tendons(), "fixed", name=name)
+        for joint, weight in weights.items():
+            SubElement(tendon, "joint", joint=joint, coef=numbers(weight))
+        return name
+
+    def _tendons(self) -> Element:
+        found = self.root.find("tendon")
+        return SubElement(self.root, "tendon") if found is None else found
+
     def coordinate(self, joint: str) -> float:
         """Return the coordinate of a joint where the file draws the model [rad or m]."""
         return reference(self.model, self.model.getJointId(joint), self.drawn)
 
     def _add_spring_dampers(self) -> None:
         """Make each spring-damper a tendon that is straight from site to site."""
-        if not self.robot.spring_dampers:
-            return
-        tendons = SubElement(self.root, "tendon")
         for k, each in enumerate(self.robot.spring_dampers):
             said = {"stiffness": each.stiffness, "damping": each.damping}
             said["springlength"] = each.rest_length
             words = {"name": f"spring_damper_{k}"} | {key: numbers([x]) for key, x in said.items()}
-            tendon = SubElement(tendons, "spatial", words)
+            tendon = SubElement(self._tendons(), "spatial", words)
             for frame, end in ((each.frame_a, "a"), (each.frame_b, "b")):
                 SubElement(tendon, "site", site=self.site(frame, f"spring_damper_{k}_{end}"))
 

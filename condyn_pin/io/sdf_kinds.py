@@ -147,7 +147,7 @@ def mimics_of(joints: Sequence[Joint]) -> tuple[Coupling, ...]:
                     "screw of the model; take <mimic> out, or leave the joint out with drop"
                 )
         couplings.append(Coupling(name, leader, mimic.ratio, mimic.offset))
-    leaders = {coupling.joint_a: coupling.joint_b for coupling in couplings}
+    leaders = {c.joints[0]: c.joints[1] for c in couplings}
     for start in leaders:
         way = [start]
         while (after := leaders.get(way[-1], "")) and after not in way:

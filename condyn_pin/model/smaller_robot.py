@@ -60,10 +60,20 @@ def smaller_robot(
         spring_dampers=(),
         unused=(*robot.unused, remark),
     )
-    loops, _ = sifted(bare, robot.loops)
+    loops, _ = sifted(bare, robot.loops if cut else with_held(robot, robot.loops, joints, q))
     contacts, _ = sifted(bare, robot.contacts)
     dampers = tuple(each for each in robot.spring_dampers if _pulls(bare, each))
     return replace(bare, loops=loops, contacts=contacts, spring_dampers=dampers)
+
+
+def with_held(
+    robot: Robot, constraints: Sequence[Constraint], joints: Sequence[str], q: Array
+) -> tuple[Constraint, ...]:
+    """Constraints with some joints held at q."""
+    model = robot.model
+    places = {name: model.joints[model.getJointId(name)] for name in joints}
+    values = {name: float(q[joint.idx_q]) for name, joint in places.items() if joint.nq == 1}
+    return tuple(constraint.with_held(values) for constraint in constraints)
 
 
 def sifted(
@@ -82,10 +92,9 @@ def sifted(
 
 def _constrains(robot: Robot, constraint: Constraint) -> bool:
     try:
-        first, second = constraint.sides(robot)
+        return len(set(constraint.sides(robot))) > 1
     except UnknownName:
         return False
-    return first != second
 
 
 def _pulls(robot: Robot, each: SpringDamper) -> bool:

@@ -66,17 +66,34 @@ class ConstraintPartials:
             known = self._points.k == self._points.between
             self._points.write(lam, pulls, by_state, J, ends if known else None)
 
-    def write_couplings(self, by_state: Array, J: Array) -> None:
-        """Write the rows of couplings, whose accelerations change with neither q nor v."""
+    def write_couplings(
+        self, state: tuple[Array, Array, Array, Array], rhs: Array, J: Array
+    ) -> None:
+        """Write the rows of couplings at (q, v, a, lam), and what those that bend do to -r_q."""
+        q, v, a, lam = state
         n = J.shape[1]
-        for coupled in self._couplings:
-            J[coupled.rows, coupled.columns] = coupled.entries
+        by_state = rhs[n:]
+        for b in self._couplings:
+            row, columns = b.rows.start, b.columns
+            J[row, columns] = b.bent(q, 1) if b.bends else b.weights
             if self._drift:
-                by_state[coupled.rows, :n] = -self._drift.Kp * J[coupled.rows]
-                by_state[coupled.rows, n:] = -self._drift.Kd * J[coupled.rows]
+                by_state[row, :n] = -self._drift.Kp * J[row]
+                by_state[row, n:] = -self._drift.Kd * J[row]
+            if b.bends:
+                second, third, v_i = b.bent(q, 2), b.bent(q, 3), v[columns]
+                Kd = self._drift.Kd if self._drift else 0.0
+                rhs[columns, columns] += lam[row] * second
+                by_state[row, columns] -= second * (a[columns] + Kd * v_i) + third * v_i**2
+                by_state[row, [n + column for column in columns]] -= 2.0 * second * v_i
+
+    def turn_couplings(self, q: Array, w: Array, out: Array) -> None:
+        """Write the partials (m, nv) of J w by q of couplings that bend."""
+        for b in self._couplings:
+            if b.bends:
+                out[b.rows.start, b.columns] = b.bent(q, 2) * w[b.columns]
 
     def turning(self, out: Array) -> None:
-        """Write the partials (m, nv) of J v by q."""
+        """Write the partials (m, nv) of J v by q, but for couplings."""
         for part in (self._pairs, self._rolling, self._points):
             if part.k:
                 part.turning(out)

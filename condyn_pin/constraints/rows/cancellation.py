@@ -31,6 +31,7 @@ class Cancellation:
     def __init__(self, model: Any, data: Any, bounds: Sequence[AnyBound]) -> None:
         self._model, self._data = model, data
         self._couplings = np.zeros((sum(b.size for b in bounds), model.nv))
+        self._bent: list[Coupled] = []
         self._ends: list[tuple[int, Any]] = []  # joint and placement of those that move
         self._arms: list[OnFrames | None] = []  # what has an arm from c1 to c2
         self._shares = np.zeros((len(self._couplings), 2, 1))  # of shifts and of turns in each row
@@ -38,7 +39,8 @@ class Cancellation:
         rows: tuple[list[Any], list[Any]] = [], []  # of c1 and of c2: row, end
         for b in bounds:
             if isinstance(b, Coupled):
-                self._couplings[b.rows, b.columns] = np.abs(b.entries)
+                self._couplings[b.rows, b.columns] = np.abs(b.weights)
+                self._bent += [b] if b.bends else []
                 continue
             assert isinstance(b, OnFrames)
             turns = b.turns(model)
@@ -64,6 +66,8 @@ class Cancellation:
         computed are off by, over eps.
         """
         model, data, found = self._model, self._data, self._couplings.copy()
+        for curve in self._bent:
+            found[curve.rows, curve.columns] += np.abs(curve.bent(q, 1))
         algorithms(data).computeJointJacobians(model, data, q)
         if not self._ends:
             return found

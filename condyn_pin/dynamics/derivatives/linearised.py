@@ -95,7 +95,7 @@ class Linearisation:
             r = self._torques.copy()  # as Newton-Euler's derivatives left it
             by_a = np.vstack([pin.crba(self._model, self._data, free_q), J])
             rhs, J, M = self._carried.back(chain, of_free, -by_a, -r), J @ chain.Phi, None
-        self._of_constraints.write_couplings(rhs[len(v) :], J)
+        self._of_constraints.write_couplings((q, v, a, lam), rhs, J)
         return Linearised(J, rhs, M)
 
     def _hold_views(self, data: Any, n: int) -> None:
@@ -144,10 +144,13 @@ class Linearisation:
     def turning(self, q: Array, w: Array) -> Array:
         """Return how J w changes with q (m, nv) while w (nv,) stays; at w = v, how J v changes."""
         if self._carried is None:
-            return self._velocity_by_q(q, w)
-        q, w, still, chain = self._carried.state(q, w, np.zeros_like(w))
-        _, J = self._of_bodies(q, w, still, np.zeros(self._m))
-        return self._velocity_by_q(q, w) @ chain.Phi + J @ chain.v_q
+            of_rows = self._velocity_by_q(q, w)
+        else:
+            free_q, nu, still, chain = self._carried.state(q, w, np.zeros_like(w))
+            _, J = self._of_bodies(free_q, nu, still, np.zeros(self._m))
+            of_rows = self._velocity_by_q(free_q, nu) @ chain.Phi + J @ chain.v_q
+        self._of_constraints.turn_couplings(q, w, of_rows)
+        return of_rows
 
     def pulling(self, q: Array, z: Array) -> Array:
         """Return how J^T z changes with q (nv, nv) while z (m,) stays."""

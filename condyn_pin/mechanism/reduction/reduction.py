@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from itertools import permutations
 
 from numpy.typing import ArrayLike
 
@@ -20,7 +19,7 @@ from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
-from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot
+from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot, with_held
 
 
 def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
@@ -71,7 +70,7 @@ def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> Red
     rest, _ = indices(scene.robot.model, robot.joints)
     others = {name: posture for name, posture in robot.postures.items() if name != "locked"}
     robot = replace(robot, postures={"locked": closed[rest], **others})
-    kept, idle = sifted(robot, scene.constraints)
+    kept, idle = sifted(robot, with_held(scene.robot, scene.constraints, names, closed))
     remarks += [f"constraint {c.name}: both of its sides are one body now" for c in idle]
     return reduced(scene, robot, kept, closed, (words, *remarks))
 
@@ -167,8 +166,10 @@ def _with_partners(scene: Scene, joints: Sequence[str]) -> tuple[tuple[str, ...]
     couplings = [c for c in scene.constraints if c.joints]
     for _ in couplings:
         for c in couplings:
-            for one, other in permutations(c.joints, 2):
-                if one in held and other not in held:
-                    held[other] = None
-                    remarks.append(f"joint {other}: locked with {one}, by the coupling {c.name}")
+            moving = [joint for joint in c.joints if joint not in held]
+            if len(moving) == 1 < len(c.joints):
+                (other,) = moving
+                held[other] = None
+                partners = listed([joint for joint in c.joints if joint != other])
+                remarks.append(f"joint {other}: locked with {partners}, by the coupling {c.name}")
     return tuple(held), remarks

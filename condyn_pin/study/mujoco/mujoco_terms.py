@@ -79,7 +79,7 @@ def equalities_of(mj: Any) -> dict[int, str]:
     import mujoco
 
     kinds = {"connect": mujoco.mjtEq.mjEQ_CONNECT, "weld": mujoco.mjtEq.mjEQ_WELD,
-             "joint": mujoco.mjtEq.mjEQ_JOINT}  # fmt: skip
+             "joint": mujoco.mjtEq.mjEQ_JOINT, "tendon": mujoco.mjtEq.mjEQ_TENDON}  # fmt: skip
     tags = {int(kind): tag for tag, kind in kinds.items()}
     return {k: tags[int(kind)] for k, kind in enumerate(mj.eq_type) if int(kind) in tags}
 
