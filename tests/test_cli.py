@@ -156,6 +156,20 @@ def test_the_base_of_a_urdf_may_float():
     assert answer["a"][:3] == pytest.approx([0.0, 0.0, -9.81], abs=1e-9)
 
 
+def test_a_model_of_a_world_and_its_motors_are_chosen(tmp_path):
+    link = "<link name='{0}a'/><link name='{0}b'/>"
+    joint = "<joint name='{0}j' type='revolute'><parent>{0}a</parent><child>{0}b</child>"
+    axis = "<axis><xyz>0 0 1</xyz></axis></joint>"
+    models = "".join(
+        f"<model name='{name}'>{(link + joint).format(name)}{axis}</model>" for name in "mn"
+    )
+    path = tmp_path / "w.sdf"
+    path.write_text(f"<sdf version='1.9'><world name='w'>{models}</world></sdf>")
+    assert "choose one with model='m'" in run("show", path).output.replace("\n", "")
+    facts = json.loads(run("show --model n --actuated nj --json", path).stdout)
+    assert facts["robot"].startswith("n: nq 1")
+
+
 def test_assemble_without_loops_says_so():
     result = run("assemble solo12")
     assert result.exit_code == 0

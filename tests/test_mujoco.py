@@ -111,10 +111,6 @@ def scenes_of(name: str) -> dict[str, cp.Scene]:
 
 # What MuJoCo cannot have, and what it says to that.
 REFUSED = {
-    "pendulum": (
-        "a point mass has no inertia about itself",
-        "MuJoCo needs all of them positive",
-    ),
     "sleigh": ("a planar joint", "which MuJoCo does not have"),
 }
 

@@ -274,9 +274,28 @@ def test_files_that_include_each_other_are_refused(file):
     file('<model name="p"/><model name="q"/>', name="two.sdf")
     with pytest.raises(InvalidModel, match=r"two\.sdf: 2 <model> in an included file"):
         read_sdf(file(model("m", link("a") + include("two.sdf"))))
-    merged = include("robot.sdf").replace("<include", '<include merge="true"')
-    with pytest.raises(InvalidModel, match="'m' in the model is merged into it; write"):
-        read_sdf(file(model("m", link("a") + merged)))
+
+
+def test_a_merged_model_has_its_parts_in_the_one_around_it(file, read):
+    file(model("gripper", HAND), name="hand/model.sdf")
+    merged = include("hand", "<name>hand</name>", PLACED).replace("<include", '<include merge="true"')
+    robot = read_sdf(file(model("robot", link("a") + merged + joint("wrist", "a", "palm"))))
+    apart = read(link("a") + model("hand", PLACED + HAND) + WRIST)
+    assert [*robot.model.names] == [name.removeprefix("hand::") for name in apart.model.names]
+    q = np.full(robot.model.nq, 0.3)
+    poses, others = (frame_poses(each.model, q) for each in (robot, apart))
+    for name in ("palm", "tip"):
+        np.testing.assert_allclose(poses[name], others[f"hand::{name}"], atol=ROUNDING)
+    assert "_merged__hand__model__" in poses
+
+
+def test_the_newest_file_of_a_model_config_is_included(file, tmp_path):
+    for name in ("old", "new"):
+        file(model("m", link(name)), name=f"hand/{name}.sdf")
+    files = '<sdf version="1.10">new.sdf</sdf><sdf version="1.9">old.sdf</sdf>'
+    (tmp_path / "hand" / "model.config").write_text(f"<model>{files}</model>")
+    robot = read_sdf(file(model("r", link("a") + include("hand") + joint("j", "a", "m::new"))))
+    assert robot.model.existFrame("m::new")
 
 
 # Older files, and what is left out --------------------------------------------------------------

@@ -342,6 +342,7 @@ def test_a_smaller_robot_keeps_its_shapes():
 
 # Files
 
+_TRIANGLE = np.float32([0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1, 0]).tobytes() + bytes(2)
 _URDF = """<robot name="r"><link name="base"/><link name="arm">
   <inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
   <visual><geometry><mesh filename="package://nowhere/arm.stl"/></geometry></visual>
@@ -359,6 +360,20 @@ def test_a_mesh_that_is_missing_is_said(tmp_path):
     ((mesh, colour),) = next(p for p in found.parts if p.path == "robot/j").meshes
     assert colour == (1.0, 0.0, 0.0)
     assert np.allclose(mesh.vertices.max(axis=0), (0.5, 1.0, 2.5))
+
+
+def test_meshes_are_looked_for_in_the_package_folders(tmp_path):
+    path, folder = tmp_path / "r.urdf", tmp_path / "elsewhere" / "nowhere"
+    path.write_text(_URDF)
+    folder.mkdir(parents=True)
+    (folder / "arm.stl").write_bytes(bytes(80) + np.uint32(1).tobytes() + _TRIANGLE)
+    robot = cp.load_robot(path, package_dirs=[folder.parent])
+    assert robot.package_dirs == (str(folder.parent),)
+    assert drawing(robot).notes == ()
+    assert pickle.loads(pickle.dumps(robot)).package_dirs == robot.package_dirs
+    for wrong in (str(folder), [tmp_path / "none"]):
+        with pytest.raises(cp.InvalidArgument, match="package_dirs = .*: a list of folders"):
+            cp.load_robot(path, package_dirs=wrong)
 
 
 @pytest.mark.parametrize("shape", ["<cylinder/>", '<box size="1 2"/>', "<sphere/>", "<cone/>"])

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import inspect
 from collections.abc import Callable
+from dataclasses import dataclass, fields
+from functools import wraps
 from importlib import import_module
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 import typer
 
@@ -28,7 +31,10 @@ solver_names = names_of("dynamics", "SOLVERS")
 # What a scene is made of
 RobotName = Annotated[
     str,
-    typer.Argument(help="A name of `condyn robots`, or a path.", autocompletion=robot_names),
+    typer.Argument(
+        help="A name of `condyn robots`, or a path.",
+        autocompletion=robot_names,
+    ),
 ]
 RobotNames = Annotated[
     list[str] | None,
@@ -52,6 +58,19 @@ Floating = Annotated[
     bool,
     typer.Option(
         "--floating", help="For a URDF or an SDF: the base floats freely, as on a legged robot."
+    ),
+]
+ModelName = Annotated[
+    str | None, typer.Option("--model", help="For an SDF: which model of the file is the robot.")
+]
+Actuated = Annotated[
+    str | None,
+    typer.Option(help="Comma-separated: the joints with a motor; those of the file by default."),
+]
+PackageDirs = Annotated[
+    list[Path] | None,
+    typer.Option(
+        "--package-dir", help="Where package:// of a file leads; repeat it for other folders."
     ),
 ]
 JointValues = Annotated[
@@ -101,3 +120,37 @@ TableJson = Annotated[
 Csv = Annotated[Path | None, typer.Option(help="Write the table here.")]
 Plot = Annotated[Path | None, typer.Option(help="Draw it here (png, svg, pdf).")]
 Quick = Annotated[bool, typer.Option("--quick", help="Fewer rounds of timing.")]
+
+
+@dataclass(frozen=True)
+class Source:
+    """Which robot a command is about, in the words of `load_robot`."""
+
+    robot: RobotName
+    variant: Variant = None
+    floating: Floating = False
+    model: ModelName = None
+    actuated: Actuated = None
+    package_dirs: PackageDirs = None
+
+    @property
+    def is_plain(self) -> bool:
+        """True if it is a name or a path alone."""
+        return not any((self.variant, self.floating, self.model, self.actuated, self.package_dirs))
+
+
+def of_a_robot(command: Callable[..., None]) -> Callable[..., None]:
+    """Give a command the options of `Source`, which is its first parameter."""
+    signature = inspect.signature(command, eval_str=True)
+    _, *others = signature.parameters.values()
+    name, *options = inspect.signature(Source, eval_str=True).parameters.values()
+    words = [p.replace(kind=inspect.Parameter.KEYWORD_ONLY) for p in (name, *others, *options)]
+
+    @wraps(command)
+    def run(**given: Any) -> None:
+        source = Source(**{field.name: given.pop(field.name) for field in fields(Source)})
+        command(source, **given)
+
+    run.__signature__ = signature.replace(parameters=words)  # type: ignore[attr-defined]
+    run.__annotations__ = {word.name: word.annotation for word in words}
+    return run

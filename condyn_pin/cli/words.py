@@ -7,6 +7,7 @@ from dataclasses import fields
 from typing import Any, TypeVar, cast
 
 from condyn_pin._core.parameters import read_call
+from condyn_pin.cli.arguments import Source
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
@@ -36,29 +37,29 @@ def names_in(text: str) -> list[str]:
     return [name.strip() for name in text.split(",") if name.strip()]
 
 
-def scene_of(
-    name: str,
-    contacts: str,
-    loops: bool,
-    variant: Sequence[str] | None = None,
-    floating: bool = False,
-) -> Scene:
+def scene_of(source: Source, contacts: str, loops: bool) -> Scene:
     """Return the scene of a robot, its loops if wanted, and the contacts that are listed."""
-    robot = robot_of(name, variant, floating)
+    robot = robot_of(source)
     chosen = [_contact(robot, text) for text in names_in(contacts)]
     return Scene(robot, (*(robot.loops if loops else ()), *chosen))
 
 
-def robot_of(name: str, variant: Sequence[str] | None, floating: bool = False) -> Robot:
-    """Return a robot in a variant: texts OPTION=VALUE; a URDF or an SDF may be `floating`."""
-    chosen = pairs_in("--variant", variant, "OPTION=VALUE is needed, such as springs=locked")
-    if floating and name in available_robots():
+def robot_of(source: Source) -> Robot:
+    """Return the robot that the words of a command line mean."""
+    said = pairs_in("--variant", source.variant, "OPTION=VALUE is needed, such as springs=locked")
+    if source.floating and source.robot in available_robots():
         raise InvalidArgument(
-            f"--floating: it is for the path of a URDF or an SDF; {name} says itself whether its "
-            "base floats"
+            f"--floating: it is for the path of a URDF or an SDF; {source.robot} says itself "
+            "whether its base floats"
         )
-    root_joint = "free_flyer" if floating else None
-    return load_robot(name, root_joint=root_joint, variant=chosen or None)
+    return load_robot(
+        source.robot,
+        floating=source.floating or None,
+        model=source.model,
+        variant=said or None,
+        actuated=None if source.actuated is None else names_in(source.actuated),
+        package_dirs=source.package_dirs or (),
+    )
 
 
 def pairs_in(option: str, texts: Sequence[str] | None, needed: str) -> dict[str, str]:

@@ -29,6 +29,7 @@ from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
+from typing import Any
 from warnings import warn
 
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnmodelledWarning, unknown_name
@@ -63,6 +64,7 @@ def load_robot(
     variant: Mapping[str, str] | None = None,
     precision: float | None = None,
     actuated: Sequence[str] | None = None,
+    package_dirs: Sequence[str | Path] = (),
 ) -> Robot:
     """Load a robot by its name, or from a URDF, SDF, MJCF or robot.toml.
 
@@ -88,6 +90,9 @@ def load_robot(
         takes them at their word.
     actuated : sequence of str, optional
         The joints with a motor; by default those that the file names.
+    package_dirs : sequence of str or Path, optional
+        Folders in which ``package://`` of the file leads to meshes, before those beside the file
+        and above it, and those of ROS_PACKAGE_PATH. Meshes are drawn; the dynamics need none.
 
     Returns
     -------
@@ -112,13 +117,23 @@ def load_robot(
         If the file has what changes the motion and is not in the model: `Robot.unmodelled`.
     """
     robot = _loaded(name, _root_joint(floating, root_joint), model, variant)
-    if actuated is not None:
-        robot = replace(robot, actuated=actuated)
+    changes: dict[str, Any] = {"actuated": actuated, "precision": precision}
+    if package_dirs:
+        changes["package_dirs"] = [*map(str, _list_of_paths(package_dirs))]
+    if changes := {key: value for key, value in changes.items() if value is not None}:
+        robot = replace(robot, **changes)
     if robot.unmodelled:
         said = "; ".join(robot.unmodelled)
         text = f"{robot.name}: changes the motion, and is not modelled: {said}"
         warn(text, UnmodelledWarning, stacklevel=2)
-    return robot if precision is None else replace(robot, precision=precision)
+    return robot
+
+
+def _list_of_paths(package_dirs: Sequence[str | Path]) -> Sequence[str | Path]:
+    """Refuse what is no list of folders."""
+    if isinstance(package_dirs, (str, Path)) or not all(Path(d).is_dir() for d in package_dirs):
+        raise InvalidArgument(f"package_dirs = {package_dirs!r}: a list of folders is needed")
+    return package_dirs
 
 
 def _root_joint(floating: bool | None, root_joint: str | None) -> str | None:

@@ -107,5 +107,6 @@ def _biased(mj: Any) -> Array:
     kinds = mj.actuator_biastype
     affine, none = (kinds == int(getattr(types, f"mjBIAS_{k}")) for k in ("AFFINE", "NONE"))
     acts = np.where(affine, mj.actuator_biasprm[:, :3].any(axis=1), ~none)
+    off = mj.actuator_ctrllimited.astype(bool) & (mj.actuator_ctrlrange.prod(axis=1) > 0)
     integrates = mj.actuator_gaintype == int(getattr(require_mujoco("").mjtGain, "mjGAIN_PID", -1))
-    return np.asarray((acts | integrates) & (not disabled(mj, "ACTUATION")))
+    return np.asarray((acts | integrates | off) & (not disabled(mj, "ACTUATION")))

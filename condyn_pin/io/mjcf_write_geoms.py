@@ -62,7 +62,10 @@ class GeomWriter:
 
     def draw(self) -> None:
         """Write what the description draws."""
-        shapes, missing = shapes_of(self.robot.description)
+        robot = self.robot
+        shapes, missing = shapes_of(
+            robot.description, model=robot.name, package_dirs=robot.package_dirs
+        )
         if missing:
             more = f" (and {len(missing) - 1} more)" if missing[1:] else ""
             raise InvalidModel(f"{missing[0]}{more}; leave shapes out with shapes=False")

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidModel
@@ -18,7 +19,7 @@ from condyn_pin.model.spring import Spring
 
 _FAR = 1e10  # [rad or m] the side of a limit that does not exist: MuJoCo needs both
 _FLAT = 1e-12  # rounding of A + B = C in the principal moments of a flat body, relative to C
-_LEAST = 1e-15  # [kg, kg m^2] below this MuJoCo refuses a body that moves
+_LEAST = 2e-15  # [kg, kg m^2] MuJoCo refuses a body that moves with less than 1e-15
 
 
 def chains_of(model: Any) -> Sequence[Sequence[int]]:
@@ -39,14 +40,18 @@ def chains_of(model: Any) -> Sequence[Sequence[int]]:
 
 
 def write_inertia(model: Any, i: int) -> dict[str, str]:
-    """Return principal moments and axes: left to itself, MuJoCo finds them to 1e-7 only."""
+    """Return principal moments and axes: left to itself, MuJoCo finds them to 1e-7 only.
+
+    What has no mass, or no extent, gets as little as MuJoCo allows.
+    """
     inertia = model.inertias[i]
     moments, axes = np.linalg.eigh(inertia.inertia)
-    if min(inertia.mass, *moments) < _LEAST:
+    if inertia.mass < 0 or moments[0] < -tolerances.MOMENT * moments[2]:
         raise InvalidModel(
             f"joint {model.names[i]!r} carries {inertia.mass:g} kg with the principal moments "
-            f"{', '.join(f'{m:g}' for m in moments)} kg m^2; MuJoCo needs all of them positive"
+            f"{', '.join(f'{m:g}' for m in moments)} kg m^2; none may be negative"
         )
+    moments = np.maximum(moments, _LEAST)
     A, B, C = moments  # in ascending order
     if A + B < C * (1 - _FLAT):
         raise InvalidModel(
@@ -56,7 +61,10 @@ def write_inertia(model: Any, i: int) -> dict[str, str]:
     moments[2] = min(C, A + B)  # MuJoCo compares without a tolerance
     right_handed = axes * np.sign(np.linalg.det(axes))
     placed = pin.SE3(right_handed, inertia.lever)
-    return {"mass": numbers(inertia.mass), "diaginertia": numbers(moments)} | write_pose(placed)
+    return {
+        "mass": numbers(max(inertia.mass, _LEAST)),
+        "diaginertia": numbers(moments),
+    } | write_pose(placed)
 
 
 def write_joint(robot: Robot, i: int, B: Any, drawn: Array) -> dict[str, str]:

@@ -7,7 +7,8 @@ model frame o,
     R   = Rz(yaw) Ry(pitch) Rx(roll)
 
 A model n in the model is a frame of its name, and its parts are named n::x. Where its owner poses a
-frame p in it (`placement_frame`), baseMn = baseMp · nMp⁻¹.
+frame p in it (`placement_frame`), baseMn = baseMp · nMp⁻¹. One that is merged has its parts in the
+scope of its owner, and is the frame _merged__n__model__ there.
 """
 
 from __future__ import annotations
@@ -18,9 +19,9 @@ from typing import Any, Final, NamedTuple
 from xml.etree.ElementTree import Element
 
 from condyn_pin._core._pin import pin
-from condyn_pin.errors import InvalidModel, unknown_name
+from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
 from condyn_pin.io.sdf_types import WORLD
-from condyn_pin.io.sdf_world import Files, Placed, pose_in, truth
+from condyn_pin.io.sdf_world import Files, Placed, pose_in
 from condyn_pin.io.xml import find, label
 
 MODEL: Final = "__model__"
@@ -34,14 +35,22 @@ class Part(NamedTuple):
     element: Element
     scope: str  # "" or "arm::hand::", before each name in it
     model: Placed  # in which it is; of a model, that model
+    merged: str = ""  # the frame of a model that is merged into the one around it
 
     @property
     def home(self) -> str:
         """The frame of the model that it is in."""
         return self.named(MODEL)
 
+    @property
+    def inside(self) -> str:
+        """Scope of the names in a model."""
+        return self.scope if self.model.is_merged else f"{self.scope}{self.model.name}::"
+
     def named(self, name: str) -> str:
         """Return a name that it says, as the model around everything would say it."""
+        if name == MODEL and self.merged:
+            return self.merged
         return name if name in ("", WORLD) else _flat(self.scope + name)
 
     def word(self, tag: str) -> str:
@@ -65,30 +74,41 @@ def _flat(name: str) -> str:
 def parts_of(top: Placed, files: Files) -> dict[str, Part]:
     """Return what has a name in a model and in the models in it: they share one scope each."""
     parts: dict[str, Part] = {}
-    waiting, count = [(top, "")], 0
-    for model, scope in waiting:  # it grows
+    depth: dict[int, int] = {}  # of each model, those around it
+    waiting, count = [(top, "", "")], 0
+    for model, scope, merged in waiting:  # it grows
         count += len(model.model)
         if count > _MOST_ELEMENTS:
             raise InvalidModel(f"more than {_MOST_ELEMENTS} elements in all that is included")
         for element in model.model:
             if element.tag in ("link", "joint", "frame"):
-                _add(parts, Part(element, scope, model), element.get("name", ""))
+                _add(parts, Part(element, scope, model, merged), element.get("name", ""))
         for inner, uri in files.models_in(model.model, model.file, model.axes_of_model):
             if inner is None:
                 raise InvalidModel(
                     f"{label(model.model)} has <include> {uri!r}, which brings no model from the "
                     "folder of the file; put it there, or write out what is included"
                 )
-            _check_inner(inner, scope)
-            _add(parts, Part(inner.owner, scope, inner), inner.name)
-            waiting.append((inner, f"{scope}{inner.name}::"))
+            depth[id(inner)] = depth.get(id(model), 0) + 1
+            _check_inner(inner, depth[id(inner)])
+            part = Part(inner.owner, scope, inner, merged)
+            name = f"_merged__{inner.name}__model__" if inner.is_merged else inner.name
+            _add(parts, part, name)
+            waiting.append((inner, part.inside, scope + name if inner.is_merged else ""))
     return parts
 
 
-def links_in(path: Path) -> list[tuple[str, Element, Path]]:
-    """Return the links of the model in a file, by name, and the files in which they are written."""
+def links_in(path: Path, model: str) -> list[tuple[str, Element, Path]]:
+    """Return the links of a model in a file, by name, and the files in which they are written.
+
+    It is the model of a name, or the only one that moves, whatever the robot is called.
+    """
     files = Files(path)
-    parts = parts_of(files.chosen(None).model, files)
+    try:
+        chosen = files.chosen(model)
+    except UnknownName:
+        chosen = files.chosen(None)
+    parts = parts_of(chosen.model, files)
     return [
         (name, part.element, part.model.file)
         for name, part in parts.items()
@@ -106,16 +126,14 @@ def _add(parts: dict[str, Part], part: Part, name: str) -> None:
     parts[name] = part
 
 
-def _check_inner(inner: Placed, scope: str) -> None:
+def _check_inner(inner: Placed, depth: int) -> None:
     where = f"<model> {inner.name!r} in the model"
-    if scope.count("::") >= _DEEPEST:
+    if depth > _DEEPEST:
         raise InvalidModel(f"{where}: more than {_DEEPEST} models, each in another")
     if inner.static:
         raise InvalidModel(
             f"{where} is <static>: fix its links to the 'world' by a joint, and take <static> out"
         )
-    if truth(inner.owner.get("merge", "false"), f"{where}: merge"):
-        raise InvalidModel(f"{where} is merged into it; write its links and joints out there")
 
 
 def model_poses(parts: Mapping[str, Part], top: Placed) -> dict[str, Any]:
@@ -128,7 +146,7 @@ def model_poses(parts: Mapping[str, Part], top: Placed) -> dict[str, Any]:
     for name, part in parts.items():
         if is_model(part):
             placement[name], named, frame = part.model.pose()
-            base[name], posed[name] = part.named(named) or part.home, frame and f"{name}::{frame}"
+            base[name], posed[name] = part.named(named) or part.home, frame and part.inside + frame
             continue
         placement[name], named = part.pose()
         if part.element.tag == "joint":
@@ -162,7 +180,7 @@ def links_of(parts: Mapping[str, Part], top: Placed) -> dict[str, str]:
             if part.element.tag in tags:
                 first.setdefault(part.home, name)
     models = {MODEL: (top, "")}
-    models |= {name: (p.model, f"{name}::") for name, p in parts.items() if is_model(p)}
+    models |= {name: (p.model, p.inside) for name, p in parts.items() if is_model(p)}
     for name, (model, scope) in models.items():
         if name not in first:
             raise InvalidModel(f"{label(model.model)}: no <link>; at least one is needed")

@@ -40,6 +40,12 @@ class Placed(NamedTuple):
         """Whether it stands still."""
         return flag(self.owner if find(self.owner, "static") is not None else self.model, "static")
 
+    @property
+    def is_merged(self) -> bool:
+        """True if its parts belong to the model around it."""
+        where = f"<include> {self.name!r}: merge"
+        return self.owner.tag == "include" and truth(self.owner.get("merge", "false"), where)
+
     def pose(self) -> tuple[Any, str, str]:
         """Return its pose, the name of the base, and the frame in it that is posed."""
         posed = self.owner if find(self.owner, "pose") is not None else self.model
@@ -135,7 +141,8 @@ class Files:
         while name and folder.is_relative_to(top):
             try:
                 path = (folder / name).resolve()
-                path = (path / "model.sdf").resolve() if path.is_dir() else path
+                if path.is_dir() and path.is_relative_to(top):
+                    path = (path / _model_file(path)).resolve()
                 if path.is_relative_to(top) and path.is_file():
                     return path
             except (OSError, RuntimeError):  # a name that is too long, links in a circle
@@ -150,10 +157,25 @@ class Files:
         return self._opened[file]
 
 
+def _model_file(folder: Path) -> str:
+    """Name of the newest file in a folder's model.config; model.sdf without one."""
+    config = folder / "model.config"
+    if not config.is_file():
+        return "model.sdf"
+    files = open_xml(config).findall("sdf")
+    newest = max(files, key=lambda file: _numbers(file.get("version", "")), default=None)
+    return "model.sdf" if newest is None else (newest.text or "").strip()
+
+
+def _numbers(version: str) -> tuple[int, ...]:
+    """Return the numbers of a version; none if it is not made of numbers."""
+    parts = version.split(".")
+    return tuple(int(p[:9]) for p in parts) if all(p.isdecimal() for p in parts) else ()
+
+
 def _version(sdf: Element) -> tuple[int, ...]:
     said = sdf.get("version", "")
-    parts = said.split(".")
-    version = tuple(int(p[:9]) for p in parts) if all(p.isdecimal() for p in parts) else ()
+    version = _numbers(said)
     if version < (1, 4):
         raise InvalidModel(f"<sdf> has version {said!r}; 1.4 or later is needed")
     return version

@@ -9,7 +9,7 @@ cannot be read is left out, and a sentence says so.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 from xml.etree.ElementTree import Element
@@ -29,7 +29,11 @@ _SIZES = {"mesh": 3, "box": 3, "ellipsoid": 3, "cylinder": 2, "capsule": 2, "sph
 
 
 def shapes_of(
-    description: str, element: Literal["visual", "collision"] = "visual"
+    description: str,
+    element: Literal["visual", "collision"] = "visual",
+    *,
+    model: str = "",
+    package_dirs: Sequence[str] = (),
 ) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     """Return the shapes of a file, and what could not be drawn, a sentence each.
 
@@ -39,6 +43,10 @@ def shapes_of(
         Path of a URDF, an SDF or an MJCF; of any other file, or of none, nothing is drawn.
     element : {"visual", "collision"}
         Which of them.
+    model : str
+        Of an SDF with several models that move, which of them.
+    package_dirs : sequence of str
+        Folders to look in for meshes, before all others.
     """
     path = Path(description)
     if path.suffix == ".xml" and path.is_file():
@@ -56,19 +64,25 @@ def shapes_of(
     links = [(link.get("name", ""), link, path) for link in root.iter("link")]
     if path.suffix == ".sdf":
         try:
-            links = links_in(path)
-        except InvalidModel as error:  # several models move: `Robot` does not say which it is
+            links = links_in(path, model)
+        except InvalidModel as error:  # several models move, and the robot is called otherwise
             return (), (f"shapes are not drawn: {error}",)
     for name, link, file in links:
         for visual in link.findall(element):
             try:
-                shapes.append(_shape(file, name, visual, colours))
+                shapes.append(_shape(file, name, visual, colours, package_dirs))
             except (ValueError, TypeError, OSError) as error:
                 missing.append(f"link {name!r} is not drawn whole: {error}")
     return tuple(shapes), tuple(missing)
 
 
-def _shape(path: Path, link: str, visual: Element, colours: dict[str | None, Colour]) -> Shape:
+def _shape(
+    path: Path,
+    link: str,
+    visual: Element,
+    colours: dict[str | None, Colour],
+    package_dirs: Sequence[str],
+) -> Shape:
     geometry = visual.find("geometry")
     if geometry is None or not len(geometry):
         raise ValueError(f"a <{visual.tag}> without <geometry>")
@@ -82,7 +96,8 @@ def _shape(path: Path, link: str, visual: Element, colours: dict[str | None, Col
     file: Path | None = None
     size: tuple[float, ...] = (1.0, 1.0, 1.0)
     if form.tag == "mesh":
-        file = _found(path, form.get("filename") or form.findtext("uri") or "")
+        uri = form.get("filename") or form.findtext("uri") or ""
+        file = _found(path, uri, package_dirs)
         size = _numbers(form.get("scale") or form.findtext("scale"), size)
     elif form.tag == "box":
         size = _numbers(form.get("size") or form.findtext("size"), size)
@@ -117,26 +132,26 @@ def _numbers(text: str | None, otherwise: tuple[float, ...]) -> tuple[float, ...
     return tuple(float(word) for word in text.split()) if text else otherwise
 
 
-def _found(path: Path, uri: str) -> Path:
+def _found(path: Path, uri: str, package_dirs: Sequence[str]) -> Path:
     """Return the file that a description means by a URI.
 
-    ``package://a/b/c.stl`` is c.stl in a folder a/b that lies beside the description, or beside
-    one of the folders above it; without such a folder the same is tried with b alone. The folders
-    of ROS_PACKAGE_PATH come last.
+    ``package://a/b/c.stl`` is c.stl in a folder a/b that lies in one of the package folders, beside
+    the description, or beside one of the folders above it; without such a folder the same is tried
+    with b alone. The folders of ROS_PACKAGE_PATH come last.
     """
     rest = PurePosixPath(uri.partition("://")[2] or uri)
     if rest.is_absolute() and Path(rest).is_file():
         return Path(rest)
     words = [word for word in rest.parts if word != "/"]
-    for folder, i in _places(path, len(words)):
+    for folder, i in _places(path, len(words), package_dirs):
         candidate = folder.joinpath(*words[i:])
         if candidate.is_file():
             return candidate
     raise OSError(f"no file {uri!r}")
 
 
-def _places(path: Path, count: int) -> Iterator[tuple[Path, int]]:
+def _places(path: Path, count: int, package_dirs: Sequence[str]) -> Iterator[tuple[Path, int]]:
     ros = [Path(x) for x in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if x]
     for i in range(count):
-        for folder in (*path.absolute().parents, *ros):
+        for folder in (*map(Path, package_dirs), *path.absolute().parents, *ros):
             yield folder, i

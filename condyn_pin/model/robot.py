@@ -96,6 +96,8 @@ class Robot:
         states too, and no status doubts a state.
     unmodelled : sequence of str, optional
         What the description has, changes the motion, and is not in the model, a sentence each.
+    package_dirs : sequence of str, optional
+        Folders in which the meshes of the description are looked for.
 
     Raises
     ------
@@ -119,6 +121,7 @@ class Robot:
     spring_dampers: Sequence[SpringDamper] = ()
     precision: float = tolerances.ROUNDED_GEOMETRY
     unmodelled: Sequence[str] = ()
+    package_dirs: Sequence[str] = ()
 
     def __post_init__(self) -> None:
         check_origin(self.name, self.model)
@@ -311,7 +314,7 @@ class Robot:
         return find_frame(self, name)
 
     def with_frame(
-        self, name: str, parent: str, translation: ArrayLike, rotation: ArrayLike | None = None
+        self, name: str, parent: str, translation: Any, rotation: ArrayLike | None = None
     ) -> Robot:
         """Return a robot with one more frame, for a constraint to use.
 
@@ -321,8 +324,8 @@ class Robot:
             Name of the new frame.
         parent : str
             Frame that it is fixed to; "world" for a point of the world.
-        translation : (3,) array_like
-            Its origin in the parent frame [m].
+        translation : (3,) array_like or pinocchio.SE3
+            Its origin in the parent frame [m]; or its whole placement there.
         rotation : (3, 3) array_like, optional
             Its axes in the parent frame; the same axes by default.
 
@@ -521,7 +524,7 @@ class Robot:
     def __reduce__(self) -> tuple[Any, ...]:
         state = (self.name, self.model, dict(self.postures), self.loops, self.contacts)
         origin = (self.source, self.licence, self.description)
-        rest = (*origin, self.spring_dampers, self.precision, self.unmodelled)
+        rest = (*origin, self.spring_dampers, self.precision, self.unmodelled, self.package_dirs)
         return Robot, (*state, self.actuated, self.springs, self.unused, *rest)
 
     def _repr_html_(self) -> str:

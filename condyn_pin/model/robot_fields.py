@@ -30,6 +30,7 @@ _MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {
     "spring_dampers": (SpringDamper,),
     "unused": (str,),
     "unmodelled": (str,),
+    "package_dirs": (str,),
 }
 
 

@@ -44,7 +44,7 @@ def find_frame(robot: Robot, name: str) -> tuple[int, Any]:
 
 
 def model_with_frame(
-    robot: Robot, name: str, parent: str, translation: ArrayLike, rotation: ArrayLike | None
+    robot: Robot, name: str, parent: str, translation: Any, rotation: ArrayLike | None
 ) -> Any:
     """Return the robot's model with one more frame; see `Robot.with_frame`."""
     if not isinstance(name, str) or not name:
@@ -52,6 +52,10 @@ def model_with_frame(
     if name in robot.frames or name in WORLD:
         raise InvalidArgument(f"name = {name!r}: {robot.name} has a frame of this name")
     joint, placement = find_frame(robot, parent)
+    if isinstance(translation, pin.SE3):
+        if rotation is not None:
+            raise InvalidArgument("rotation: the placement has one; leave it out")
+        translation, rotation = translation.translation, translation.rotation
     p = finite("translation", translation, (3,))
     check_size("translation", *p)
     R = finite("rotation", np.eye(3) if rotation is None else rotation, (3, 3))

@@ -70,6 +70,7 @@ CHOICES: Final[dict[str, type]] = {"integrator": Integrator, "drift": Drift, "so
 _LISTS = ("loops", "contacts", "springs", "spring_dampers")
 _WORDS = (
     "name", "actuated", "unused", "unmodelled", "source", "licence", "description", "precision",
+    "package_dirs",
 )  # fmt: skip
 _POSTURE = "posture "
 _MODEL = "model "
@@ -141,8 +142,9 @@ def _robot(about: dict[str, Any], content: Content) -> Robot:
     postures = {k.removeprefix(_POSTURE): q for k, q in content.items() if k.startswith(_POSTURE)}
     model, lost = model_of(about["model"], numbers)
     lists: dict[str, Any] = {key: [decode(c) for c in about[key]] for key in _LISTS}
-    # files of before have neither
-    about = {"precision": tolerances.ROUNDED_GEOMETRY, "unmodelled": (), **about}
+    # files of before have none of these
+    before = {"precision": tolerances.ROUNDED_GEOMETRY, "unmodelled": (), "package_dirs": ()}
+    about = before | about
     words: dict[str, Any] = {key: about[key] for key in _WORDS}
     for key in ("source", "licence", "description"):
         if not isinstance(words[key], str):

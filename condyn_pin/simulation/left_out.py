@@ -191,7 +191,8 @@ def _solids(robot: Robot) -> tuple[_Solid, ...]:
     """Collision shapes of a robot's file on the joints that move."""
     frames = {f.name: f for f in robot.model.frames if f.type == pin.FrameType.BODY}
     made = []
-    for link, kind, corners in _read(robot.description, _age(robot.description)):
+    file = robot.description
+    for link, kind, corners in _read(file, robot.name, (*robot.package_dirs,), _age(file)):
         frame = frames.get(link)
         if frame is None or not frame.parentJoint:
             continue
@@ -217,10 +218,15 @@ def _age(description: str) -> float:
 
 
 @lru_cache(maxsize=16)
-def _read(description: str, _age: float) -> tuple[tuple[str, str, Array], ...]:
+def _read(
+    description: str, model: str, package_dirs: tuple[str, ...], _age: float
+) -> tuple[tuple[str, str, Array], ...]:
     """Link, kind and corners (k, 3) in the axes of the link of each collision shape of a file."""
+    if _age == -inf:
+        return ()
     found = []
-    for shape in shapes_of(description, "collision")[0] if _age > -inf else ():
+    shapes, _ = shapes_of(description, "collision", model=model, package_dirs=package_dirs)
+    for shape in shapes:
         try:
             found.append((shape.link, shape.kind, shape.mesh().vertices))
         except (CondynError, ValueError, OSError):

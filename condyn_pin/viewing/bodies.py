@@ -33,7 +33,9 @@ _CLEAR: Final = 0.15  # opacity of an inertia that is larger than the body it st
 
 def body_parts(robot: Robot, size: float) -> tuple[tuple[Part, ...], tuple[str, ...]]:
     """Return a part for each joint, with all that it carries, and what could not be drawn."""
-    shapes, missing = shapes_of(robot.description)
+    shapes, missing = shapes_of(
+        robot.description, model=robot.name, package_dirs=robot.package_dirs
+    )
     frames = robot.model.frames
     carriers = {f.name: f for f in frames if f.type == pin.FrameType.BODY} | {WORLD: frames[0]}
     drawn: dict[int, dict[Colour, Mesh]] = {}

@@ -17,22 +17,21 @@ _NOTHING = (
 )
 
 
+@arg.of_a_robot
 def assemble(
-    robot: arg.RobotName,
+    source: arg.Source,
     loops: arg.Loops = True,
     posture: arg.Posture = None,
     q: arg.JointValues = None,
     fixed: Annotated[str, typer.Option(help="Comma-separated: joints that keep their value.")] = "",
     limits: Annotated[bool, typer.Option(help="Keep the joints within their limits.")] = True,
-    variant: arg.Variant = None,
-    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
     """Close the loops, starting from a posture; exits with 1 if they cannot be closed."""
     from condyn_pin.cli.by_name import posture_of
     from condyn_pin.cli.words import names_in, scene_of
 
-    scene = scene_of(robot, "", loops, variant, floating)
+    scene = scene_of(source, "", loops)
     start, kept = posture_of(scene, posture, q)
     kept += [name for name in names_in(fixed) if name not in kept]
     assembly = scene.assemble(start, fixed=kept, within_limits=limits, throw=False)

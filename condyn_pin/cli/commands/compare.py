@@ -18,8 +18,9 @@ if TYPE_CHECKING:
 PANEL = "Look"
 
 
+@arg.of_a_robot
 def compare(
-    robot: arg.RobotName,
+    source: arg.Source,
     mjcf: Annotated[Path, typer.Argument(help="The same robot as a file for MuJoCo.")],
     name: Annotated[
         list[str] | None,
@@ -36,8 +37,6 @@ def compare(
     seed: Annotated[
         int, typer.Option(help="Seed of the random state that is compared.", min=0)
     ] = 0,
-    variant: arg.Variant = None,
-    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
     """Compare a robot with a file in MuJoCo, and name what differs; exits with 1 if they differ.
@@ -50,7 +49,7 @@ def compare(
     from condyn_pin.io.xml import place
     from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge
 
-    chosen = robot_of(robot, variant, floating)
+    chosen = robot_of(source)
     names = pairs_in("--name", name, "OURS=THEIRS is needed, such as root_joint=floating_base")
     with place(mjcf):
         model, _ = compiled(mjcf)

@@ -37,8 +37,9 @@ _UP: Final = 2.0  # [m/s^2]
 _SHOWN: Final = 6  # motors, the hardest worked first; `--json` has all of them
 
 
+@arg.of_a_robot
 def control(
-    robot: arg.RobotName,
+    source: arg.Source,
     contacts: Annotated[
         str, typer.Option(help="As in `condyn solve`; by default all contacts of the robot.")
     ] = "",
@@ -63,8 +64,6 @@ def control(
         typer.Option("--html", "--view", help="Write a page with forces and balance."),
     ] = None,
     png: Annotated[Path | None, typer.Option(help="Write a picture; needs Chromium.")] = None,
-    variant: arg.Variant = None,
-    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
     """Stand, or lift a foot, by whole-body control; exits with 1 if the status is not ok.
@@ -78,8 +77,8 @@ def control(
     check_ending(html, ".html", ".htm")
     check_ending(png, ".png")
     check_written(html, png)
-    listed = contacts or ready_contacts(robot_of(robot, variant, floating))
-    scene = scene_of(robot, listed, loops, variant, floating)
+    listed = contacts or ready_contacts(robot_of(source))
+    scene = scene_of(source, listed, loops)
     rise = _rise(up, lift or [])
     before, after = stand_and_lift(scene, posture, lift or [], rise, _demanded(com), friction, qp)
     shown = after or before

@@ -13,8 +13,9 @@ from condyn_pin.cli.output import check_written, say
 PANEL = "Look"
 
 
+@arg.of_a_robot
 def export(
-    robot: arg.RobotName,
+    source: arg.Source,
     mjcf: Annotated[Path, typer.Option(help="Write the robot with its loops here, for MuJoCo.")],
     without: Annotated[str, typer.Option(help="Comma-separated: loops to leave out.")] = "",
     friction: Annotated[
@@ -25,15 +26,13 @@ def export(
         bool,
         typer.Option("--shapes", help="Include shapes and meshes."),
     ] = False,
-    variant: arg.Variant = None,
-    floating: arg.Floating = False,
 ) -> None:
     """Write a robot in another format."""
     from condyn_pin._core.files.beside import write_text
     from condyn_pin.cli.words import feet_of, names_in, robot_of
 
     check_written(mjcf)
-    loaded = robot_of(robot, variant, floating)
+    loaded = robot_of(source)
     text = loaded.to_mjcf(
         without=names_in(without), contacts=feet_of(loaded, friction), shapes=shapes
     )

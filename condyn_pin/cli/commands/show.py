@@ -17,22 +17,21 @@ _NOTHING = (
 )
 
 
+@arg.of_a_robot
 def show(
-    robot: arg.RobotName,
+    source: arg.Source,
     contacts: arg.Contacts = "",
     loops: arg.Loops = True,
     posture: arg.Posture = None,
     frames: Annotated[
         bool, typer.Option("--frames", help="List the frames that constraints can use.")
     ] = False,
-    variant: arg.Variant = None,
-    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
     """Show what a scene contains, which rows are redundant, and what is not used."""
     from condyn_pin.cli.words import scene_of
 
-    scene = scene_of(robot, contacts, loops, variant, floating)
+    scene = scene_of(source, contacts, loops)
     summary = scene.summary(scene.state(posture)[0] if posture else None)
     ready = [contact.name for contact in scene.robot.contacts]
     if as_json:

@@ -22,8 +22,9 @@ Friction = Annotated[
 ]
 
 
+@arg.of_a_robot
 def simulate(
-    robot: arg.RobotName,
+    source: arg.Source,
     contacts: arg.Contacts = "",
     loops: arg.Loops = True,
     posture: arg.Posture = None,
@@ -37,8 +38,6 @@ def simulate(
     record: Annotated[int, typer.Option(help="Keep a sample every so many steps.")] = 1,
     save: Annotated[Path | None, typer.Option(help="Write the trajectory here (npz).")] = None,
     csv: Annotated[Path | None, typer.Option(help="Write the samples here.")] = None,
-    variant: arg.Variant = None,
-    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
     """Simulate from a posture at rest, without torques; exits with 1 if it broke down.
@@ -50,7 +49,7 @@ def simulate(
 
     check_ending(save, ".npz")
     check_written(save, csv)
-    scene = scene_of(robot, contacts, loops, variant, floating)
+    scene = scene_of(source, contacts, loops)
     feet = feet_of(scene.robot, friction)
     scene = replace(scene, contacts=feet)
     q, v = scene.state(posture, on_ground=bool(feet))

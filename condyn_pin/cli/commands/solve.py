@@ -16,8 +16,9 @@ if TYPE_CHECKING:
 PANEL = "Solve"
 
 
+@arg.of_a_robot
 def solve(
-    robot: arg.RobotName,
+    source: arg.Source,
     contacts: arg.Contacts = "",
     loops: arg.Loops = True,
     posture: arg.Posture = None,
@@ -39,8 +40,6 @@ def solve(
         int | None, typer.Option(help="Largest number of iterations.")
     ] = None,
     accuracy: Annotated[float, typer.Option(help="Largest acceptable error of a.")] = SOLVED,
-    variant: arg.Variant = None,
-    floating: arg.Floating = False,
     as_json: arg.AsJson = False,
 ) -> None:
     """Solve for accelerations and forces at rest; exits with 1 if the status is not ok."""
@@ -49,7 +48,7 @@ def solve(
     from condyn_pin.dynamics.choice import default_solver
     from condyn_pin.dynamics.verbs import solve as solve_scene
 
-    scene = scene_of(robot, contacts, loops, variant, floating)
+    scene = scene_of(source, contacts, loops)
     torques, forces = torque_of(scene, tau), forces_of(scene, force)
     at, v = state_of(scene, posture, q)
     name = solver or type(default_solver(scene)).__name__

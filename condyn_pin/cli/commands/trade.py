@@ -154,7 +154,7 @@ def _one_scene(
 
     if robots is None or len(robots) != 1:
         raise InvalidArgument("--tune chooses for one scene: name one robot")
-    return scene_of(robots[0], contacts, loops, variant)
+    return scene_of(arg.Source(robots[0], variant), contacts, loops)
 
 
 def _tune(

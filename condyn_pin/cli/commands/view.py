@@ -17,21 +17,15 @@ if TYPE_CHECKING:
 
 PANEL = "Look"
 
-ViewedName = Annotated[
-    str,
-    typer.Argument(
-        help="A name of `condyn robots`, a path of a robot, or a motion (.npz).",
-        autocompletion=arg.robot_names,
-    ),
-]
 ViewedContacts = Annotated[
     str | None,
     typer.Option(help="As in `condyn solve`; those of the robot if forces are drawn."),
 ]
 
 
+@arg.of_a_robot
 def view(
-    subject: ViewedName,
+    source: arg.Source,
     contacts: ViewedContacts = None,
     loops: arg.Loops = True,
     posture: arg.Posture = None,
@@ -52,8 +46,6 @@ def view(
         int, typer.Option(help="Port of the server; a free one by default.", min=0, max=65535)
     ] = 0,
     browser: Annotated[bool, typer.Option(help="Open the browser, if there is a display.")] = True,
-    variant: arg.Variant = None,
-    floating: arg.Floating = False,
     at: Annotated[
         float | None,
         typer.Option(help="Show only this instant of a motion [s].", show_default=False),
@@ -68,13 +60,14 @@ def view(
     check_ending(html, ".html", ".htm")
     check_ending(png, ".png")
     check_written(html, png)
+    subject = source.robot
     if not subject.endswith(".npz"):
         if motion is not None:
             raise InvalidArgument(f"--motion {motion}: it is for a batch (.npz), not for {subject}")
         if at is not None:
             raise InvalidArgument(f"--at {at:g}: it is for a motion (.npz), not for {subject}")
-        chosen = _standing(subject, contacts, loops, posture, forces, variant, floating)
-    elif posture or forces or contacts or variant or floating or not loops:
+        chosen = _standing(source, contacts, loops, posture, forces)
+    elif posture or forces or contacts or not (loops and source.is_plain):
         raise InvalidArgument(f"{subject}: a motion has its own states, constraints and forces")
     else:
         chosen = _motion(subject, motion)
@@ -114,13 +107,11 @@ def _motion(path: str, motion: int | None) -> Subject:
 
 
 def _standing(
-    name: str,
+    source: arg.Source,
     contacts: str | None,
     loops: bool,
     posture: str | None,
     forces: bool,
-    variant: list[str] | None,
-    floating: bool,
 ) -> Subject:
     """Return the scene of a robot, or what holds it still: its motors, and its springs if bent."""
     from condyn_pin.cli.words import robot_of, scene_of
@@ -129,10 +120,8 @@ def _standing(
     from condyn_pin.dynamics.verbs import solve
 
     if contacts is None:
-        contacts = (
-            ",".join(c.name for c in robot_of(name, variant, floating).contacts) if forces else ""
-        )
-    scene = scene_of(name, contacts, loops, variant, floating)
+        contacts = ",".join(c.name for c in robot_of(source).contacts) if forces else ""
+    scene = scene_of(source, contacts, loops)
     if not forces:
         return scene
     q, v = scene.state(posture)
