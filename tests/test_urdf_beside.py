@@ -331,7 +331,7 @@ def test_names_of_links_do_not_clash(ends):
     text = ends.read_text().replace("</robot>", f"{tip('left_cross', 'a', '0 0 0')}</robot>")
     ends.write_text(text)
     ends.with_suffix(".yaml").write_text("joint_name: [left]\njoint_type: [UJOINT_XY]\n")
-    with pytest.raises(cp.errors.InvalidModel, match="two <link> are named 'left_cross'"):
+    with pytest.raises(cp.errors.InvalidModel, match="needs the name 'left_cross'; rename"):
         cp.load_robot(ends)
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from collections import defaultdict
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from math import copysign, inf, pi
 from os import PathLike
 from pathlib import Path
@@ -34,7 +34,7 @@ from condyn_pin.io.sdf_graph import (
 )
 from condyn_pin.io.sdf_types import WORLD, Axis, Gear, Joint, Link, Mimic, SdfModel
 from condyn_pin.io.sdf_world import Chosen, Files, flag, truth
-from condyn_pin.io.xml import UNLIMITED, check_counts, find, floats, label, not_read
+from condyn_pin.io.xml import UNLIMITED, Schema, Tag, check_counts, label
 
 # What changes the motion and is not modelled, unless it is zero or false: by the element that has
 # it, and in the words of what is said of it.
@@ -55,25 +55,33 @@ _CHANGES: Final[Mapping[str, Mapping[str, str]]] = {
         "physics/ode/suspension/cfm": "suspension of the joints",
     },
 }
-_AXIS: Final = ("xyz", "limit", "dynamics", "use_parent_model_frame", "mimic")
-# What is read below each element; everything else is counted and reported.
-_READ: Final[Mapping[str, Sequence[str]]] = {
-    "read": ("model",),
-    "model": ("pose", "link", "joint", "frame", "model", "include", "static", "plugin"),
-    "link": ("pose", "inertial", "gravity"),
-    "inertial": ("pose", "mass", "inertia", "fluid_added_mass"),
-    "inertia": ("ixx", "iyy", "izz", "ixy", "ixz", "iyz"),
-    "joint": (
-        "pose", "parent", "child", "axis", "axis2", "gearbox_ratio", "gearbox_reference_body",
-        "thread_pitch", "screw_thread_pitch",
+_AXIS: Final = Tag("*", one="xyz limit dynamics use_parent_model_frame mimic")
+_NUMBER: Final = Tag(text=1)
+_MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+_TAGS: Final[Mapping[str, Tag]] = {
+    "link": Tag(
+        "*", one="pose inertial gravity enable_wind kinematic must_be_base_link velocity_decay"
+    ),
+    "inertial": Tag("*", one="pose mass inertia fluid_added_mass"),
+    "inertia": Tag(one=" ".join(_MOMENTS)),
+    "joint": Tag(
+        "*",
+        one="pose parent child axis axis2 gearbox_ratio gearbox_reference_body thread_pitch "
+        "screw_thread_pitch physics",
     ),
     "axis": _AXIS,
     "axis2": _AXIS,
-    "limit": ("lower", "upper", "effort", "velocity"),
-    "dynamics": ("damping", "friction", "spring_stiffness", "spring_reference"),
-    "mimic": ("multiplier", "offset", "reference"),
-    "frame": ("pose",),
-}  # fmt: skip
+    "xyz": Tag("*", text=3),
+    "limit": Tag(one="lower upper effort velocity"),
+    "dynamics": Tag(one="damping friction spring_stiffness spring_reference"),
+    "mimic": Tag("*", one="multiplier offset reference"),
+    "frame": Tag("*", one="pose"),
+    **dict.fromkeys(("mass", "gearbox_ratio", "thread_pitch", "screw_thread_pitch"), _NUMBER),
+    **dict.fromkeys((*_MOMENTS, "multiplier", "offset", "reference"), _NUMBER),
+    **dict.fromkeys(("lower", "upper", "effort", "velocity"), Tag(text=1, infinite=True)),
+    **dict.fromkeys(("damping", "friction", "spring_stiffness", "spring_reference"), _NUMBER),
+}
+_OF_MODEL: Final = ("pose", "link", "joint", "frame", "model", "include", "static", "plugin")
 _OF_WORLD: Final = ("world", "model", "include", "gravity", "plugin", "physics")
 _DRIVES: Final = re.compile(  # in the name or the file of a plugin
     "actuat|attach|buoyan|control|conveyor|damp|drag|drive|force(?!.?torque)|friction|gear|grasp|"
@@ -87,7 +95,11 @@ def parse(path: str | PathLike[str], name: str | None) -> SdfModel:
     files = Files(Path(path))
     chosen = files.chosen(name)
     top = chosen.model
-    parts = parts_of(top, files)
+    parts, schema = parts_of(top, files), Schema(_TAGS)
+    parts = {
+        each: part if is_model(part) else part._replace(element=schema.checked(part.element))
+        for each, part in parts.items()
+    }
     tagged: dict[str, dict[str, Part]] = {"link": {}, "joint": {}}
     for each, part in parts.items():
         tagged.setdefault(part.element.tag, {})[each] = part
@@ -108,7 +120,7 @@ def parse(path: str | PathLike[str], name: str | None) -> SdfModel:
         },
         gravity=chosen.gravity,
         defaults=defaults,
-        unread=(*chosen.unused, *_unread(chosen, parts)),
+        unread=(*chosen.unused, *_unread(chosen, parts, schema)),
         unmodelled=tuple(_unmodelled(chosen, parts)),
     )
 
@@ -119,13 +131,12 @@ def _roots(chosen: Chosen, parts: Mapping[str, Part]) -> list[Element]:
     return list({id(model): model for model in (chosen.model.model, *included)}.values())
 
 
-def _unread(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:
+def _unread(chosen: Chosen, parts: Mapping[str, Part], schema: Schema) -> Iterator[str]:
     """Say which elements are not read, of the world and of the models."""
-    read = Element("read")
-    read.extend([e for e in chosen.world if e.tag not in (*_OF_WORLD, *_changing("world"))])
-    read.extend(_roots(chosen, parts))
-    elements = {tag: (*known, *_changing(tag)) for tag, known in _READ.items()}
-    yield from not_read(read, elements)
+    schema.count(chosen.world, (*_OF_WORLD, *_changing("world")))
+    for root in _roots(chosen, parts):
+        schema.count(root, (*_OF_MODEL, *_changing("model")))
+    yield from schema.not_read()
     if idle := [_named(p) for p in _plugins(chosen, parts) if not _DRIVES.search(_file(p))]:
         yield f"plugins: {quoted(idle)}"
 
@@ -180,11 +191,11 @@ def _link(
     """Return a link with its inertia in its own frame; the format fills in what is left out."""
     element = part.element
     weighs = flag(element, "gravity", "true")
-    inertial = find(element, "inertial")
+    inertial = element.find("inertial")
     if inertial is not None and truth(inertial.get("auto", "false"), f"{label(element)}: auto"):
         raise InvalidModel(f"{label(element)}: <inertial auto>; write its mass and inertia out")
     for path, value in (("mass", "1 kg"), ("inertia", "1 kg m^2 about each axis")):
-        if find(element, f"inertial/{path}") is None:
+        if element.find(f"inertial/{path}") is None:
             defaults[value].append(name)
     mass = _number(element, "inertial/mass", 1.0)
     moments = (_number(element, f"inertial/inertia/i{ab}", 1.0) for ab in ("xx", "yy", "zz"))
@@ -210,7 +221,7 @@ def _joint(part: Part, name: str, poses: Mapping[str, Any], link_of: Mapping[str
     parent, child = (_end(part, end, link_of) for end in ("parent", "child"))
     if child in (WORLD, parent):
         raise InvalidModel(f"{label(element)}: joins {parent!r} to {child!r}; name another child")
-    geared = find(element, "gearbox_reference_body") is not None
+    geared = element.find("gearbox_reference_body") is not None
     return Joint(
         name=name,
         kind=element.get("type", ""),
@@ -273,7 +284,7 @@ def _axis(part: Part, tag: str, name: str, poses: Mapping[str, Any]) -> Axis:
 
 
 def _mimic(part: Part, path: str) -> Mimic | None:
-    mimic = find(part.element, path)
+    mimic = part.element.find(path)
     if mimic is None:
         return None
     leader, axis = part.named(mimic.get("joint", "")), mimic.get("axis", "axis")
@@ -288,10 +299,10 @@ def _mimic(part: Part, path: str) -> Mimic | None:
 
 def _direction(part: Part, tag: str, name: str, poses: Mapping[str, Any]) -> Array | None:
     element = part.element
-    xyz = find(element, f"{tag}/xyz")
+    xyz = element.find(f"{tag}/xyz")
     if xyz is None:
         return None
-    axis = floats(xyz.text, 3, f"{label(element)}: <{tag}/xyz>")
+    axis = np.array([float(x) for x in (xyz.text or "").split()])
     if not axis.any():
         raise InvalidModel(f"{label(element)}: <{tag}/xyz> is zero; give it a direction")
     in_model = "true" if part.model.axes_of_model else "false"
@@ -306,7 +317,7 @@ def _direction(part: Part, tag: str, name: str, poses: Mapping[str, Any]) -> Arr
 
 
 def _limit(element: Element, path: str, unlimited: float) -> float:
-    value = _number(element, path, unlimited, infinite=True)
+    value = _number(element, path, unlimited)
     return copysign(inf, value) if abs(value) >= UNLIMITED else value
 
 
@@ -315,9 +326,7 @@ def _bound(element: Element, path: str) -> float:
     return inf if value < 0 else value  # the format's way to say that it is not enforced
 
 
-def _number(element: Element, path: str, default: float, *, infinite: bool = False) -> float:
-    """Return the one number at a path, or the default where there is no such element."""
-    found = find(element, path)
-    if found is not None:
-        return float(floats(found.text, 1, f"{label(element)}: <{path}>", infinite)[0])
-    return default
+def _number(element: Element, path: str, default: float) -> float:
+    """Return the number at a path, which was checked, or the default where there is none."""
+    found = element.findtext(path)
+    return default if found is None else float(found)

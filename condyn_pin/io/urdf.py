@@ -1,36 +1,81 @@
 """URDF: checked here, read by Pinocchio, closed by what authors write beside the tree.
 
-Pinocchio gets a copy of the file with what was checked and nothing else: no meshes, no extensions,
-numbers in one spelling. A URDF is a tree of hinges and sliders; conventions add what is missing:
+Pinocchio's parser prints where it should raise, drops the mass of a link whose numbers it cannot
+read, and accepts NaN. So it gets a copy of the file with what was checked and nothing else: no
+meshes, no extensions, numbers in one spelling. A URDF is a tree of hinges and sliders; conventions
+add what is missing:
 
     <mimic>              q = multiplier q_other + offset, a `Coupling`
     a second parent      a joint that is cut, and closed by a `Loop`; <loop_joint>, <constraint>
-                         and <joint> in <gazebo> as well, see `urdf_cuts`
-    names of links       the two halves of a cut joint, see `urdf_closures`
-    a YAML or a TOML     loops, motors, balls and universal joints, see `urdf_beside`
+                         and <joint> in <gazebo> as well
+    names of links       the two halves of a cut joint
+    a YAML or a TOML     loops, motors, balls and universal joints
 
-The kind of a cut joint is not in its name for certain; `robot.toml` can say another kind.
+See `urdf_loops` for the last three. The kind of a joint that was cut is not in its name for
+certain; `robot.toml` can say another kind.
 """
 
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
-from collections.abc import Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
+from xml.etree.ElementTree import Element, SubElement
+
+import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.joints import UNLIMITED
+from condyn_pin._core.names import few
+from condyn_pin.constraints.base import WORLD
 from condyn_pin.constraints.coupling import Coupling
-from condyn_pin.errors import InvalidModel
-from condyn_pin.io.description import Description
+from condyn_pin.constraints.loop import Loop
+from condyn_pin.errors import InvalidModel, unknown_name
+from condyn_pin.io.description import Body, Description, doubts, tensor
 from condyn_pin.io.files import check_root_joint
-from condyn_pin.io.urdf_beside import Beside, read_beside
-from condyn_pin.io.urdf_check import checked
-from condyn_pin.io.urdf_closures import closings
-from condyn_pin.io.urdf_cuts import close, cuts_of
-from condyn_pin.io.urdf_retyped import retyped, turn_planes, with_balls
-from condyn_pin.io.urdf_unused import unmodelled, unused
-from condyn_pin.io.xml import open_xml, place
+from condyn_pin.io.urdf_loops import (
+    Beside,
+    alone,
+    along,
+    close,
+    closings,
+    cuts_of,
+    link_at,
+    read_beside,
+)  # fmt: skip
+from condyn_pin.io.xml import Schema, Tag, check_counts, label, open_xml, place
+from condyn_pin.model.smaller_robot import copy_numbers
+
+_MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+# What <gazebo> says of a link, a joint or all of it, and the texts that mean nothing.
+_OF_GAZEBO: Final = (
+    "turnGravityOff", "gravity", "static", "springStiffness", "springReference", "dampingFactor",
+)  # fmt: skip
+_NOTHING: Final[Mapping[str, Sequence[str]]] = {
+    **dict.fromkeys(_OF_GAZEBO, ("0", "0.0", "false")), "gravity": ("1", "true")
+}  # fmt: skip
+_TAGS: Final = {
+    "robot": Tag("name version", many="link joint loop_joint constraint gazebo"),
+    "gazebo": Tag("reference", many=" ".join(("joint", *_OF_GAZEBO)), raw=True),
+    "link": Tag("name", one="inertial", many="visual"),  # view draws the latter
+    "inertial": Tag(one="origin mass inertia"),
+    "origin": Tag(numbers={"xyz": 3, "rpy": 3}),
+    "mass": Tag(numbers={"value": 1}, needed="value"),
+    "inertia": Tag(numbers=dict.fromkeys(_MOMENTS, 1), needed=" ".join(_MOMENTS)),
+    "joint": Tag("name type", one="origin parent child axis limit dynamics mimic"),
+    "parent": Tag("link"),
+    "child": Tag("link"),
+    "axis": Tag(numbers={"xyz": 3}, needed="xyz"),
+    "limit": Tag(
+        numbers=dict.fromkeys(("lower", "upper", "effort", "velocity"), 1), infinite=True
+    ),
+    "dynamics": Tag(numbers={"damping": 1, "friction": 1}),
+    "mimic": Tag("joint", {"multiplier": 1, "offset": 1}),
+}  # fmt: skip
+_TYPES: Final = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
+_SCALAR: Final = ("revolute", "continuous", "prismatic")
+_AXES: Final[Mapping[str, str]] = {"X": "1 0 0", "Y": "0 1 0", "Z": "0 0 1"}
 
 
 def read_urdf(source: Path | str, root_joint: str = "fixed", *, mimic: bool = True) -> Description:
@@ -63,48 +108,380 @@ def read_urdf(source: Path | str, root_joint: str = "fixed", *, mimic: bool = Tr
             tag = macro.rpartition("}")[2]
             raise InvalidModel(f"<xacro:{tag}>: a macro; expand it with `xacro FILE > robot.urdf`")
         beside = read_beside(source) if isinstance(source, Path) else Beside()
-        return _robot(robot, beside, root_joint, mimic)
+        return _Reader(robot, beside, mimic).read(root_joint)
 
 
-def _robot(robot: ET.Element, beside: Beside, root_joint: str, mimic: bool) -> Description:
-    tree = retyped(robot, beside.joints)
-    copy, past_the_tree = checked(tree, floating=root_joint == "free_flyer", mimic=mimic)
-    links, joints = ([e.attrib["name"] for e in tree.findall(tag)] for tag in ("link", "joint"))
-    named = () if beside.loops is not None else tuple(closings(links, joints))
-    couplings = _couplings(tree) if mimic else ()
-    balls = [name for name, kind in beside.joints.items() if kind == "SPHERICAL"]
-    model = with_balls(_model(ET.tostring(copy, encoding="unicode"), root_joint), balls)
-    cuts = tuple(cuts_of(tree, past_the_tree))
-    turn_planes(model, tree)
-    return Description(
-        model,
-        loops=(*couplings, *(beside.loops or named), *close(model, cuts)),
-        unused=(
-            *unused(tree, copy, coupled=mimic, cuts=named),
-            *beside.unused(),
-        ),
-        unmodelled=tuple(unmodelled(tree, past_the_tree)),
-        actuated=beside.motors,
-        name=robot.attrib["name"],
-    )
+class _Reader:
+    """A URDF that is being read: a checked copy of it, whose joints Pinocchio knows."""
 
+    def __init__(self, robot: Element, beside: Beside, mimic: bool) -> None:
+        if not robot.get("name"):
+            raise InvalidModel("<robot> has no name; give it one")
+        self._schema, self._beside = Schema(_TAGS), beside
+        self.robot = self._schema.checked(robot)
+        self.links, self.joints = _named(self.robot, "link"), _named(self.robot, "joint")
+        if not self.links:
+            raise InvalidModel("<robot> has no <link>; at least one is needed")
+        moving = sum(joint.get("type") != "fixed" for joint in self.joints.values())
+        check_counts(len(self.links), moving)
+        for name, kind in beside.joints.items():
+            self._retype(name, kind)
+        self.cut = self._past_the_tree()
+        for name in self.cut:
+            del self.joints[name]
+        self.mimics = [*self._mimicking()] if mimic else []
+        self.free = [name for name, joint in self.joints.items() if _without_bounds(joint)]
 
-def _model(text: str, root_joint: str) -> Any:
-    try:
-        if root_joint == "free_flyer":
-            return pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
-        return pin.buildModelFromXML(text)
-    except (ValueError, RuntimeError) as error:
-        raise InvalidModel(f"Pinocchio cannot read it: {error}") from error
+    def read(self, root_joint: str) -> Description:
+        root = self._root()
+        for name in (*self.links, *self.joints):
+            if name in WORLD and (name != root or root_joint == "free_flyer"):
+                advice = "rename it" + ", or take the root joint 'fixed'" * (name == root)
+                raise InvalidModel(f"the name {name!r} is the world's: {advice}")
+        beside, robot = self._beside, self.robot
+        named = () if beside.loops is not None else tuple(closings(self.links, self.joints))
+        cuts = tuple(cuts_of(robot, self.cut.values()))
+        # before joints are as Pinocchio reads them
+        couplings, told = tuple(self._couplings()), tuple(self._unused(named))
+        balls = [name for name, kind in beside.joints.items() if kind == "SPHERICAL"]
+        model = _with_balls(self._model(root_joint), balls)
+        _turn_planes(model, self.joints)
+        return Description(
+            model,
+            loops=(*couplings, *(beside.loops or named), *close(model, cuts)),
+            unused=(*told, *beside.unused()),
+            unmodelled=tuple(self._unmodelled()),
+            actuated=beside.motors,
+            name=robot.attrib["name"],
+        )
 
+    # The tree
 
-def _couplings(robot: ET.Element) -> Iterator[Coupling]:
-    for joint in robot.findall("joint"):
-        mimic = joint.find("mimic")
-        if mimic is not None and joint.get("type") != "fixed":
-            yield Coupling(
-                joint.attrib["name"],
-                mimic.attrib["joint"],
-                ratio=float(mimic.get("multiplier", 1.0)),
-                offset=float(mimic.get("offset", 0.0)),
+    def _past_the_tree(self) -> dict[str, Element]:
+        """Return the joints whose child has a parent already: each closes a loop."""
+        have_parents, past = set[str](), dict[str, Element]()
+        for name, joint in self.joints.items():
+            kind = joint.get("type", "")
+            if kind not in _TYPES:
+                raise InvalidModel(f"{label(joint)}: {unknown_name('joint type', kind, _TYPES)}")
+            for end in ("parent", "child"):
+                link = link_at(joint, end)
+                if not link:
+                    raise InvalidModel(f"{label(joint)}: no <{end} link=...>; name its {end} link")
+                if link not in self.links:
+                    known = unknown_name("link", link, self.links)
+                    raise InvalidModel(f"{label(joint)}: <{end}>: {known}")
+            if link in have_parents:
+                past[name] = joint
+            have_parents.add(link)
+        return past
+
+    def _root(self) -> str:
+        """Return the root link; refuse what is no tree."""
+        parent_of = {link_at(j, "child"): link_at(j, "parent") for j in self.joints.values()}
+        roots = [link for link in self.links if link not in parent_of]
+        if len(roots) != 1:
+            found = f"the links {', '.join(map(repr, roots[:4]))} have" if roots else "no link has"
+            advice = (
+                "" if roots else "; exchange parent and child of the joint that closes the loop"
             )
+            raise InvalidModel(
+                f"{found} no parent joint; exactly one link, the root, must have none{advice}"
+            )
+        children: dict[str, list[str]] = {}
+        for child, parent in parent_of.items():
+            children.setdefault(parent, []).append(child)
+        reached, waiting = {roots[0]}, [roots[0]]
+        while waiting:
+            below = children.get(waiting.pop(), [])
+            reached.update(below)
+            waiting.extend(below)
+        if lost := [link for link in self.links if link not in reached]:
+            raise InvalidModel(f"no joint leads from {roots[0]!r} to the links {lost[:4]}; add one")
+        return roots[0]
+
+    def _mimicking(self) -> Iterator[str]:
+        """Yield the joints that follow another one; refuse what cannot."""
+        for name, joint in self.joints.items():
+            mimic = joint.find("mimic")
+            if mimic is None or joint.get("type") == "fixed":
+                continue
+            where, leader = f"{label(joint)}: <mimic", mimic.get("joint", "")
+            if leader not in self.joints:
+                raise InvalidModel(f"{where}>: {unknown_name('joint', leader, self.joints)}")
+            for who in (name, leader):
+                kind = self.joints[who].get("type", "")
+                if kind not in _SCALAR:
+                    raise InvalidModel(
+                        f"{where}>: joint {who!r} is {kind}; joints with one degree of freedom are "
+                        "needed"
+                    )
+            if leader == name:
+                raise InvalidModel(f"{where}>: it mimics itself; name another joint")
+            if float(mimic.get("multiplier", 1.0)) == 0:
+                raise InvalidModel(f"{where} multiplier=0> locks it; make it fixed")
+            self._check_circle(name)
+            yield name
+
+    def _check_circle(self, start: str) -> None:
+        """Refuse joints that mimic each other in a circle: none of them leads."""
+        way = [start]
+        while (mimic := self.joints[way[-1]].find("mimic")) is not None:
+            name = mimic.get("joint", "")
+            if name == start:
+                raise InvalidModel(
+                    f"{label(self.joints[start])}: <mimic>: the joints "
+                    f"{', '.join(map(repr, way))} mimic each other in a circle; let one of them "
+                    "lead"
+                )
+            if name in way or name not in self.joints:
+                return
+            way.append(name)
+
+    def _couplings(self) -> Iterator[Coupling]:
+        for name in self.mimics:
+            mimic = self.joints[name].find("mimic")
+            assert mimic is not None
+            ratio, offset = (float(mimic.get(*of)) for of in (("multiplier", "1"), ("offset", "0")))
+            yield Coupling(name, mimic.attrib["joint"], ratio=ratio, offset=offset)
+
+    # For Pinocchio
+
+    def _model(self, root_joint: str) -> Any:
+        copy = Element("robot", name=self.robot.attrib["name"])
+        for link in self.links.values():
+            made = SubElement(copy, "link", name=link.attrib["name"])
+            if (inertial := link.find("inertial")) is not None:
+                _check_inertial(link, inertial)
+                made.append(inertial)
+        led = {m.get("joint") for name in self.mimics for m in self.joints[name].iter("mimic")}
+        for name, joint in self.joints.items():
+            # a continuous joint is (cos, sin) in Pinocchio; what is proportional needs an angle
+            unbounded = joint.get("type") == "continuous" and (name in self.mimics or name in led)
+            self._limit(joint, unbounded=unbounded)
+            if unbounded:
+                joint.set("type", "revolute")
+            axis = joint.find("axis")
+            if axis is not None and joint.get("type") != "fixed" and not any(_numbers(axis, "xyz")):
+                raise InvalidModel(f"{label(joint)}: <axis xyz> is zero; give it a direction")
+            for mimic in joint.findall("mimic"):
+                joint.remove(mimic)
+            copy.append(joint)
+        try:
+            text = ET.tostring(copy, encoding="unicode")
+            if root_joint == "free_flyer":
+                return pin.buildModelFromXML(text, pin.JointModelFreeFlyer())
+            return pin.buildModelFromXML(text)
+        except (ValueError, RuntimeError) as error:
+            raise InvalidModel(f"Pinocchio cannot read it: {error}") from error
+
+    def _limit(self, joint: Element, *, unbounded: bool) -> None:
+        """Write out the four limits of a joint, as the format has those that are left out."""
+        where, kind, limit = label(joint), joint.get("type"), joint.find("limit")
+        if limit is None:
+            if kind in ("revolute", "prismatic"):
+                raise InvalidModel(
+                    f"{where}: a {kind} joint needs <limit lower=.. upper=.. effort=.. "
+                    "velocity=..>; without limits it is continuous"
+                )
+            if not unbounded:
+                return
+            limit = SubElement(joint, "limit")
+        missing = [key for key in ("lower", "upper") if key not in limit.attrib]
+        free = repr(UNLIMITED)
+        given = {"lower": "0", "upper": "0", "effort": free, "velocity": free} | limit.attrib
+        if unbounded or joint.get("name") in self.free:
+            given |= {"lower": f"-{free}", "upper": free}
+        said = {k: float(np.clip(float(x), -UNLIMITED, UNLIMITED)) for k, x in given.items()}
+        if said["lower"] > said["upper"]:
+            advice = "exchange them"
+            if missing:
+                advice = f"the {missing[0]} one is not there, which is 0; give it"
+            raise InvalidModel(f"{where}: limits {said['lower']:g} to {said['upper']:g}; {advice}")
+        limit.attrib.update({key: repr(value) for key, value in said.items()})
+
+    def _retype(self, name: str, kind: str) -> None:
+        """Make a joint what the file beside says; a ball stays a hinge, see `_with_balls`.
+
+        Where it stands is where the hinge stood; axis, limits, damping and friction are gone.
+        """
+        if name not in self.joints:
+            raise InvalidModel(f"joint_name: {unknown_name('joint', name, self.joints)}")
+        joint = self.joints[name]
+        if joint.get("type") == "fixed" and kind != "FIXED":
+            raise InvalidModel(f"joint_name: {name!r} is fixed, and cannot be {kind}")
+        for tag in ("axis", "limit", "dynamics", "mimic"):
+            for element in joint.findall(tag):
+                joint.remove(element)
+        joint.set("type", "fixed" if kind == "FIXED" else "continuous")
+        if kind.startswith("UJOINT"):
+            self._universal(joint, name, kind[-2:])
+
+    def _universal(self, joint: Element, name: str, axes: str) -> None:
+        """Make a joint two hinges NAME_X and NAME_Y with an empty link NAME_cross between them."""
+        cross, child = f"{name}_cross", joint.find("child")
+        if child is None:
+            raise InvalidModel(f"joint {name!r}: no <child link=...>; name its child link")
+        names = [f"{name}_{axis}" for axis in axes]
+        for taken in {cross} & self.links.keys() | {*names} & self.joints.keys():
+            raise InvalidModel(f"joint {name!r} needs the name {taken!r}; rename the other one")
+        self.links[cross] = Element("link", name=cross)
+        other = Element("joint", name=names[1])
+        SubElement(other, "parent", link=cross)
+        SubElement(other, "child", dict(child.attrib))
+        child.set("link", cross)
+        joint.set("name", names[0])
+        for hinge, axis in ((joint, axes[0]), (other, axes[1])):
+            hinge.set("type", "revolute")
+            SubElement(hinge, "axis", xyz=_AXES[axis])
+            SubElement(hinge, "limit", lower="-inf", upper="inf", effort="inf", velocity="inf")
+        del self.joints[name]
+        self.joints |= {names[0]: joint, names[1]: other}
+
+    # What is said
+
+    def _unused(self, cuts: Sequence[Loop]) -> Iterator[str]:
+        """Say what of the file is not used, and what was made of what it leaves open."""
+        joints = [*self.joints.values(), *self.cut.values()]
+        still = [joint for joint in joints if joint.get("type") == "fixed"]
+        moving = [joint for joint in joints if joint not in still]
+        if damped := _having(moving, "dynamics", "damping"):
+            yield f"joint damping ({few(damped)}): add Robot.passive_torque to tau"
+        if rubbed := _having(moving, "dynamics", "friction"):
+            yield f"joint friction ({few(rubbed)})"
+        if limited := _having(moving, "limit"):
+            yield f"limits of position, velocity and effort ({len(limited)} joints)"
+        if mimics := _having(still, "mimic"):
+            yield f"mimic of fixed joints ({few(mimics)})"
+        yield from self._schema.not_read()
+        if mimics := _having(moving, "mimic"):
+            what = "couplings of Robot.loops, which hold in scenes that contain them"
+            what = what if self.mimics else "these joints move on their own"
+            yield f"mimic ({few(mimics)}): {what}"
+        if self.free:
+            yield (
+                f"<limit> without lower and upper ({few(self.free)}): without bounds here; the "
+                "format has 0 to 0, which locks them"
+            )
+        for kind in ("ball", "weld"):
+            if names := [loop.name for loop in cuts if loop.called == kind]:
+                yield (
+                    f"the kind of the joints cut at {few(names)}: {kind}s here, unless [[loops]] "
+                    "of a robot.toml name the same two frames"
+                )
+        for name, reason in alone(self.links, self.joints):
+            what = "link" if name in self.links else "joint"
+            yield f"{what} {name!r}: {reason}, so it closes nothing"
+        yield from doubts(_bodies(self.links))
+
+    def _unmodelled(self) -> Iterator[str]:
+        """Say what changes the motion, and is not in the model: Gazebo's, and of joints cut."""
+        for tag in _OF_GAZEBO:
+            where = [
+                gazebo.get("reference", "the robot")
+                for gazebo in self.robot.findall("gazebo")
+                if (said := gazebo.findtext(tag)) and said.strip().lower() not in _NOTHING[tag]
+            ]
+            if where:
+                yield f"<{tag}> of <gazebo> ({few(where)})"
+        for name, joint in self.cut.items():
+            found = joint.find("dynamics")
+            lost = [] if found is None else [k for k, x in found.attrib.items() if float(x)]
+            if lost:
+                yield f"{' and '.join(lost)} of joint {name!r}, at which a loop is cut"
+
+
+def _named(robot: Element, tag: str) -> dict[str, Element]:
+    """Return elements by name, in the order of the file."""
+    found: dict[str, Element] = {}
+    for element in robot.findall(tag):
+        name = element.get("name", "")
+        if not name.strip():
+            raise InvalidModel(f"a <{tag}> has no name; give it one")
+        if name in found:
+            raise InvalidModel(f"two <{tag}> are named {name!r}; rename one")
+        found[name] = element
+    return found
+
+
+def _check_inertial(link: Element, inertial: Element) -> None:
+    for tag in ("mass", "inertia"):
+        if inertial.find(tag) is None:
+            raise InvalidModel(f"{label(link)}: <inertial> has no <{tag}>; give it one")
+    (mass,) = _numbers(inertial.find("mass"), "value")
+    if mass < 0:
+        raise InvalidModel(f"{label(link)}: <mass value={mass:g}>: it must not be negative")
+
+
+def _numbers(element: Element | None, key: str) -> list[float]:
+    assert element is not None
+    return [float(word) for word in element.attrib[key].split()]
+
+
+def _without_bounds(joint: Element) -> bool:
+    """True if a joint that needs limits has some of effort and velocity only.
+
+    By the format both bounds are then 0, which locks it. Exporters mean that there are none.
+    """
+    limit = joint.find("limit")
+    if joint.get("type") not in ("revolute", "prismatic") or limit is None:
+        return False
+    return not {"lower", "upper"} & limit.attrib.keys()
+
+
+def _having(joints: Iterable[Element], tag: str, key: str = "") -> list[str]:
+    """Return the joints with an element, or with an attribute of it other than zero."""
+    found = ((joint.attrib["name"], joint.find(tag)) for joint in joints)
+    return [
+        name
+        for name, element in found
+        if element is not None and (not key or float(element.get(key) or 0))
+    ]
+
+
+def _bodies(links: Mapping[str, Element]) -> Iterator[Body]:
+    for name, link in links.items():
+        mass, inertia = link.find("inertial/mass"), link.find("inertial/inertia")
+        if mass is not None and inertia is not None:
+            about_centre = tensor(*(float(inertia.attrib[key]) for key in _MOMENTS))
+            yield name, float(mass.attrib["value"]), about_centre
+
+
+def _with_balls(model: Any, names: Collection[str]) -> Any:
+    """Return a model with balls in the place of joints, every other number of it kept."""
+    if not names:
+        return model
+    made = pin.Model()
+    made.name = model.name
+    made.gravity = pin.Motion(model.gravity.vector.copy())
+    made.inertias[0] = pin.Inertia(model.inertias[0])
+    for i in range(1, model.njoints):
+        name = model.names[i]
+        joint = pin.JointModelSpherical() if name in names else model.joints[i]
+        made.addJoint(model.parents[i], joint, model.jointPlacements[i], name)
+        made.appendBodyToJoint(i, model.inertias[i], pin.SE3.Identity())
+    for frame in list(model.frames)[1:]:
+        made.addFrame(frame, False)  # the inertia is on the joint already
+    copy_numbers(model, made, [name for name in list(model.names)[1:] if name not in names])
+    return made
+
+
+def _turn_planes(model: Any, joints: Mapping[str, Element]) -> None:
+    """Turn the planar joints of a model so that their planes are across their axes.
+
+    Pinocchio has them across z: with R z = axis, the joint is placed by M R, and all that is on it
+    by R^-1.
+    """
+    for name, joint in joints.items():
+        if joint.get("type") != "planar":
+            continue
+        i = model.getJointId(name)
+        R = along(joint.find("axis"))
+        model.jointPlacements[i] = model.jointPlacements[i] * R
+        model.inertias[i] = R.actInv(model.inertias[i])
+        for k in range(i + 1, model.njoints):
+            if model.parents[k] == i:
+                model.jointPlacements[k] = R.actInv(model.jointPlacements[k])
+        for frame in model.frames:
+            if frame.parentJoint == i and frame.type != pin.FrameType.JOINT:
+                frame.placement = R.actInv(frame.placement)

@@ -11,7 +11,7 @@ from contextlib import contextmanager
 from math import isnan
 from os import PathLike
 from types import MappingProxyType
-from typing import Final
+from typing import Final, NamedTuple
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
@@ -49,9 +49,9 @@ def open_xml(source: str | PathLike[str], tag: str = "") -> Element:
             root = ElementTree.fromstring(source)
         else:
             root = ElementTree.fromstring(read_bytes(source))
-        if sum(1 for _ in root.iter()) > _MOST_ELEMENTS:
-            raise ValueError(f"it has more than {_MOST_ELEMENTS} elements")
-        for element in root.iter():
+        for count, element in enumerate(root.iter(), 1):
+            if count > _MOST_ELEMENTS:
+                raise ValueError(f"it has more than {_MOST_ELEMENTS} elements")
             for key, value in element.attrib.items():
                 if not value.isprintable():  # lines and tabs are spaces by now
                     element.set(key, written_out(value))
@@ -101,50 +101,131 @@ def find(element: Element, path: str) -> Element | None:
 
 def floats(text: str | None, count: int, where: str, infinite: bool = False) -> Array:
     """Return exactly `count` numbers of a text; `where` is what an error says first."""
-    words, given = (text or "").split(), "None" if text is None else shown(text)
+    return np.array(_numbers(text, count, where, infinite))
+
+
+def _numbers(text: str | None, count: int, where: str, infinite: bool) -> list[float]:
+    words = (text or "").split()
     try:
         values = [float(word) for word in words if "_" not in word]  # Python reads 1_0 as 10
     except ValueError:
         values = []
-    if len(values) != count or len(words) != count:
+    fits = len(values) == len(words) == count
+    if fits and not any(isnan(x) or (abs(x) >= UNLIMITED and not infinite) for x in values):
+        return values
+    given = "None" if text is None else shown(text)
+    if not fits:
         raise InvalidModel(f"{where} is {given}; {count} number(s) are needed")
-    if any(isnan(x) or (abs(x) >= UNLIMITED and not infinite) for x in values):
-        raise InvalidModel(f"{where} is {given}; finite numbers are needed, less than 1e16")
-    return np.array(values)
+    raise InvalidModel(f"{where} is {given}; finite numbers are needed, less than 1e16")
 
 
-def not_read(
-    root: Element,
-    elements: Mapping[str, Container[str]],
-    attributes: Mapping[str, Container[str]] = MappingProxyType({}),
-) -> Iterator[str]:
-    """Say which elements and attributes of a file are not read.
+class Tag(NamedTuple):
+    """What is read of an element.
 
-    Parameters
+    Attributes
     ----------
-    root : Element
-    elements : mapping of str to container of str
-        Tag to the tags that are read below it; what is below others is ignored.
-    attributes : mapping of str to container of str
-        Tag to the attributes that are read; of other tags, none are counted.
+    words : str
+        Its attributes that are texts, with spaces between; "*" for all there are.
+    numbers : mapping of str to int
+        Its attributes that are numbers, and how many each has.
+    needed : str
+        Those of them that cannot be left out.
+    text : int
+        How many numbers its text has; 0 where it is none.
+    one, many : str
+        The elements below it, of which there may be one, or many. One that the schema has no `Tag`
+        of is taken as it is.
+    infinite : bool
+        Whether its numbers may be infinite.
+    raw : bool
+        Whether what is below it is taken as it is, by no schema.
     """
-    counts = {"elements": Counter[str](), "attributes": Counter[str]()}
-    waiting = [root]
-    while waiting:
-        element = waiting.pop()
-        read = attributes.get(element.tag, element.attrib)
-        counts["attributes"].update(
-            f"{_short(key)} of <{element.tag}>" for key in element.attrib if key not in read
-        )
+
+    words: str = ""
+    numbers: Mapping[str, int] = MappingProxyType({})
+    needed: str = ""
+    text: int = 0
+    one: str = ""
+    many: str = ""
+    infinite: bool = False
+    raw: bool = False
+
+
+class Schema:
+    """What a format says, by the tag of an element; `checked` copies that, and counts the rest."""
+
+    def __init__(self, tags: Mapping[str, Tag]) -> None:
+        self._tags = {
+            name: (tag, {*tag.words.split()}, {*tag.one.split()}, {*tag.many.split()})
+            for name, tag in tags.items()
+        }
+        self.elements, self.attributes = Counter[str](), Counter[str]()
+
+    def checked(self, element: Element, where: str = "", path: str = "") -> Element:
+        """Return a copy of what is read of an element: every number finite, each thing there once.
+
+        Parameters
+        ----------
+        element : Element
+        where : str
+            What errors call the part of the file that it belongs to; itself by default.
+        path : str
+            The tags from there to it.
+
+        Raises
+        ------
+        InvalidModel
+        """
+        tag, words, one, many = self._tags[element.tag]
+        where = where or label(element)
+        copy, seen = Element(element.tag), set[str]()
+        for key, value in element.attrib.items():
+            if count := tag.numbers.get(key, 0):
+                said = f"{where}: <{element.tag} {key}>"
+                copy.set(key, _spelled(value, count, said, tag.infinite))
+            elif key in words or tag.words == "*":
+                copy.set(key, value)
+            else:
+                self.attributes[f"{_short(key)} of <{element.tag}>"] += 1
+        for key in tag.needed.split():
+            if key not in element.attrib:
+                floats(None, tag.numbers[key], f"{where}: <{element.tag} {key}>")
+        copy.text = element.text
+        if tag.text:
+            copy.text = _spelled(element.text, tag.text, f"{where}: <{path}>", tag.infinite)
         for child in element:
-            if child.tag not in elements[element.tag]:
-                counts["elements"][f"<{_short(child.tag)}>"] += 1
-            elif child.tag in elements:
-                waiting.append(child)
-    for what, found in counts.items():
-        if found:
-            listed = ", ".join(f"{n} {name}" for name, n in sorted(found.items()))
-            yield f"{what} that are not read: {listed}"
+            if child.tag in seen:
+                count = len(element.findall(child.tag))
+                raise InvalidModel(f"{where}: <{child.tag}> is there {count} times; keep one")
+            if child.tag in one:
+                seen.add(child.tag)
+            elif child.tag not in many:
+                self.elements[f"<{_short(child.tag)}>"] += 1
+                continue
+            if child.tag in self._tags and not tag.raw:
+                named = "name" in child.attrib
+                below = f"{path}/{child.tag}" if path else child.tag
+                child = self.checked(child, "" if named else where, "" if named else below)
+            copy.append(child)
+        return copy
+
+    def count(self, element: Element, known: Container[str]) -> None:
+        """Count the elements below one that is not checked, but for those that are known."""
+        for child in element:
+            if child.tag not in known:
+                self.elements[f"<{_short(child.tag)}>"] += 1
+
+    def not_read(self) -> Iterator[str]:
+        """Say which elements and attributes were not read."""
+        for what, found in (("elements", self.elements), ("attributes", self.attributes)):
+            if found:
+                listed = ", ".join(f"{n} {name}" for name, n in sorted(found.items()))
+                yield f"{what} that are not read: {listed}"
+
+
+def _spelled(text: str | None, count: int, where: str, infinite: bool) -> str:
+    """Return numbers as Python writes them, which every reader reads."""
+    return " ".join(map(repr, _numbers(text, count, where, infinite)))
 
 
 def _short(name: str) -> str:
