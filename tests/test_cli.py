@@ -165,9 +165,9 @@ def test_a_model_of_a_world_and_its_motors_are_chosen(tmp_path):
     )
     path = tmp_path / "w.sdf"
     path.write_text(f"<sdf version='1.9'><world name='w'>{models}</world></sdf>")
-    assert "choose one with model='m'" in run("show", path).output.replace("\n", "")
+    assert "choose one with model='m'" in str(run("show", path).exception)
     facts = json.loads(run("show --model n --actuated nj --json", path).stdout)
-    assert facts["robot"].startswith("n: nq 1")
+    assert facts["robot"] == "n"
 
 
 def test_assemble_without_loops_says_so():
@@ -305,7 +305,7 @@ MISTAKES = {
     "control solo12 --png x.jpg": "x.jpg: the ending says the format: .png",
     "solve cassie --mu x": "'--mu'",
     "solve cassie --mux": "`condyn solve --help`",
-    "export pendulum --mjcf p.xml": "'pivot' carries 1 kg",
+    "export sleigh --mjcf p.xml": "which MuJoCo does not have",
     "export four_bar --friction 0.7 --mjcf b.xml": "four_bar has no ready-made contacts",
     "export four_bar --mjcf no/such/b.xml": "there is no folder no/such",
     "bench four_bar --quick --plot b.foo": ".png, .svg, .pdf",

@@ -447,10 +447,6 @@ def test_flat_bodies_are_written_as_mujoco_takes_them():
 
 
 def test_what_mujoco_has_not_is_refused_by_name():
-    with pytest.raises(
-        cp.errors.InvalidModel, match="'pivot' carries 1 kg with the principal moments 0"
-    ):
-        shared_robot("pendulum").to_mjcf()
     model = pin.Model()
     joint = model.addJoint(0, pin.JointModelPlanar(), pin.SE3.Identity(), "table")
     model.appendBodyToJoint(joint, pin.Inertia.FromBox(1.0, 0.2, 0.3, 0.4), pin.SE3.Identity())

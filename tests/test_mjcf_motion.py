@@ -398,3 +398,29 @@ def test_motors_are_of_joints_that_something_moves_alone(tmp_path):
 def test_what_a_gear_makes_too_large_is_refused(tmp_path, gear):
     with pytest.raises(InvalidModel, match=r"the (armature|damping) of joint 'j' is inf"):
         read_text(tmp_path, two(motor(f'<motor joint="j" gear="{gear}" armature="1"/>')))
+
+
+def test_flexible_bodies_are_named(tmp_path):
+    cloth = '<flexcomp name="f" type="grid" count="2 2 1" spacing=".1 .1 .1" dim="2" mass="1"/>'
+    with pytest.warns(cp.errors.UnmodelledWarning, match=r"flexible bodies.*\(f\)"):
+        read_text(tmp_path, two().replace("<worldbody>", f"<worldbody>{cloth}"))
+
+
+def test_a_motor_whose_range_has_no_zero_pushes(tmp_path):
+    motor_ = motor('<motor name="m" joint="j" ctrllimited="true" ctrlrange="0.1 1"/>')
+    robot = read_text(tmp_path, two(motor_))
+    assert any("servos, which push at ctrl = 0 (m)" in said for said in robot.unused)
+
+
+def test_what_has_no_mass_is_exported_with_next_to_none(tmp_path):
+    model = pin.Model()
+    for k, inertia in enumerate(
+        (pin.Inertia.Zero(), pin.Inertia(1.0, np.ones(3), np.zeros((3, 3))))
+    ):
+        i = model.addJoint(k, pin.JointModelRY(), pin.SE3(np.eye(3), np.ones(3)), f"j{k}")
+        model.appendBodyToJoint(i, inertia, pin.SE3.Identity())
+        model.addFrame(pin.Frame(f"b{k}", i, 0, pin.SE3.Identity(), pin.FrameType.BODY))
+    robot = cp.Robot("rod", model)
+    q, v = np.array([0.3, 0.4]), np.array([1.0, 2.0])
+    again = read_text(tmp_path, robot.to_mjcf())
+    assert max(map(off, terms(again, q, v), terms(robot, q, v))) < 1e-14

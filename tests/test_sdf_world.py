@@ -278,7 +278,9 @@ def test_files_that_include_each_other_are_refused(file):
 
 def test_a_merged_model_has_its_parts_in_the_one_around_it(file, read):
     file(model("gripper", HAND), name="hand/model.sdf")
-    merged = include("hand", "<name>hand</name>", PLACED).replace("<include", '<include merge="true"')
+    merged = include("hand", "<name>hand</name>", PLACED).replace(
+        "<include", '<include merge="true"'
+    )
     robot = read_sdf(file(model("robot", link("a") + merged + joint("wrist", "a", "palm"))))
     apart = read(link("a") + model("hand", PLACED + HAND) + WRIST)
     assert [*robot.model.names] == [name.removeprefix("hand::") for name in apart.model.names]
@@ -296,6 +298,39 @@ def test_the_newest_file_of_a_model_config_is_included(file, tmp_path):
     (tmp_path / "hand" / "model.config").write_text(f"<model>{files}</model>")
     robot = read_sdf(file(model("r", link("a") + include("hand") + joint("j", "a", "m::new"))))
     assert robot.model.existFrame("m::new")
+
+
+LENIENT = {
+    "a comment with dashes": "<!-- gz topic --msgtype a -- b -->",
+    "a prefix that nothing declares": "<gz:system_priority>3</gz:system_priority>",
+    "an attribute of one": '<frame name="f" gz:expressed_in="x"/>',
+}
+
+
+@pytest.mark.parametrize("case", LENIENT)
+def test_what_simulators_read_as_xml_is_read(tmp_path, case):
+    path = tmp_path / "robot.sdf"
+    path.write_text(
+        f'\n<?xml version="1.0"?>\n<sdf version="1.9">{model("m", LENIENT[case] + ARM)}</sdf>'
+    )
+    assert read_sdf(path).model.nv == 1
+
+
+def test_what_drake_adds_is_named(tmp_path, read):
+    rotor = "<drake:rotor_inertia>0.1</drake:rotor_inertia></joint>"
+    bushing = '<x:linear_bushing_rpy xmlns:x="drake.mit.edu"><a/></x:linear_bushing_rpy>'
+    robot = read(ARM.replace("</joint>", rotor) + bushing)
+    assert robot.unmodelled == (
+        "Drake's bushings: 'robot'",
+        "Drake's rotors behind the joints: 'j'",
+    )
+    assert not any("rotor" in said or "bushing" in said for said in robot.unused)
+    text = (
+        '<robot name="r"><link name="a"/><transmission><actuator name="m">'
+        '<drake:rotor_inertia value="0.1"/></actuator></transmission></robot>'
+    )
+    with pytest.warns(UnmodelledWarning, match="Drake's <rotor_inertia> \\(1\\)"):
+        cp.load_robot(text, floating=True)
 
 
 # Older files, and what is left out --------------------------------------------------------------

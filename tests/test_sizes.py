@@ -74,8 +74,9 @@ TOO_MUCH = {
     ),
     "mesh.xml": (
         mjcf(beside='<asset><mesh name="m" builtin="cone" params="100000000 1"/></asset>'),
-        "<mesh> 'm' makes more than 10000 parts",
+        "<mesh> 'm': params = '100000000 1': more than 10000000 entries",
     ),
+    "comments.urdf": ("<robot name='r'><!-- -- " + "<!--" * 100_000, "cannot be read as XML"),
     "hfield.xml": (
         mjcf(beside='<asset><hfield name="h" nrow="100000" ncol="100000" size="1 1 1 1"/></asset>'),
         "<hfield> 'h': nrow = '100000', ncol = '100000': more than 10000000 entries",
@@ -98,6 +99,14 @@ def test_descriptions_that_ask_for_too_much_are_refused(name, tmp_path):
     with pytest.raises(cp.errors.InvalidModel, match=words) as refused:
         cp.load_robot(tmp_path / name)
     assert len(str(refused.value)) < 600 + len(str(tmp_path))
+
+
+def test_a_wedge_of_many_degrees_is_one_mesh(tmp_path):
+    (tmp_path / "a.xml").write_text(
+        mjcf('<body><joint/><geom size="1"/></body>',
+        '<asset><mesh name="s" builtin="wedge" params="37 37 45 45 0"/></asset>')
+    )  # fmt: skip
+    assert cp.load_robot(tmp_path / "a.xml").nv == 2
 
 
 def test_mujoco_is_not_asked_either(tmp_path):

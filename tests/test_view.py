@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import pickle
 import sys
 from dataclasses import replace
 from itertools import combinations, pairwise, permutations
@@ -372,7 +373,7 @@ def test_meshes_are_looked_for_in_the_package_folders(tmp_path):
     assert drawing(robot).notes == ()
     assert pickle.loads(pickle.dumps(robot)).package_dirs == robot.package_dirs
     for wrong in (str(folder), [tmp_path / "none"]):
-        with pytest.raises(cp.InvalidArgument, match="package_dirs = .*: a list of folders"):
+        with pytest.raises(cp.InvalidArgument, match=r"package_dirs = .*: a list of folders"):
             cp.load_robot(path, package_dirs=wrong)
 
 

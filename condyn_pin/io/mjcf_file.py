@@ -24,13 +24,14 @@ _ENTRIES: Final = 10_000_000  # of one table: a picture of 3000 x 3000
 
 # Numbers that multiply to the parts, or to the entries of a table, of an element.
 _MULTIPLIES: Final = {"replicate": "count"}
-_MAKES: Final = {"flexcomp": "count", "composite": "count", "mesh": "params"}
+_MAKES: Final = {"flexcomp": "count", "composite": "count"}
 _TABLES: Final = {
     "hfield": ("nrow", "ncol"),
     "texture": ("width", "height"),
     "numeric": ("size",),
     "size": ("nkey", "nuserdata"),
     "user": ("dim",),
+    "mesh": ("params",),  # of a plate or a wedge the first two are counts, and angles follow
 }
 _HISTORY: Final = ("nsample", "actdim")
 _DEEPEST: Final = 16  # models that attach models
@@ -111,8 +112,10 @@ def disabled(mj: Any, *what: str) -> bool:
 
 def names_of(mj: Any, kind: str) -> list[str]:
     """Return the names of all of a kind that is not "body" or "joint", ``KINDk`` without one."""
+    mujoco = require_mujoco("names of an MJCF")
     numbers = range(len(getattr(mj, f"name_{kind}adr")))
-    return [getattr(mj, kind)(k).name or f"{kind}{k}" for k in numbers]
+    of_kind = getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
+    return [mujoco.mj_id2name(mj, of_kind, k) or f"{kind}{k}" for k in numbers]
 
 
 def body_names(mj: Any) -> list[str]:
@@ -187,7 +190,7 @@ def _parts_of_file(path: Path, depth: int) -> float:
 def _check_tables(element: Element) -> None:
     names = (*_TABLES.get(element.tag, ()), *(n for n in _HISTORY if n in element.attrib))
     names += tuple(n for n in element.attrib if n.startswith("nuser_"))
-    numbers = {name: prod(_counts(element, name)) for name in names}
+    numbers = {name: prod(_counts(element, name)[:2]) for name in names}
     if prod(numbers.values()) > _ENTRIES:
         said = ", ".join(f"{name} = {shown(element.get(name, ''))}" for name in numbers)
         raise InvalidModel(f"{label(element)}: {said}: more than {_ENTRIES} entries")

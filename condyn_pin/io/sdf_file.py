@@ -40,7 +40,13 @@ from condyn_pin.io.xml import UNLIMITED, Schema, Tag, check_counts, label
 # it, and in the words of what is said of it.
 _CHANGES: Final[Mapping[str, Mapping[str, str]]] = {
     "world": {"wind/linear_velocity": "wind", "joint": "joints of the world"},
-    "model": {"enable_wind": "wind on the model"},
+    "model": {
+        "enable_wind": "wind on the model",
+        "{*}ball_constraint": "Drake's ball constraints",
+        "{*}tendon_constraint": "Drake's tendons",
+        "{*}linear_bushing_rpy": "Drake's bushings",
+        "{*}linear_spring_damper": "Drake's springs and dampers between points",
+    },
     "link": {
         "enable_wind": "wind on the links",
         "kinematic": "links that others move, <kinematic>",
@@ -53,6 +59,8 @@ _CHANGES: Final[Mapping[str, Mapping[str, str]]] = {
         "physics/ode/max_force": "motors in <physics> of the joints",
         "physics/ode/cfm": "softness of the joints, <cfm>",
         "physics/ode/suspension/cfm": "suspension of the joints",
+        "{*}rotor_inertia": "Drake's rotors behind the joints",
+        "{*}mimic": "Drake's mimic joints",
     },
 }
 _AXIS: Final = Tag("*", one="xyz limit dynamics use_parent_model_frame mimic")
@@ -67,7 +75,7 @@ _TAGS: Final[Mapping[str, Tag]] = {
     "joint": Tag(
         "*",
         one="pose parent child axis axis2 gearbox_ratio gearbox_reference_body thread_pitch "
-        "screw_thread_pitch physics",
+        "screw_thread_pitch physics rotor_inertia mimic",
     ),
     "axis": _AXIS,
     "axis2": _AXIS,
@@ -143,7 +151,7 @@ def _unread(chosen: Chosen, parts: Mapping[str, Part], schema: Schema) -> Iterat
 
 def _changing(tag: str) -> Iterable[str]:
     """Return the elements below one that `_CHANGES` looks into."""
-    return (path.partition("/")[0] for path in _CHANGES.get(tag, ()))
+    return (path.partition("/")[0].removeprefix("{*}") for path in _CHANGES.get(tag, ()))
 
 
 def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:

@@ -18,6 +18,7 @@ certain; `robot.toml` can say another kind.
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -55,6 +56,10 @@ _OF_GAZEBO: Final = (
 _NOTHING: Final[Mapping[str, Sequence[str]]] = {
     **dict.fromkeys(_OF_GAZEBO, ("0", "0.0", "false")), "gravity": ("1", "true")
 }  # fmt: skip
+_OF_DRAKE: Final = (
+    "rotor_inertia", "mimic", "ball_constraint", "tendon_constraint", "linear_bushing_rpy",
+    "linear_spring_damper",
+)  # fmt: skip
 _TAGS: Final = {
     "robot": Tag("name version", many="link joint loop_joint constraint gazebo"),
     "gazebo": Tag("reference", many=" ".join(("joint", *_OF_GAZEBO)), raw=True),
@@ -117,7 +122,7 @@ class _Reader:
     def __init__(self, robot: Element, beside: Beside, mimic: bool) -> None:
         if not robot.get("name"):
             raise InvalidModel("<robot> has no name; give it one")
-        self._schema, self._beside = Schema(_TAGS), beside
+        self._file, self._schema, self._beside = robot, Schema(_TAGS), beside
         self.robot = self._schema.checked(robot)
         self.links, self.joints = _named(self.robot, "link"), _named(self.robot, "joint")
         if not self.links:
@@ -384,6 +389,10 @@ class _Reader:
             ]
             if where:
                 yield f"<{tag}> of <gazebo> ({few(where)})"
+        drake = Counter(e.tag.rpartition("}")[2] for e in self._file.iter() if "drake" in e.tag)
+        for tag in _OF_DRAKE:
+            if drake[tag]:
+                yield f"Drake's <{tag}> ({drake[tag]})"
         for name, joint in self.cut.items():
             found = joint.find("dynamics")
             lost = [] if found is None else [k for k, x in found.attrib.items() if float(x)]

@@ -5,6 +5,7 @@
 
 from __future__ import annotations
 
+import re
 from collections import Counter
 from collections.abc import Container, Iterator, Mapping
 from contextlib import contextmanager
@@ -25,6 +26,8 @@ from condyn_pin.model.soundness import MOST_JOINTS
 _MOST_ELEMENTS: Final = 500_000
 _MOST_LINKS: Final = 5000
 _SHOWN: Final = 60  # characters
+_PREFIX: Final = re.compile(rb"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")  # of an element, an attribute
+_ROOT: Final = re.compile(rb"<[A-Za-z_][^\s/>]*")
 UNLIMITED: Final = 1e16  # the older way of SDF to write an infinite limit
 
 
@@ -46,9 +49,13 @@ def open_xml(source: str | PathLike[str], tag: str = "") -> Element:
     try:
         if isinstance(source, str) and source.lstrip().startswith("<"):
             check_size(len(source))
-            root = ElementTree.fromstring(source)
+            content = source.encode()
         else:
-            root = ElementTree.fromstring(read_bytes(source))
+            content = read_bytes(source)
+        try:
+            root = ElementTree.fromstring(content)
+        except ElementTree.ParseError as error:
+            root = _lenient(content, error)
         for count, element in enumerate(root.iter(), 1):
             if count > _MOST_ELEMENTS:
                 raise ValueError(f"it has more than {_MOST_ELEMENTS} elements")
@@ -65,6 +72,36 @@ def open_xml(source: str | PathLike[str], tag: str = "") -> Element:
     if tag and root.tag != tag:
         raise InvalidModel(f"its root element is <{root.tag}>; <{tag}> is needed")
     return root
+
+
+def _lenient(content: bytes, fault: ElementTree.ParseError) -> Element:
+    """Return the root of what is no XML, and what simulators read all the same.
+
+    Text before the declaration, -- in a comment, and prefixes of names that nothing declares.
+    """
+    content = _without_comments(content[max(content.find(b"<?xml"), 0) :])
+    root = _ROOT.search(content)
+    at = root.end() if root else 0
+    said = content[at : content.find(b">", at)]
+    prefixes = {*_PREFIX.findall(content)} - {b"xml", b"xmlns"}
+    declared = [b' xmlns:%s="%s"' % (x, x) for x in prefixes if b"xmlns:%s=" % x not in said]
+    try:
+        return ElementTree.fromstring(content[:at] + b"".join(declared) + content[at:])
+    except ElementTree.ParseError:
+        raise fault from None
+
+
+def _without_comments(content: bytes) -> bytes:
+    """Return a text without comments, in a time proportional to its length."""
+    first, *others = content.split(b"<!--")
+    kept = [first]
+    inside = False
+    for part in others:
+        _, end, after = part.partition(b"-->")
+        inside = not end
+        if end:
+            kept.append(after)
+    return content if inside else b"".join(kept)
 
 
 def check_counts(links: int, joints: int) -> None:
@@ -194,13 +231,14 @@ class Schema:
         if tag.text:
             copy.text = _spelled(element.text, tag.text, f"{where}: <{path}>", tag.infinite)
         for child in element:
-            if child.tag in seen:
+            name = _short(child.tag)
+            if name in seen:
                 count = len(element.findall(child.tag))
                 raise InvalidModel(f"{where}: <{child.tag}> is there {count} times; keep one")
-            if child.tag in one:
-                seen.add(child.tag)
-            elif child.tag not in many:
-                self.elements[f"<{_short(child.tag)}>"] += 1
+            if name in one:
+                seen.add(name)
+            elif name not in many:
+                self.elements[f"<{name}>"] += 1
                 continue
             if child.tag in self._tags and not tag.raw:
                 named = "name" in child.attrib
@@ -212,8 +250,8 @@ class Schema:
     def count(self, element: Element, known: Container[str]) -> None:
         """Count the elements below one that is not checked, but for those that are known."""
         for child in element:
-            if child.tag not in known:
-                self.elements[f"<{_short(child.tag)}>"] += 1
+            if (name := _short(child.tag)) not in known:
+                self.elements[f"<{name}>"] += 1
 
     def not_read(self) -> Iterator[str]:
         """Say which elements and attributes were not read."""
