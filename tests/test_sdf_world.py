@@ -325,12 +325,27 @@ def test_what_drake_adds_is_named(tmp_path, read):
         "Drake's rotors behind the joints: 'j'",
     )
     assert not any("rotor" in said or "bushing" in said for said in robot.unused)
+    inertia = '<mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
     text = (
-        '<robot name="r"><link name="a"/><transmission><actuator name="m">'
-        '<drake:rotor_inertia value="0.1"/></actuator></transmission></robot>'
+        f'<robot name="r"><link name="a"><inertial>{inertia}</inertial></link><transmission>'
+        '<actuator name="m"><drake:rotor_inertia value="0.1"/></actuator></transmission></robot>'
     )
-    with pytest.warns(UnmodelledWarning, match="Drake's <rotor_inertia> \\(1\\)"):
+    with pytest.warns(UnmodelledWarning, match=r"Drake's <rotor_inertia> \(1\)"):
         cp.load_robot(text, floating=True)
+
+
+def test_a_joint_of_an_old_file_may_have_the_name_of_a_link(file):
+    body = AB + joint("b", "a", "b")
+    robot = read_sdf(file(model("m", body), version="1.6"))
+    assert robot.model.existJointName("b_joint")
+    with pytest.raises(InvalidModel, match="<link> 'b' and <joint> 'b': rename one of them"):
+        read_sdf(file(model("m", body), version="1.7"))
+
+
+def test_of_several_roots_the_canonical_link_carries_the_tree(read):
+    robot = read(AB + link("c") + joint("j", "a", "b") + joint("k", "c", "b"))
+    assert robot.model.nv == 2
+    assert robot.reversed == ("k",)
 
 
 # Older files, and what is left out --------------------------------------------------------------

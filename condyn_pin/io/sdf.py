@@ -68,7 +68,8 @@ def read_sdf(
     model : str, optional
         The model of the file. By default the only one that is not static.
     root : str, optional
-        Link on which the tree stands. By default the one that is no joint's child.
+        Link on which the tree stands. By default the one that is no joint's child, or of several
+        the canonical link.
     root_joint : pin.JointModel, optional
         Joint between the world and the root link, such as ``pin.JointModelFreeFlyer()``: its
         configuration replaces the root link's pose of the file. By default the root link is

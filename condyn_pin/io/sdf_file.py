@@ -25,6 +25,7 @@ from condyn_pin._core.names import quoted
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.description import tensor
 from condyn_pin.io.sdf_graph import (
+    MODEL,
     Part,
     is_model,
     links_of,
@@ -119,6 +120,7 @@ def parse(path: str | PathLike[str], name: str | None) -> SdfModel:
     return SdfModel(
         name=top.name,
         pose=poses[WORLD].inverse(),
+        canonical=link_of[MODEL],
         links=tuple(links),
         joints=tuple(_joint(part, each, poses, link_of) for each, part in tagged["joint"].items()),
         frames={

@@ -25,6 +25,7 @@ from condyn_pin.io.sdf_world import Files, Placed, pose_in
 from condyn_pin.io.xml import find, label
 
 MODEL: Final = "__model__"
+_UNIQUE: Final = (1, 7)  # since when a joint cannot have the name of a link
 _DEEPEST: Final = 30  # models, each in the one before
 _MOST_ELEMENTS: Final = 500_000  # of a file that is included again and again
 
@@ -83,7 +84,7 @@ def parts_of(top: Placed, files: Files) -> dict[str, Part]:
         for element in model.model:
             if element.tag in ("link", "joint", "frame"):
                 _add(parts, Part(element, scope, model, merged), element.get("name", ""))
-        for inner, uri in files.models_in(model.model, model.file, model.axes_of_model):
+        for inner, uri in files.models_in(model.model, model.file, model.version):
             if inner is None:
                 raise InvalidModel(
                     f"{label(model.model)} has <include> {uri!r}, which brings no model from the "
@@ -121,6 +122,8 @@ def _add(parts: dict[str, Part], part: Part, name: str) -> None:
     if not name.strip() or name in (WORLD, MODEL):
         raise InvalidModel(f"a <{element.tag}> is named {name!r}; give it a name of its own")
     name = part.scope + name
+    if name in parts and element.tag == "joint" and part.model.version < _UNIQUE:
+        name = f"{name}_joint"  # as the format renames what was allowed before
     if name in parts:
         raise InvalidModel(f"{label(parts[name].element)} and {label(element)}: rename one of them")
     parts[name] = part

@@ -79,14 +79,7 @@ def _start(sdf: SdfModel, joints: Sequence[Joint], root: str | None, floating: b
         return WORLD
     children = {joint.child for joint in joints}
     roots = [root] if root is not None else [link for link in links if link not in children]
-    if len(roots) != 1:
-        found = f"no joint has the links {quoted(roots)} as child" if roots else "every link is one"
-        raise InvalidModel(
-            f"the tree needs one root, a link that is no joint's child, and {found}: "
-            + ("connect them by joints, or " if roots else "")
-            + "name one by root="
-        )
-    return roots[0]
+    return roots[0] if len(roots) == 1 else sdf.canonical
 
 
 def _spanning(

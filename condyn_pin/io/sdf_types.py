@@ -97,6 +97,7 @@ class SdfModel:
 
     name: str
     pose: Any  # wMo, the model frame in the world
+    canonical: str  # the link with which the model frame moves
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     frames: Mapping[str, tuple[str, Any]]  # the link that carries each, and its pose in the model

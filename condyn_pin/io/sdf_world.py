@@ -33,7 +33,12 @@ class Placed(NamedTuple):
     model: Element
     owner: Element
     file: Path  # where the model is written
-    axes_of_model: bool  # an axis without a frame is in the axes of the model, as before 1.5
+    version: tuple[int, ...]
+
+    @property
+    def axes_of_model(self) -> bool:
+        """True if an axis without a frame is in the axes of the model."""
+        return self.version < (1, 5)
 
     @property
     def static(self) -> bool:
@@ -83,7 +88,7 @@ class Files:
         found: list[tuple[Placed, Element]] = []
         lost: list[str] = []
         for world in (sdf, *worlds):
-            for model, uri in self.models_in(world, self._first, _version(sdf) < (1, 5)):
+            for model, uri in self.models_in(world, self._first, _version(sdf)):
                 if model is None:
                     lost.append(uri)
                 else:
@@ -109,13 +114,13 @@ class Files:
         return Chosen(model, gravity, home, tuple(unused))
 
     def models_in(
-        self, owner: Element, file: Path, axes_of_model: bool
+        self, owner: Element, file: Path, version: tuple[int, ...]
     ) -> Iterator[tuple[Placed | None, str]]:
         """Yield the models below an element; None, and the address, for what brings none."""
         for element in owner:
             if element.tag == "model":
                 name = element.get("name", "")
-                yield Placed(name, element, element, file, axes_of_model), ""
+                yield Placed(name, element, element, file, version), ""
             elif element.tag == "include":
                 uri = (element.findtext("uri") or "").strip()
                 inside = self._find(uri, file.resolve().parent)
@@ -133,7 +138,7 @@ class Files:
         if not models:  # but a light or an actor
             return None
         name = (include.findtext("name") or "").strip() or models[0].get("name", "")
-        return Placed(name, models[0], include, file, _version(sdf) < (1, 5))
+        return Placed(name, models[0], include, file, _version(sdf))
 
     def _find(self, uri: str, folder: Path) -> Path | None:
         """Return the file of an address, if it is in a folder or above it, below the first one."""
