@@ -15,8 +15,6 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.tolerances import HUGE
 
-Words = dict[str, Any]
-
 _PREFIX: Final = "JointModel"
 _PLAIN: Final = (
     "RX", "RY", "RZ", "RUBX", "RUBY", "RUBZ", "PX", "PY", "PZ",

@@ -38,16 +38,20 @@ def geoms_of(path: Path, *, collide: bool) -> tuple[tuple[Shape, ...], tuple[str
         chosen = [g for g in range(mj.ngeom) if mj.geom_contype[g] or mj.geom_conaffinity[g]]
     else:
         seen = [g for g in range(mj.ngeom) if mj.geom_group[g] < _HIDDEN] or range(mj.ngeom)
-        chosen = [g for g in seen if _colour(mj, g)[3] > 0.0]
+        chosen = [g for g in seen if _geom_colour(mj, g)[3] > 0.0]
     kinds = {g: _KINDS[int(mj.geom_type[g])] for g in chosen}
-    unknown = sorted({kind for kind in kinds.values() if kind not in (*_SIZES, "mesh", "plane")})
+    unknown = sorted(
+        {kind for kind in kinds.values() if kind not in (*_GEOM_SIZES, "mesh", "plane")}
+    )
     missing += tuple(f"{path.name}: a {kind} is not drawn" for kind in unknown)
-    shapes = (_shape(mj, g, kind) for g, kind in kinds.items() if kind in (*_SIZES, "mesh"))
+    shapes = (
+        _geom_shape(mj, g, kind) for g, kind in kinds.items() if kind in (*_GEOM_SIZES, "mesh")
+    )
     return tuple(shapes), missing
 
 
 # Edges, or radius and length, of half axes as MuJoCo has them.
-_SIZES: Final[dict[str, Callable[[list[float]], tuple[float, ...]]]] = {
+_GEOM_SIZES: Final[dict[str, Callable[[list[float]], tuple[float, ...]]]] = {
     "sphere": lambda s: (s[0],),
     "capsule": lambda s: (s[0], 2.0 * s[1]),
     "cylinder": lambda s: (s[0], 2.0 * s[1]),
@@ -56,15 +60,15 @@ _SIZES: Final[dict[str, Callable[[list[float]], tuple[float, ...]]]] = {
 }
 
 
-def _shape(mj: Any, g: int, kind: str) -> Shape:
+def _geom_shape(mj: Any, g: int, kind: str) -> Shape:
     body = int(mj.geom_bodyid[g])
     w, x, y, z = mj.geom_quat[g]
-    red, green, blue, _ = (float(each) for each in _colour(mj, g))
+    red, green, blue, _ = (float(each) for each in _geom_colour(mj, g))
     return Shape(
         link=(mj.body(body).name or f"body{body}") if body else WORLD,
         placement=pin.SE3(pin.Quaternion(w, x, y, z).toRotationMatrix(), mj.geom_pos[g].copy()),
         kind=kind,
-        size=(1.0, 1.0, 1.0) if kind == "mesh" else _SIZES[kind](mj.geom_size[g].tolist()),
+        size=(1.0, 1.0, 1.0) if kind == "mesh" else _GEOM_SIZES[kind](mj.geom_size[g].tolist()),
         colour=(red, green, blue),
         triangles=_mesh(mj, int(mj.geom_dataid[g])) if kind == "mesh" else None,
     )
@@ -77,7 +81,7 @@ def _mesh(mj: Any, m: int) -> Mesh:
     return Mesh(np.array(mj.mesh_vert[at : at + count], dtype=float), corners)
 
 
-def _colour(mj: Any, g: int) -> Array:
+def _geom_colour(mj: Any, g: int) -> Array:
     """Return red, green, blue and opacity of a geom: its material's, unless it has its own."""
     material = int(mj.geom_matid[g])
     return np.asarray(mj.geom_rgba[g] if material < 0 else mj.mat_rgba[material])

@@ -43,6 +43,7 @@ _CHANGES: Final[Mapping[str, Mapping[str, str]]] = {
     "world": {"wind/linear_velocity": "wind", "joint": "joints of the world"},
     "model": {
         "enable_wind": "wind on the model",
+        "{*}joint": "Drake's joints",
         "{*}ball_constraint": "Drake's ball constraints",
         "{*}tendon_constraint": "Drake's tendons",
         "{*}linear_bushing_rpy": "Drake's bushings",
@@ -76,7 +77,7 @@ _TAGS: Final[Mapping[str, Tag]] = {
     "joint": Tag(
         "*",
         one="pose parent child axis axis2 gearbox_ratio gearbox_reference_body thread_pitch "
-        "screw_thread_pitch physics rotor_inertia mimic",
+        "screw_thread_pitch physics {*}rotor_inertia {*}mimic",
     ),
     "axis": _AXIS,
     "axis2": _AXIS,
@@ -153,7 +154,7 @@ def _unread(chosen: Chosen, parts: Mapping[str, Part], schema: Schema) -> Iterat
 
 def _changing(tag: str) -> Iterable[str]:
     """Return the elements below one that `_CHANGES` looks into."""
-    return (path.partition("/")[0].removeprefix("{*}") for path in _CHANGES.get(tag, ()))
+    return (path.partition("/")[0] for path in _CHANGES.get(tag, ()))
 
 
 def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:
@@ -164,7 +165,10 @@ def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:
     found: dict[str, list[str]] = defaultdict(list)
     for name, element in places:
         for path, what in _CHANGES.get(element.tag, {}).items():
-            if any(_says(said) for said in element.findall(path)):
+            found_there = element.findall(path)
+            if path.startswith("{*}"):  # which matches no namespace, too
+                found_there = [said for said in found_there if said.tag.startswith("{")]
+            if any(map(_says, found_there)):
                 found[what].append(name)
     if driving := [_named(p) for p in _plugins(chosen, parts) if _DRIVES.search(_file(p))]:
         found["plugins that may drive it or push"] = driving

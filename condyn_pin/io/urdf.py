@@ -56,9 +56,10 @@ _OF_GAZEBO: Final = (
 _NOTHING: Final[Mapping[str, Sequence[str]]] = {
     **dict.fromkeys(_OF_GAZEBO, ("0", "0.0", "false")), "gravity": ("1", "true")
 }  # fmt: skip
-_OF_DRAKE: Final = (
-    "rotor_inertia", "mimic", "ball_constraint", "tendon_constraint", "linear_bushing_rpy",
-    "linear_spring_damper",
+# What Drake and others say beside the joints, most of it in a namespace.
+_OF_OTHERS: Final = (
+    "motorInertia", "rotor_inertia", "mimic", "ball_constraint", "tendon_constraint",
+    "linear_bushing_rpy", "linear_spring_damper",
 )  # fmt: skip
 _TAGS: Final = {
     "robot": Tag("name version", many="link joint loop_joint constraint gazebo"),
@@ -389,10 +390,10 @@ class _Reader:
             ]
             if where:
                 yield f"<{tag}> of <gazebo> ({few(where)})"
-        drake = Counter(e.tag.rpartition("}")[2] for e in self._file.iter() if "drake" in e.tag)
-        for tag in _OF_DRAKE:
-            if drake[tag]:
-                yield f"Drake's <{tag}> ({drake[tag]})"
+        others = Counter(e.tag.rpartition("}")[2] for e in self._file.iter() if e.tag not in _TAGS)
+        for tag in _OF_OTHERS:
+            if others[tag]:
+                yield f"<{tag}> ({others[tag]})"
         for name, joint in self.cut.items():
             found = joint.find("dynamics")
             lost = [] if found is None else [k for k, x in found.attrib.items() if float(x)]

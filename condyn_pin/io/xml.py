@@ -170,8 +170,8 @@ class Tag(NamedTuple):
     text : int
         How many numbers its text has; 0 where it is none.
     one, many : str
-        The elements below it, of which there may be one, or many. One that the schema has no `Tag`
-        of is taken as it is.
+        The elements below it, of which there may be one, or many; ``{*}NAME`` in any namespace. One
+        that the schema has no `Tag` of is taken as it is.
     infinite : bool
         Whether its numbers may be infinite.
     raw : bool
@@ -231,14 +231,14 @@ class Schema:
         if tag.text:
             copy.text = _spelled(element.text, tag.text, f"{where}: <{path}>", tag.infinite)
         for child in element:
-            name = _short(child.tag)
+            name = _anywhere(child.tag)
             if name in seen:
                 count = len(element.findall(child.tag))
                 raise InvalidModel(f"{where}: <{child.tag}> is there {count} times; keep one")
             if name in one:
                 seen.add(name)
             elif name not in many:
-                self.elements[f"<{name}>"] += 1
+                self.elements[f"<{_short(name)}>"] += 1
                 continue
             if child.tag in self._tags and not tag.raw:
                 named = "name" in child.attrib
@@ -250,8 +250,8 @@ class Schema:
     def count(self, element: Element, known: Container[str]) -> None:
         """Count the elements below one that is not checked, but for those that are known."""
         for child in element:
-            if (name := _short(child.tag)) not in known:
-                self.elements[f"<{name}>"] += 1
+            if _anywhere(child.tag) not in known:
+                self.elements[f"<{_short(child.tag)}>"] += 1
 
     def not_read(self) -> Iterator[str]:
         """Say which elements and attributes were not read."""
@@ -264,6 +264,11 @@ class Schema:
 def _spelled(text: str | None, count: int, where: str, infinite: bool) -> str:
     """Return numbers as Python writes them, which every reader reads."""
     return " ".join(map(repr, _numbers(text, count, where, infinite)))
+
+
+def _anywhere(tag: str) -> str:
+    """Return a tag with its namespace, if it has one, as ``{*}``."""
+    return "{*}" + _short(tag) if tag.startswith("{") else tag
 
 
 def _short(name: str) -> str:
