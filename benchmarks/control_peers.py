@@ -26,7 +26,7 @@ from peers.environments import Environment, Missing
 from peers.run import run_script
 
 from condyn_pin._core.machine import machine
-from condyn_pin.io.files import example_robot_data
+from condyn_pin.io.description import example_robot_data
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results" / "control_peers.json"

@@ -12,7 +12,7 @@ from shared import robot
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin._core.joints import indices
-from condyn_pin.io.config import chosen_config
+from condyn_pin.io.robot_toml import chosen_config
 from condyn_pin.model.lock import lock_joints
 
 FREE, LOCKED = {"springs": "free"}, {"springs": "locked"}

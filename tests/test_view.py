@@ -14,7 +14,7 @@ import pytest
 from viewed import bent, cassie, drawing, held, parts, standing, swinging
 
 import condyn_pin as cp
-from condyn_pin.io import mesh_files, meshes
+from condyn_pin.io import meshes
 from condyn_pin.io.shapes import shapes_of
 from condyn_pin.viewing import arrows, bodies, closures, labels, palette
 from condyn_pin.viewing.motion import shown, tracks
@@ -49,7 +49,7 @@ def test_a_capsule_stands_on_the_origin_but_for_its_half_ball():
 
 def test_a_simplified_mesh_keeps_its_form_to_a_cell():
     shape = next(s for s in shapes_of(cassie().description)[0] if s.link == "pelvis")
-    fine = mesh_files.read_mesh(shape.file)
+    fine = meshes.read_mesh(shape.file)
     coarse = fine.simplified(0.02)
     assert len(coarse.faces) < 0.3 * len(fine.faces)
     assert np.abs(coarse.vertices.min(axis=0) - fine.vertices.min(axis=0)).max() < 0.02

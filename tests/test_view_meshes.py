@@ -7,7 +7,7 @@ import plain_meshes as plain
 import pytest
 
 import condyn_pin as cp
-from condyn_pin.io import mesh_files
+from condyn_pin.io import meshes
 from condyn_pin.io.shapes import shapes_of
 
 pytestmark = pytest.mark.once
@@ -26,7 +26,7 @@ def area(mesh):
 
 def is_as_plainly_read(path):
     """Whether what is drawn of a file has the area and the bounds of a plain reading of it."""
-    drawn = mesh_files.read_mesh(path)
+    drawn = meshes.read_mesh(path)
     corners, expected = drawn.vertices[drawn.faces], plain.once(plain.triangles(path))
     size = np.ptp(expected.reshape(-1, 3), axis=0).max()
     return area(drawn) == pytest.approx(plain.area(expected), rel=1e-5) and all(
@@ -77,20 +77,20 @@ def dae(path, unit="meter", metres="1", up="Z_UP"):
 
 def test_a_second_material_has_its_own_corners(tmp_path):
     path = dae(tmp_path / "two.dae")
-    assert area(mesh_files.read_mesh(path)) == pytest.approx(0.5 + 1.0)
+    assert area(meshes.read_mesh(path)) == pytest.approx(0.5 + 1.0)
     assert is_as_plainly_read(path)
 
 
 @pytest.mark.parametrize(("unit", "metres"), [("millimeter", "0.001"), ("inch", "0.0254")])
 def test_a_collada_file_in_other_units_is_drawn_in_metres(tmp_path, unit, metres):
-    mesh = mesh_files.read_mesh(dae(tmp_path / "small.dae", unit, metres))
+    mesh = meshes.read_mesh(dae(tmp_path / "small.dae", unit, metres))
     assert area(mesh) == pytest.approx(1.5 * float(metres) ** 2)
 
 
 def test_the_axis_that_a_collada_file_calls_up_does_not_turn_it(tmp_path):
     """A link's frame says where its mesh is; ROS's viewers leave it at that, and so does Gazebo."""
-    upright = mesh_files.read_mesh(dae(tmp_path / "z.dae", up="Z_UP"))
-    lying = mesh_files.read_mesh(dae(tmp_path / "y.dae", up="Y_UP"))
+    upright = meshes.read_mesh(dae(tmp_path / "z.dae", up="Z_UP"))
+    lying = meshes.read_mesh(dae(tmp_path / "y.dae", up="Y_UP"))
     assert np.allclose(upright.vertices, lying.vertices)
 
 
@@ -123,7 +123,7 @@ endsolid thing
 def test_other_formats_are_read(tmp_path, name, text, wanted):
     path = tmp_path / name
     path.write_text(text)
-    assert area(mesh_files.read_mesh(path)) == pytest.approx(wanted)
+    assert area(meshes.read_mesh(path)) == pytest.approx(wanted)
     assert is_as_plainly_read(path)
 
 
@@ -144,4 +144,4 @@ def test_a_file_that_cannot_be_read_is_named(tmp_path, name, content):
     path = tmp_path / name
     path.write_bytes(content)
     with pytest.raises(cp.errors.InvalidModel, match=name):
-        mesh_files.read_mesh(path)
+        meshes.read_mesh(path)

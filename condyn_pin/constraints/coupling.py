@@ -41,7 +41,8 @@ class Coupling(Constraint):
     offset : float
         q_a where q_b is zero; the weighted sum [rad or m].
     higher : sequence of float
-        k_2, k_3, ... of a curve: q_a = ratio q_b + offset + k_2 q_b^2 + k_3 q_b^3 + ...
+        k_2, k_3, ... of a curve, q_a = ratio q_b + offset + k_2 q_b^2 + k_3 q_b^3 + ..., in units
+        of joint a by powers of those of joint b [rad, m].
     name : str, optional
         Name of the constraint; ``joint_a~joint_b`` by default.
 

@@ -1,16 +1,20 @@
-"""What a file says of a robot, whatever its format, and doubts about its bodies."""
+"""What a file says of a robot, whatever its format, and where descriptions are."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, field
+from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+import condyn_pin
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
+from condyn_pin.errors import InvalidArgument, InvalidModel, MissingExtra
 from condyn_pin.model.spring import Spring, SpringDamper
 
 # Name, mass [kg], and inertia about the centre of mass [kg m^2]
@@ -74,3 +78,46 @@ def _fault(mass: float, inertia: Array) -> str:
     if mass == 0 and inertia.any():
         return "there is a moment of inertia and no mass"
     return ""
+
+
+ROOT_JOINTS = ("fixed", "free_flyer")
+
+
+def check_root_joint(root_joint: str) -> None:
+    """Refuse a way to attach the root link that is not known."""
+    if root_joint not in ROOT_JOINTS:
+        raise InvalidArgument(
+            f"root_joint = {root_joint!r}: one of {', '.join(ROOT_JOINTS)} is needed"
+        )
+
+
+def robots_folder() -> Path:
+    """Return the folder of robots: inside the installed package, or beside it in a checkout."""
+    package = Path(condyn_pin.__file__).parent
+    packed = package / "robots"
+    return packed if packed.is_dir() else package.parent / "robots"
+
+
+def example_robot_data() -> Path:
+    """Return the folder of robots that the package example-robot-data installed."""
+    try:
+        package = metadata.distribution("example-robot-data")
+    except metadata.PackageNotFoundError as error:
+        raise MissingExtra(
+            "the robot descriptions are missing: python -m pip install example-robot-data"
+        ) from error
+    return Path(str(package.locate_file("cmeel.prefix/share/example-robot-data/robots")))
+
+
+def description_file(name: str, folder: Path) -> Path:
+    """Return a file that a robot.toml names: beside it, or in example-robot-data."""
+    beside = folder / name
+    try:
+        if beside.is_file():
+            return beside
+        packed = example_robot_data() / name
+        if packed.is_file():
+            return packed
+    except OSError as error:
+        raise InvalidModel(f"file {name[:80]!r}: {error.strerror}") from error
+    raise InvalidModel(f"no file {name!r}: neither {beside} nor {packed} is one")

@@ -18,7 +18,7 @@ leave out: loops, contacts, motors, postures, the licence.
     [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
     [postures.X]   joint = value or list of values; joints left out stay at neutral; of a joint
                    without limits, which is (cos, sin), also its angle [rad]
-    [variants.OPTION.VALUE]  pieces of the config that are merged over it: see `io.config`
+    [variants.OPTION.VALUE]  pieces of the config that are merged over it: see `io.robot_toml`
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ from typing import Any
 from warnings import warn
 
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnmodelledWarning, unknown_name
-from condyn_pin.io.files import check_root_joint, example_robot_data, robots_folder
+from condyn_pin.io.description import check_root_joint, example_robot_data, robots_folder
 from condyn_pin.model.mechanisms import MECHANISMS
 from condyn_pin.model.robot import Robot
 
@@ -152,7 +152,7 @@ def _loaded(
     name: str | Path, root_joint: str | None, model: str | None, variant: Mapping[str, str] | None
 ) -> Robot:
     # what reads files is imported when there is one to read: mechanisms need none of it
-    from condyn_pin.io.config import check_variant
+    from condyn_pin.io.robot_toml import check_variant
 
     if not isinstance(name, (str, Path)):
         raise InvalidArgument(f"name = {name!r}: a name or a path is needed")
@@ -160,7 +160,7 @@ def _loaded(
         check_root_joint(root_joint)
     known, chosen = available_robots(), {} if variant is None else variant
     if isinstance(name, str) and name.lstrip().startswith("<"):
-        from condyn_pin.io.manifest import read_alone
+        from condyn_pin.io.robot_toml import read_alone
 
         check_variant(chosen, {})
         _check_model(model, "the text of a URDF", False)
@@ -169,7 +169,7 @@ def _loaded(
     described = None if str(name) in known or path.exists() else _described(str(name))
     plain = path.suffix in _ROOTED or (path.suffix == ".xml" and root_joint is None)
     if str(name) not in known and plain and not path.is_dir():
-        from condyn_pin.io.manifest import read_alone
+        from condyn_pin.io.robot_toml import read_alone
 
         check_variant(chosen, {})
         _check_model(model, name, path.suffix == ".sdf")
@@ -221,7 +221,7 @@ def _check_model(model: str | None, name: str | Path, sdf: bool) -> None:
 
 
 def _read_config(path: Path, variant: Mapping[str, str]) -> Robot:
-    from condyn_pin.io.manifest import read_config
+    from condyn_pin.io.robot_toml import read_config
 
     return read_config(path, variant)
 

@@ -19,14 +19,33 @@ model. MuJoCo has two equalities between bodies; a hinge is two points of its ax
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections import defaultdict
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, Final, Protocol
+from xml.etree import ElementTree
+from xml.etree.ElementTree import Element, SubElement
 
-from condyn_pin.constraints.base import Constraint
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import dry_friction, pin
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.trees import whole_data
+from condyn_pin.constraints.base import WORLD, Constraint
+from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.constraints.contacts.kinds import bind_contacts
+from condyn_pin.constraints.contacts.plane import Plane
+from condyn_pin.constraints.contacts.shapes import Shape
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.io.mjcf_write_robot import RobotWriter
+from condyn_pin.io.meshes import Mesh, read_mesh
+from condyn_pin.io.mjcf import DRAWN
+from condyn_pin.io.shapes import Shape as Drawn
+from condyn_pin.io.shapes import shapes_of
 from condyn_pin.model.robot import Robot
+from condyn_pin.model.spring import Spring
 
 
 def to_mjcf(
@@ -75,3 +94,489 @@ def _kept(robot: Robot, without: Iterable[str]) -> tuple[Constraint, ...]:
                 "the machine without it"
             )
     return kept
+
+
+class RobotWriter:
+    """A file while it grows; what loops write themselves to."""
+
+    def __init__(self, robot: Robot) -> None:
+        self.robot, self.model = robot, robot.model
+        self.root = Element("mujoco", model=robot.name)
+        self.drawn = drawn(robot)
+        self.on: dict[int, tuple[Element, Any]] = {}  # by joint: its body, and B⁻¹
+        self.bodies: set[str] = set()
+        self.sites: set[str] = set()
+        self.joints: dict[str, Element] = {}
+
+    def write(
+        self, loops: tuple[Constraint, ...], contacts: tuple[Contact, ...], shapes: bool
+    ) -> str:
+        """Return the whole file, as text."""
+        SubElement(self.root, "compiler", angle="radian", autolimits="true")
+        if np.any(self.model.gravity.angular):
+            raise InvalidModel("the model's gravity turns; MuJoCo has only a linear one")
+        option = {"gravity": numbers(self.model.gravity.linear)}
+        SubElement(self.root, "option", option | ({"cone": "elliptic"} if contacts else {}))
+        self._add_bodies(SubElement(self.root, "worldbody"))
+        self._add_frames()
+        self._add_loops(loops)
+        self._add_spring_dampers()
+        self._add_geoms(contacts, shapes)
+        self._add_motors()
+        self._add_postures()
+        ElementTree.indent(self.root)
+        return ElementTree.tostring(self.root, encoding="unicode") + "\n"
+
+    def _add_bodies(self, world: Element) -> None:
+        data = whole_data(self.model)
+        pin.forwardKinematics(self.model, data, self.drawn)
+        placements = data.liMi  # of each joint in the one before, as drawn
+        self.on[0] = world, pin.SE3.Identity()
+        for chain in chains_of(self.model):
+            parent, to_parent = self.on[self.model.parents[chain[0]]]
+            to_body = [pin.SE3.Identity()]  # from each joint to the last, where the body stands
+            for i in reversed(chain[1:]):
+                to_body.insert(0, placements[i] * to_body[0])
+            pose = to_parent * placements[chain[0]] * to_body[0]
+            name = self._body_name(chain[-1])
+            body = SubElement(parent, "body", {"name": name} | write_pose(pose))
+            SubElement(body, "inertial", write_inertia(self.model, chain[-1]))
+            for i, B in zip(chain, to_body, strict=True):
+                written = SubElement(body, "joint", write_joint(self.robot, i, B, self.drawn))
+                self.joints[self.model.names[i]] = written
+                self.on[i] = body, B.inverse()
+
+    def _body_name(self, i: int) -> str:
+        """Return the name of the link that stands exactly in the joint, else the joint's."""
+        here = [
+            frame.name
+            for frame in self.model.frames
+            if frame.parentJoint == i
+            and frame.type == pin.FrameType.BODY
+            and frame.placement.isIdentity(0.0)
+        ]
+        elsewhere = {f.name for f in self.model.frames if f.type != pin.FrameType.JOINT}
+        joint = str(self.model.names[i])
+        spare = (f"{joint}_body{'_' * k}" for k in range(len(elsewhere) + self.model.njoints))
+        others = (name for name in (joint, *spare) if name not in elsewhere)
+        taken = self.bodies | set(WORLD)
+        name = next(str(name) for name in (*here, *others) if name not in taken)
+        self.bodies.add(name)
+        return name
+
+    def _add_frames(self) -> None:
+        """Make each frame a site, but for those that are bodies, joints or the world."""
+        for frame in self.model.frames:
+            taken = frame.name in (*self.bodies, *self.sites, *WORLD)
+            if not taken and frame.type != pin.FrameType.JOINT:
+                self._add_site(frame.name, frame.parentJoint, frame.placement)
+
+    def _add_site(self, name: str, i: int, placement: Any) -> str:
+        body, B_inverse = self.on[i]
+        SubElement(body, "site", {"name": name} | write_pose(B_inverse * placement))
+        self.sites.add(name)
+        return name
+
+    def _add_loops(self, loops: tuple[Constraint, ...]) -> None:
+        if loops:
+            self.equality = SubElement(self.root, "equality")
+        for loop in loops:
+            loop.write_mjcf(self)
+
+    def equate(self, tag: str, **words: str | Sequence[float]) -> None:
+        """Write an equality."""
+        said = {key: x if isinstance(x, str) else numbers(x) for key, x in words.items()}
+        SubElement(self.equality, tag, said)
+
+    def fixed_tendon(self, name: str, weights: Mapping[str, float]) -> str:
+        """Return the name of a new tendon: a weighted sum of joint coordinates."""
+        tendon = SubElement(self._tendons(), "fixed", name=name)
+        for joint, weight in weights.items():
+            SubElement(tendon, "joint", joint=joint, coef=numbers(weight))
+        return name
+
+    def _tendons(self) -> Element:
+        found = self.root.find("tendon")
+        return SubElement(self.root, "tendon") if found is None else found
+
+    def coordinate(self, joint: str) -> float:
+        """Return the coordinate of a joint where the file draws the model [rad or m]."""
+        return reference(self.model, self.model.getJointId(joint), self.drawn)
+
+    def _add_spring_dampers(self) -> None:
+        """Make each spring-damper a tendon that is straight from site to site."""
+        for k, each in enumerate(self.robot.spring_dampers):
+            said = {"stiffness": each.stiffness, "damping": each.damping}
+            said["springlength"] = each.rest_length
+            words = {"name": f"spring_damper_{k}"} | {key: numbers([x]) for key, x in said.items()}
+            tendon = SubElement(self._tendons(), "spatial", words)
+            for frame, end in ((each.frame_a, "a"), (each.frame_b, "b")):
+                SubElement(tendon, "site", site=self.site(frame, f"spring_damper_{k}_{end}"))
+
+    def site(self, frame: str, new: str) -> str:
+        """Return the site of a frame; a body's or the world's own frame gets one."""
+        if frame in self.sites:
+            return frame
+        return self._add_site(self._spare(new), *self.robot.frame(frame))
+
+    def site_beside(self, frame: str, new: str, shift: Vector3) -> str:
+        """Return a new site, shifted from a frame in its axes [m]."""
+        i, placement = self.robot.frame(frame)
+        shifted = placement * pin.SE3(np.eye(3), np.array(shift))
+        return self._add_site(self._spare(new), i, shifted)
+
+    def _spare(self, name: str) -> str:
+        while name in self.sites or name in self.bodies:
+            name += "_"
+        return name
+
+    def _add_geoms(self, contacts: tuple[Contact, ...], shapes: bool) -> None:
+        """Write what is drawn, and what may open and slide."""
+        if not contacts and not shapes:
+            return
+        geoms = GeomWriter(self)
+        if shapes:
+            geoms.draw()
+        for contact in contacts:
+            contact.write_mjcf(geoms)
+
+    def _add_motors(self) -> None:
+        if not self.robot.actuated:
+            return
+        actuator = SubElement(self.root, "actuator")
+        for joint in self.robot.actuated:
+            nv = self.model.joints[self.model.getJointId(joint)].nv
+            for k in range(nv):
+                said = {"name": joint if nv == 1 else f"{joint}_{k}", "joint": joint}
+                SubElement(actuator, "motor", said | {"gear": numbers(np.eye(6)[k])})
+
+    def _add_postures(self) -> None:
+        if not self.robot.postures:
+            return
+        keyframes = SubElement(self.root, "keyframe")
+        for name, q in self.robot.postures.items():
+            SubElement(keyframes, "key", name=name, qpos=write_configuration(self.model, q))
+
+
+_TIP: Final = 1e-4  # [m] radius of what is a point
+_DRAWN: Final = {"contype": "0", "conaffinity": "0", "group": "2"}
+_TOUCHING: Final = {"contype": "0", "conaffinity": "0", "group": "3"}
+# Slip, twist and roll; the last two act only where a pair has more than three dimensions.
+_TWIST_AND_ROLL: Final = (0.005, 0.0001, 0.0001)
+
+
+class Writer(Protocol):
+    """The file while it grows."""
+
+    robot: Robot
+    root: Element
+    on: dict[int, tuple[Element, Any]]  # by joint: its body, and the inverse pose of that in it
+    joints: dict[str, Element]
+
+
+class GeomWriter:
+    """What writes geoms into a file: shapes that are drawn, and contacts that write themselves."""
+
+    def __init__(self, to: Writer) -> None:
+        self.to, self.robot = to, to.robot
+        self._meshes: dict[Any, str] = {}
+        self._assets: Element | None = None
+        self._pairs: Element | None = None
+
+    def draw(self) -> None:
+        """Write what the description draws."""
+        robot = self.robot
+        shapes, missing = shapes_of(
+            robot.description, model=robot.name, package_dirs=robot.package_dirs
+        )
+        if missing:
+            more = f" (and {len(missing) - 1} more)" if missing[1:] else ""
+            raise InvalidModel(f"{missing[0]}{more}; leave shapes out with shapes=False")
+        frames = self.robot.model.frames
+        carriers = {f.name: f for f in frames if f.type == pin.FrameType.BODY}
+        carriers[frames[0].name] = frames[0]
+        for shape in shapes:
+            if (frame := carriers.get(shape.link)) is None:
+                continue  # what was left out of the robot is not drawn
+            said = _DRAWN | self._drawn(shape) | {"rgba": numbers([*shape.colour, 1.0])}
+            self._geom(int(frame.parentJoint), frame.placement * shape.placement, said)
+
+    def collide(
+        self,
+        name: str,
+        first: tuple[str, Vector3, Shape],
+        second: Plane | tuple[str, Plane | Shape],
+        friction: float,
+    ) -> None:
+        """Write a shape at an offset in a frame, and what it may touch."""
+        frame, offset, shape = first
+        joint, placement = self.robot.frame(frame)
+        at = placement * pin.SE3(np.eye(3), np.array(offset))
+        one = self._touching(joint, at, shape, f"{name}/robot")
+        if isinstance(second, Plane):
+            other = self._plane(0, second, pin.SE3.Identity(), f"{name}/ground")
+        else:
+            below, carried = second
+            joint, placement = self.robot.frame(below)
+            if isinstance(carried, Plane):
+                other = self._plane(joint, carried, placement, f"{name}/ground")
+            else:
+                other = self._touching(joint, placement, carried, f"{name}/other")
+        if self._pairs is None:
+            self._pairs = SubElement(self.to.root, "contact")
+        said = {"geom1": one, "geom2": other, "condim": "3" if friction else "1"}
+        if friction:
+            said["friction"] = numbers([friction, friction, *_TWIST_AND_ROLL])
+        SubElement(self._pairs, "pair", {"name": name} | said)
+
+    def dry(self, joint: str, torque: float | None) -> None:
+        """Write the dry friction of a joint [N m, N]; that of the description without a torque."""
+        place = self.robot.model.joints[self.robot.model.getJointId(joint)]
+        described = dry_friction(self.robot.model)[place.idx_v : place.idx_v + place.nv]
+        if torque is None and np.ptp(described) > 0.0:
+            raise InvalidModel(
+                f"joint {joint!r} has dry friction {described.tolist()}; MuJoCo has one number for "
+                "a joint"
+            )
+        self.to.joints[joint].set(
+            "frictionloss", numbers(described[0] if torque is None else torque)
+        )
+
+    def _touching(self, joint: int, at: Any, shape: Shape, name: str) -> str:
+        return self._geom(joint, at, {"name": name} | _TOUCHING | self._solid(shape))
+
+    def _plane(self, joint: int, plane: Plane, placement: Any, name: str) -> str:
+        if joint:
+            raise InvalidModel(
+                f"{name}: a plane on a moving body, which MuJoCo does not have; a Box is needed"
+            )
+        said = {"name": name, **_TOUCHING, "type": "plane", "size": "0 0 0.1"}
+        return self._geom(0, placement * plane.placement, said)
+
+    def _geom(self, joint: int, at: Any, said: dict[str, str]) -> str:
+        body, to_body = self.to.on[joint]
+        SubElement(body, "geom", said | write_pose(to_body * at))
+        return said.get("name", "")
+
+    def _solid(self, shape: Shape) -> dict[str, str]:
+        """Return the attributes of what touches."""
+        patch, corners = shape.patch, [each.middle for each in shape.contact_points]
+        if patch is None:
+            if len(corners) == 1:
+                return {"type": "sphere", "size": numbers(_TIP)}
+            return {"type": "mesh", "mesh": self._mesh(shape, corners, None)}
+        if patch.shape == "box":
+            return {"type": "box", "size": numbers(np.array(patch.size) / 2)}
+        if patch.shape == "ball":
+            return {"type": "sphere", "size": numbers(patch.size)}
+        radius, length = patch.size
+        return {"type": "capsule", "size": numbers([radius, length / 2])}
+
+    def _drawn(self, shape: Drawn) -> dict[str, str]:
+        """Return the attributes of what is drawn."""
+        if shape.kind == "mesh":
+            mesh = shape.triangles or self._read(shape)
+            key = (shape.file, shape.size) if shape.triangles is None else id(shape.triangles)
+            return {"type": "mesh", "mesh": self._mesh(key, mesh.vertices, mesh.faces)}
+        size = np.array(shape.size)
+        if shape.kind == "box":
+            size = size / 2
+        elif shape.kind in ("cylinder", "capsule"):
+            size = size * (1.0, 0.5)
+        return {"type": shape.kind, "size": numbers(size)}
+
+    def _read(self, shape: Drawn) -> Mesh:
+        assert shape.file is not None
+        return read_mesh(Path(shape.file)).moved(np.diag([*shape.size, 1.0]))
+
+    def _mesh(self, key: Any, vertices: ArrayLike, faces: ArrayLike | None) -> str:
+        """Return the name of a mesh, which is in the file once however often it is used."""
+        if key not in self._meshes:
+            if self._assets is None:
+                self._assets = SubElement(self.to.root, "asset")
+            name = f"mesh_{len(self._meshes)}"
+            said = {"name": name, "vertex": _short(vertices)}
+            if faces is not None:
+                said |= {"face": _short(faces), "inertia": "shell"}  # what is drawn may be open
+            SubElement(self._assets, "mesh", said)
+            self._meshes[key] = name
+        return self._meshes[key]
+
+
+def _short(values: ArrayLike) -> str:
+    return " ".join(f"{x:.7g}" for x in np.asarray(values).ravel().tolist())
+
+
+_FAR = 1e10  # [rad or m] the side of a limit that does not exist: MuJoCo needs both
+_FLAT = 1e-12  # rounding of A + B = C in the principal moments of a flat body, relative to C
+_LEAST = 2e-15  # [kg, kg m^2] MuJoCo refuses a body that moves with less than 1e-15
+
+
+def chains_of(model: Any) -> Sequence[Sequence[int]]:
+    """Return the joints by the body they move: one that carries nothing goes with its child."""
+    children: Mapping[int, list[int]] = defaultdict(list)
+    for i in range(1, model.njoints):
+        children[model.parents[i]].append(i)
+    marked = {frame.parentJoint for frame in model.frames if frame.type != pin.FrameType.JOINT}
+    chains: list[list[int]] = []
+    for i in range(1, model.njoints):
+        parent = model.parents[i]
+        empty = parent and parent not in marked and not np.any(model.inertias[parent].matrix())
+        if empty and len(children[parent]) == 1:
+            chains[-1].append(i)  # depth-first: the parent was the joint before
+        else:
+            chains.append([i])
+    return chains
+
+
+def write_inertia(model: Any, i: int) -> dict[str, str]:
+    """Return principal moments and axes: left to itself, MuJoCo finds them to 1e-7 only.
+
+    What has no mass, or no extent, gets as little as MuJoCo allows.
+    """
+    inertia = model.inertias[i]
+    moments, axes = np.linalg.eigh(inertia.inertia)
+    if inertia.mass < 0 or moments[0] < -tolerances.MOMENT * moments[2]:
+        raise InvalidModel(
+            f"joint {model.names[i]!r} carries {inertia.mass:g} kg with the principal moments "
+            f"{', '.join(f'{m:g}' for m in moments)} kg m^2; none may be negative"
+        )
+    moments = np.maximum(moments, _LEAST)
+    A, B, C = moments  # in ascending order
+    if A + B < C * (1 - _FLAT):
+        raise InvalidModel(
+            f"joint {model.names[i]!r} carries a body with the principal moments {A:g}, {B:g} and "
+            f"{C:g} kg m^2; MuJoCo needs that two of them add up to the third or more"
+        )
+    moments[2] = min(C, A + B)  # MuJoCo compares without a tolerance
+    right_handed = axes * np.sign(np.linalg.det(axes))
+    placed = pin.SE3(right_handed, inertia.lever)
+    return {
+        "mass": numbers(max(inertia.mass, _LEAST)),
+        "diaginertia": numbers(moments),
+    } | write_pose(placed)
+
+
+def write_joint(robot: Robot, i: int, B: Any, drawn: Array) -> dict[str, str]:
+    """Return the attributes of joint i; B is the pose of its body in it, at the q that is drawn."""
+    model = robot.model
+    name, joint = model.names[i], model.joints[i]
+    kind, here = joint.shortname(), B.isIdentity(0.0)
+    if joint.nv == 1:
+        said = _scalar(model, i, B, drawn)
+    elif kind == "JointModelSpherical" and here:
+        said = {"type": "ball"}
+    elif kind == "JointModelFreeFlyer" and here and model.parents[i] == 0:
+        said = {"type": "free"}
+    else:
+        raise InvalidModel(
+            f"joint {name!r} is a {kind}, which MuJoCo does not have there; "
+            "a hinge, a slider, a ball, or a free-flyer on the world is needed"
+        )
+    for key in ("armature", "damping"):
+        values = np.array(getattr(model, key)[joint.idx_v : joint.idx_v + joint.nv])
+        # on a free joint MuJoCo's armature is along the axes of the world: another bias
+        if np.ptp(values) > 0 or (key == "armature" and joint.nv == 6 and values.any()):
+            raise InvalidModel(
+                f"joint {name!r}: {key} {values.tolist()}; MuJoCo has one number for a joint, and "
+                "no armature for a free one"
+            )
+        if values[0]:
+            said[key] = numbers(values[0])
+    return {"name": str(name)} | said | _spring([s for s in robot.springs if s.joint == name])
+
+
+def scalar_axis(model: Any, i: int) -> tuple[str, Array]:
+    """Return "slide" or "hinge", and the axis in the joint, from S = (slide axis, hinge axis).
+
+    The kind is empty if a joint of one coordinate is neither, such as a screw.
+    """
+    joint = model.joints[i]
+    data = joint.createData()
+    joint.calc(data, pin.neutral(model))
+    slide, hinge = np.array(data.S).reshape(2, 3)
+    if slide.any() and hinge.any():
+        return "", hinge
+    return ("slide", slide) if slide.any() else ("hinge", hinge)
+
+
+def reference(model: Any, i: int, q: Array) -> float:
+    """Return the coordinate of joint i of one coordinate, as MuJoCo counts it [rad or m]."""
+    joint = model.joints[i]
+    x = q[joint.idx_q : joint.idx_q + joint.nq]
+    return float(np.arctan2(x[1], x[0]) if joint.nq == 2 else x[0])
+
+
+def _scalar(model: Any, i: int, B: Any, drawn: Array) -> dict[str, str]:
+    """Return the attributes of a joint of one coordinate."""
+    joint = model.joints[i]
+    kind, axis = scalar_axis(model, i)
+    if not kind:
+        raise InvalidModel(f"joint {model.names[i]!r}: MuJoCo has no {joint.shortname()}")
+    said = {"type": kind, "axis": numbers(B.rotation.T @ axis)}
+    if not B.isIdentity(0.0):
+        said["pos"] = numbers(B.inverse().translation)
+    if ref := reference(model, i, drawn):
+        said["ref"] = numbers(ref)
+    limits = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
+    # MuJoCo refuses a range without width
+    if joint.nq == 1 and limits[0] < limits[1] and (limits[0] > -_FAR or limits[1] < _FAR):
+        said["range"] = numbers(np.clip(limits, -_FAR, _FAR))
+    return said
+
+
+def _spring(springs: Sequence[Spring]) -> dict[str, str]:
+    """Return several springs on a joint as one: k = sum k_i, k q0 = sum k_i q0_i."""
+    stiffness = sum(spring.stiffness for spring in springs)
+    if not stiffness:
+        return {}
+    rest = sum(spring.stiffness * spring.reference for spring in springs) / stiffness
+    return {"stiffness": numbers(stiffness), "springref": numbers(rest)}
+
+
+def write_configuration(model: Any, q: Array) -> str:
+    """Return q as MuJoCo counts it."""
+    positions: list[ArrayLike] = []
+    for i in range(1, model.njoints):
+        joint = model.joints[i]
+        x = q[joint.idx_q : joint.idx_q + joint.nq]
+        if joint.nq == 7:
+            pose = model.jointPlacements[i] * pin.XYZQUATToSE3(x)
+            positions += [pose.translation, _wxyz(pose.rotation)]
+        elif joint.nq == 4:
+            positions.append(np.roll(x, 1))
+        else:
+            positions.append([reference(model, i, q)])
+    return numbers(np.concatenate(positions))
+
+
+def write_pose(placement: Any) -> dict[str, str]:
+    """Return the attributes of a pose."""
+    said = {"pos": numbers(placement.translation)}
+    if not np.array_equal(placement.rotation, np.eye(3)):
+        said["quat"] = numbers(_wxyz(placement.rotation))
+    return said
+
+
+def numbers(values: ArrayLike) -> str:
+    """Return numbers with as few digits as give them back to the last bit."""
+    return " ".join(repr(float(x)).removesuffix(".0") for x in np.atleast_1d(values))
+
+
+def _wxyz(rotation: Array) -> Array:
+    return np.roll(pin.Quaternion(rotation).coeffs(), 1)
+
+
+def drawn(robot: Robot) -> Array:
+    """Return the configuration (nq,) in which an MJCF of the robot draws it.
+
+    That of its posture ``qpos0``, which comes with every MJCF, else neutral. A ball has no `ref`:
+    in MuJoCo it is drawn at 1 0 0 0.
+    """
+    neutral = np.array(pin.neutral(robot.model))
+    q = np.array(robot.postures.get(DRAWN, neutral))
+    for joint in robot.model.joints[1:]:
+        if joint.nq == 4 and joint.nv == 3:
+            turned = slice(joint.idx_q, joint.idx_q + 4)
+            q[turned] = neutral[turned]
+    return q

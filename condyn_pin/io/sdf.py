@@ -2,12 +2,9 @@
 
 The other files of the reader, in the order in which a file passes through them:
 
-    sdf_world    the models of the file and of those that it includes; the one that is the robot
-    sdf_file     what the file says, as the values of `sdf_types`
-    sdf_graph    where each link, joint and frame is drawn: oMx in the model frame o
-    sdf_kinds    the types of joints; universal joints, gearboxes, mimics, copies of links
-    sdf_span     which joints make the tree, and which are cut
-    sdf_tree     the Pinocchio model, and frames for what was cut
+    sdf_parts    the models of the file and of those that it includes; where each part is drawn
+    sdf_file     what the file says: links, joints and axes as values
+    sdf_tree     the types of joints; which of them make the tree, and what closes its loops
 
 The format: http://sdformat.org/spec
 """
@@ -26,17 +23,17 @@ from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.io.description import Description, doubts
-from condyn_pin.io.sdf_file import parse
-from condyn_pin.io.sdf_kinds import (
+from condyn_pin.io.sdf_file import Joint, Link, SdfModel, parse
+from condyn_pin.io.sdf_tree import (
+    SdfTree,
+    Span,
     chosen_joints,
     coupling_of,
     in_series,
     mimics_of,
+    span,
     with_copies,
 )
-from condyn_pin.io.sdf_span import Span, span
-from condyn_pin.io.sdf_tree import SdfTree
-from condyn_pin.io.sdf_types import Joint, Link, SdfModel
 from condyn_pin.io.xml import place
 from condyn_pin.model.spring import Spring
 

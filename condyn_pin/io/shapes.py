@@ -9,19 +9,20 @@ cannot be read is left out, and a sentence says so.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal
+from typing import Any, Final, Literal
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.errors import InvalidModel
-from condyn_pin.io.mjcf_geoms import geoms_of
-from condyn_pin.io.sdf_graph import links_in
-from condyn_pin.io.sdf_world import pose_in
-from condyn_pin.io.shape import BODY, Colour, Shape
+from condyn_pin._core.arrays import Array
+from condyn_pin.errors import InvalidModel, MissingExtra
+from condyn_pin.io.meshes import Mesh, box, centred_capsule, cylinder, read_mesh, sphere
+from condyn_pin.io.mjcf_file import compiled
+from condyn_pin.io.sdf_parts import links_in, pose_in
 from condyn_pin.io.xml import open_xml
 
 # How many sizes each shape has.
@@ -155,3 +156,132 @@ def _places(path: Path, count: int, package_dirs: Sequence[str]) -> Iterator[tup
     for i in range(count):
         for folder in (*map(Path, package_dirs), *path.absolute().parents, *ros):
             yield folder, i
+
+
+Colour = tuple[float, float, float]  # red, green, blue from 0 to 1
+
+
+BODY: Final[Colour] = (0.72, 0.74, 0.77)  # of a shape whose file says none
+
+
+@dataclass(frozen=True, eq=False)
+class Shape:
+    """A piece of a link.
+
+    Attributes
+    ----------
+    link : str
+        The link that carries it: the name of a frame.
+    placement : pin.SE3
+        Where it is on the link.
+    kind : {"mesh", "box", "cylinder", "sphere", "capsule", "ellipsoid"}
+    size : tuple of float
+        Edges of a box, half axes of an ellipsoid, radius and length of what is round [m]; factors
+        of a mesh along its axes.
+    file : Path, optional
+        Of a mesh.
+    colour : Colour
+    triangles : Mesh, optional
+        Of a mesh that was read already.
+    """
+
+    link: str
+    placement: Any
+    kind: str
+    size: tuple[float, ...]
+    file: Path | None = None
+    colour: Colour = BODY
+    triangles: Mesh | None = None
+
+    def mesh(self) -> Mesh:
+        """Return its triangles, in the axes of the link."""
+        if self.triangles is not None:
+            shape = self.triangles
+        elif self.kind == "mesh":
+            assert self.file is not None
+            shape = read_mesh(self.file).moved(np.diag([*self.size, 1.0]))
+        else:
+            shape = _SOLIDS[self.kind](*self.size)
+        return shape.moved(self.placement.homogeneous)
+
+
+def _ellipsoid(*radii: float) -> Mesh:
+    return sphere(1.0).moved(np.diag([*radii, 1.0]))
+
+
+_SOLIDS: dict[str, Callable[..., Mesh]] = {
+    "box": box,
+    "capsule": centred_capsule,
+    "cylinder": cylinder,
+    "ellipsoid": _ellipsoid,
+    "sphere": sphere,
+}
+
+
+WORLD: Final = "universe"  # Pinocchio's name of it, as a frame
+_HIDDEN: Final = 3  # geoms of this group and above are not seen in MuJoCo's viewer, by custom
+# Types of geoms in the order of MuJoCo's mjtGeom; a plane is not drawn, for the floor is.
+_KINDS: Final = ("plane", "height field", "sphere", "capsule", "ellipsoid", "cylinder", "box",
+                 "mesh", "signed distance field")  # fmt: skip
+
+
+def geoms_of(path: Path, *, collide: bool) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
+    """Return the shapes of an MJCF file, and what could not be drawn, a sentence each.
+
+    Those that are seen, or those that `collide`.
+    """
+    try:
+        mj, missing = compiled(path)
+    except (InvalidModel, MissingExtra) as error:
+        return (), (f"{path.name}: its geoms are not drawn: {error}",)
+    if collide:
+        chosen = [g for g in range(mj.ngeom) if mj.geom_contype[g] or mj.geom_conaffinity[g]]
+    else:
+        seen = [g for g in range(mj.ngeom) if mj.geom_group[g] < _HIDDEN] or range(mj.ngeom)
+        chosen = [g for g in seen if _geom_colour(mj, g)[3] > 0.0]
+    kinds = {g: _KINDS[int(mj.geom_type[g])] for g in chosen}
+    unknown = sorted(
+        {kind for kind in kinds.values() if kind not in (*_GEOM_SIZES, "mesh", "plane")}
+    )
+    missing += tuple(f"{path.name}: a {kind} is not drawn" for kind in unknown)
+    shapes = (
+        _geom_shape(mj, g, kind) for g, kind in kinds.items() if kind in (*_GEOM_SIZES, "mesh")
+    )
+    return tuple(shapes), missing
+
+
+# Edges, or radius and length, of half axes as MuJoCo has them.
+_GEOM_SIZES: Final[dict[str, Callable[[list[float]], tuple[float, ...]]]] = {
+    "sphere": lambda s: (s[0],),
+    "capsule": lambda s: (s[0], 2.0 * s[1]),
+    "cylinder": lambda s: (s[0], 2.0 * s[1]),
+    "ellipsoid": lambda s: (s[0], s[1], s[2]),
+    "box": lambda s: (2.0 * s[0], 2.0 * s[1], 2.0 * s[2]),
+}
+
+
+def _geom_shape(mj: Any, g: int, kind: str) -> Shape:
+    body = int(mj.geom_bodyid[g])
+    w, x, y, z = mj.geom_quat[g]
+    red, green, blue, _ = (float(each) for each in _geom_colour(mj, g))
+    return Shape(
+        link=(mj.body(body).name or f"body{body}") if body else WORLD,
+        placement=pin.SE3(pin.Quaternion(w, x, y, z).toRotationMatrix(), mj.geom_pos[g].copy()),
+        kind=kind,
+        size=(1.0, 1.0, 1.0) if kind == "mesh" else _GEOM_SIZES[kind](mj.geom_size[g].tolist()),
+        colour=(red, green, blue),
+        triangles=_mesh(mj, int(mj.geom_dataid[g])) if kind == "mesh" else None,
+    )
+
+
+def _mesh(mj: Any, m: int) -> Mesh:
+    at, count = int(mj.mesh_vertadr[m]), int(mj.mesh_vertnum[m])
+    first, faces = int(mj.mesh_faceadr[m]), int(mj.mesh_facenum[m])
+    corners = np.array(mj.mesh_face[first : first + faces], dtype=np.uint32)
+    return Mesh(np.array(mj.mesh_vert[at : at + count], dtype=float), corners)
+
+
+def _geom_colour(mj: Any, g: int) -> Array:
+    """Return red, green, blue and opacity of a geom: its material's, unless it has its own."""
+    material = int(mj.geom_matid[g])
+    return np.asarray(mj.geom_rgba[g] if material < 0 else mj.mat_rgba[material])

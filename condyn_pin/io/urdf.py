@@ -33,8 +33,7 @@ from condyn_pin.constraints.base import WORLD
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.description import Body, Description, doubts, tensor
-from condyn_pin.io.files import check_root_joint
+from condyn_pin.io.description import Body, Description, check_root_joint, doubts, tensor
 from condyn_pin.io.urdf_loops import (
     Beside,
     alone,

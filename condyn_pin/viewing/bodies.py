@@ -20,8 +20,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.io import meshes
 from condyn_pin.io.meshes import Mesh
-from condyn_pin.io.mjcf_geoms import WORLD
-from condyn_pin.io.shapes import shapes_of
+from condyn_pin.io.shapes import WORLD, shapes_of
 from condyn_pin.model.robot import Robot
 from condyn_pin.viewing.palette import BODY, GHOST, Colour
 from condyn_pin.viewing.part import Part, joint_pose, span

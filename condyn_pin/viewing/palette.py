@@ -6,8 +6,8 @@ import math
 from typing import Final
 
 from condyn_pin._core import tolerances
-from condyn_pin.io.shape import BODY as BODY
-from condyn_pin.io.shape import Colour as Colour
+from condyn_pin.io.shapes import BODY as BODY
+from condyn_pin.io.shapes import Colour as Colour
 
 GHOST: Final[Colour] = (0.55, 0.55, 0.60)
 ACTUATED: Final[Colour] = (0.902, 0.624, 0.0)  # orange

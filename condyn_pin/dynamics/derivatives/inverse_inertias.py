@@ -21,7 +21,7 @@ from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.dynamics.derivatives.parameters import inertia_regressor
 from condyn_pin.dynamics.raw import weightless
-from condyn_pin.io.mjcf_write_joint import drawn
+from condyn_pin.io.mjcf_write import drawn
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace

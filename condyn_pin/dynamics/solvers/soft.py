@@ -167,7 +167,7 @@ def inverse_inertias(workspace: Workspace) -> Array:
     or to a moment, the mean over three axes; for a coupling, of what each joint does.
     """
     # imported here: other solvers need no MJCF
-    from condyn_pin.io.mjcf_write_joint import drawn
+    from condyn_pin.io.mjcf_write import drawn
 
     model = workspace.model
     data, q = whole_data(model), drawn(workspace.scene.robot)

@@ -20,9 +20,9 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
+from condyn_pin.io.mjcf import Transmissions
 from condyn_pin.io.mjcf_file import body_names, disabled
-from condyn_pin.io.mjcf_transmissions import Transmissions
-from condyn_pin.io.mjcf_write_joint import scalar_axis
+from condyn_pin.io.mjcf_write import scalar_axis
 from condyn_pin.study.mujoco.pairs import Pair, axes, holder
 
 if TYPE_CHECKING:

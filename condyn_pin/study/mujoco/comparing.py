@@ -28,7 +28,7 @@ from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.io.mjcf_transmissions import Transmissions
+from condyn_pin.io.mjcf import Transmissions
 from condyn_pin.study.mujoco.causes import causes
 from condyn_pin.study.mujoco.cross_check import CrossCheck, TermCheck
 from condyn_pin.study.mujoco.mujoco_terms import LoopRows, MujocoTerms, equalities_of

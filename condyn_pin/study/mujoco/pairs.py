@@ -23,7 +23,7 @@ from condyn_pin._core.trees import whole_data
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.mjcf import KINDS
 from condyn_pin.io.mjcf_file import joint_names
-from condyn_pin.io.mjcf_write_joint import scalar_axis
+from condyn_pin.io.mjcf_write import scalar_axis
 from condyn_pin.model.robot import Robot
 
 _BALLS: Final = {"JointModelFreeFlyer": "free", "JointModelSpherical": "ball"}
