@@ -48,6 +48,7 @@ def file(tmp_path):
     [
         (world(model("m")), "1.10", (0, 0, -1.62)),
         (world(model("m"), "<physics><gravity>1 2 3</gravity></physics>"), "1.5", (1, 2, 3)),
+        (world(model("m"), "<physics><gravity>1 2 3</gravity></physics>"), "1.6", (0, 0, -9.8)),
         (world("") + model("m"), "1.9", (0, 0, -1.62)),
         (world(model("m"), ""), "1.9", (0, 0, -9.8)),
         (model("m"), "1.9", (0, 0, -9.81)),

@@ -307,3 +307,36 @@ def test_models_in_any_order_are_put_in_order():
     )
     with pytest.raises(cp.errors.InvalidArgument, match="a pinocchio"):
         cp.model.depth_first("mixed")
+
+
+def with_gazebo(said: str) -> str:
+    return f'<robot name="bars">{BARS}{said}</robot>'
+
+
+ACTING = {
+    "a plugin that mimics": (
+        '<plugin name="p" filename="lib_mimic_joint_plugin.so"><joint>crank</joint></plugin>',
+        r"plugins that may drive it or push \(p\)",
+    ),
+    "decay": (
+        "<velocity_decay><linear>0.1</linear></velocity_decay>",
+        r"<velocity_decay> of <gazebo> \(the robot\)",
+    ),
+}
+
+
+@pytest.mark.parametrize("case", ACTING)
+def test_what_gazebo_adds_to_the_motion_is_named(case):
+    inside, words = ACTING[case]
+    with pytest.warns(cp.errors.UnmodelledWarning, match=words):
+        cp.load_robot(with_gazebo(f"<gazebo>{inside}</gazebo>"))
+
+
+def test_what_gazebo_does_on_demand_or_changes_of_a_joint_is_told_apart():
+    quiet = '<plugin name="p" filename="libgazebo_ros_control.so"/>'
+    still = "<velocity_decay><linear>0</linear><angular>0.0</angular></velocity_decay>"
+    text = with_gazebo(f"<gazebo>{quiet}{still}</gazebo>")
+    assert cp.load_robot(text).unmodelled == ()
+    inside = "<joint><axis><dynamics><damping>3</damping></dynamics></axis></joint>"
+    with pytest.warns(cp.errors.UnmodelledWarning, match=r"changes a joint \(crank\)"):
+        cp.load_robot(with_gazebo(f'<gazebo reference="crank">{inside}</gazebo>'))

@@ -248,7 +248,7 @@ def _unread(chosen: Chosen, parts: Mapping[str, Part], schema: Schema) -> Iterat
     for root in _roots(chosen, parts):
         schema.count(root, (*_OF_MODEL, *_changing("model")))
     yield from schema.not_read()
-    if idle := [_named(p) for p in _plugins(chosen, parts) if not _DRIVES.search(_file(p))]:
+    if idle := [_named(p) for p in _plugins(chosen, parts) if not _drives(p)]:
         yield f"plugins: {quoted(idle)}"
 
 
@@ -270,7 +270,7 @@ def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:
                 found_there = [said for said in found_there if said.tag.startswith("{")]
             if any(map(_says, found_there)):
                 found[what].append(name)
-    if driving := [_named(p) for p in _plugins(chosen, parts) if _DRIVES.search(_file(p))]:
+    if driving := [_named(p) for p in _plugins(chosen, parts) if _drives(p)]:
         found["plugins that may drive it or push"] = driving
     for what, names in found.items():
         yield f"{what}: {quoted(dict.fromkeys(names))}"
@@ -295,8 +295,10 @@ def _named(plugin: Element) -> str:
     return plugin.get("name", "") or plugin.get("filename", "")
 
 
-def _file(plugin: Element) -> str:
-    return f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
+def _drives(plugin: Element) -> bool:
+    """True if the name or the file of a plugin says that it may drive the robot, or push it."""
+    said = f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
+    return _DRIVES.search(said) is not None
 
 
 def _link(

@@ -118,7 +118,7 @@ class Files:
         unused = [f"{what}: {quoted(names)}" for what, names in said.items() if names]
         gravity = None
         if home.tag == "world":
-            gravity, given = _gravity(home)
+            gravity, given = _gravity(home, _version(sdf))
             if not given:
                 unused.append("gravity is left out of the <world>: 9.8 m/s^2, as the format has it")
         return Chosen(model, gravity, home, tuple(unused))
@@ -221,9 +221,9 @@ def _choice(models: list[Placed], lost: list[str], name: str | None) -> Placed:
     return found[0]
 
 
-def _gravity(world: Element) -> tuple[Array, bool]:
+def _gravity(world: Element, version: tuple[int, ...]) -> tuple[Array, bool]:
     """Return the gravity of a world, and whether the file says it; before 1.6 <physics> had it."""
-    for path in ("gravity", "physics/gravity"):
+    for path in ("gravity", "physics/gravity")[: 2 if version < (1, 6) else 1]:
         if (said := world.find(path)) is not None:
             return floats(said.text, 3, f"{label(world)}: <{path}>"), True
     return np.array(_GRAVITY), False

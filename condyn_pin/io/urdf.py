@@ -17,6 +17,7 @@ certain; `robot.toml` can say another kind.
 
 from __future__ import annotations
 
+import re
 import xml.etree.ElementTree as ET
 from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
@@ -51,10 +52,15 @@ _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 # What <gazebo> says of a link, a joint or all of it, and the texts that mean nothing.
 _OF_GAZEBO: Final = (
     "turnGravityOff", "gravity", "static", "springStiffness", "springReference", "dampingFactor",
+    "kinematic", "velocity_decay", "physics",
 )  # fmt: skip
 _NOTHING: Final[Mapping[str, Sequence[str]]] = {
     **dict.fromkeys(_OF_GAZEBO, ("0", "0.0", "false")), "gravity": ("1", "true")
 }  # fmt: skip
+# Words of plugins that act by themselves, and not only as they are told.
+_ACTS: Final = re.compile(
+    "mimic|underactuat|buoyan|hydro|wind|lift|drag|thrust|propel|friction|spring|damp"
+)
 # What Drake and others say beside the joints, most of it in a namespace.
 _OF_OTHERS: Final = (
     "motorInertia", "rotor_inertia", "mimic", "ball_constraint", "tendon_constraint",
@@ -62,7 +68,7 @@ _OF_OTHERS: Final = (
 )  # fmt: skip
 _TAGS: Final = {
     "robot": Tag("name version", many="link joint loop_joint constraint gazebo"),
-    "gazebo": Tag("reference", many=" ".join(("joint", *_OF_GAZEBO)), raw=True),
+    "gazebo": Tag("reference", many=" ".join(("joint", "plugin", *_OF_GAZEBO)), raw=True),
     "link": Tag("name", one="inertial", many="visual"),  # view draws the latter
     "inertial": Tag(one="origin mass inertia"),
     "origin": Tag(numbers={"xyz": 3, "rpy": 3}),
@@ -287,7 +293,8 @@ class _Reader:
             if kind in ("revolute", "prismatic"):
                 raise InvalidModel(
                     f"{where}: a {kind} joint needs <limit lower=.. upper=.. effort=.. "
-                    "velocity=..>; without limits it is continuous"
+                    "velocity=..>; "
+                    + ("without limits it is continuous" if kind == "revolute" else "-inf to inf do")
                 )
             if not unbounded:
                 return
@@ -381,14 +388,29 @@ class _Reader:
 
     def _unmodelled(self) -> Iterator[str]:
         """Say what changes the motion, and is not in the model: Gazebo's, and of joints cut."""
+        gazebos = self.robot.findall("gazebo")
         for tag in _OF_GAZEBO:
             where = [
                 gazebo.get("reference", "the robot")
-                for gazebo in self.robot.findall("gazebo")
-                if (said := gazebo.findtext(tag)) and said.strip().lower() not in _NOTHING[tag]
+                for gazebo in gazebos
+                for said in gazebo.findall(tag)
+                if {*" ".join(said.itertext()).lower().split()} - {*_NOTHING[tag]}
             ]
             if where:
                 yield f"<{tag}> of <gazebo> ({few(where)})"
+        changed = [gazebo.attrib["reference"] for gazebo in gazebos
+                   if gazebo.get("reference") and gazebo.find("joint") is not None]  # fmt: skip
+        if changed:
+            yield f"<joint> of <gazebo>, which changes a joint ({few(changed)})"
+        plugins = [plugin for gazebo in gazebos for plugin in gazebo.findall("plugin")]
+        acting = [
+            plugin.get("name", plugin.get("filename", ""))
+            for plugin in plugins
+            if _ACTS.search(f"{plugin.get('name')} {plugin.get('filename')}".lower())
+            and {*self.mimics}.isdisjoint(e.text for e in plugin.iter())
+        ]
+        if acting:
+            yield f"plugins that may drive it or push ({few(acting)})"
         others = Counter(e.tag.rpartition("}")[2] for e in self._file.iter() if e.tag not in _TAGS)
         for tag in _OF_OTHERS:
             if others[tag]:

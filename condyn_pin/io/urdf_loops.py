@@ -93,7 +93,7 @@ def cuts_of(robot: Element, beside: Iterable[Element]) -> Iterator[Cut]:
         for element in robot.findall(tag):
             yield _by_two_origins(element)
     for gazebo in robot.findall("gazebo"):
-        for joint in gazebo.findall("joint"):
+        for joint in () if gazebo.get("reference") else gazebo.findall("joint"):
             yield _of_gazebo(joint)
 
 
