@@ -22,6 +22,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import dry_friction
 from condyn_pin.constraints import Coupling, Loop
 from condyn_pin.io.mjcf_file import compiled
+from condyn_pin.io.xml import open_xml
 
 STATES, AGREES = 3, 1e-8  # measured: 2e-10 and better
 OPEN = 1e-8  # of loops [m, rad]
@@ -47,7 +48,7 @@ def compared(robot: cp.Robot, path: Path, model: str | None) -> tuple[str, float
 def _urdf(robot: cp.Robot, path: Path) -> Any:
     """Return MuJoCo's reading of a URDF, with a site and an equality for the ends of each loop."""
     spec = mujoco.MjSpec.from_string(_bare(path))
-    links = {joint.get("name"): child.get("link", "") for joint in ET.parse(path).iter("joint")
+    links = {joint.get("name"): child.get("link", "") for joint in open_xml(path).iter("joint")
              if (child := joint.find("child")) is not None}  # fmt: skip
     for loop in robot.loops:
         if not (isinstance(loop, Loop) and loop.called in ("ball", "weld")):
@@ -65,7 +66,7 @@ def _urdf(robot: cp.Robot, path: Path) -> Any:
                 name2=loop.frame_b,
             )  # fmt: skip
             made.data[10] = 1.0  # else turns stay free
-    masses = {link.get("name", ""): link.find("inertial") for link in ET.parse(path).iter("link")}
+    masses = {link.get("name", ""): link.find("inertial") for link in open_xml(path).iter("link")}
     heavy = {name: body for name in masses if (body := spec.body(name)) is not None}
     for body in heavy.values():
         stand_in(body)
@@ -180,7 +181,7 @@ def _configurations(robot: cp.Robot, rng: np.random.Generator) -> list[np.ndarra
 
 def _bare(path: Path) -> str:
     """Return a URDF without shapes and without what else MuJoCo would read."""
-    root = ET.parse(path).getroot()
+    root = open_xml(path)
     for element in [root, *root.iter("link")]:
         for tag in ("visual", "collision", "transmission", "gazebo", "mujoco"):
             for part in element.findall(tag):
@@ -195,10 +196,10 @@ def sums(robot: cp.Robot, path: Path, why: str) -> tuple[str, float, list[str]]:
     judge = f"sums; {why[:60]}"
     if path.suffix == ".xml":
         return judge, 0.0, []
-    links = [link for link in ET.parse(path).getroot().iter("link") if "name" in link.attrib]
+    links = [link for link in open_xml(path).iter("link") if "name" in link.attrib]
     masses = [float((m.get("value") or m.text or "0") if (m := x.find("inertial/mass")) is not None
                     else path.suffix == ".sdf") for x in links]  # fmt: skip
-    if path.suffix == ".sdf" and len(list(ET.parse(path).getroot().iter("model"))) > 1:
+    if path.suffix == ".sdf" and len(list(open_xml(path).iter("model"))) > 1:
         return judge, 0.0, []  # which of them are the robot's, that reader did not find
     off = abs(sum(Y.mass for Y in robot.model.inertias) - sum(masses)) / max(sum(masses), 1.0)
     return judge, off, [f"mass by {off:.1e}"] if off > 1e-9 else []
@@ -213,7 +214,7 @@ def mimics(robot: cp.Robot, path: Path) -> list[str]:
             float(m.get("multiplier", 1)),
             float(m.get("offset", 0)),
         )
-        for joint in ET.parse(path).getroot().findall("joint")
+        for joint in open_xml(path).findall("joint")
         if (m := joint.find("mimic")) is not None and joint.get("type") != "fixed"
     )
     had = Counter((c.joint_a, c.joint_b, c.ratio, c.offset)

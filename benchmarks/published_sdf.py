@@ -18,6 +18,8 @@ import mujoco
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from condyn_pin.io.xml import open_xml
+
 Array = np.ndarray
 HINGES = ("revolute", "continuous")
 SERIES = ("universal", "revolute2")
@@ -69,7 +71,7 @@ class Drawn:
     """One model of an SDF file, flat: parts by name, placed in the world."""
 
     def __init__(self, path: Path, model: str = "") -> None:
-        root = ET.parse(path).getroot()
+        root = open_xml(path)
         self.top, self.parts, self.placed = path.parent, dict[str, Part](), dict[str, Array]()
         worlds = [root, *root.findall("world")]
         found = [(m, p) for w in worlds for m, p in self._models(w, "", root.get("version", ""))]
@@ -100,7 +102,7 @@ class Drawn:
                     continue  # what stands around
                 if element.get("merge") or not file.is_file():
                     raise Unread(f"include {name}")
-                root = ET.parse(file).getroot()
+                root = open_xml(file)
                 (model,) = root.findall("model")
                 model.set("name", (element.findtext("name") or model.get("name", "")).strip())
                 placed = element if element.find("pose") is not None else model

@@ -294,7 +294,7 @@ class _Reader:
                 raise InvalidModel(
                     f"{where}: a {kind} joint needs <limit lower=.. upper=.. effort=.. "
                     "velocity=..>; "
-                    + ("without limits it is continuous" if kind == "revolute" else "-inf to inf do")
+                    + ("-inf to inf do", "without limits it is continuous")[kind == "revolute"]
                 )
             if not unbounded:
                 return
@@ -347,8 +347,8 @@ class _Reader:
             hinge.set("type", "revolute")
             SubElement(hinge, "axis", xyz=_AXES[axis])
             SubElement(hinge, "limit", lower="-inf", upper="inf", effort="inf", velocity="inf")
-        del self.joints[name]
-        self.joints |= {names[0]: joint, names[1]: other}
+        places = {names[0] if each == name else each: x for each, x in self.joints.items()}
+        self.joints = {**places, names[1]: other}
 
     # What is said
 
