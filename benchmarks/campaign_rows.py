@@ -35,9 +35,8 @@ def rows(oracle: Oracle, scene: cp.Scene) -> tuple[Array, Array]:
     for constraint in scene.constraints:
         if isinstance(constraint, cp.constraints.Coupling):
             row = np.zeros((1, n), REAL)
-            a, b = (oracle.model.joints[oracle.model.getJointId(j)].idx_v
-                    for j in (constraint.joint_a, constraint.joint_b))  # fmt: skip
-            row[0, a], row[0, b] = 1, -exact(constraint.ratio)
+            for joint, weight in constraint.weights.items():
+                row[0, oracle.model.joints[oracle.model.getJointId(joint)].idx_v] = exact(weight)
             J.append(row)
             gamma.append(np.zeros(1, REAL))
             continue

@@ -182,9 +182,11 @@ class Oracle:
             if isinstance(b, Rolled):
                 raise NotImplementedError(f"{b.name}: the oracle knows nothing that rolls")
             if not isinstance(b, Bound):
-                (i, j), ratio = b.velocity, mp.mpf(b.ratio)
-                velocity[b.rows] = mp.mpf(v[i]) - ratio * mp.mpf(v[j])
-                acceleration[b.rows] = mp.mpf(a[i]) - ratio * mp.mpf(a[j])
+                assert not b.bends
+                weights = [mp.mpf(w) for w in b.weights]
+                for found, x in ((velocity, v), (acceleration, a)):
+                    terms = (w * mp.mpf(x[i]) for w, i in zip(weights, b.velocity, strict=True))
+                    found[b.rows] = sum(terms)
                 continue
             one, two = (
                 bodies[joint].carried(exact(place.rotation), exact(place.translation))

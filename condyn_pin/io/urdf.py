@@ -403,11 +403,12 @@ class _Reader:
         if changed:
             yield f"<joint> of <gazebo>, which changes a joint ({few(changed)})"
         plugins = [plugin for gazebo in gazebos for plugin in gazebo.findall("plugin")]
+        coupled = {j.get("name") for j in self._file.findall("joint[mimic]")}
         acting = [
             plugin.get("name", plugin.get("filename", ""))
             for plugin in plugins
             if _ACTS.search(f"{plugin.get('name')} {plugin.get('filename')}".lower())
-            and {*self.mimics}.isdisjoint(e.text for e in plugin.iter())
+            and coupled.isdisjoint(e.text for e in plugin.iter())
         ]
         if acting:
             yield f"plugins that may drive it or push ({few(acting)})"
