@@ -19,7 +19,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 
 SPREAD = 0.2  # [rad, m]
 

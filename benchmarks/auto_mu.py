@@ -33,8 +33,7 @@ import marks
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
-from condyn_pin._core.timing import interleaved
+from condyn_pin._core.timing import interleaved, machine
 from condyn_pin.lab.extremes.base import EXTREMES, Case
 from condyn_pin.lab.extremes.stress import tasks
 from condyn_pin.lab.extremes.verdict import Task, error_of, right_answers

@@ -28,8 +28,8 @@ import pinocchio as pin
 from campaign_problems import configuration, placement, tree
 
 import condyn_pin as cp
-from condyn_pin._core.constrained_aba import constrained_aba
-from condyn_pin._core.machine import machine
+from condyn_pin._core.compiled import constrained_aba
+from condyn_pin._core.timing import machine
 from condyn_pin._core.tolerances import SOLVED
 
 JSON = Path(__file__).resolve().parent / "results" / "campaign_held.json"

@@ -31,8 +31,7 @@ from scipy.sparse.linalg import LinearOperator, cg, minres
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.machine import machine
-from condyn_pin._core.timing import interleaved
+from condyn_pin._core.timing import interleaved, machine
 from condyn_pin.dynamics.matrix_free import inverse_delassus
 
 JSON = Path(__file__).resolve().parent / "results" / "conjugate_gradient.json"

@@ -25,7 +25,7 @@ import marks
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 from condyn_pin.constraints import Ball, Box
 
 RESULTS = Path(__file__).resolve().parent / "results"

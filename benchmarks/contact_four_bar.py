@@ -26,7 +26,7 @@ from peers.run import run_script
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 
 ROOT = Path(__file__).resolve().parent.parent
 JSON = ROOT / "benchmarks" / "results" / "contact_four_bar.json"

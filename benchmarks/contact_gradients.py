@@ -32,8 +32,8 @@ import marks
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
-from condyn_pin._core.plot_style import finished, line
+from condyn_pin._core.show import finished, line
+from condyn_pin._core.timing import machine
 from condyn_pin.constraints import Ball, Point
 from condyn_pin.simulation import (
     ActiveSet,

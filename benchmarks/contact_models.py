@@ -22,7 +22,7 @@ import marks
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 from condyn_pin.constraints import Box
 from condyn_pin.contact import ADMM, SAP
 from condyn_pin.simulation import Anitescu, SoftStep

@@ -26,8 +26,8 @@ import marks
 from peers.environments import Environment, Missing
 from peers.run import run_script
 
-from condyn_pin._core.machine import machine
-from condyn_pin._core.plot_style import COLOURS, write_figure
+from condyn_pin._core.show import COLOURS, write_figure
+from condyn_pin._core.timing import machine
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

@@ -28,13 +28,12 @@ import numpy as np
 from scipy.linalg.lapack import dpotrf, dtrtrs
 
 import condyn_pin as cp
-from condyn_pin._core import _pin_contacts, tolerances
+from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.minimum_norm import factorise
-from condyn_pin._core.machine import machine
-from condyn_pin._core.timing import Call, State, Times, interleaved
+from condyn_pin._core.linalg import factorise
+from condyn_pin._core.timing import Call, State, Times, interleaved, machine
 from condyn_pin.contact import ADMM, ContactProblem, SemismoothNewton
 from condyn_pin.contact.attempts import attempt_contact
 from condyn_pin.contact.condense import condense
@@ -173,8 +172,8 @@ def parts(scene: Scene) -> dict[str, Call]:
 
 def bare_admm(G: Array, g: Array, friction: Array) -> Array:
     """Return what Pinocchio's ADMM answers, as a script calls it; sets and settings are kept."""
-    models, datas = _pin_contacts._sets(friction, np.zeros(0))
-    settings = _pin_contacts._admm_settings(True, 0.25 * ADMM.tolerance, 1000, ADMM.anderson)
+    models, datas = _pin._sets(friction, np.zeros(0))
+    settings = _pin._admm_settings(True, 0.25 * ADMM.tolerance, 1000, ADMM.anderson)
     result = pin.ADMMSolverResult()
     solver, operator = pin.ADMMConstraintSolver(len(g)), pin.DelassusOperatorDense(G)
     solver.solve(operator, g, models, datas, settings, result)

@@ -25,7 +25,7 @@ import marks
 from peers.environments import Environment, Missing
 from peers.run import run_script
 
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 from condyn_pin.io.description import example_robot_data
 
 ROOT = Path(__file__).resolve().parent.parent

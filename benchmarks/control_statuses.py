@@ -24,7 +24,7 @@ import numpy as np
 from programs import largest_slack, random_program
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 from condyn_pin._core.tolerances import KKT
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.control import QPS, CenterOfMass, Controller, Orientation, Posture

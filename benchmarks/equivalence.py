@@ -21,7 +21,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.cli.words import solvers_of
 from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes

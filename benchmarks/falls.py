@@ -25,7 +25,7 @@ import marks
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 from condyn_pin.dynamics import contact_gaps
 
 RESULTS = Path(__file__).resolve().parent / "results"

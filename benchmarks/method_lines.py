@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from typing import Any
 
-from condyn_pin._core.plot_style import line
+from condyn_pin._core.show import line
 from condyn_pin.simulation.drift import DRIFTS
 
 _MARKERS = "osd^vP*"  # of the drift schemes, in the order of their registry

@@ -342,7 +342,7 @@ def draw(saved: Mapping[str, Any], path: Path) -> None:
     mpl.use("Agg")
     import matplotlib.pyplot as plt
 
-    from condyn_pin._core.plot_style import finished, line
+    from condyn_pin._core.show import finished, line
 
     fig, ax = plt.subplots(figsize=(6.3, 4.4), layout="constrained")
     for i, name in enumerate(MACHINES):

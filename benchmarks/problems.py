@@ -24,8 +24,8 @@ import marks
 from method_lines import Lines
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
-from condyn_pin._core.plots import panels
+from condyn_pin._core.show import panels
+from condyn_pin._core.timing import machine
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.lab.problems.base import Problem
 from condyn_pin.lab.problems.setting import Setting

@@ -11,7 +11,7 @@ from typing import Any
 
 import marks
 
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 
 Saved = dict[str, Any]
 

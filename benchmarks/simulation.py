@@ -14,8 +14,7 @@ from collections.abc import Callable
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
-from condyn_pin._core.timing import interleaved
+from condyn_pin._core.timing import interleaved, machine
 from condyn_pin.simulation.fit import anchored
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.plan import plan

@@ -32,7 +32,7 @@ from simulation_vs_mujoco_text import CORE, PYTHON, Row, draw, load, markdown, p
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.plan import plan

@@ -38,7 +38,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.contact.cone import Cone
 from condyn_pin.control import (

@@ -18,7 +18,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 from condyn_pin.dynamics.catalogue import standard_scenes
 
 # What a first solve touches, all imported; scipy's LAPACK comes with the first scene.

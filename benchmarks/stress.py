@@ -22,7 +22,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import marks
 
 from condyn_pin._core._pin import VERSION_TEXT
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 from condyn_pin.lab.extremes.base import EXTREMES
 from condyn_pin.lab.extremes.stress import stress, tasks
 from condyn_pin.lab.extremes.stress_plot import save_maps, save_overview

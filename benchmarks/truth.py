@@ -25,7 +25,7 @@ import pinocchio as pin
 from truth_text import RESULTS, STATES, load, pages
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 
 GRAVITY = 9.81  # [m/s^2]
 Case = dict[str, Any]

@@ -37,7 +37,7 @@ import numpy as np
 import umsgpack
 
 import condyn_pin as cp
-from condyn_pin._core.machine import machine
+from condyn_pin._core.timing import machine
 from condyn_pin.viewing import chromium, three
 from condyn_pin.viewing.drawing import stage
 from condyn_pin.viewing.page import page

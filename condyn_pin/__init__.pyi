@@ -14,9 +14,9 @@ from . import model as model
 from . import simulation as simulation
 from . import study as study
 from . import viewing as viewing
-from ._core.parallel.chunks import map_chunks as map_chunks
-from ._core.parallel.native import Native as Native
-from ._core.parallel.processes import Processes as Processes
+from ._core.rows import Native as Native
+from ._core.work import Processes as Processes
+from ._core.work import map_chunks as map_chunks
 from .constraints.applied_force import AppliedForce as AppliedForce
 from .constraints.baumgarte import Baumgarte as Baumgarte
 from .constraints.contacts.frictional_contact import FrictionalContact as FrictionalContact

@@ -50,7 +50,7 @@ _AREAS = {
     "Motors and impacts": ("control", "dynamics.impacts", "simulation.switching"),
     "Simulation": ("simulation", "constraints.baumgarte", "constraints.drift"),
     "Benchmark problems": ("lab.problems",),
-    "Many states at once": ("simulation.batch", "_core.parallel"),
+    "Many states at once": ("simulation.batch", "_core.rows", "_core.work"),
     "Layers for torch and jax": ("layers",),
     "Time against error": ("study",),
     "Beside MuJoCo": ("study.mujoco",),

@@ -81,8 +81,7 @@ def _has_chromium():
 
 
 def _has_core():
-    from condyn_pin._core.compiled import compiled, compiled_tick
-    from condyn_pin._core.constrained_aba import constrained_aba
+    from condyn_pin._core.compiled import compiled, compiled_tick, constrained_aba
     from condyn_pin.errors import MissingExtra
 
     try:

@@ -21,9 +21,8 @@ from lost import KillsOnce
 from shared import all_scenes
 
 import condyn_pin as cp
-from condyn_pin._core.parallel import memory, rows
-from condyn_pin._core.parallel.chunks import silent
-from condyn_pin._core.parallel.memory import Kind, SharedArrays
+from condyn_pin._core import rows, work
+from condyn_pin._core.work import Kind, SharedArrays, silent
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.simulation.batch.recipe import PickledRecipe, Recipe
@@ -100,7 +99,7 @@ def test_where_memory_cannot_be_shared_it_is_copied(without, executor, monkeypat
     if without == "shared memory":
         monkeypatch.setattr(rows, "CAN_SHARE", False)
     else:
-        monkeypatch.setattr(memory.os, "ftruncate", _no_memory)
+        monkeypatch.setattr(work.os, "ftruncate", _no_memory)
     scene, states = all_scenes()["talos contacts"], batch_of("talos contacts")
     found = cp.solve_batch(scene, *states, executor=executor, chunk=7)
     assert_same(found, cp.solve_batch(scene, *states))

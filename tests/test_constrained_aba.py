@@ -10,7 +10,7 @@ from shared import all_scenes, relative, states, truth
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.constrained_aba import constrained_aba, missing_constrained_aba
+from condyn_pin._core.compiled import constrained_aba, missing_constrained_aba
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics import PV, ConstrainedABA
 from condyn_pin.dynamics.choice import untaken
@@ -24,7 +24,7 @@ HELD = [label for label, scene in all_scenes().items() if not untaken(scene, Con
 def test_without_the_module_the_line_that_installs_it_is_named(kind, monkeypatch):
     monkeypatch.setitem(sys.modules, "condyn_pin_native._constrained_aba", None)
     for asked in (constrained_aba, missing_constrained_aba):
-        monkeypatch.setattr(f"condyn_pin._core.constrained_aba.{asked.__name__}", asked.__wrapped__)
+        monkeypatch.setattr(f"condyn_pin._core.compiled.{asked.__name__}", asked.__wrapped__)
         asked.cache_clear()
     try:
         assert "pip install ./native" in kind.missing()

@@ -25,7 +25,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import condyn_pin as cp
-from condyn_pin._core import _pin_contacts
+from condyn_pin._core import _pin
 from condyn_pin._core.tolerances import CONTACT_SOLVED
 from condyn_pin.constraints import Box, Plane
 from condyn_pin.contact import (
@@ -89,7 +89,7 @@ def takes(solver, problem) -> bool:
     """Return whether a solver is for problems of this kind."""
     if problem.law not in solver.laws or (isinstance(solver, SAP) and problem.R is None):
         return False
-    return not isinstance(solver, PGS) or _pin_contacts.solves_contacts(True, len(problem.limits))
+    return not isinstance(solver, PGS) or _pin.solves_contacts(True, len(problem.limits))
 
 
 @pytest.mark.parametrize("label", PROBLEMS)
@@ -295,7 +295,7 @@ def test_admm_falls_back_when_it_has_no_iterations():
     assert found.path[:2] == ("ADMM", "Newton")
 
 
-@pytest.mark.skipif(not _pin_contacts.HAS_ANDERSON, reason="Pinocchio 3 starts again")
+@pytest.mark.skipif(not _pin.HAS_ANDERSON, reason="Pinocchio 3 starts again")
 def test_a_guess_saves_iterations():
     problem = PROBLEMS["solo12 slides"]
     cold = solve_contact(problem)
@@ -621,7 +621,7 @@ def test_bad_solvers_and_arguments():
             make()
 
 
-@pytest.mark.skipif(_pin_contacts.solves_contacts(True, 1), reason="Pinocchio 4 takes it")
+@pytest.mark.skipif(_pin.solves_contacts(True, 1), reason="Pinocchio 4 takes it")
 def test_gauss_seidel_of_pinocchio_3_has_no_intervals():
     with pytest.raises(UnsupportedBackend, match="SemismoothNewton"):
         solve_contact(PROBLEMS["random, everything"], PGS())

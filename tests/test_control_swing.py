@@ -10,7 +10,7 @@ from shared import all_scenes, robot
 import condyn_pin as cp
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.linalg.minimum_norm import factorise, least_change
+from condyn_pin._core.linalg import factorise, least_change
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact import FrictionCone
 from condyn_pin.control import CenterOfMass, Controller, FrameTask, Orientation, Posture

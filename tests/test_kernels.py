@@ -15,7 +15,7 @@ import pytest
 from shared import all_scenes, states
 
 import condyn_pin as cp
-from condyn_pin._core.linalg.pivots import pivots, redundant_rows
+from condyn_pin._core.linalg import pivots, redundant_rows
 from condyn_pin.mechanism.closed_chains import chains_of, independent_columns
 from condyn_pin.mechanism.reduction.fewer_rows import _axes
 from condyn_pin.simulation.stiffness import _fastest

@@ -15,7 +15,7 @@ from test_native_contact import DT, EXACT, along, at_stops, boxes, cassie, on_fe
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.parallel.memory import Arrays
+from condyn_pin._core.work import Arrays
 from condyn_pin.constraints import Ball, FrictionalContact, Plane
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import UnsupportedBackend

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin._core import html
+from condyn_pin._core import show
 
 pytestmark = pytest.mark.once
 
@@ -263,8 +263,8 @@ def test_every_line_of_a_batch_has_a_label_of_its_own():
 
 def test_rounding_is_no_curve():
     t = np.linspace(0, 1, 9)
-    assert "polyline" not in html.curve("energy", t, 14.3 + 1e-12 * t, "J")
-    assert "polyline" in html.curve("unexplained", t, 1e-12 * t, "J")
+    assert "polyline" not in show.curve("energy", t, 14.3 + 1e-12 * t, "J")
+    assert "polyline" in show.curve("unexplained", t, 1e-12 * t, "J")
 
 
 def test_one_thing_is_not_several():

@@ -13,10 +13,15 @@ from shared import all_scenes, each_scene, each_solver, states, truth
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.linalg.extended import add, exact_product, exact_residual, split
-from condyn_pin._core.linalg.held_and_free import held_and_free
-from condyn_pin._core.linalg.mass_factor import inverse_factor
-from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg import (
+    add,
+    exact_product,
+    exact_residual,
+    factorise,
+    held_and_free,
+    inverse_factor,
+    split,
+)
 from condyn_pin._core.tolerances import REFERENCE_RANK
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import condyn_pin as cp
-from condyn_pin._core import plot_style
+from condyn_pin._core import show
 from condyn_pin.viewing import plots_contact, plots_motion, plots_scene
 
 pytestmark = pytest.mark.once
@@ -34,7 +34,7 @@ def lines(ax):
 
 
 def test_no_two_lines_are_alike():
-    looks = {(style["color"], style["ls"]) for style in map(plot_style.line, range(32))}
+    looks = {(style["color"], style["ls"]) for style in map(show.line, range(32))}
     assert len(looks) == 32
 
 

@@ -8,7 +8,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin._core.files import text as texts
+from condyn_pin._core import files as texts
 from condyn_pin.io import xml
 from condyn_pin.io.mjcf_file import compiled
 

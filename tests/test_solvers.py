@@ -14,7 +14,7 @@ from shared import SOLVERS, all_scenes, relative, states, takes, truth
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
-from condyn_pin._core.linalg.range_space import range_space
+from condyn_pin._core.linalg import range_space
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.solvers.conjugate_gradient import conjugate_gradients

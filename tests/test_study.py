@@ -19,7 +19,7 @@ from shared import all_scenes, relative
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
-from condyn_pin._core.parameters import ITERATIONS, WEIGHTS
+from condyn_pin._core.arguments import ITERATIONS, WEIGHTS
 from condyn_pin.study import case, clocks, running
 from condyn_pin.study.row import ALONE
 from condyn_pin.study.sweeps import default_sweep

@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin import constraints as c
-from condyn_pin._core.parameters import Call, read_call
+from condyn_pin._core.arguments import Call, read_call
 from condyn_pin.cli.main import app
 from condyn_pin.contact import ADMM, PGS, SAP, Lemke, SemismoothNewton
 from condyn_pin.dynamics import Proximal

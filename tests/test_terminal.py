@@ -14,7 +14,7 @@ from shared import robot
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._core.files.text import parse_json
+from condyn_pin._core.files import parse_json
 from condyn_pin.cli import output
 from condyn_pin.cli.main import app, main
 from condyn_pin.errors import printable

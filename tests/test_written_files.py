@@ -17,9 +17,9 @@ from shared import robot
 from typer.testing import CliRunner
 
 import condyn_pin as cp
-from condyn_pin._core.files import beside
-from condyn_pin._core.files.beside import check_writable, write_text, written_beside
-from condyn_pin._core.plot_style import write_figure
+from condyn_pin._core import files
+from condyn_pin._core.files import check_writable, write_text, written_beside
+from condyn_pin._core.show import write_figure
 from condyn_pin.cli.main import app
 from condyn_pin.lab.extremes.stress_table import write_csv as write_maps
 from condyn_pin.study import plan as plans
@@ -167,7 +167,7 @@ def test_nothing_is_written_in_another_way():
         if "savefig(" in text and "savefig(new" not in text:
             found.append(path.name)
     assert not found
-    assert beside.__name__ == "condyn_pin._core.files.beside"
+    assert files.__name__ == "condyn_pin._core.files"
 
 
 def test_a_plan_without_a_place_is_refused_before_it_is_measured(tmp_path, monkeypatch):
@@ -234,7 +234,7 @@ def test_a_table_of_something_else_is_not_lost(tmp_path):
 KILLED = """
 import os, sys
 from pathlib import Path
-from condyn_pin._core.files.beside import written_beside
+from condyn_pin._core.files import written_beside
 with written_beside(sys.argv[1]) as new:
     new.write_text("half of it")
     print(os.listdir(Path(sys.argv[1]).parent), flush=True)

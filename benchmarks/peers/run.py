@@ -67,7 +67,7 @@ def measure(
     environments: Sequence[Environment], folder: Path, passes: int, effort: float
 ) -> PeerTable:
     """Make environments, export scenes, and pass over all peers several times, or until Ctrl-C."""
-    from condyn_pin._core.machine import machine
+    from condyn_pin._core.timing import machine
     from peers import export
 
     folder.mkdir(parents=True, exist_ok=True)

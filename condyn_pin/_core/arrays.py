@@ -1,12 +1,18 @@
-"""Arrays of numbers: their type, and how they come in."""
+"""Arrays: as they come in, as values, and their floating-point errors.
+
+Arrays of numbers: their type, and how they come in.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from contextvars import Context
 from dataclasses import is_dataclass
-from typing import Final, TypeVar
+from functools import partial
+from typing import Any, Final, ParamSpec, TypeVar
 
 import numpy as np
+from numpy.lib.mixins import NDArrayOperatorsMixin
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin.errors import InvalidArgument
@@ -129,3 +135,67 @@ def finite_rows(name: str, value: ArrayLike, size: int) -> Array:
     except ValueError:  # of lists that differ in length, and `finite` says so
         many = ()
     return finite(name, value, (*many, size))
+
+
+# AsArray: a value that works as the array of its components.
+
+
+class AsArray(NDArrayOperatorsMixin):
+    """What has `components`, and can stand wherever NumPy takes an array of them."""
+
+    components: Array
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Array:
+        array = self.components if dtype is None else self.components.astype(dtype)
+        return array.copy() if copy else array
+
+    def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
+        plain = [x.components if isinstance(x, AsArray) else x for x in inputs]
+        return getattr(ufunc, method)(*plain, **options)
+
+    def __len__(self) -> int:
+        return len(self.components)
+
+    def __getitem__(self, index: Any) -> Any:
+        return self.components[index]
+
+    @property
+    def shape(self) -> tuple[int, ...]:
+        """Shape of the components."""
+        return self.components.shape
+
+    @property
+    def size(self) -> int:
+        """Number of components."""
+        return self.components.size
+
+    def copy(self) -> Array:
+        """Return the components in an array of their own."""
+        return self.components.copy()
+
+    def tolist(self) -> list[float]:
+        """Return the components as a list."""
+        return [float(x) for x in self.components]
+
+    def round(self, decimals: int = 0) -> Array:
+        """Return the components rounded to some `decimals`."""
+        return self.components.round(decimals)
+
+
+# Call a function where numpy does not warn of what overflows; `errstate` costs ten times more.
+
+
+_Arguments = ParamSpec("_Arguments")
+_Answer = TypeVar("_Answer")
+
+
+def quietly(function: Callable[_Arguments, _Answer]) -> Callable[_Arguments, _Answer]:
+    """Return `function`, called where numpy is silent: the status of an answer says it.
+
+    numpy keeps its settings in the context of Python. `np.errstate` changes them before a call and
+    back after it, half a microsecond in a solve that takes ten; here they are those of a context
+    that the function is always called in. Not to be called by two threads, nor by itself.
+    """
+    silent = Context()
+    silent.run(np.seterr, over="ignore", invalid="ignore")
+    return partial(silent.run, function)

@@ -127,7 +127,8 @@ def diagnose() -> Diagnosis:
     features: dict[str, str] = {}
     if probe.returncode == 0:
         try:
-            from condyn_pin._core import _pin, blas_threads, compiled, constrained_aba
+            from condyn_pin._core import _pin, blas_threads, compiled
+            from condyn_pin._core import compiled as constrained_aba
 
             found = (_pin, compiled, constrained_aba, blas_threads)
             features = {name: said for room in found for name, said in room.features().items()}

@@ -1,4 +1,6 @@
-"""Timing in one process, interleaved: what drifts in the machine drifts for all.
+"""Times of calls, and the machine that took them.
+
+Timing in one process, interleaved: what drifts in the machine drifts for all.
 
 Every round calls every candidate a few times, in an order that turns from round to round, on the
 same state. A sample is the mean of the calls of one round, so that a clock read costs nothing.
@@ -7,14 +9,20 @@ same state. A sample is the mean of the calls of one round, so that a clock read
 from __future__ import annotations
 
 import gc
+import os
+import platform
 from collections.abc import Callable, Hashable, Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from math import inf
+from pathlib import Path
 from time import perf_counter
 from typing import TypeVar
 
 import numpy as np
 
+from condyn_pin import __version__
+from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin._core.arrays import Array
 
 State = tuple[Array, Array, Array]
@@ -106,3 +114,30 @@ def _warm_up(call: Call, states: Sequence[State], most: int, enough: float) -> i
         call(*state)
         spent.append(perf_counter() - start)
     return max(1, int(min(most, enough / min(spent))))
+
+
+# The machine that a measurement was taken on: processor, system, versions.
+
+
+def machine() -> dict[str, str]:
+    """Return processor, system, versions, threads and date, for every table of results."""
+    return {
+        "processor": _processor(),
+        "cores": str(os.cpu_count()),
+        "system": f"{platform.system()} {platform.machine()}",
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "pinocchio": VERSION_TEXT,
+        "condyn_pin": __version__,
+        "OMP_NUM_THREADS": os.environ.get("OMP_NUM_THREADS", "unset"),
+        "date": datetime.now(UTC).strftime("%Y-%m-%d"),
+    }
+
+
+def _processor() -> str:
+    try:
+        text = Path("/proc/cpuinfo").read_text(encoding="utf-8")
+    except OSError:
+        return platform.processor() or "unknown"
+    names = (line.split(":", 1)[1].strip() for line in text.splitlines() if "model name" in line)
+    return next(names, platform.processor() or "unknown")

@@ -17,7 +17,7 @@ from rich.segment import Segment
 from rich.table import Column, Table
 from rich.text import Text
 
-from condyn_pin._core.files.beside import check_writable, write_text
+from condyn_pin._core.files import check_writable, write_text
 from condyn_pin.errors import InvalidArgument, printable
 
 # As shells say that a program was interrupted.
@@ -111,7 +111,7 @@ def check_ending(path: Path | None, *endings: str) -> None:
 def check_picture(path: Path | None) -> None:
     """Refuse a picture that could not be drawn when everything has been measured."""
     if path:
-        from condyn_pin._core.plots import PICTURES, require_matplotlib
+        from condyn_pin._core.show import PICTURES, require_matplotlib
 
         require_matplotlib()
         check_ending(path, *PICTURES)

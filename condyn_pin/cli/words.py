@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import fields
 from typing import Any, TypeVar, cast
 
-from condyn_pin._core.parameters import read_call
+from condyn_pin._core.arguments import read_call
 from condyn_pin.cli.arguments import Source
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.baumgarte import Baumgarte

@@ -7,8 +7,8 @@ from typing import Final
 
 import numpy as np
 
+from condyn_pin._core.arguments import counted
 from condyn_pin._core.arrays import Array, shown
-from condyn_pin._core.names import counted
 from condyn_pin.constraints.path import Along
 from condyn_pin.errors import InvalidArgument
 

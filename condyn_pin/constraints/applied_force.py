@@ -14,8 +14,8 @@ from typing import Any, Final, Literal, get_args
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.parameters import check_called
 from condyn_pin.constraints.constraint_fields import check_size, text
 from condyn_pin.errors import InvalidArgument
 

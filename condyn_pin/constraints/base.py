@@ -33,7 +33,7 @@ To add a kind: one file.
    relates two frames by new equations: then write `rows`, `violation`, `weights` and
    `weights_rate`, and nothing else. Other bases are `WithWorld` and `BetweenFrames`.
 2. Its fields are what a file says of it: texts, numbers, tuples. `__post_init__` checks them with
-   `constraint_fields` and ends with `_set_name`. Fields in metres are listed in `lengths`.
+   the functions below and ends with `_set_name`. Fields in metres are listed in `lengths`.
 3. It registers itself in `KINDS` under its name, by which archives find it; with a `word`
    robot.toml has it too: among its loops if it `closes`, among its contacts if not.
 4. What it answers otherwise than its base it overrides. Nothing outside of this room asks what
@@ -47,7 +47,7 @@ from dataclasses import dataclass, replace
 from numbers import Real
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
-from condyn_pin._core.registry import enter
+from condyn_pin._core.arguments import enter
 from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.protocols import Machine, MjcfWriter
 from condyn_pin.constraints.support import Foot, Patch, Support

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from math import e, sqrt
 from typing import ClassVar
 
+from condyn_pin._core.arguments import seconds, step_size
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.parameters import seconds, step_size
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.errors import InvalidArgument
 

@@ -12,7 +12,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite, shown
-from condyn_pin._core.rotations import rotation_fault
+from condyn_pin._core.joints import rotation_fault
 from condyn_pin.errors import InvalidArgument
 
 Axis = Literal["x", "y", "z"]

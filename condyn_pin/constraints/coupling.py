@@ -12,8 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 from numpy.polynomial import Polynomial
 
+from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import finite, shown
-from condyn_pin._core.names import listed
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import check_size, floats, text
 from condyn_pin.constraints.protocols import Machine, MjcfWriter

@@ -26,8 +26,8 @@ from abc import ABC
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.registry import enter
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.baumgarte import Baumgarte

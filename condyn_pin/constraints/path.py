@@ -18,8 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array, finite, shown
-from condyn_pin._core.registry import enter
 from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.errors import InvalidArgument
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.rotations import z_along
+from condyn_pin._core.joints import z_along
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.constraint_fields import Vector3
 from condyn_pin.constraints.protocols import Machine

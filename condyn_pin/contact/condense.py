@@ -25,7 +25,7 @@ from scipy.linalg.lapack import dtrtrs
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm
+from condyn_pin._core.linalg import MinimumNorm
 
 
 class Condensed(NamedTuple):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin._core import _pin_contacts
+from condyn_pin._core import _pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.low_rank import alternate, factor_of
 from condyn_pin.contact.padded import padded
@@ -45,10 +45,10 @@ def directions(
         start = np.zeros(problem.rows) if begin is None else begin
         lam, taken = alternate(small, X, start, _SHARE * tolerance, max_iterations)
         return lam * unit, taken
-    if not _pin_contacts.solves_contacts(problem.law == "ncp", len(problem.limits)):
+    if not _pin.solves_contacts(problem.law == "ncp", len(problem.limits)):
         return None
     rows = padded(small)
-    found = _pin_contacts.admm(
+    found = _pin.admm(
         rows.G, rows.g, rows.friction, rows.limits,
         ncp=problem.law == "ncp", tolerance=_SHARE * tolerance,
         max_iterations=max_iterations, anderson=anderson, guess=rows.spread(begin),
@@ -58,4 +58,4 @@ def directions(
 
 def accelerated(problem: ContactProblem) -> bool:
     """Whether `directions` has an acceleration for this problem."""
-    return _pin_contacts.HAS_ANDERSON and factor_of(normalised(problem)[0]) is None
+    return _pin.HAS_ANDERSON and factor_of(normalised(problem)[0]) is None

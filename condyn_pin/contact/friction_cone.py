@@ -15,9 +15,9 @@ from typing import Final
 
 import numpy as np
 
+from condyn_pin._core.arguments import check_count
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import check_count
-from condyn_pin._core.rotations import z_along
+from condyn_pin._core.joints import z_along
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.contact.cone import Cone, Margin, Row
 from condyn_pin.errors import InvalidArgument

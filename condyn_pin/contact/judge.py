@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import check_accuracy_of_a
 from condyn_pin._core.arrays import finite, read_only, shown
-from condyn_pin._core.parameters import check_accuracy_of_a
 from condyn_pin.contact.attempts import attempt_contact
 from condyn_pin.contact.certificate import unmet_contacts
 from condyn_pin.contact.problem import ContactProblem

@@ -43,10 +43,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import check_count, enter, listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.names import listed
-from condyn_pin._core.parameters import check_count
-from condyn_pin._core.registry import enter
 from condyn_pin.contact.attempts import first_attempt, other_attempts
 from condyn_pin.contact.islands import Island, island_of, islands
 from condyn_pin.contact.normal_path import End, normal_path

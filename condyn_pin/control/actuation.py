@@ -16,9 +16,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import checked
 from condyn_pin.control.motion import entry_names
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene

@@ -8,8 +8,8 @@ from typing import Final
 
 import numpy as np
 
+from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import check_called
 from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.controller import Controller

@@ -17,10 +17,9 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import factorise
-from condyn_pin._core.linalg.pivots import null_space
-from condyn_pin._core.names import checked
+from condyn_pin._core.linalg import factorise, null_space
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.scene_cones import Cones

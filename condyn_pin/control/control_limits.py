@@ -26,9 +26,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import step_size
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import UNLIMITED
-from condyn_pin._core.parameters import step_size
 from condyn_pin.control.motion import entry_names
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.limits import Limits

@@ -10,12 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import Arguments
+from condyn_pin._core.arguments import Arguments, checked
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.compiled import Native
-from condyn_pin._core.names import checked
-from condyn_pin._core.one_thread import OneThread, alone
+from condyn_pin._core.threads import OneThread, alone
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.scene_cones import Cones

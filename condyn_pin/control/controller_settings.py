@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from condyn_pin._core.arguments import check_accuracy
 from condyn_pin._core.compiled import Native, check_native
-from condyn_pin._core.parameters import check_accuracy
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.actuation import Actuation

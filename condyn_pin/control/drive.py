@@ -20,7 +20,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm
+from condyn_pin._core.linalg import MinimumNorm
 
 # The second round takes out what rounding left in the first: on Cassie, Talos and Stewart's
 # platform a factor of 5 to 30. A third gains nothing.

@@ -31,7 +31,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.pivots import null_space, rank_of
+from condyn_pin._core.linalg import null_space, rank_of
 from condyn_pin.control.levels import Level
 from condyn_pin.control.qp.base import QPSolver
 from condyn_pin.control.qp.chain import Chain, ChainAnswer

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.rotations import z_along
+from condyn_pin._core.joints import z_along
 from condyn_pin.dynamics.force import Sites, upward
 from condyn_pin.errors import InvalidArgument
 

@@ -24,8 +24,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.mass_factor import factorise_mass
-from condyn_pin._core.linalg.minimum_norm import least_change
+from condyn_pin._core.linalg import factorise_mass, least_change
 
 
 def locked(v: Array, M: Array, J: Array, rigid: Array) -> Array:

@@ -18,10 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import checked, counted, listed
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import checked, counted, listed
 from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.dynamics.at_state import at_state, frame_jacobian
 from condyn_pin.dynamics.scene import Scene

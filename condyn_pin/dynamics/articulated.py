@@ -9,7 +9,7 @@ from abc import abstractmethod
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
-from condyn_pin._core.parameters import (
+from condyn_pin._core.arguments import (
     ACCURACIES,
     ITERATIONS,
     WEIGHTS,

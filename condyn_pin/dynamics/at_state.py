@@ -14,8 +14,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import State as Given
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.kept import Kept
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.linalg import MinimumNorm, factorise
+from condyn_pin._core.threads import Kept
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints import loads
 from condyn_pin.constraints.applied_force import AppliedForce

@@ -12,7 +12,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.constrained_aba import constrained_aba
+from condyn_pin._core.compiled import constrained_aba
 from condyn_pin._core.joints import axes
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.bound import PinocchioConstraint

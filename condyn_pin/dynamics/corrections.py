@@ -24,8 +24,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import _pin, tolerances
-from condyn_pin._core.arrays import Array
-from condyn_pin._core.quietly import quietly
+from condyn_pin._core.arrays import Array, quietly
 from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.as_array import AsArray
+from condyn_pin._core.arrays import Array, AsArray, read_only
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.errors import InvalidArgument

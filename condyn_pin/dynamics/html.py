@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from condyn_pin._core import html
+from condyn_pin._core import show
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene
@@ -21,13 +21,13 @@ def scene_html(scene: Scene) -> str:
         "constraints": f"{len(rows)}, with {scene.rows} rows",
         "contacts": f"{len(touching)} that may open and slide",
     }
-    return html.page(
+    return show.page(
         f"Scene of {robot.name}",
-        html.facts(said.items()),
-        html.folded(
-            "constraints", html.grid(("constraint", "kind", "rows"), rows), count=len(rows)
+        show.facts(said.items()),
+        show.folded(
+            "constraints", show.grid(("constraint", "kind", "rows"), rows), count=len(rows)
         ),
-        html.folded("contacts", html.grid(("contact", "kind"), touching), count=len(touching)),
+        show.folded("contacts", show.grid(("contact", "kind"), touching), count=len(touching)),
         '<div style="opacity:0.7">scene.summary() has rank, redundant rows and mobility</div>',
     )
 
@@ -47,16 +47,16 @@ def solution_html(solution: Solution) -> str:
         for name, force in solution.forces.items()
     ]
     headings = ("constraint", "on", "by", "fx", "fy", "fz", "mx", "my", "mz")
-    return html.page(
+    return show.page(
         f"{solution.scene.robot.name}: {status.name.lower()}",
-        "" if status.ok else html.notes([status.value]),
-        html.facts(said.items()),
-        html.folded(
+        "" if status.ok else show.notes([status.value]),
+        show.facts(said.items()),
+        show.folded(
             "forces on the first-named body, in the axes of each constraint [N, N m]",
-            html.grid(headings, forces),
+            show.grid(headings, forces),
             count=len(forces),
         ),
-        html.notes(solution.notices),
+        show.notes(solution.notices),
         ok=status.ok,
     )
 

@@ -8,9 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import factorise
-from condyn_pin._core.parameters import (
+from condyn_pin._core.arguments import (
     ACCURACIES,
     ITERATIONS,
     WEIGHTS,
@@ -19,6 +17,8 @@ from condyn_pin._core.parameters import (
     check_damping,
     check_iterations,
 )
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg import factorise
 from condyn_pin._core.tolerances import RANK
 from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
 

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.one_thread import OneThread, alone
+from condyn_pin._core.threads import OneThread, alone
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loads import Loads

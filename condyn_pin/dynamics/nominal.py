@@ -20,10 +20,13 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.mass_factor import MassFactor, factorise_mass
-from condyn_pin._core.linalg.minimum_norm import factorise_rows
-from condyn_pin._core.linalg.pivots import redundant_rows
-from condyn_pin._core.linalg.range_space import whiten
+from condyn_pin._core.linalg import (
+    MassFactor,
+    factorise_mass,
+    factorise_rows,
+    redundant_rows,
+    whiten,
+)
 from condyn_pin.constraints.rows.cancellation import ROUNDED, least_of, more_than
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.mass_pivots import MassPivots

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm
+from condyn_pin._core.linalg import MinimumNorm
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms, largest_torque
 from condyn_pin.dynamics.solvers.reference import Reference

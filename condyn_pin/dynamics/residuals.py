@@ -54,7 +54,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm
+from condyn_pin._core.linalg import MinimumNorm
 
 _EPS = float(np.finfo(np.float64).eps)
 _UNIT = _EPS / 2  # of one rounding

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from condyn_pin._core.names import counted
+from condyn_pin._core.arguments import counted
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.model.robot import Robot

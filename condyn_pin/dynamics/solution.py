@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.dynamics.residuals import Residuals
@@ -277,7 +277,7 @@ class Solution:
     @cached_property
     def left_out(self) -> tuple[str, ...]:
         """Rows that can go without changing the answer, as ``constraint.axis``."""
-        from condyn_pin._core.linalg.pivots import redundant_rows  # most answers are not asked
+        from condyn_pin._core.linalg import redundant_rows  # most answers are not asked
 
         return redundant_rows(self._kept.N, self.scene.row_names)
 
@@ -374,7 +374,7 @@ class Solution:
         MissingExtra
             If pandas is not installed.
         """
-        from condyn_pin._core.pandas import require_pandas
+        from condyn_pin._core.show import require_pandas
         from condyn_pin.dynamics.columns import solution_columns
 
         status, errors = [self.status.name.lower()], np.array(self.residuals)

@@ -22,11 +22,11 @@ from condyn_pin._core.arguments import (
     NOT_LOOSE,
     Given,
     State,
+    check_accuracy_of_a,
     unpack_quaternion,
 )
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.one_thread import alone, in_use
-from condyn_pin._core.parameters import check_accuracy_of_a
+from condyn_pin._core.threads import alone, in_use
 from condyn_pin._core.trees import Forest, is_forest
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.baumgarte import Baumgarte

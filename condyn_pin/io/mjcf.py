@@ -31,8 +31,8 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin, set_dry_friction
+from condyn_pin._core.arguments import few, listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.names import few, listed
 from condyn_pin.constraints.base import WORLD, Constraint
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.held_joint import HeldJoint

@@ -21,9 +21,9 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import few
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.files.text import parse_toml, read_text
-from condyn_pin._core.names import few
+from condyn_pin._core.files import parse_toml, read_text
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import Loop, bind, worded
 from condyn_pin.constraints.rows.equations import Equations

@@ -18,7 +18,7 @@ from os import PathLike
 from types import MappingProxyType
 from typing import Any, Final
 
-from condyn_pin._core.names import quoted
+from condyn_pin._core.arguments import quoted
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidArgument, unknown_name

@@ -21,8 +21,8 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import quoted
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.names import quoted
 from condyn_pin.errors import InvalidModel, unknown_name
 from condyn_pin.io.description import tensor
 from condyn_pin.io.sdf_parts import (

@@ -26,8 +26,8 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import quoted
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.names import quoted
 from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
 from condyn_pin.io.xml import find, floats, label, open_xml, place
 

@@ -50,8 +50,8 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import dry_friction, pin, set_dry_friction
-from condyn_pin._core.names import quoted
-from condyn_pin._core.rotations import z_along
+from condyn_pin._core.arguments import quoted
+from condyn_pin._core.joints import z_along
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel, unknown_name

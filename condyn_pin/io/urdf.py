@@ -28,8 +28,8 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import few
 from condyn_pin._core.joints import UNLIMITED
-from condyn_pin._core.names import few
 from condyn_pin.constraints.base import WORLD
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop

@@ -19,7 +19,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.files.text import check_size, read_bytes, written_out
+from condyn_pin._core.files import check_size, read_bytes, written_out
 from condyn_pin.errors import CondynError, InvalidModel
 from condyn_pin.model.soundness import MOST_JOINTS
 

@@ -128,8 +128,7 @@ def draw_hierarchy(table: HierarchyTable, ax: Any = None) -> Any:
 
     On `ax` or new axes, which are returned.
     """
-    from condyn_pin._core.plot_style import METHODS, OTHER, finished
-    from condyn_pin._core.plots import axes
+    from condyn_pin._core.show import METHODS, OTHER, axes, finished
 
     ax = axes(ax)
     rows = [row for row in table.rows if isfinite(row.speedup)]

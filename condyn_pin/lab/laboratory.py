@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.loop import Loop

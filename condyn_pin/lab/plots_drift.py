@@ -12,8 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._core.plot_style import COLOURS, finished
-from condyn_pin._core.plots import axes
+from condyn_pin._core.show import COLOURS, axes, finished
 from condyn_pin.lab.laboratory import Contest, Growth, stability_map
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.stability_limit import stability_limit

@@ -7,8 +7,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from condyn_pin._core.arguments import step_size
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import step_size
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene, time_of
 from condyn_pin.errors import InvalidArgument, SolveFailed

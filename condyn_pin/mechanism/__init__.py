@@ -1,6 +1,6 @@
 """What a mechanism is: closed states, rank and mobility, branches, and smaller scenes.
 
-Verbs: assemble, sample, project, complete, check, rank, summarise; `reduction/` has what may be
+Verbs: assemble, sample, project, complete, check, rank, summarise; `reduction` has what may be
 left out of a scene. Nouns: `Assembly`, `Rank`, `Summary`, `CompleteState`, `ReducedScene`.
 
 It asks `dynamics` for the equations, and must not know motions.

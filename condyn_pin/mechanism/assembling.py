@@ -13,13 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import check_count, checked, normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
-from condyn_pin._core.linalg.pivots import rank_of
-from condyn_pin._core.names import checked
-from condyn_pin._core.parameters import check_count
+from condyn_pin._core.linalg import rank_of
 from condyn_pin.dynamics.at_state import gaps, to_close
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name

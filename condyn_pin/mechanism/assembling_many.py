@@ -7,10 +7,10 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array, finite_rows
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import checked
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene
 from condyn_pin.errors import InvalidArgument

@@ -6,8 +6,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from enum import Enum
 
+from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed, worst
 from condyn_pin.dynamics.contact_gaps import penetration
 from condyn_pin.dynamics.nominal import digits_of

@@ -9,9 +9,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import normalised, renamed
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed
 from condyn_pin.dynamics.at_state import (
     constraint_velocities,

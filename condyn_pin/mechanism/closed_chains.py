@@ -27,8 +27,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
-from condyn_pin._core.linalg.pivots import counted, pivots, redundant_rows
+from condyn_pin._core.linalg import MinimumNorm, counted, factorise, pivots, redundant_rows
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.at_state import by_digits

@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import counted, normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.pivots import rank_of
-from condyn_pin._core.names import counted
+from condyn_pin._core.linalg import rank_of
 from condyn_pin.constraints.violation import beyond_text
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_time

@@ -15,9 +15,9 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.pivots import null_space, rank_of
-from condyn_pin._core.names import listed
+from condyn_pin._core.linalg import null_space, rank_of
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene
 

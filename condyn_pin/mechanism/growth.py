@@ -24,11 +24,10 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import check_count, normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.pivots import rank_of
-from condyn_pin._core.parameters import check_count
+from condyn_pin._core.linalg import rank_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_not_driven, check_scene
 from condyn_pin.mechanism.check import check

@@ -18,12 +18,10 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import normalised, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm
-from condyn_pin._core.linalg.pivots import redundant_rows
-from condyn_pin._core.renamed import renamed
+from condyn_pin._core.linalg import MinimumNorm, redundant_rows
 from condyn_pin.constraints.violation import ConstraintViolation, closed, worst
 from condyn_pin.dynamics.at_state import equations_of, gaps, to_close
 from condyn_pin.dynamics.nominal import digits_of

@@ -5,10 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import check_count, normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.parameters import check_count
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembling import assembly_of, best_end, nominal_configuration

@@ -11,9 +11,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import counted, few
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import counted, few
 from condyn_pin.dynamics.contact_gaps import gap_text, gaps_at
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene
@@ -115,26 +115,26 @@ class Summary:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        from condyn_pin._core import html
+        from condyn_pin._core import show
 
         facts = list(self.facts().items())
         listed = [(name, kind, str(rows)) for name, kind, rows in self.constraints]
-        return html.page(
+        return show.page(
             f"Scene of {self.robot}",
-            html.facts(facts),
-            html.folded(
-                "constraints", html.grid(("constraint", "kind", "rows"), listed), count=len(listed)
+            show.facts(facts),
+            show.folded(
+                "constraints", show.grid(("constraint", "kind", "rows"), listed), count=len(listed)
             ),
-            html.folded(
-                "contacts", html.grid(("contact", "distance"), self.contacts),
+            show.folded(
+                "contacts", show.grid(("contact", "distance"), self.contacts),
                 count=len(self.contacts),
             ),
-            html.folded(
-                "changes the motion, and is not modelled", html.notes(self.unmodelled),
+            show.folded(
+                "changes the motion, and is not modelled", show.notes(self.unmodelled),
                 count=0,
             ),
-            html.folded("in the file and not used", html.notes(self.unused)),
-            html.notes(self.notes),
+            show.folded("in the file and not used", show.notes(self.unused)),
+            show.notes(self.notes),
         )  # fmt: skip
 
     def __str__(self) -> str:

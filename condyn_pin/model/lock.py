@@ -8,8 +8,8 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.names import checked
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.violation import gap_of

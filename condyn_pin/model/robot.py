@@ -13,9 +13,8 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import Arguments
+from condyn_pin._core.arguments import Arguments, counted
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin._core.names import counted
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.rows.mass_pivots import least_pivots
 from condyn_pin.errors import InvalidModel, StaleModel

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from condyn_pin._core import html
-from condyn_pin._core.names import counted
+from condyn_pin._core import show
+from condyn_pin._core.arguments import counted
 
 if TYPE_CHECKING:
     from condyn_pin.model.robot import Robot
@@ -29,24 +29,24 @@ def robot_html(robot: Robot) -> str:
         "licence": robot.licence or "unknown",
     }
     columns = ("name", "kind", "rows")
-    return html.page(
+    return show.page(
         f"Robot {robot.name}",
-        html.facts(said.items()),
-        html.folded(
+        show.facts(said.items()),
+        show.folded(
             counted(len(joints), "joint"),
-            html.grid(("joint", "kind", "in q", "in v", ""), joints),
+            show.grid(("joint", "kind", "in q", "in v", ""), joints),
             count=len(joints),
         ),
-        html.folded(counted(len(loops), "loop"), html.grid(columns, loops), count=len(loops)),
-        html.folded(
+        show.folded(counted(len(loops), "loop"), show.grid(columns, loops), count=len(loops)),
+        show.folded(
             counted(len(contacts), "ready-made contact"),
-            html.grid(columns, contacts),
+            show.grid(columns, contacts),
             count=len(contacts),
         ),
-        html.folded(
-            "changes the motion, and is not modelled", html.notes(robot.unmodelled), count=0
+        show.folded(
+            "changes the motion, and is not modelled", show.notes(robot.unmodelled), count=0
         ),
-        html.folded("in the file and not used", html.notes(robot.unused)),
+        show.folded("in the file and not used", show.notes(robot.unused)),
     )
 
 

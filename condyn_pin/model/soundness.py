@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.rotations import rotation_fault
+from condyn_pin._core.joints import rotation_fault
 from condyn_pin._core.tolerances import HUGE
 from condyn_pin._core.trees import Forest, algorithms, data_of
 from condyn_pin.errors import InvalidModel

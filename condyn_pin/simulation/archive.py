@@ -19,8 +19,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.files.npz import read_npz, write_npz
-from condyn_pin._core.files.text import LARGEST, parse_json
+from condyn_pin._core.files import LARGEST, parse_json, read_npz, write_npz
 from condyn_pin.constraints.contacts.kinds import CONTACTS
 from condyn_pin.constraints.contacts.plane import Plane
 from condyn_pin.constraints.contacts.shapes import SHAPES

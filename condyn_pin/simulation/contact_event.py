@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.names import listed
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.modes import MODES, OPEN, SLIDE, STICK, Modes
 from condyn_pin.simulation.contact_columns import contact_rows

@@ -6,8 +6,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
+from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.parameters import check_called
 from condyn_pin.dynamics.impacts import Restitution, restitutions
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, UnknownName

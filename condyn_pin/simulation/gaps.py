@@ -18,7 +18,7 @@ import numpy as np
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg import factorise
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.model.soundness import singular_mass

@@ -20,8 +20,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.inverse import inverse
-from condyn_pin._core.linalg.minimum_norm import factorise
+from condyn_pin._core.linalg import factorise, inverse
 from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.system import System, total_torque

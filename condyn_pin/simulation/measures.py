@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.kept import Kept
+from condyn_pin._core.threads import Kept
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.along import along_at
 from condyn_pin.constraints.rows.equations import Equations

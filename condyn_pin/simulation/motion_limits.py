@@ -8,7 +8,7 @@ from typing import Any
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import shown
-from condyn_pin._core.kept import Kept
+from condyn_pin._core.threads import Kept
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.manifold import Manifold

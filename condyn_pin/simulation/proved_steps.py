@@ -19,10 +19,9 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import joint_torques
+from condyn_pin._core.arguments import joint_torques, step_size
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.parameters import step_size
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.loads import Load

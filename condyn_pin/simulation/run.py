@@ -9,9 +9,9 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.parameters import check_called
 from condyn_pin.constraints.along import check_along
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift

@@ -14,8 +14,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import factorise
-from condyn_pin._core.linalg.pivots import first_of_largest
+from condyn_pin._core.linalg import factorise, first_of_largest
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.stability_limit import stability_limit

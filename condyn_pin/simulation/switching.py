@@ -7,8 +7,8 @@ from dataclasses import dataclass
 
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.names import listed
 from condyn_pin.dynamics.at_state import at_state
 from condyn_pin.dynamics.impacts import Impact, Restitution, impact
 from condyn_pin.dynamics.scene import Scene

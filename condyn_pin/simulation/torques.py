@@ -18,9 +18,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import FLOAT, joint_torques
+from condyn_pin._core.arguments import FLOAT, check_called, joint_torques
 from condyn_pin._core.arrays import Array, finite, locked
-from condyn_pin._core.parameters import check_called
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.loads import Loads

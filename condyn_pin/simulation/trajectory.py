@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.renamed import renamed
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.contact_columns import candidates_of, contact_rows, gaps_along, row_names
 from condyn_pin.simulation.contact_record import ContactRecord
@@ -245,7 +245,7 @@ class Trajectory:
         MissingExtra
             If pandas is not installed.
         """
-        from condyn_pin._core.pandas import require_pandas
+        from condyn_pin._core.show import require_pandas
         from condyn_pin.simulation.columns import columns
 
         return require_pandas().DataFrame(columns(self)).set_index("t [s]")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from condyn_pin._core import html
+from condyn_pin._core import show
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory
@@ -25,20 +25,20 @@ def trajectory_html(trajectory: Trajectory) -> str:
     }
     events = [(each.name, f"{each.t:.6g}") for each in run.happened[:_EVENTS]]
     more = len(run.happened) - len(events)
-    return html.page(
+    return show.page(
         f"{trajectory.scene.robot.name}: {run.status.name.lower()}",
-        html.notes([trajectory.reason] if trajectory.reason else []),
-        html.facts(said.items()),
-        html.curve("open constraints", t, trajectory.violation, "m, rad")
+        show.notes([trajectory.reason] if trajectory.reason else []),
+        show.facts(said.items()),
+        show.curve("open constraints", t, trajectory.violation, "m, rad")
         if trajectory.scene.rows
         else "",
-        html.curve("energy", t, energy.total, "J"),
-        html.curve("energy that nothing explains", t, np.abs(energy.error), "J"),
-        html.folded(
+        show.curve("energy", t, energy.total, "J"),
+        show.curve("energy that nothing explains", t, np.abs(energy.error), "J"),
+        show.folded(
             f"{len(run.happened)} events" + (f", the first {_EVENTS} here" if more > 0 else ""),
-            html.grid(("event", "t [s]"), events),
+            show.grid(("event", "t [s]"), events),
             count=len(events),
         ),
-        html.notes([*run.missed, *trajectory.notices]),
+        show.notes([*run.missed, *trajectory.notices]),
         ok=run.status.ok,
     )

@@ -16,9 +16,8 @@ from math import inf, isfinite, nan
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.machine import machine
-from condyn_pin._core.parameters import check_called
-from condyn_pin._core.timing import Call, Times, interleaved
+from condyn_pin._core.arguments import check_called
+from condyn_pin._core.timing import Call, Times, interleaved, machine
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.catalogue import standard_scenes
 from condyn_pin.dynamics.choice import untaken

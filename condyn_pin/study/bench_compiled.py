@@ -13,7 +13,7 @@ from typing import Any, Final
 
 import numpy as np
 
-from condyn_pin._core.constrained_aba import compiled_lcaba, constrained_aba
+from condyn_pin._core.compiled import compiled_lcaba, constrained_aba
 from condyn_pin._core.timing import Call, Times
 from condyn_pin.dynamics.choice import untaken
 from condyn_pin.dynamics.compiled_method import CompiledMethod

@@ -13,8 +13,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.machine import machine
-from condyn_pin._core.timing import State
+from condyn_pin._core.timing import State, machine
 from condyn_pin._core.tolerances import DOUBT, SOLVED
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics.scene import Scene

@@ -8,8 +8,8 @@ from dataclasses import dataclass, fields
 from functools import lru_cache
 from typing import Any, Final
 
+from condyn_pin._core.arguments import read_call
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.parameters import read_call
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._core.parameters import check_count
+from condyn_pin._core.arguments import check_count
 from condyn_pin._core.timing import Call, Times, interleaved
 from condyn_pin.study.case import Case
 from condyn_pin.study.method import Method

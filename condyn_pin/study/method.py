@@ -10,7 +10,7 @@ from collections.abc import Mapping
 from dataclasses import fields, replace
 from typing import Any, ClassVar, Protocol
 
-from condyn_pin._core.parameters import Grid
+from condyn_pin._core.arguments import Grid
 from condyn_pin.contact.solvers import CONTACT_SOLVERS
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.simulation.routes import ROUTES

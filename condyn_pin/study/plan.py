@@ -17,9 +17,8 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from condyn_pin._core.files.beside import check_writable, write_text
-from condyn_pin._core.files.text import parse_json, read_text
-from condyn_pin._core.machine import machine
+from condyn_pin._core.files import check_writable, parse_json, read_text, write_text
+from condyn_pin._core.timing import machine
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument

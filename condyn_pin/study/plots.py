@@ -10,8 +10,15 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from condyn_pin._core.plot_style import METHOD_COLOURS, METHODS, OTHER, finished, write_figure
-from condyn_pin._core.plots import axes, panels
+from condyn_pin._core.show import (
+    METHOD_COLOURS,
+    METHODS,
+    OTHER,
+    axes,
+    finished,
+    panels,
+    write_figure,
+)
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.errors import InvalidArgument

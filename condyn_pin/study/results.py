@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 from pathlib import Path
 
-from condyn_pin._core.files.text import parse_json
+from condyn_pin._core.files import parse_json
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.row import Key, Row
 

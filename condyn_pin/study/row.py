@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from math import inf, isfinite
 from typing import Any, ClassVar, Final
 
-from condyn_pin._core.renamed import renamed
+from condyn_pin._core.arguments import renamed
 from condyn_pin.study.method import method_named, usual_parameters
 from condyn_pin.study.tables import Record
 

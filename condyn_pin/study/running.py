@@ -9,9 +9,9 @@ from functools import lru_cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from condyn_pin._core.machine import machine
-from condyn_pin._core.parallel.chunks import map_chunks
-from condyn_pin._core.parameters import check_called
+from condyn_pin._core.arguments import check_called
+from condyn_pin._core.timing import machine
+from condyn_pin._core.work import map_chunks
 from condyn_pin.errors import Interrupted, WorkersLost
 from condyn_pin.study.bench import Progress
 from condyn_pin.study.case import Case, measure_errors, prepare

@@ -13,8 +13,8 @@ from typing import Final, cast
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import check_count, is_whole
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.parameters import check_count, is_whole
 from condyn_pin._core.timing import State
 from condyn_pin.control.inverse import gravity_compensation
 from condyn_pin.dynamics.at_state import moves_back

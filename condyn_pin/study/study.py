@@ -7,7 +7,7 @@ from concurrent.futures import Executor
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from condyn_pin._core.parameters import check_accuracy_of_a
+from condyn_pin._core.arguments import check_accuracy_of_a
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument

@@ -14,11 +14,10 @@ from math import inf, isfinite, nan
 from pathlib import Path
 from typing import Any, ClassVar, Final, Generic, Self, TypeVar
 
-from condyn_pin._core import html
-from condyn_pin._core.files.beside import write_text, written_beside
-from condyn_pin._core.files.text import parse_json, read_text
-from condyn_pin._core.machine import machine
-from condyn_pin._core.pandas import require_pandas
+from condyn_pin._core import show
+from condyn_pin._core.files import parse_json, read_text, write_text, written_beside
+from condyn_pin._core.show import require_pandas
+from condyn_pin._core.timing import machine
 from condyn_pin.errors import InvalidArgument
 
 FORMAT: Final = 1  # of the json file; one more whenever a field changes its meaning
@@ -173,10 +172,10 @@ class Measurements(Generic[Row]):
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        return html.page(
+        return show.page(
             f"{type(self).__name__} of {len(self)} rows",
-            html.grid([heading for heading, _ in self.columns], self.cells()),
-            html.folded("measured on", html.facts(self.machine.items())),
+            show.grid([heading for heading, _ in self.columns], self.cells()),
+            show.folded("measured on", show.facts(self.machine.items())),
         )
 
     def __len__(self) -> int:

@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Final, cast
 
-from condyn_pin._core.machine import machine
-from condyn_pin._core.parameters import check_called
+from condyn_pin._core.arguments import check_called
+from condyn_pin._core.timing import machine
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene

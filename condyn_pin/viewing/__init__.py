@@ -5,14 +5,12 @@ depends on the instant: a triangle mesh with the pose of its joint, a segment th
 arrow as long as its force. One instant makes a still picture, many make an animation.
 
     descriptions, geoms, meshes    what the robot's description draws
-    bodies                         that of each joint, or what stands for it where nothing is drawn
-    marks, closures, arrows        what this library knows and shows
-    balance_marks                  where a robot presses on the floor, and what it may fall over
-    touching, touches              contacts that may let go: where they are, and how they are drawn
-    labels                         words that do not cover one another
-    part, instant, motion, drawing  parts, instants, and all parts of a scene
-    three, page                    the words of meshcat's viewer, and a page that holds them
-    viewer, server, chromium       who looks: a browser, or a headless one for a file
+    bodies            that of each joint, what stands for it where nothing is drawn, and contacts
+    marks             what this library knows and shows: arrows, closures, patches, balance
+    labels            words that do not cover one another
+    part, instant     parts, and what they depend on; contacts that may let go, where they are
+    motion, drawing   instants in turn, all parts of a scene, and a page that holds them
+    viewer            who looks: a browser, or a headless one for a file
     plots_scene, plots_motion, plots_contact, plots_balance   diagrams
 """
 

@@ -9,7 +9,7 @@ import tempfile
 from pathlib import Path
 from typing import Final
 
-from condyn_pin._core.files.beside import written_beside
+from condyn_pin._core.files import written_beside
 from condyn_pin.errors import BrowserFailed, MissingExtra
 
 _NAMES: Final = (

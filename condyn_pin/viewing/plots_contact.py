@@ -8,8 +8,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core.plot_style import finished
-from condyn_pin._core.plots import axes
+from condyn_pin._core.show import axes, finished
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing.palette import mode_colour

@@ -8,8 +8,7 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.plot_style import finished, line
-from condyn_pin._core.plots import axes
+from condyn_pin._core.show import axes, finished, line
 from condyn_pin.errors import unknown_name
 from condyn_pin.simulation.trajectory import Trajectory
 

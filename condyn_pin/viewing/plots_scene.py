@@ -7,8 +7,7 @@ from typing import Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.plot_style import COLOURS, finished, line
-from condyn_pin._core.plots import axes
+from condyn_pin._core.show import COLOURS, axes, finished, line
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument

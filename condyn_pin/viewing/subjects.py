@@ -7,9 +7,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import check_flag, normalised
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.parameters import check_flag
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.balancing import Balance
 from condyn_pin.control.balancing import balance as balance_of

@@ -7,9 +7,9 @@ from pathlib import Path
 
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.arguments import check_flag
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.files.beside import check_format, check_writable
-from condyn_pin._core.parameters import check_flag
+from condyn_pin._core.files import check_format, check_writable
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.viewing.page import require_meshcat
 from condyn_pin.viewing.subjects import Look, Subject, drawing_of

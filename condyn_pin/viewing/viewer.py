@@ -11,9 +11,9 @@ import threading
 from pathlib import Path
 from typing import Final
 
+from condyn_pin._core.arguments import is_whole
 from condyn_pin._core.arrays import shown
-from condyn_pin._core.files.beside import check_format, check_writable, write_text
-from condyn_pin._core.parameters import is_whole
+from condyn_pin._core.files import check_format, check_writable, write_text
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.viewing.chromium import screenshot
 from condyn_pin.viewing.drawing import Drawing

@@ -210,7 +210,7 @@ def _used(answer: ControlAnswer) -> list[tuple[str, float, float | None]]:
 
 
 def _facts(before: ControlAnswer, after: ControlAnswer | None) -> dict[str, object]:
-    from condyn_pin._core.machine import machine
+    from condyn_pin._core.timing import machine
 
     shown = after or before
     return {

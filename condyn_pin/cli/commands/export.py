@@ -28,7 +28,7 @@ def export(
     ] = False,
 ) -> None:
     """Write a robot in another format."""
-    from condyn_pin._core.files.beside import write_text
+    from condyn_pin._core.files import write_text
     from condyn_pin.cli.words import feet_of, names_in, robot_of
 
     check_written(mjcf)

@@ -70,7 +70,7 @@ def simulate(
 
 
 def _summary(found: Trajectory) -> dict[str, object]:
-    from condyn_pin._core.machine import machine
+    from condyn_pin._core.timing import machine
 
     run, energy = found.run, found.energy
     return {

@@ -83,7 +83,7 @@ def _say_accelerations(solution: Solution) -> None:
 
 
 def _facts(solution: Solution) -> dict[str, object]:
-    from condyn_pin._core.machine import machine
+    from condyn_pin._core.timing import machine
 
     return {
         "status": solution.status.name.lower(),

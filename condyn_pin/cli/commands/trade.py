@@ -198,7 +198,7 @@ def _show(
     table: Table, csv: Path | None, as_json: Path | None, markdown: Path | None, plot: Path | None
 ) -> None:
     """Print a table, and write it to the files that are wanted."""
-    from condyn_pin._core.files.beside import write_text
+    from condyn_pin._core.files import write_text
     from condyn_pin.study.printing import print_table
 
     print_table(table, for_people(as_json))

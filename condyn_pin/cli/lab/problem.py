@@ -39,7 +39,7 @@ def problem(
     if not name and all(each is None for each in choices):
         _list(as_json)
         return
-    from condyn_pin._core.machine import machine
+    from condyn_pin._core.timing import machine
     from condyn_pin.cli.words import drift_of, integrator_of, solver_of
     from condyn_pin.lab.problems import load_problem
 

@@ -17,7 +17,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Literal
 
-from condyn_pin._core.registry import enter
+from condyn_pin._core.arguments import enter
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.contacts.bound import BoundContact
 from condyn_pin.constraints.protocols import Machine, MjcfGeomWriter

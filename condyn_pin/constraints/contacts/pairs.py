@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.rotations import z_along
+from condyn_pin._core.joints import z_along
 from condyn_pin.constraints.contacts.bound import Pair
 from condyn_pin.constraints.contacts.cores import Core, lengths_of
 from condyn_pin.constraints.contacts.meetings import Meetings, meetings

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import NamedTuple
 
-from condyn_pin._core.registry import enter
+from condyn_pin._core.arguments import enter
 from condyn_pin.constraints.constraint_fields import Vector3, check_positive
 from condyn_pin.constraints.contacts.cores import Core, box_core, points_core
 from condyn_pin.constraints.support import Patch

@@ -19,7 +19,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes, turning
-from condyn_pin._core.linalg.mass_factor import pivots
+from condyn_pin._core.linalg import cholesky_pivots
 
 # A pivot that cannot fall below this share of its nominal value is not watched: an estimate of the
 # error that is too small by less than the inverse of it is within the margin of most answers.
@@ -50,7 +50,7 @@ class MassPivots:
 
         Accelerations are off by 1 over it times what an estimate at the nominal state says.
         """
-        shares = (pivots(M).take(self.watched) / self.nominal).tolist()
+        shares = (cholesky_pivots(M).take(self.watched) / self.nominal).tolist()
         least: float = min([*shares, 1.0])  # of nothing but NaN, or of none
         return 0.0 if isnan(least) else least
 
@@ -65,5 +65,5 @@ def least_pivots(model: Any) -> Array:
         its = slice(joint.idx_v, joint.idx_v + joint.nv)
         S = axes(joint, q)
         own = S.T @ model.inertias[i].matrix() @ S + np.diag(model.armature[its])
-        found[its] = np.nan_to_num(pivots(own))
+        found[its] = np.nan_to_num(cholesky_pivots(own))
     return found

@@ -54,7 +54,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices, read_only
-from condyn_pin._core.linalg.mass_factor import lapack
+from condyn_pin._core.linalg import lapack
 from condyn_pin._core.trees import whole_data
 
 if TYPE_CHECKING:

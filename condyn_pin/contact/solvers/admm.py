@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
+from condyn_pin._core.arguments import Grid, check_accuracy, check_count, check_iterations
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import Grid, check_accuracy, check_count, check_iterations
 from condyn_pin.contact.directions import accelerated, directions
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.solvers.base import BUDGET, Attempt, ContactSolver

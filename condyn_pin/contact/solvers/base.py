@@ -26,9 +26,8 @@ from dataclasses import dataclass
 from math import inf
 from typing import TYPE_CHECKING, ClassVar, Final, NamedTuple
 
+from condyn_pin._core.arguments import Grid, enter
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import Grid
-from condyn_pin._core.registry import enter
 from condyn_pin.contact.problem import ContactProblem, Law
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from condyn_pin._core.arguments import Grid, check_count, check_iterations
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import Grid, check_count, check_iterations
 from condyn_pin.contact.complementarity import lemke
 from condyn_pin.contact.problem import ContactProblem, Law
 from condyn_pin.contact.scaling import normalised

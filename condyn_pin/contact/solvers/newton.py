@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin._core import _pin_contacts, tolerances
+from condyn_pin._core import _pin, tolerances
+from condyn_pin._core.arguments import check_count, check_iterations
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import check_count, check_iterations
 from condyn_pin.contact.cadoux import cadoux
 from condyn_pin.contact.certificate import unmet_contacts
 from condyn_pin.contact.directions import directions
@@ -208,7 +208,7 @@ def restarts(
 
 def _gauss_seidel(problem: ContactProblem, left: float) -> Attempt | None:
     """Return what `PGS` comes to, or None where Pinocchio has none."""
-    if problem.law != "ncp" or not _pin_contacts.solves_contacts(True, len(problem.limits)):
+    if problem.law != "ncp" or not _pin.solves_contacts(True, len(problem.limits)):
         return None
     found = PGS(max_iterations=_at_most(FIRST_ORDER * left, PGS.max_iterations)).attempt(problem)
     return of_first_order(found.lam, found.iterations, PGS.title)
@@ -216,7 +216,7 @@ def _gauss_seidel(problem: ContactProblem, left: float) -> Attempt | None:
 
 def _long_directions(problem: ContactProblem, left: float) -> Attempt | None:
     """Return what ADMM comes to in many iterations, or None where Pinocchio has none."""
-    if not _pin_contacts.solves_contacts(problem.law == "ncp", len(problem.limits)):
+    if not _pin.solves_contacts(problem.law == "ncp", len(problem.limits)):
         return None
     most = _at_most(FIRST_ORDER * left, min(int(_LONG / problem.rows**2), _LONGEST))
     long = directions(problem, None, tolerance=_NEAR, max_iterations=most, anderson=0)
@@ -224,7 +224,7 @@ def _long_directions(problem: ContactProblem, left: float) -> Attempt | None:
 
 
 def _convex_problems(problem: ContactProblem, left: float) -> Attempt | None:
-    """Return what convex problems come to whose slips are known (`condyn_pin.contact.cadoux`)."""
+    """Return what convex problems come to whose slips are known, by Cadoux' iteration."""
     if problem.law != "ncp":
         return None
     small, unit = normalised(problem)

@@ -7,9 +7,9 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin._core import _pin_contacts
+from condyn_pin._core import _pin
+from condyn_pin._core.arguments import Grid, check_accuracy, check_iterations
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.parameters import Grid, check_accuracy, check_iterations
 from condyn_pin.contact.padded import padded
 from condyn_pin.contact.problem import ContactProblem, Law
 from condyn_pin.contact.scaling import normalised
@@ -76,7 +76,7 @@ class PGS(ContactSolver):
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
         """Return the impulses after the last sweep, from `guess` or from none."""
-        if not _pin_contacts.solves_contacts(True, len(problem.limits)):
+        if not _pin.solves_contacts(True, len(problem.limits)):
             raise UnsupportedBackend(
                 "dry friction of joints by PGS needs Pinocchio 4; take SemismoothNewton()"
             )
@@ -85,7 +85,7 @@ class PGS(ContactSolver):
         relaxation = self._relaxation(rows.G, problem)
         if not relaxation > 0:  # nothing moves a contact along t1 or t2, by which it divides
             return Attempt(np.zeros(problem.rows), 0, (self.title,))
-        found = _pin_contacts.pgs(
+        found = _pin.pgs(
             rows.G, rows.g, rows.friction, rows.limits,
             tolerance=self.tolerance, max_iterations=self.max_iterations,
             over_relaxation=relaxation,

@@ -24,8 +24,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.registry import enter
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.contact_wrenches import placements

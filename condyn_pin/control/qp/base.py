@@ -8,7 +8,7 @@
    and returns a function of a `QuadraticProgram` that returns a `QPResult`. The function may keep
    memory and a start from one call to the next, where the sizes are the same.
 4. It is called by `start()`, which lets through programs whose bounds leave a value to each row.
-   Bounds that do not exist are infinite. z has the signs of `quadratic_program`. Rows of A are
+   Bounds that do not exist are infinite. z has the signs of `QuadraticProgram`. Rows of A are
    independent when a chain asks.
 5. Nothing is believed: an answer is polished on its active set and judged by its KKT residual, and
    "infeasible" is asked again elsewhere (`condyn_pin.control.qp.chain`). Rough answers are welcome.
@@ -27,8 +27,7 @@ from typing import Any, ClassVar, Final
 
 import numpy as np
 
-from condyn_pin._core.parameters import check_count
-from condyn_pin._core.registry import enter
+from condyn_pin._core.arguments import check_count, enter
 from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram, Verdict
 from condyn_pin.errors import MissingExtra
 

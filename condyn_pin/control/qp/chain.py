@@ -20,8 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array
-from condyn_pin._core.quietly import quietly
+from condyn_pin._core.arrays import Array, quietly
 from condyn_pin.control.qp.base import ORDINARY, BoundQP, QPSolver
 from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.elastic import Elastic, elastic

@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from condyn_pin._core.parameters import check_accuracy, check_iterations
+from condyn_pin._core.arguments import check_accuracy, check_iterations
 from condyn_pin.control.qp.base import BoundQP, QPSolver, package
 from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram, Verdict
 

@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin._core.arguments import check_accuracy, check_called
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.parameters import check_accuracy, check_called
 from condyn_pin.control.compiled_task import ANGULAR_MOMENTUM, CompiledTask, Follow
 from condyn_pin.control.motion import Motion
 from condyn_pin.control.tasks.base import BoundTask, Home, Task

@@ -31,9 +31,8 @@ from typing import Any, ClassVar, Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.arguments import check_accuracy, check_called, enter
 from condyn_pin._core.arrays import Array, finite, shown
-from condyn_pin._core.parameters import check_accuracy, check_called
-from condyn_pin._core.registry import enter
 from condyn_pin.control.compiled_task import NO_FEEDBACK, CompiledTask, Follow
 from condyn_pin.control.motion import Motion
 from condyn_pin.dynamics.scene import Scene

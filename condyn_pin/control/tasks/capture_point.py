@@ -25,8 +25,8 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import check_accuracy
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.parameters import check_accuracy
 from condyn_pin._core.trees import whole_data
 from condyn_pin.control.compiled_task import CAPTURE_POINT, CompiledTask
 from condyn_pin.control.motion import Motion

@@ -9,10 +9,9 @@ from typing import Any, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import checked, normalised
 from condyn_pin._core.arrays import Array, entries, finite
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import checked
 from condyn_pin.control.compiled_task import POSTURE
 from condyn_pin.control.motion import Motion, entry_names
 from condyn_pin.control.tasks.base import BoundTask, Home, Tracking

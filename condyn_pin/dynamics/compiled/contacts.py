@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.names import listed
 from condyn_pin.constraints.contacts.cores import Core
 from condyn_pin.constraints.contacts.pairs import pieces_of
 from condyn_pin.constraints.rows.compiled_rows import placement

@@ -4,7 +4,7 @@ Both residuals of `condyn_pin.dynamics.derivatives.linearised` stay zero along a
 
     M da - J^T dlam = dtau - r_q dq - r_v dv,        J da = -s_q dq - s_v dv
 
-Motions that are held and those that are free (`_core/linalg/held_and_free.py`) solve that for all
+Motions that are held and those that are free (`_core/linalg.py`) solve that for all
 columns at once, those by tau among them. Where rows are redundant, the derivative is that of the
 smallest lam. With N the left null space of J, that lam keeps N^T lam = 0 as the rows turn: for any
 w with lam = J w
@@ -27,9 +27,8 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.held_and_free import HeldAndFree, held_and_free
-from condyn_pin._core.linalg.mass_factor import inverse_factor
-from condyn_pin._core.one_thread import of_workspace
+from condyn_pin._core.linalg import HeldAndFree, held_and_free, inverse_factor
+from condyn_pin._core.threads import of_workspace
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.loads import load_partial
 from condyn_pin.dynamics.derivatives.parameters import (

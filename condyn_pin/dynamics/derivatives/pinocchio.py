@@ -30,8 +30,7 @@ from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
-from condyn_pin._core.linalg.held_and_free import held_and_free
-from condyn_pin._core.linalg.mass_factor import inverse_factor
+from condyn_pin._core.linalg import held_and_free, inverse_factor
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 from condyn_pin.dynamics.derivatives.loads import load_partial

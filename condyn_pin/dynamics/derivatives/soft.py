@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.range_space import damped_range_space
-from condyn_pin._core.one_thread import of_workspace
+from condyn_pin._core.linalg import damped_range_space
+from condyn_pin._core.threads import of_workspace
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.inverse_inertias import inverse_inertias_by_inertias
 from condyn_pin.dynamics.derivatives.loads import load_partial

@@ -32,7 +32,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.mass_factor import lapack
+from condyn_pin._core.linalg import lapack
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 

@@ -44,9 +44,8 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
+from condyn_pin._core.arguments import Grid, check_accuracy_of_a, enter
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import Grid, check_accuracy_of_a
-from condyn_pin._core.registry import enter
 from condyn_pin._core.tolerances import SOLVED
 
 if TYPE_CHECKING:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from condyn_pin._core import _pin
-from condyn_pin._core.constrained_aba import missing_constrained_aba
+from condyn_pin._core.compiled import missing_constrained_aba
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.articulated import ArticulatedSolver
 from condyn_pin.dynamics.compiled_method import CompiledMethod

@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arguments import WEIGHTS, Grid, check_damping
+from condyn_pin._core.arrays import Array, quietly
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.range_space import range_space
-from condyn_pin._core.parameters import WEIGHTS, Grid, check_damping
-from condyn_pin._core.quietly import quietly
+from condyn_pin._core.linalg import range_space
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 
 if TYPE_CHECKING:

@@ -10,8 +10,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
-from condyn_pin._core.quietly import quietly
+from condyn_pin._core.arrays import Array, quietly
 from condyn_pin._core.tolerances import RANK, RUN_OF_MINRES
 from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus

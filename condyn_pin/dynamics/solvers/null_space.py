@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arguments import check_share
+from condyn_pin._core.arrays import Array, quietly
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.parameters import check_share
-from condyn_pin._core.quietly import quietly
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 
 if TYPE_CHECKING:

@@ -24,9 +24,7 @@ import numpy as np
 
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.mass_factor import lapack
-from condyn_pin._core.parameters import (
+from condyn_pin._core.arguments import (
     ACCURACIES,
     ITERATIONS,
     WEIGHTS,
@@ -35,6 +33,8 @@ from condyn_pin._core.parameters import (
     check_proximal,
     check_refinements,
 )
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.linalg import lapack
 from condyn_pin.dynamics.corrections import (
     OPEN_SQUARED,
     Refinement,

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, ClassVar
 
 from condyn_pin._core import _pin
-from condyn_pin._core.constrained_aba import missing_constrained_aba
-from condyn_pin._core.parameters import (
+from condyn_pin._core.arguments import (
     ACCURACIES,
     ITERATIONS,
     WEIGHTS,
@@ -15,6 +14,7 @@ from condyn_pin._core.parameters import (
     check_accuracy,
     check_proximal,
 )
+from condyn_pin._core.compiled import missing_constrained_aba
 from condyn_pin.dynamics.compiled_method import CompiledMethod
 from condyn_pin.dynamics.proximal_mu import default_accuracy, default_mu
 from condyn_pin.dynamics.solvers.base import BoundSolver, Solver

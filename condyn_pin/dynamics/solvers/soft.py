@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arguments import Grid
+from condyn_pin._core.arrays import Array, quietly
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.range_space import whiten
-from condyn_pin._core.parameters import Grid
-from condyn_pin._core.quietly import quietly
+from condyn_pin._core.linalg import whiten
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.loads import frame_jacobian
 from condyn_pin.dynamics.softness import (

@@ -10,10 +10,9 @@ import numpy as np
 
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.range_space import whiten
-from condyn_pin._core.parameters import WEIGHTS, Grid, check_damping
-from condyn_pin._core.quietly import quietly
+from condyn_pin._core.arguments import WEIGHTS, Grid, check_damping
+from condyn_pin._core.arrays import Array, quietly
+from condyn_pin._core.linalg import whiten
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 
 if TYPE_CHECKING:

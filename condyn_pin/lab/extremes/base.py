@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.registry import enter
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.loop import Loop

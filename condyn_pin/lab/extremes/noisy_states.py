@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.linalg import MinimumNorm, factorise
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._core.parameters import check_called
+from condyn_pin._core.arguments import check_called
 from condyn_pin.errors import Interrupted, WorkersLost, unknown_name
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.contact_extremes import CONTACT_EXTREMES

@@ -10,8 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from condyn_pin._core.plot_style import write_figure
-from condyn_pin._core.plots import axes, panels
+from condyn_pin._core.show import axes, panels, write_figure
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.lab.extremes.families import families
 from condyn_pin.lab.extremes.stress_table import Map, short

@@ -11,8 +11,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final
 
-from condyn_pin._core.files.beside import written_beside
-from condyn_pin._core.files.text import read_text
+from condyn_pin._core.files import read_text, written_beside
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.lab.extremes.families import families
 from condyn_pin.lab.extremes.verdict import Outcome, Verdict

@@ -22,8 +22,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import factorise
-from condyn_pin._core.linalg.pivots import rank_of
+from condyn_pin._core.linalg import factorise, rank_of
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.solution import Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver

@@ -10,8 +10,8 @@ from typing import Final
 import numpy as np
 from scipy.special import ellipj, ellipkm1
 
+from condyn_pin._core.arguments import check_count
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import check_count
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.proximal import Proximal

@@ -25,8 +25,8 @@ from typing import TYPE_CHECKING, Any, ClassVar, Literal
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.registry import enter
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.lab.problems.setting import Limit, Published, Setting
 

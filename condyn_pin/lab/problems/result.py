@@ -9,8 +9,8 @@ from typing import Any
 
 import numpy as np
 
+from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.renamed import renamed
 from condyn_pin.constraints.constraint_fields import check_positive
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.lab.problems.base import Problem

@@ -21,9 +21,9 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.pivots import first_of_largest, rank_of
-from condyn_pin._core.names import checked
+from condyn_pin._core.linalg import first_of_largest, rank_of
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.line_contact import LineContact
 from condyn_pin.constraints.rows.any_bound import AnyBound

@@ -22,10 +22,10 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import checked, listed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
-from condyn_pin._core.linalg.pivots import rank_of
-from condyn_pin._core.names import checked, listed
+from condyn_pin._core.linalg import rank_of
 from condyn_pin.constraints.rows.frames import rows_of
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.at_state import equations_of

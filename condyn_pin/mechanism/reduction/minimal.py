@@ -19,10 +19,10 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import checked
 from condyn_pin._core.timing import State
 from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.scene import Scene

@@ -12,9 +12,8 @@ from dataclasses import replace
 
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core.arguments import checked, listed, normalised
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import checked, listed
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled

@@ -22,9 +22,9 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import checked, listed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
-from condyn_pin._core.names import checked, listed
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene

@@ -9,9 +9,9 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import listed
 from condyn_pin._core.joints import indices
-from condyn_pin._core.linalg.minimum_norm import factorise
-from condyn_pin._core.names import listed
+from condyn_pin._core.linalg import factorise
 from condyn_pin.mechanism.reduction.fewer_rows import as_planar, merge_points
 from condyn_pin.mechanism.reduction.linkages import follows, without_linkage
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene

@@ -8,7 +8,7 @@ from typing import Any, Final, TypeVar, cast
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.registry import enter
+from condyn_pin._core.arguments import enter
 from condyn_pin.model.robot import Robot
 
 LICENCE: Final = "BSD-2-Clause (this project)"

@@ -8,8 +8,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core.parallel.memory import Arrays
-from condyn_pin._core.parallel.transports import Messages
+from condyn_pin._core.work import Arrays, Messages
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.workspace import Workspace

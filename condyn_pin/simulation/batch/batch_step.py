@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.parallel.outcome import MISSING, Batch, Outcome, Some
+from condyn_pin._core.rows import MISSING, Batch, Outcome, Some
 from condyn_pin.contact.modes import mode_words
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.dynamics.scene import Scene
@@ -108,7 +108,7 @@ class BatchStep(Outcome, Batch[StepSolution]):
         MissingExtra
             If pandas is not installed.
         """
-        from condyn_pin._core.pandas import require_pandas
+        from condyn_pin._core.show import require_pandas
         from condyn_pin.simulation.columns import step_columns
 
         return require_pandas().DataFrame(step_columns(self, ERRORS))

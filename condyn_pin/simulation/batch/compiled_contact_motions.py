@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.parallel.memory import Arrays
-from condyn_pin._core.parallel.transports import Messages
+from condyn_pin._core.work import Arrays, Messages
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError

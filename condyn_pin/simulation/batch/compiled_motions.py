@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parallel.memory import Arrays
-from condyn_pin._core.parallel.transports import Messages
+from condyn_pin._core.work import Arrays, Messages
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene

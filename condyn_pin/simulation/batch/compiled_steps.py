@@ -17,9 +17,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import NORMALISED, normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
-from condyn_pin._core.kept import Kept
-from condyn_pin._core.parallel.memory import Arrays
-from condyn_pin._core.parallel.transports import Messages
+from condyn_pin._core.threads import Kept
+from condyn_pin._core.work import Arrays, Messages
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact import modes
 from condyn_pin.contact.solution import ContactStatus

@@ -11,7 +11,7 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.kept import Kept
+from condyn_pin._core.threads import Kept
 from condyn_pin.dynamics.workspace import Workspace
 
 

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.arguments import check_count
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin._core.parallel.outcome import MISSING
-from condyn_pin._core.parameters import check_count
+from condyn_pin._core.rows import MISSING
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.archive import (
     CHOICES,

@@ -12,9 +12,8 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.kept import Kept
-from condyn_pin._core.parallel.memory import Arrays
-from condyn_pin._core.parallel.transports import Messages
+from condyn_pin._core.threads import Kept
+from condyn_pin._core.work import Arrays, Messages
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.constraints.drift import Drift

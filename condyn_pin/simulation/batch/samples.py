@@ -6,8 +6,8 @@ from dataclasses import dataclass, fields
 from typing import Final
 
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.parallel.memory import Arrays
-from condyn_pin._core.parallel.outcome import Some
+from condyn_pin._core.rows import Some
+from condyn_pin._core.work import Arrays
 
 
 @dataclass(frozen=True, eq=False, repr=False)

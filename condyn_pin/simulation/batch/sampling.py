@@ -9,9 +9,9 @@ from typing import Final
 
 import numpy as np
 
+from condyn_pin._core.arguments import check_count
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parallel.chunks import in_flight
-from condyn_pin._core.parameters import check_count
+from condyn_pin._core.work import in_flight
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.sampling import check_generator, sample

@@ -11,11 +11,9 @@ from typing import Final
 
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.kept import Kept
-from condyn_pin._core.parallel.chunks import Progress, silent
-from condyn_pin._core.parallel.memory import Arrays
-from condyn_pin._core.parallel.native import Native
-from condyn_pin._core.parallel.rows import Rows
+from condyn_pin._core.rows import Native, Rows
+from condyn_pin._core.threads import Kept
+from condyn_pin._core.work import Arrays, Progress, silent
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.compiled import arrays

@@ -10,9 +10,9 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.parallel.outcome import MISSING, Batch, Outcome, Some
-from condyn_pin._core.renamed import renamed
+from condyn_pin._core.rows import MISSING, Batch, Outcome, Some
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.derivatives.base import Derivatives
@@ -129,7 +129,7 @@ class BatchSolution(Outcome, Batch[Solution]):
         MissingExtra
             If pandas is not installed.
         """
-        from condyn_pin._core.pandas import require_pandas
+        from condyn_pin._core.show import require_pandas
         from condyn_pin.dynamics.columns import solution_columns
 
         of_states = self.status_names, self.q, self.a, self.lam, self.residuals

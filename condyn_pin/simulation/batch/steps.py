@@ -13,12 +13,9 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import read_only
-from condyn_pin._core.kept import Kept
-from condyn_pin._core.parallel.chunks import Progress, silent
-from condyn_pin._core.parallel.memory import Arrays, Kind
-from condyn_pin._core.parallel.native import Native
-from condyn_pin._core.parallel.rows import Rows
-from condyn_pin._core.parallel.transports import Messages
+from condyn_pin._core.rows import Native, Rows
+from condyn_pin._core.threads import Kept
+from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact.modes import MODES
 from condyn_pin.contact.solution import ContactStatus

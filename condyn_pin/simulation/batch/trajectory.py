@@ -12,10 +12,10 @@ from typing import Any, ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.parallel.memory import Kind
-from condyn_pin._core.parallel.outcome import MISSING, Batch, Outcome, Some
-from condyn_pin._core.renamed import renamed
+from condyn_pin._core.rows import MISSING, Batch, Outcome, Some
+from condyn_pin._core.work import Kind
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
@@ -155,7 +155,7 @@ class BatchTrajectory(Outcome, Batch[Trajectory]):
         MissingExtra
             If pandas is not installed.
         """
-        from condyn_pin._core.pandas import require_pandas
+        from condyn_pin._core.show import require_pandas
         from condyn_pin.simulation.columns import ends
 
         return require_pandas().DataFrame(ends(self))

@@ -10,12 +10,10 @@ from time import perf_counter
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core.arguments import check_accuracy_of_a
 from condyn_pin._core.arrays import read_only
-from condyn_pin._core.parallel.chunks import Progress, silent
-from condyn_pin._core.parallel.memory import Arrays, Kind
-from condyn_pin._core.parallel.native import Native
-from condyn_pin._core.parallel.rows import Rows
-from condyn_pin._core.parameters import check_accuracy_of_a
+from condyn_pin._core.rows import Native, Rows
+from condyn_pin._core.work import Arrays, Kind, Progress, silent
 from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.compiled.arrays import untaken

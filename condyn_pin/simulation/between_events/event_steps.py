@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.linalg import MinimumNorm, factorise
 from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.modes import OPEN
 from condyn_pin.model.soundness import singular_mass

@@ -7,8 +7,8 @@ from typing import ClassVar, Literal
 
 import numpy as np
 
+from condyn_pin._core.arguments import check_count
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.parameters import check_count
 from condyn_pin.constraints.drift import Correction, Drift
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.gaps import Gaps, gaps_of

@@ -40,8 +40,8 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import ClassVar, Literal, NamedTuple
 
+from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.registry import enter
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.simulation.recorder import Row
 from condyn_pin.simulation.system import Step, System

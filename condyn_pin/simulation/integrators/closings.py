@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm
+from condyn_pin._core.linalg import MinimumNorm
 from condyn_pin.simulation.system import System
 
 # Newton's steps that close loops behind a step, at most: a few, and more beside a dead point.

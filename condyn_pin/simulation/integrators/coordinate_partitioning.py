@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array, Indices
-from condyn_pin._core.linalg.pivots import pivots
+from condyn_pin._core.linalg import pivots
 from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.newton import fixed_point_iteration

@@ -8,8 +8,8 @@ from typing import Any, ClassVar
 
 import numpy as np
 
+from condyn_pin._core.arguments import check_share
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import check_share
 from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.manifold import HALF_TURN

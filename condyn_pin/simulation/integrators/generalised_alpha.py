@@ -8,7 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.linalg.inverse import inverse as inverse_of
+from condyn_pin._core.linalg import inverse as inverse_of
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.integrators.radau import RadauIIA

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, diagonal_of
-from condyn_pin._core.linalg.minimum_norm import MinimumNorm, factorise
+from condyn_pin._core.linalg import MinimumNorm, factorise
 from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.condense import condense
 from condyn_pin.contact.problem import ContactProblem

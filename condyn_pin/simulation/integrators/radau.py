@@ -8,9 +8,9 @@ from typing import ClassVar
 
 import numpy as np
 
+from condyn_pin._core.arguments import is_whole
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.linalg.inverse import inverse
-from condyn_pin._core.parameters import is_whole
+from condyn_pin._core.linalg import inverse
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.newton import Partials, Residuals, fixed_point_iteration

@@ -29,7 +29,7 @@ from scipy.linalg.lapack import dposv
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
-from condyn_pin._core.linalg.inverse import inverse
+from condyn_pin._core.linalg import inverse
 from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.derivatives.carried import Carried, in_series
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper

@@ -27,10 +27,9 @@ from typing import ClassVar, Final
 
 import numpy as np
 
+from condyn_pin._core.arguments import Grid, enter
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.kept import Kept
-from condyn_pin._core.parameters import Grid
-from condyn_pin._core.registry import enter
+from condyn_pin._core.threads import Kept
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument

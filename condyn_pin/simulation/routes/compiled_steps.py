@@ -13,8 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.parallel.memory import Arrays
-from condyn_pin._core.parallel.transports import Messages
+from condyn_pin._core.work import Arrays, Messages
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.dynamics.workspace import Workspace

@@ -8,9 +8,8 @@ from typing import ClassVar, Final
 import numpy as np
 from numpy.typing import NDArray
 
+from condyn_pin._core.arguments import Grid, quoted
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.names import quoted
-from condyn_pin._core.parameters import Grid
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near

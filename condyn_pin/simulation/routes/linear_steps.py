@@ -4,7 +4,7 @@
     dsigma = G dlam + J_c dv_0 + (J_c v+)_q dq + ...,    the law of the route for dlam
 
 with df and ds what the balance of momentum and the constraints leave by q, v and tau at fixed v+
-and impulses (`balance_partials`), and dv_0 the velocities that solve the first line with dlam = 0.
+and impulses (`partials`), and dv_0 the velocities that solve the first line with dlam = 0.
 What a scheme adds to g comes from the scheme (`asked_by`). All of that is by where the equations
 are taken and by their v and tau, in the columns of q, v and tau; `Starts` has the chain rule from
 there to the start of the step.

@@ -11,11 +11,8 @@ from typing import Final
 
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.parallel.chunks import Progress, silent
-from condyn_pin._core.parallel.memory import Arrays, Kind
-from condyn_pin._core.parallel.native import Native
-from condyn_pin._core.parallel.rows import Rows
-from condyn_pin._core.parallel.transports import Messages
+from condyn_pin._core.rows import Native, Rows
+from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
 from condyn_pin.contact.modes import MODES
 from condyn_pin.dynamics.compiled.arrays import untaken
 from condyn_pin.dynamics.scene import Scene

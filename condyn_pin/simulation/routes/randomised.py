@@ -10,9 +10,9 @@ from typing import ClassVar, NamedTuple
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import Grid
 from condyn_pin._core.arrays import Array, Indices, finite
 from condyn_pin._core.joints import difference
-from condyn_pin._core.parameters import Grid
 from condyn_pin.contact.modes import MODES
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.tried import Taken

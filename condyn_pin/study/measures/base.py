@@ -32,9 +32,8 @@ import numpy as np
 
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import Grid, enter
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import Grid
-from condyn_pin._core.registry import enter
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.catalogue import standard_scenes
 from condyn_pin.dynamics.scene import Scene

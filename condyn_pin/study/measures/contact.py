@@ -10,8 +10,8 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import step_size
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import step_size
 from condyn_pin._core.timing import Call, State
 from condyn_pin.contact.attempts import attempt_contact
 from condyn_pin.contact.judge import judged, solve_contact

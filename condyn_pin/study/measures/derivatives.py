@@ -9,8 +9,8 @@ from typing import ClassVar
 
 import numpy as np
 
+from condyn_pin._core.arguments import Grid
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import Grid
 from condyn_pin._core.timing import Call, State
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import directions

@@ -10,8 +10,8 @@ from typing import Any, ClassVar, Final
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import seconds, step_size
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import seconds, step_size
 from condyn_pin._core.timing import Call, State
 from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.scene import Scene

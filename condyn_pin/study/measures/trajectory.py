@@ -11,8 +11,8 @@ from typing import Any, ClassVar, Final, TypeVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import Grid, read_call
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.parameters import Grid, read_call
 from condyn_pin._core.timing import Call, State
 from condyn_pin.contact.restitution import RESTITUTION_LAWS
 from condyn_pin.contact.solvers import CONTACT_SOLVERS

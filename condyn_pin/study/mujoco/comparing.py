@@ -17,10 +17,10 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg.pivots import counted
-from condyn_pin._core.names import listed
+from condyn_pin._core.linalg import counted
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.constraints.violation import ConstraintViolation

@@ -16,9 +16,8 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import HIGH, LOW
+from condyn_pin._core.arguments import HIGH, LOW, checked, listed
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.names import checked, listed
 from condyn_pin._core.trees import whole_data
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.mjcf import KINDS

@@ -132,7 +132,7 @@ bool Touching::is_pressed(int i, const StepPlan & plan, double share) const
 /// Whether that is so of one that is deep, of which Python has a notice.
 bool Touching::contradicts(const StepPlan & plan) const
 {
-  constexpr double seen = 1e-6, half = 0.5; // as `_SEEN` [m, rad] and `_HALF` of `tried.py`
+  constexpr double seen = 1e-6, half = 0.5; // as `_SEEN` [m, rad] and `_HALF` of `step_problem.py`
   for (int i = 0; i < with_gaps; ++i)
     if (gaps[i] < -seen && is_pressed(i, plan, half))
       return true;

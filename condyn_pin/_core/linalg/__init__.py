@@ -1,1 +1,0 @@
-"""Linear algebra of the two equations: saddle-point solves, numerical rank, exact residuals."""

@@ -1,1 +1,0 @@
-"""Processes, shared memory, and work in chunks."""
