@@ -20,11 +20,11 @@ _AREAS = {
     "Scenes and states": (
         "dynamics.scene",
         "dynamics.nominal",
-        "constraints.violation",
+        "constraints.rows.bound",
         "mechanism",
     ),
     "Smaller scenes": ("mechanism.reduction", "lab"),
-    "Answers": ("dynamics", "constraints.applied_force", "constraints.rows"),
+    "Answers": ("dynamics", "constraints.forces", "constraints.rows"),
     "Friction cones": (
         "contact.cone",
         "contact.friction_cone",

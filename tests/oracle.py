@@ -36,7 +36,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
-from condyn_pin.constraints.rows.rolling import Rolled
+from condyn_pin.constraints.rows.special import Rolled
 
 DIGITS = 50
 mp = mpmath.mp.clone()

@@ -15,7 +15,7 @@ from shared import SOLVERS, all_scenes, central, robot, states
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.loads import Loads
+from condyn_pin.constraints.forces import Loads
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 

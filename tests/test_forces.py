@@ -13,7 +13,7 @@ from test_traps import two_boxes
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.couplings import Coupled
+from condyn_pin.constraints.rows.special import Coupled
 
 GRAVITY = 9.81
 

@@ -7,8 +7,7 @@ import pytest
 from shared import all_scenes
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.many import MANY, ManyGaps
+from condyn_pin.constraints.rows.equations import MANY, Equations, ManyGaps
 
 ROUNDING = 1e-12  # of gaps and slips of a few units; measured: 2e-15
 

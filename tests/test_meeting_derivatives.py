@@ -9,9 +9,16 @@ from test_contact_pairs import COMBINATIONS, SHAPES, above, near, placed, scene_
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Ball, Box
-from condyn_pin.constraints.contacts.cores import box_core, points_core
-from condyn_pin.constraints.partials.features import CORNER, EDGE, FACE, NONE, feature, sliding
-from condyn_pin.constraints.partials.meetings import MeetingTurning
+from condyn_pin.constraints.contacts.shapes import box_core, points_core
+from condyn_pin.constraints.partials.contacts import (
+    CORNER,
+    EDGE,
+    FACE,
+    NONE,
+    MeetingTurning,
+    feature,
+    sliding,
+)
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.simulation import step_batch, step_derivatives_batch
 

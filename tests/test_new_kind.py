@@ -34,7 +34,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin.constraints.constraint_fields import check_lengths
+from condyn_pin.constraints.base import check_lengths
 from condyn_pin.constraints.relation import FrameRelation
 
 

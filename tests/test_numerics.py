@@ -23,8 +23,8 @@ from condyn_pin._core.linalg import (
     split,
 )
 from condyn_pin._core.tolerances import REFERENCE_RANK
+from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.residuals import ErrorEstimator
 
 numbers = st.floats(-1e100, 1e100).filter(lambda x: x == 0 or abs(x) > 1e-100)

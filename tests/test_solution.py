@@ -13,8 +13,7 @@ from test_massless import LOCKED, arm
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.couplings import Coupled
-from condyn_pin.constraints.rows.rolling import Rolled
+from condyn_pin.constraints.rows.special import Coupled, Rolled
 
 
 @each_scene

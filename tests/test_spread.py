@@ -11,7 +11,7 @@ from shared import relative, robot
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.point_pairs import NEARLY, ONE
+from condyn_pin.constraints.rows.pinocchio import NEARLY, ONE
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.lab.extremes import EXTREMES
 from condyn_pin.lab.extremes.verdict import error_of, right_answers

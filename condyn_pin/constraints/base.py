@@ -42,21 +42,37 @@ To add a kind: one file.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
-from typing import TYPE_CHECKING, Any, ClassVar, Self
+from typing import (
+    TYPE_CHECKING,
+    Any,
+    ClassVar,
+    Final,
+    Literal,
+    NamedTuple,
+    Protocol,
+    Self,
+    get_args,
+)
 
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import enter
-from condyn_pin.constraints.constraint_fields import Vector3
-from condyn_pin.constraints.protocols import Machine, MjcfWriter
-from condyn_pin.constraints.support import Foot, Patch, Support
+from condyn_pin._core.arrays import Array, finite, shown
+from condyn_pin._core.joints import rotation_fault, z_along
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable
 
-    from condyn_pin.constraints.rows.any_bound import AnyBound
+    from condyn_pin.constraints.rows.bound import AnyBound
+
 
 WORLD = ("world", "universe")
 
@@ -250,3 +266,275 @@ class Constraint(ABC):
 
 def _has_numbers(value: Any) -> bool:
     return any(isinstance(x, Real) for x in (value if isinstance(value, tuple) else (value,)))
+
+
+# What constraints are bound to, and what they are written to.
+
+
+class Machine(Protocol):
+    """What constraints are bound to: a `pinocchio.Model` with frames by name, such as a `Robot`."""
+
+    @property
+    def model(self) -> Any:
+        """The `pinocchio.Model`."""
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """Names of the joints, the world's not among them."""
+
+    @property
+    def longest_link(self) -> float:
+        """The longest way from a joint to the next one [m]."""
+
+    def frame(self, name: str) -> tuple[int, Any]:
+        """Return the joint that carries a frame and its placement on it, or raise UnknownName."""
+
+
+class MjcfGeomWriter(Protocol):
+    """What a contact writes itself to as MJCF."""
+
+    def collide(
+        self,
+        name: str,
+        first: tuple[str, Vector3, Any],
+        second: Any,
+        friction: float,
+    ) -> None:
+        """Write a frame, an offset in it and a shape; and the plane, or frame and shape, below."""
+
+    def dry(self, joint: str, torque: float | None) -> None:
+        """Write the dry friction of a joint [N m, N]."""
+
+
+class MjcfWriter(Protocol):
+    """What a constraint writes itself to as MJCF."""
+
+    robot: Any
+
+    def equate(self, tag: str, **words: str | Sequence[float]) -> None:
+        """Write an equality."""
+
+    def fixed_tendon(self, name: str, weights: Mapping[str, float]) -> str:
+        """Return the name of a new tendon: a weighted sum of joint coordinates."""
+
+    def site(self, frame: str, new: str) -> str:
+        """Return the site of a frame; it is made, and called `new`, where there is none."""
+
+    def site_beside(self, frame: str, new: str, shift: Vector3) -> str:
+        """Return a new site, shifted from a frame in its axes [m]."""
+
+    def coordinate(self, joint: str) -> float:
+        """Return the coordinate of a joint where the file draws the model [rad or m]."""
+
+
+# What of a contact lies on the floor: its size, the points of it that touch, and its picture.
+
+
+class Support(NamedTuple):
+    """What of a contact lies on the floor, in the axes of its frame: a point by default."""
+
+    half_length: float | None = 0.0  # [m]; None where nothing says it
+    half_width: float | None = 0.0  # [m]
+    axis: int | None = None  # of an edge: it lies along x, y or z
+
+    @property
+    def is_point(self) -> bool:
+        """Whether it has no size at all."""
+        return self.half_length == 0.0
+
+
+class Foot(NamedTuple):
+    """A point of the robot, or the middle of a ball, that touches a floor."""
+
+    name: str
+    frame: str
+    offset: Vector3  # in the axes of the frame [m]
+    radius: float = 0.0  # [m]
+
+
+class Patch(NamedTuple):
+    """The shape that a contact is drawn with."""
+
+    shape: Literal["ball", "box", "capsule", "rod"]
+    size: tuple[float, ...]  # [m]: radius; three edges; radius and length between the ends
+    along: Vector3 = (0.0, 0.0, 1.0)  # axis of a rod
+    turns: bool = True  # with the body; else its axes are the world's
+
+
+# What the fields of a constraint have to be.
+
+
+Axis = Literal["x", "y", "z"]
+Vector3 = tuple[float, float, float]
+Placement = tuple[float, float, float, float, float, float, float]
+
+
+def floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
+    """Return a sequence of numbers as a tuple, or raise InvalidArgument."""
+    try:
+        array = finite(argument, value, size)
+    except InvalidArgument as error:
+        raise InvalidArgument(
+            f"{argument} = {shown(value)}: {size} finite numbers are needed"
+        ) from error
+    check_size(argument, *array)
+    return tuple(float(x) for x in array)
+
+
+def not_negative(argument: str, value: Any) -> float:
+    """Return a number that is not negative, or raise InvalidArgument."""
+    number = float(finite(argument, value, ()))
+    if number < 0:
+        raise InvalidArgument(f"{argument} = {shown(value)}: a number >= 0 is needed")
+    check_size(argument, number)
+    return number
+
+
+def check_size(argument: str, *numbers: float) -> None:
+    """Refuse numbers so large that what is computed from them overflows."""
+    for number in numbers:
+        if abs(number) > tolerances.HUGE:
+            raise InvalidArgument(
+                f"{argument} = {number:g}: no machine has that; {tolerances.HUGE:g} is the largest "
+                "number"
+            )
+
+
+def direction(argument: str, value: Any) -> tuple[float, ...]:
+    """Return three numbers as a vector of unit length, or raise InvalidArgument."""
+    return unit(floats(argument, value, 3), f"{argument} = (0, 0, 0): a direction is needed")
+
+
+def unit(vector: Sequence[float], fault: str) -> tuple[float, ...]:
+    """Return a vector at unit length; InvalidArgument says the fault of one that is zero."""
+    exponent = math.frexp(max(map(abs, vector)))[1]
+    scaled = [math.ldexp(x, -exponent) for x in vector]  # exact, and no longer subnormal
+    norm = math.hypot(*scaled)
+    if norm == 0.0:
+        raise InvalidArgument(fault)
+    return tuple(x / norm for x in scaled)
+
+
+def text(argument: str, value: Any, what: str = "frame") -> str:
+    """Return the name of something, or raise InvalidArgument."""
+    if not isinstance(value, str) or not value:
+        raise InvalidArgument(f"{argument} = {shown(value)}: the name of a {what} is needed")
+    return value
+
+
+def check_positive(kind: str = "number", /, **values: float) -> None:
+    """Refuse values, by name, that are not positive."""
+    for name, value in values.items():
+        try:
+            number = isinstance(value, Real) and not isinstance(value, bool)
+            size = float(value) if number else 0.0
+        except OverflowError:  # a whole number beyond a double
+            size = math.inf
+        if not 0.0 < size < math.inf:
+            raise InvalidArgument(f"{name} = {shown(value)}: a positive {kind} is needed")
+        check_size(name, size)
+
+
+def check_lengths(**lengths: float | None) -> None:
+    """Refuse lengths, by name, that are not positive; None is left out."""
+    said = {name: length for name, length in lengths.items() if length is not None}
+    check_positive("length [m]", **said)
+
+
+def check_axis(axis: Any) -> None:
+    """Refuse what is not the name of an axis."""
+    if axis not in get_args(Axis):
+        raise InvalidArgument(f"axis = {shown(axis)}: one of {', '.join(get_args(Axis))} is needed")
+
+
+def placement(argument: str, value: object) -> Placement | None:
+    """Return a placement in the world with a unit quaternion, or raise InvalidArgument."""
+    if value is None:
+        return None
+    if isinstance(value, pin.SE3):
+        fault = rotation_fault(value.rotation)
+        if fault and np.isfinite(value.rotation).all():
+            raise InvalidArgument(f"{argument}: it has no valid rotation: {fault}")
+    x, y, z, *quaternion = floats(
+        argument, pin.SE3ToXYZQUAT(value) if isinstance(value, pin.SE3) else value, 7
+    )
+    fault = f"{argument}: its quaternion (x y z w) is zero; use 0 0 0 1"
+    qx, qy, qz, qw = unit(quaternion, fault)
+    return x, y, z, qx, qy, qz, qw
+
+
+# Between two frames of the robot, of which one may belong to the world: what loops share.
+
+
+class BetweenFrames(Constraint, ABC):
+    """Between two frames."""
+
+    closes: ClassVar[bool] = True
+
+    frame_a: str
+    frame_b: str
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Both frames."""
+        return self.frame_a, self.frame_b
+
+    def sides(self, machine: Machine) -> tuple[int, int]:
+        """Return the joints that carry the two frames."""
+        return machine.frame(self.frame_a)[0], machine.frame(self.frame_b)[0]
+
+    def acting(self, *, swapped: bool) -> tuple[str, str, str]:
+        """Return that its force is on the first frame by the second, in the axes of its rows."""
+        return self.frame_a, self.frame_b, self.frame_b if swapped else self.frame_a
+
+
+def lever(machine: Machine, *placements: Any) -> float:
+    """Return the size of the bodies that meet: two points of them are to be that far apart.
+
+    A short lever turns rounding of the points into moments: 1/lever^2 enters the condition. A frame
+    near the middle of its joint says nothing about the size; then it is that of the robot's links.
+    """
+    own = max(float(np.linalg.norm(p.translation)) for p in placements)
+    links = machine.longest_link
+    return own if own > 0.1 * links else links or 1.0
+
+
+# Between one frame of the robot and the world: what contacts, blades and wheels share.
+
+
+USUAL: Final = 0.025  # half of what is drawn of a contact that says no size, of that of the scene
+THIN: Final = 0.004  # thickness of what is drawn, the same
+
+
+class WithWorld(Constraint, ABC):
+    """Between one frame of the robot and the world."""
+
+    frame: str
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Its frame."""
+        return (self.frame,)
+
+    def sides(self, machine: Machine) -> tuple[int, int]:
+        """Return the joint that carries the frame, and 0."""
+        return machine.frame(self.frame)[0], 0
+
+    def acting(self, *, swapped: bool) -> tuple[str, str, str]:
+        """Return that its force is on the frame by the world, in the axes of the frame."""
+        return self.frame, "world", self.frame
+
+    def patch(self, size: float) -> Patch:
+        """Return a small ball."""
+        return Patch("ball", (0.012 * size,))
+
+
+def plane(normal: Sequence[float] | Array, height: float | None) -> Any:
+    """Return a frame in a plane of the world, z along its normal."""
+    up = np.array(normal)
+    return pin.SE3(z_along(up), (height or 0.0) * up)
+
+
+def shifted(placement: Any, offset: Vector3) -> Any:
+    """Return a placement shifted in its own axes."""
+    return placement * pin.SE3(np.eye(3), np.array(offset))

@@ -14,10 +14,8 @@ from numpy.polynomial import Polynomial
 
 from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import finite, shown
-from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.constraint_fields import check_size, floats, text
-from condyn_pin.constraints.protocols import Machine, MjcfWriter
-from condyn_pin.constraints.rows.couplings import Coupled
+from condyn_pin.constraints.base import Constraint, Machine, MjcfWriter, check_size, floats, text
+from condyn_pin.constraints.rows.special import Coupled
 from condyn_pin.errors import InvalidArgument, InvalidConstraint, unknown_name
 
 _MJCF_DEGREE = 4  # of its polynomials

@@ -18,11 +18,9 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, Self
 
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.along import check_along
-from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.path import Along
-from condyn_pin.constraints.protocols import Machine
-from condyn_pin.constraints.rows.any_bound import AnyBound, Drive
+from condyn_pin.constraints.base import Constraint, Machine
+from condyn_pin.constraints.path import Along, check_along
+from condyn_pin.constraints.rows.bound import AnyBound, Drive
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 
 

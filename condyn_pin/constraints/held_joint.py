@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.constraint_fields import check_size, text
+from condyn_pin.constraints.base import Constraint, Machine, MjcfWriter, check_size, text
 from condyn_pin.constraints.coupling import one_coordinate
-from condyn_pin.constraints.protocols import Machine, MjcfWriter
-from condyn_pin.constraints.rows.couplings import Coupled
+from condyn_pin.constraints.rows.special import Coupled
 from condyn_pin.errors import unknown_name
 
 

@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from condyn_pin.constraints.base import KINDS, Constraint
-from condyn_pin.constraints.protocols import Machine
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.base import KINDS, Constraint, Machine
+from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.errors import InvalidConstraint
 
 # ruff: isort: off

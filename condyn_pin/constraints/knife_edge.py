@@ -6,11 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.constraint_fields import Axis, Vector3, check_axis, floats, text
+from condyn_pin.constraints.base import Axis, Machine, Vector3, check_axis, floats, shifted, text
 from condyn_pin.constraints.on_velocity import Nonholonomic
-from condyn_pin.constraints.protocols import Machine
 from condyn_pin.constraints.rows.bound import Bound
-from condyn_pin.constraints.with_world import shifted
 
 
 @dataclass(frozen=True)

@@ -8,21 +8,24 @@ from typing import Any, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.between_frames import lever
-from condyn_pin.constraints.constraint_fields import (
+from condyn_pin.constraints.base import (
+    USUAL,
     Axis,
+    Constraint,
+    Foot,
+    Machine,
+    Patch,
     Placement,
+    Support,
+    WithWorld,
     check_axis,
     check_lengths,
+    lever,
     placement,
     text,
 )
 from condyn_pin.constraints.point_contact import PointContact, point_of
-from condyn_pin.constraints.protocols import Machine
 from condyn_pin.constraints.rows.bound import FRAME, Bound
-from condyn_pin.constraints.support import Foot, Patch, Support
-from condyn_pin.constraints.with_world import USUAL, WithWorld
 from condyn_pin.errors import InvalidArgument
 
 

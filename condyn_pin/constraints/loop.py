@@ -25,14 +25,20 @@ from typing import Any, ClassVar, Final, Literal, get_args
 import numpy as np
 
 from condyn_pin._core.arrays import shown
-from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.between_frames import BetweenFrames, lever
-from condyn_pin.constraints.constraint_fields import Axis, check_axis, check_lengths, text
+from condyn_pin.constraints.base import (
+    Axis,
+    BetweenFrames,
+    Constraint,
+    Machine,
+    MjcfWriter,
+    check_axis,
+    check_lengths,
+    lever,
+    text,
+)
 from condyn_pin.constraints.driven import not_to_drive
-from condyn_pin.constraints.protocols import Machine, MjcfWriter
-from condyn_pin.constraints.rows.any_bound import AnyBound
-from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
-from condyn_pin.constraints.rows.related import Apart, Related
+from condyn_pin.constraints.rows.bound import FRAME, POINT, AnyBound, Bound
+from condyn_pin.constraints.rows.special import Apart, Related
 from condyn_pin.errors import InvalidArgument
 
 LoopKind = Literal["ball", "weld", "hinge", "slider", "planar", "rod"]

@@ -19,17 +19,18 @@ from typing import Any, ClassVar, Literal, Self, get_args
 
 import numpy as np
 
-from condyn_pin.constraints.constraint_fields import (
+from condyn_pin.constraints.base import (
+    Machine,
     Vector3,
+    WithWorld,
     check_positive,
     direction,
     floats,
+    plane,
     text,
 )
-from condyn_pin.constraints.protocols import Machine
-from condyn_pin.constraints.rows.any_bound import AnyBound
-from condyn_pin.constraints.rows.rolling import Rolled
-from condyn_pin.constraints.with_world import WithWorld, plane
+from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.special import Rolled
 
 Direction = Literal["rolling", "lateral", "normal"]
 

@@ -10,11 +10,22 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from condyn_pin.constraints.constraint_fields import Vector3, direction, floats, text
-from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.base import (
+    THIN,
+    USUAL,
+    Foot,
+    Machine,
+    Patch,
+    Support,
+    Vector3,
+    WithWorld,
+    direction,
+    floats,
+    plane,
+    shifted,
+    text,
+)
 from condyn_pin.constraints.rows.bound import Bound
-from condyn_pin.constraints.support import Foot, Patch, Support
-from condyn_pin.constraints.with_world import THIN, USUAL, WithWorld, plane, shifted
 
 
 @dataclass(frozen=True)

@@ -12,12 +12,18 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.between_frames import lever
-from condyn_pin.constraints.constraint_fields import Vector3, floats, text
-from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.base import (
+    Foot,
+    Machine,
+    Support,
+    Vector3,
+    WithWorld,
+    floats,
+    lever,
+    shifted,
+    text,
+)
 from condyn_pin.constraints.rows.bound import POINT, Bound
-from condyn_pin.constraints.support import Foot, Support
-from condyn_pin.constraints.with_world import WithWorld, shifted
 
 
 @dataclass(frozen=True)

@@ -22,9 +22,8 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.between_frames import BetweenFrames
-from condyn_pin.constraints.protocols import Machine
-from condyn_pin.constraints.rows.related import Related
+from condyn_pin.constraints.base import BetweenFrames, Machine
+from condyn_pin.constraints.rows.special import Related
 
 # Step of the differences of W' [m and rad], and their weights: they are off by h^4 and by eps / h.
 _STEP: Final = 1e-3

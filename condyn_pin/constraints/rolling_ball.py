@@ -1,15 +1,13 @@
-"""A ball that rolls on a plane; the rows are in `condyn_pin.constraints.rows.rolling`."""
+"""A ball that rolls on a plane; the rows are in `condyn_pin.constraints.rows.special`."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar
 
-from condyn_pin.constraints.constraint_fields import Vector3
+from condyn_pin.constraints.base import Foot, Machine, Support, Vector3
 from condyn_pin.constraints.on_velocity import OnPlane
-from condyn_pin.constraints.protocols import Machine
-from condyn_pin.constraints.rows.rolling import Rolled
-from condyn_pin.constraints.support import Foot, Support
+from condyn_pin.constraints.rows.special import Rolled
 
 
 @dataclass(frozen=True)

@@ -1,15 +1,13 @@
-"""A thin wheel that rolls on a plane; the rows are in `condyn_pin.constraints.rows.rolling`."""
+"""A thin wheel that rolls on a plane; the rows are in `condyn_pin.constraints.rows.special`."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
 
-from condyn_pin.constraints.constraint_fields import Axis, Vector3, check_axis
+from condyn_pin.constraints.base import Axis, Machine, Support, Vector3, check_axis
 from condyn_pin.constraints.on_velocity import EVERY, Direction, OnPlane
-from condyn_pin.constraints.protocols import Machine
-from condyn_pin.constraints.rows.rolling import Rolled
-from condyn_pin.constraints.support import Support
+from condyn_pin.constraints.rows.special import Rolled
 from condyn_pin.errors import InvalidArgument
 
 

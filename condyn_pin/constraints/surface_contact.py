@@ -8,14 +8,23 @@ from typing import Any, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.between_frames import lever
-from condyn_pin.constraints.constraint_fields import Placement, check_lengths, placement, text
+from condyn_pin.constraints.base import (
+    THIN,
+    USUAL,
+    Constraint,
+    Foot,
+    Machine,
+    Patch,
+    Placement,
+    Support,
+    WithWorld,
+    check_lengths,
+    lever,
+    placement,
+    text,
+)
 from condyn_pin.constraints.point_contact import PointContact, point_of
-from condyn_pin.constraints.protocols import Machine
 from condyn_pin.constraints.rows.bound import FRAME, Bound
-from condyn_pin.constraints.support import Foot, Patch, Support
-from condyn_pin.constraints.with_world import THIN, USUAL, WithWorld
 from condyn_pin.errors import InvalidArgument
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms
-from condyn_pin.constraints.contacts.bound import BoundContact
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.constraints.loads import Load
+from condyn_pin.constraints.contacts.touches import BoundContact
+from condyn_pin.constraints.forces import Load
 
 
 def contact_load(

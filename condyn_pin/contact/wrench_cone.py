@@ -27,8 +27,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.constraint_fields import check_lengths, check_size
+from condyn_pin.constraints.base import Constraint, check_lengths, check_size
 from condyn_pin.contact.cone import Cone, Margin, Row
 from condyn_pin.errors import InvalidArgument
 

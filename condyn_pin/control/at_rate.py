@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.constraints.base import check_positive
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.controller import Controller
 from condyn_pin.errors import InvalidArgument, SolveFailed

@@ -18,7 +18,7 @@ from numbers import Real
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.constraints.base import check_positive
 from condyn_pin.errors import InvalidArgument
 
 

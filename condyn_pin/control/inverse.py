@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
+from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.control.distribution.base import ForceDistribution
 from condyn_pin.control.drive import Drive

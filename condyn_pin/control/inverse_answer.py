@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import counted
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
 from condyn_pin.dynamics.scene import Scene

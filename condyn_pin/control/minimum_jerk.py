@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.constraints.base import check_positive
 from condyn_pin.constraints.path import MinimumJerk
 
 

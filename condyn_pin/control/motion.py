@@ -10,9 +10,9 @@ from numpy.typing import NDArray
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.loads import ALIGNED, frame_jacobian
+from condyn_pin.constraints.forces import ALIGNED, frame_jacobian
+from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 

@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.control.elimination import Elimination
 
 

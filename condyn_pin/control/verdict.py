@@ -13,7 +13,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices
-from condyn_pin.constraints.rows.terms import Terms, largest_torque
+from condyn_pin.constraints.rows.bound import Terms, largest_torque
 from condyn_pin.control.answer import Contradiction, ControlResiduals, ControlStatus, Give
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.chain import ChainAnswer

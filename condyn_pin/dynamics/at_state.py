@@ -17,13 +17,16 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import MinimumNorm, factorise
 from condyn_pin._core.threads import Kept
 from condyn_pin._core.trees import algorithms
-from condyn_pin.constraints import loads
-from condyn_pin.constraints.applied_force import AppliedForce
-from condyn_pin.constraints.loads import Load, Loads
-from condyn_pin.constraints.rows.cancellation import ROUNDED
-from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.terms import Terms, finite_terms
-from condyn_pin.constraints.violation import ConstraintViolation, gap_of, velocity_of
+from condyn_pin.constraints import forces as loads
+from condyn_pin.constraints.forces import AppliedForce, Load, Loads
+from condyn_pin.constraints.rows.bound import (
+    ConstraintViolation,
+    Terms,
+    finite_terms,
+    gap_of,
+    velocity_of,
+)
+from condyn_pin.constraints.rows.equations import ROUNDED, Equations
 from condyn_pin.dynamics.nominal import digits_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene, check_time

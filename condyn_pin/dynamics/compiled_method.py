@@ -15,8 +15,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import constrained_aba
 from condyn_pin._core.joints import axes
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.rows.bound import PinocchioConstraint
-from condyn_pin.constraints.rows.compiled_rows import placement
+from condyn_pin.constraints.rows.bound import PinocchioConstraint, placement
 from condyn_pin.dynamics.compiled.arrays import of_model
 from condyn_pin.dynamics.solvers.base import Singular
 from condyn_pin.errors import UnsupportedBackend

@@ -9,7 +9,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.constraints.violation import ConstraintViolation
+from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene
 

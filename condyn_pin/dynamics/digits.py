@@ -29,7 +29,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import counted
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import rank_of
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import (
     TIMES_THE_PRECISION,

@@ -19,8 +19,8 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin.constraints.rows.bound import worst
 from condyn_pin.constraints.rows.redundancy import LeftOut
-from condyn_pin.constraints.violation import worst
 from condyn_pin.dynamics.at_state import at_state, equations_of, gaps, rounding
 from condyn_pin.dynamics.derivatives.linearised import Linearisation
 from condyn_pin.dynamics.derivatives.turning import TurningRows, turning_null_space

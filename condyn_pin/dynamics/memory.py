@@ -14,10 +14,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.threads import OneThread, alone
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.loads import Loads
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.forces import Loads
+from condyn_pin.constraints.rows.bound import AnyBound, Terms, finite_terms
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.terms import Terms, finite_terms
 from condyn_pin.dynamics.nominal import NominalAnalysis, at_any_time, pinocchio_constraints_of
 from condyn_pin.dynamics.raw import ConstraintDatas, ConstraintModels, raw_constraints
 from condyn_pin.dynamics.scene import Scene

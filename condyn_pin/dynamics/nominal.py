@@ -27,14 +27,15 @@ from condyn_pin._core.linalg import (
     redundant_rows,
     whiten,
 )
-from condyn_pin.constraints.rows.cancellation import ROUNDED, least_of, more_than
-from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.mass_pivots import MassPivots
-from condyn_pin.constraints.rows.pinocchio_constraints import (
-    PinocchioConstraints,
-    pinocchio_constraints,
+from condyn_pin.constraints.rows.bound import Terms
+from condyn_pin.constraints.rows.equations import (
+    ROUNDED,
+    Equations,
+    MassPivots,
+    least_of,
+    more_than,
 )
-from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.constraints.rows.pinocchio import PinocchioConstraints, pinocchio_constraints
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.residuals import ErrorEstimator
 from condyn_pin.errors import (

@@ -8,8 +8,8 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import MinimumNorm
+from condyn_pin.constraints.rows.bound import Terms, largest_torque
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.terms import Terms, largest_torque
 from condyn_pin.dynamics.solvers.reference import Reference
 
 

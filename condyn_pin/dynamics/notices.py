@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.violation import worst
+from condyn_pin.constraints.rows.bound import worst
 from condyn_pin.dynamics.at_state import by_digits, equations_of, gaps, left_out_at
 from condyn_pin.dynamics.force import Sites, pulling
 from condyn_pin.dynamics.solution import Solution, Status

@@ -18,7 +18,7 @@ from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import bind
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import NominalAnalysis, at_any_time, placed_in_time
 from condyn_pin.dynamics.postures import described_posture
@@ -27,7 +27,7 @@ from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.base import Contact, Mode
-    from condyn_pin.constraints.contacts.bound import BoundContact
+    from condyn_pin.constraints.contacts.touches import BoundContact
     from condyn_pin.dynamics.solvers.base import Solver
     from condyn_pin.mechanism.assembly import Assembly
     from condyn_pin.mechanism.check import Check

@@ -13,7 +13,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.dynamics.residuals import Residuals
 

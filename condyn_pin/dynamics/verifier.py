@@ -13,10 +13,9 @@ from condyn_pin._core.arguments import State
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise
-from condyn_pin.constraints.loads import Load
+from condyn_pin.constraints.forces import Load
+from condyn_pin.constraints.rows.bound import ConstraintViolation, largest_torque, worst
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.terms import largest_torque
-from condyn_pin.constraints.violation import ConstraintViolation, worst
 from condyn_pin.dynamics.at_state import changed_by_closing, gaps
 from condyn_pin.dynamics.residuals import ErrorEstimator, Residuals
 from condyn_pin.dynamics.solution import Question, Solution, Status

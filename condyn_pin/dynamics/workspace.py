@@ -28,8 +28,8 @@ from condyn_pin._core.arguments import (
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.threads import alone, in_use
 from condyn_pin._core.trees import Forest, is_forest
-from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.choice import check_kinds, default_solver
 from condyn_pin.dynamics.corrections import consistent_where_open, without_idle_rows

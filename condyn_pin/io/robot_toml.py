@@ -26,8 +26,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.files import parse_toml, read_text
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import Loop, bind, worded
+from condyn_pin.constraints.rows.bound import gap_of
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.violation import gap_of
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName, unknown_name
 from condyn_pin.io.description import Description, check_root_joint, description_file
 from condyn_pin.io.xml import place

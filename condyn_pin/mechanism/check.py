@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised, renamed
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.violation import ConstraintViolation, beyond_text, closed
+from condyn_pin.constraints.rows.bound import ConstraintViolation, beyond_text, closed
 from condyn_pin.dynamics.at_state import (
     constraint_velocities,
     equations_of,

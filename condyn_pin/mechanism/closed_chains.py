@@ -28,8 +28,8 @@ from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg import MinimumNorm, counted, factorise, pivots, redundant_rows
+from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.at_state import by_digits
 from condyn_pin.dynamics.nominal import at_any_time, look_at_digits
 from condyn_pin.dynamics.postures import described_posture

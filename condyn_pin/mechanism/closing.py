@@ -36,7 +36,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.any_bound import length
+from condyn_pin.constraints.rows.bound import length
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.at_state import by_digits, equations_of

@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import Indices
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.dynamics.scene import Scene
 
 

@@ -27,7 +27,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise
-from condyn_pin.constraints.violation import worst
+from condyn_pin.constraints.rows.bound import worst
 from condyn_pin.dynamics.at_state import (
     constraint_velocities,
     equations_of,

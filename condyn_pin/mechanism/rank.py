@@ -22,7 +22,7 @@ from condyn_pin._core.arguments import normalised, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import MinimumNorm, redundant_rows
-from condyn_pin.constraints.violation import ConstraintViolation, closed, worst
+from condyn_pin.constraints.rows.bound import ConstraintViolation, closed, worst
 from condyn_pin.dynamics.at_state import equations_of, gaps, to_close
 from condyn_pin.dynamics.nominal import digits_of
 from condyn_pin.dynamics.scene import Scene

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import UNLIMITED, lengths
-from condyn_pin.constraints.violation import ConstraintViolation
+from condyn_pin.constraints.rows.bound import ConstraintViolation
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,8 +11,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.kinds import bind
+from condyn_pin.constraints.rows.bound import gap_of
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.violation import gap_of
 from condyn_pin.errors import InvalidModel
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller_robot import smaller_robot

@@ -16,7 +16,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments, counted
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.rows.mass_pivots import least_pivots
+from condyn_pin.constraints.rows.equations import least_pivots
 from condyn_pin.errors import InvalidModel, StaleModel
 from condyn_pin.model import robot_joints
 from condyn_pin.model.robot_fields import (
@@ -36,7 +36,7 @@ if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.base import Contact
     from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
     from condyn_pin.constraints.contacts.joint_limit import JointLimit
-    from condyn_pin.constraints.contacts.plane import Plane
+    from condyn_pin.constraints.contacts.shapes import Plane
 
 
 class _Model:
@@ -417,7 +417,7 @@ class Robot:
         InvalidArgument
             If a contact does not say its size, or has no points that touch, such as a wheel.
         """
-        from condyn_pin.constraints.contacts.feet import feet_of
+        from condyn_pin.constraints.contacts.kinds import feet_of
 
         return feet_of(self.contacts, friction, on)
 

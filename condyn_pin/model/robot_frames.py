@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.joints import rotation_fault
-from condyn_pin.constraints.base import WORLD
-from condyn_pin.constraints.constraint_fields import check_size
+from condyn_pin.constraints.base import WORLD, check_size
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from condyn_pin._core.arrays import finite
-from condyn_pin.constraints.constraint_fields import check_size, text
+from condyn_pin.constraints.base import check_size, text
 from condyn_pin.errors import InvalidArgument
 
 

@@ -24,7 +24,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.threads import Kept
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.loads import frame_jacobian
+from condyn_pin.constraints.forces import frame_jacobian
 from condyn_pin.model.spring import SpringDamper
 
 if TYPE_CHECKING:

@@ -21,8 +21,7 @@ from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.files import LARGEST, parse_json, read_npz, write_npz
 from condyn_pin.constraints.contacts.kinds import CONTACTS
-from condyn_pin.constraints.contacts.plane import Plane
-from condyn_pin.constraints.contacts.shapes import SHAPES
+from condyn_pin.constraints.contacts.shapes import SHAPES, Plane
 from condyn_pin.constraints.kinds import named
 from condyn_pin.constraints.loop import Loop, axis_of
 from condyn_pin.constraints.path import PATHS

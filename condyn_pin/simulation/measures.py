@@ -22,9 +22,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.threads import Kept
 from condyn_pin._core.trees import algorithms
-from condyn_pin.constraints.along import along_at
-from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.many import MANY, ManyGaps
+from condyn_pin.constraints.path import along_at
+from condyn_pin.constraints.rows.equations import MANY, Equations, ManyGaps
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.passive import Passive

@@ -14,7 +14,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.violation import worst
+from condyn_pin.constraints.rows.bound import worst
 from condyn_pin.dynamics.force import (
     Sites,
     pull_text,

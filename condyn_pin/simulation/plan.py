@@ -9,8 +9,8 @@ from math import ceil
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import check_called, check_count, seconds, step_size
-from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.dynamics import choice
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene

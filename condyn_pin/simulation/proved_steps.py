@@ -23,8 +23,7 @@ from condyn_pin._core.arguments import joint_torques, step_size
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.trees import algorithms
-from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
-from condyn_pin.constraints.loads import Load
+from condyn_pin.constraints.forces import AppliedForce, Load, applied_forces
 from condyn_pin.contact.judge import judged
 from condyn_pin.contact.load import contact_load
 from condyn_pin.contact.modes import MODES

@@ -12,9 +12,9 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin.constraints.along import check_along
-from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.constraints.forces import AppliedForce
+from condyn_pin.constraints.path import check_along
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_at_all_times, check_scene
 from condyn_pin.dynamics.solvers import Solver

@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.threads import Kept
-from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.scene_checks import check_scene

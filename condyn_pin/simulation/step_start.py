@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import NamedTuple
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.constraints.forces import AppliedForce
 
 
 class StepStart(NamedTuple):

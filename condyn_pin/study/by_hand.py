@@ -17,7 +17,7 @@ import numpy as np
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.plain import PlainRows
+from condyn_pin.constraints.rows.groups import PlainRows
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.raw import raw_constraints
 from condyn_pin.dynamics.scene import Scene

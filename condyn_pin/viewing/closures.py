@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.violation import ConstraintViolation
+from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io import meshes
 from condyn_pin.viewing.instant import Instant

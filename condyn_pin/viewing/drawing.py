@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.violation import ConstraintViolation
+from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.viewing import three
 from condyn_pin.viewing.arrows import Peak, arrow_parts

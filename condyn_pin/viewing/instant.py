@@ -10,9 +10,8 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import AnyBound, ConstraintViolation
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.control.balancing import Balance
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.force import ConstraintForce

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.violation import ConstraintViolation
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.force import Sites
 from condyn_pin.simulation.motion_balance import balances

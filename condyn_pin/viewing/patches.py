@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from condyn_pin.constraints.support import Patch
+from condyn_pin.constraints.base import Patch
 from condyn_pin.io import meshes
 from condyn_pin.viewing.part import span
 

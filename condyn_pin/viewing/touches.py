@@ -13,7 +13,7 @@ from functools import partial
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.contacts.bound import BoundContact, Touch
+from condyn_pin.constraints.contacts.touches import BoundContact, Touch
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io import meshes
 from condyn_pin.viewing.instant import Instant

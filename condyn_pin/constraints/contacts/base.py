@@ -15,13 +15,12 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 from condyn_pin._core.arguments import enter
-from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.contacts.bound import BoundContact
-from condyn_pin.constraints.protocols import Machine, MjcfGeomWriter
-from condyn_pin.errors import InvalidArgument, InvalidModel
+from condyn_pin.constraints.base import Constraint, Machine, MjcfGeomWriter
+from condyn_pin.constraints.contacts.touches import BoundContact
+from condyn_pin.errors import InvalidArgument, InvalidModel, UnsupportedConstraint, unknown_name
 
 Mode = Literal["open", "slide", "stick"]
 
@@ -80,3 +79,23 @@ class Contact(ABC):
             f"contact {self.name!r} is a {type(self).__name__}, for which MuJoCo has nothing; "
             "leave it out of contacts=[...]"
         )
+
+
+# Joints by name, for what acts along their coordinates.
+
+
+def joint_named(machine: Machine, name: str) -> Any:
+    """Return a joint of the model, or raise UnknownName."""
+    if name not in machine.joints:
+        raise unknown_name("joint", name, machine.joints)
+    return machine.model.joints[machine.model.getJointId(name)]
+
+
+def not_held(contact: Contact, joint: str, modes: Mapping[str, Mode] | None) -> tuple[()]:
+    """Return no constraints, or raise UnsupportedConstraint if a candidate of a joint sticks."""
+    for candidate, mode in (modes or {}).items():
+        if mode == "stick" and contact.owns(candidate):
+            raise UnsupportedConstraint(
+                f"{candidate}: a joint that sticks is no constraint; scene.lock([{joint!r}], q)"
+            )
+    return ()

@@ -14,17 +14,22 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite, shown
-from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.constraint_fields import Vector3, floats, not_negative, text
+from condyn_pin.constraints.base import (
+    Constraint,
+    Machine,
+    MjcfGeomWriter,
+    Vector3,
+    floats,
+    not_negative,
+    shifted,
+    text,
+)
 from condyn_pin.constraints.contacts.base import Contact, Mode
-from condyn_pin.constraints.contacts.bound import BoundContact, Pair, Solid, Touch
-from condyn_pin.constraints.contacts.plane import Plane
-from condyn_pin.constraints.contacts.shapes import ContactPoint, Point, Shape
+from condyn_pin.constraints.contacts.shapes import ContactPoint, Plane, Point, Shape
+from condyn_pin.constraints.contacts.touches import BoundContact, Pair, Solid, Touch
 from condyn_pin.constraints.planar_contact import PlanarContact
 from condyn_pin.constraints.point_contact import PointContact
-from condyn_pin.constraints.protocols import Machine, MjcfGeomWriter
 from condyn_pin.constraints.rolling_ball import RollingBall
-from condyn_pin.constraints.with_world import shifted
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnsupportedConstraint
 
 

@@ -9,12 +9,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from condyn_pin._core.joints import UNLIMITED, lengths
-from condyn_pin.constraints.base import Constraint
-from condyn_pin.constraints.constraint_fields import text
-from condyn_pin.constraints.contacts.base import Contact, Mode
-from condyn_pin.constraints.contacts.bound import BoundContact, Stop
-from condyn_pin.constraints.contacts.coordinates import joint_named, not_held
-from condyn_pin.constraints.protocols import Machine, MjcfGeomWriter
+from condyn_pin.constraints.base import Constraint, Machine, MjcfGeomWriter, text
+from condyn_pin.constraints.contacts.base import Contact, Mode, joint_named, not_held
+from condyn_pin.constraints.contacts.touches import BoundContact, Stop
 from condyn_pin.errors import InvalidArgument
 
 

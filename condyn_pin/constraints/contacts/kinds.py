@@ -5,17 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import get_args
 
-from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.base import Constraint, Machine
 from condyn_pin.constraints.contacts.base import CONTACTS as CONTACTS
 from condyn_pin.constraints.contacts.base import Contact, Mode
-from condyn_pin.constraints.contacts.bound import BoundContact
-from condyn_pin.constraints.contacts.convex import Convex as Convex
 from condyn_pin.constraints.contacts.frictional_contact import (
     FrictionalContact as FrictionalContact,
 )
 from condyn_pin.constraints.contacts.joint_friction import JointFriction as JointFriction
 from condyn_pin.constraints.contacts.joint_limit import JointLimit as JointLimit
-from condyn_pin.constraints.protocols import Machine
+from condyn_pin.constraints.contacts.shapes import Ball, Plane, Point
+from condyn_pin.constraints.contacts.shapes import Convex as Convex
+from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.errors import InvalidArgument, InvalidConstraint, unknown_name
 
 
@@ -61,3 +61,27 @@ def held_contacts(
         if mode not in get_args(Mode):
             raise InvalidArgument(f"modes[{name!r}] = {mode!r}: open, slide or stick is needed")
     return tuple(constraint for contact in contacts for constraint in contact.held(modes))
+
+
+# The feet of a robot as contacts that may let go.
+
+
+def feet_of(
+    contacts: Sequence[Constraint], friction: float, on: Plane | None
+) -> tuple[FrictionalContact, ...]:
+    """Return contacts of a robot as contacts that may let go, by their points."""
+    for contact in contacts:
+        if not contact.feet:
+            raise InvalidArgument(
+                f"{contact.name}: nothing says which points of a {contact.called} touch; "
+                "write a FrictionalContact for it yourself"
+            )
+    return tuple(
+        FrictionalContact(
+            foot.frame, Ball(foot.radius) if foot.radius else Point(), foot.offset,
+            Plane() if on is None else on,
+            friction=friction, name=foot.name,
+        )
+        for contact in contacts
+        for foot in contact.feet
+    )  # fmt: skip

@@ -7,14 +7,221 @@ a plane n . x = height is n . p - height - radius, and the gap of the shape is t
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
 from dataclasses import dataclass
-from itertools import product
-from typing import NamedTuple
+from itertools import pairwise, product
+from typing import Any, Final, NamedTuple
 
+import numpy as np
+from numpy.typing import NDArray
+
+from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import enter
-from condyn_pin.constraints.constraint_fields import Vector3, check_positive
-from condyn_pin.constraints.contacts.cores import Core, box_core, points_core
-from condyn_pin.constraints.support import Patch
+from condyn_pin._core.arrays import Array, shown
+from condyn_pin.constraints.base import Patch, Vector3, check_positive, direction, floats, plane
+from condyn_pin.errors import InvalidArgument
+
+# A plane that bodies rest on, n . x = height.
+
+
+@dataclass(frozen=True)
+class Plane:
+    """The half-space n . x <= height is solid: the world's, or that of a body in its axes.
+
+    Parameters
+    ----------
+    normal : (3,) sequence of float
+        Out of the ground; any length.
+    height : float
+        Of the plane, along the normal from the origin [m].
+    """
+
+    normal: Vector3 = (0.0, 0.0, 1.0)
+    height: float = 0.0  # [m]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "normal", direction("normal", self.normal))
+        object.__setattr__(self, "height", floats("height", [self.height], 1)[0])
+
+    @property
+    def placement(self) -> Any:
+        """A frame in the plane: z is the normal, x and y those of the world if it is level."""
+        return plane(self.normal, self.height)
+
+
+# Cores: what is left of a shape without its round skin, a point, a segment or a polytope.
+#
+# shape = core + ball of a radius
+
+
+Indices = NDArray[np.int_]
+
+
+class Core(NamedTuple):
+    """Corners, edges and faces, in the axes of the shape or of the world.
+
+    Attributes
+    ----------
+    vertices : (k, 3) array
+        [m].
+    edges : (e, 2) int array
+        The two ends of each.
+    normals : (f, 3) array
+        Of the faces, outwards.
+    heights : (f,) array
+        Of the faces along their normals: a point x is inside if normals x <= heights [m].
+    loops : tuple of int array
+        The vertices of each face, one after the other around it.
+    radius : float
+        Of the skin [m].
+    directions : (d, 3) array
+        Unit vectors along the edges, one for parallel ones.
+    size, reach : float
+        The longest distance along a coordinate of its own axes, and of a point of the shape from
+        the origin [m].
+    """
+
+    vertices: Array
+    edges: Indices
+    normals: Array
+    heights: Array
+    loops: tuple[Indices, ...]
+    radius: float
+    directions: Array
+    size: float
+    reach: float
+
+    @property
+    def is_point(self) -> bool:
+        """Whether it has no size."""
+        return len(self.vertices) == 1
+
+    @property
+    def is_solid(self) -> bool:
+        """Whether it has an inside."""
+        return len(self.normals) > 0
+
+    def placed(self, at: Any) -> Core:
+        """Return it in the world, at a placement."""
+        R, p = at.rotation, at.translation
+        normals = self.normals.dot(R.T)
+        return self._replace(
+            vertices=self.vertices.dot(R.T) + p, normals=normals,
+            heights=self.heights + normals.dot(p), directions=self.directions.dot(R.T),
+        )  # fmt: skip
+
+
+def points_core(*vertices: tuple[float, float, float], radius: float) -> Core:
+    """Return the core of a ball, or of a capsule between two points."""
+    ends = np.array(vertices)
+    edges = np.array([*pairwise(range(len(ends)))], dtype=np.int_).reshape(-1, 2)
+    return _core(ends, edges, np.zeros((0, 3)), np.zeros(0), (), radius)
+
+
+def box_core(x: float, y: float, z: float) -> Core:
+    """Return a box with half-edges x, y and z, its corners in the order of `Box.contact_points`."""
+    half = np.array([x, y, z])
+    vertices = half * np.array([*product((1.0, -1.0), repeat=3)])
+    edges = np.array([(i, i + step) for step in (4, 2, 1) for i in range(8) if not i & step])
+    normals = np.vstack([np.eye(3), -np.eye(3)])
+    around = [np.array([0, a, a + b, b]) for a, b in ((2, 1), (4, 1), (4, 2))]
+    loops = (*around, *(loop + bit for loop, bit in zip(around, (4, 2, 1), strict=True)))
+    return solid_core(vertices, edges, normals, np.concatenate([half, half]), loops)
+
+
+def solid_core(
+    vertices: Array, edges: Indices, normals: Array, heights: Array, loops: tuple[Indices, ...]
+) -> Core:
+    """Return a convex solid; what each of them is `Core` says."""
+    return _core(vertices, edges, normals, heights, loops, 0.0)
+
+
+def _core(
+    vertices: Array,
+    edges: Indices,
+    normals: Array,
+    heights: Array,
+    loops: tuple[Indices, ...],
+    radius: float,
+) -> Core:
+    size = float(np.ptp(vertices, axis=0).max())
+    return Core(
+        vertices, edges, normals, heights, loops, radius,
+        directions=_directions(vertices[edges[:, 1]] - vertices[edges[:, 0]], size), size=size,
+        reach=float(lengths_of(vertices)[0].max()) + radius,
+    )  # fmt: skip
+
+
+def _directions(along: Array, size: float) -> Array:
+    """Return the unit vectors along edges (e, 3), one for those whose ends part by rounding."""
+    lengths, units = lengths_of(along)
+    kept: list[int] = []
+    for i, (unit, length) in enumerate(zip(units, lengths, strict=True)):
+        _, sines = across(np.repeat(unit[None], len(kept), axis=0), units[kept])
+        if (sines * np.maximum(length, lengths[kept]) > tolerances.FLAT * size).all():
+            kept.append(i)
+    return np.asarray(units[kept])
+
+
+def nearest(core: Core, points: Array) -> tuple[Array, Array]:
+    """Return the signed distances of points (k, 3) from a core (k,), and the ways there (k, 3)."""
+    distances, ways = _from_edges(core, points)
+    if core.is_solid:
+        above = points.dot(core.normals.T) - core.heights
+        face = above.argmax(axis=1)
+        height, normal = above[np.arange(len(points)), face], core.normals[face]
+        over = (height <= 0.0) | on_face(core, points - height[:, None] * normal)
+        distances = np.where(over, height, distances)
+        ways = np.where(over[:, None], normal, ways)
+    return distances, ways
+
+
+def _from_edges(core: Core, points: Array) -> tuple[Array, Array]:
+    """Return the distances of points from the edges of a core, or from its only corner."""
+    away = points[:, None] - core.vertices
+    if len(core.edges):
+        start, along = segments(core)
+        away = points[:, None] - start
+        share = (away * along).sum(axis=2) / (along**2).sum(axis=1)
+        away = away - np.clip(share, 0.0, 1.0)[:, :, None] * along
+    squares = (away**2).sum(axis=2)
+    return lengths_of(away[np.arange(len(points)), squares.argmin(axis=1)])
+
+
+def lengths_of(vectors: Array) -> tuple[Array, Array]:
+    """Return the lengths of vectors (k, 3) and their directions; that of zero is z."""
+    lengths = np.sqrt((vectors**2).sum(axis=1))
+    some = lengths > 0.0
+    directions = vectors / np.where(some, lengths, 1.0)[:, None]
+    directions[~some] = (0.0, 0.0, 1.0)
+    return lengths, directions
+
+
+def on_face(core: Core, points: Array) -> NDArray[np.bool_]:
+    """Return for points (k, 3) of the planes of its faces whether they are on the core."""
+    heights = points.dot(core.normals.T) - core.heights
+    return np.asarray((heights <= tolerances.ON_FACE * core.size).all(axis=1))
+
+
+def segments(core: Core, chosen: Indices | None = None) -> tuple[Array, Array]:
+    """Return where edges start and the vectors to their ends (e, 3), of all by default."""
+    edges = core.edges if chosen is None else chosen
+    start = core.vertices[edges[:, 0]]
+    return start, core.vertices[edges[:, 1]] - start
+
+
+def across(one: Array, two: Array) -> tuple[Array, Array]:
+    """Return the unit vectors across two rows of vectors (k, 3), and the lengths of the products.
+
+    As `numpy.cross`, which takes ten times as long for a few.
+    """
+    (x, y, z), (u, v, w) = one.T, two.T
+    lengths, normals = lengths_of(np.array([y * w - z * v, z * u - x * w, x * v - y * u]).T)
+    return normals, lengths
+
+
+# Shapes of bodies that touch: points, balls, capsules and boxes.
+
 
 # All shapes by the names of their classes, by which archives find them.
 SHAPES: dict[str, type[Shape]] = {}
@@ -172,3 +379,112 @@ class Box(Shape):
     def core(self) -> Core:
         """The box."""
         return box_core(self.x, self.y, self.z)
+
+
+# A convex solid by its corners: what a mesh has to be to touch.
+
+
+# Three rows each on a plane: what has more is as good with fewer.
+_MOST: Final = 64
+
+
+@dataclass(frozen=True)
+class Convex(Shape):
+    """A convex solid.
+
+    Parameters
+    ----------
+    vertices : sequence of (3,) sequence of float
+        Its corners, 4 to 64 of them, each on its hull [m]. A mesh with more of them, or one that is
+        not convex, is to be simplified or cut into parts first.
+
+    Raises
+    ------
+    InvalidArgument
+        If a corner is inside of the hull of the others, or all of them lie in a plane.
+    """
+
+    vertices: tuple[Vector3, ...]
+
+    def __post_init__(self) -> None:
+        if isinstance(self.vertices, str) or not isinstance(self.vertices, Iterable):
+            raise InvalidArgument(f"vertices = {shown(self.vertices)}: a list of points is needed")
+        vertices = tuple(
+            floats(f"vertices[{i}]", point, 3) for i, point in enumerate(self.vertices)
+        )
+        if not 4 <= len(vertices) <= _MOST:
+            raise InvalidArgument(f"vertices: {len(vertices)} of them; 4 to {_MOST} are needed")
+        object.__setattr__(self, "vertices", vertices)
+        inside = set(range(len(vertices))) - set(self._hull.vertices.tolist())
+        if inside:
+            i = min(inside)
+            raise InvalidArgument(
+                f"vertices[{i}] = {vertices[i]}: it is not a corner of the convex hull; a "
+                "convex solid is needed, so split a concave mesh into convex parts"
+            )
+        self.core  # noqa: B018  refuses what is too flat
+
+    @property
+    def contact_points(self) -> tuple[ContactPoint, ...]:
+        """Its corners."""
+        return tuple(
+            ContactPoint(f"corner {i}", at, 0.0) for i, at in enumerate(self.vertices, start=1)
+        )
+
+    @property
+    def core(self) -> Core:
+        """The solid: triangles of one plane are one face."""
+        points = np.array(self.vertices)
+        off = tolerances.FLAT * float(np.ptp(points, axis=0).max())
+        normals, heights = _planes(points, self._hull, off)
+        on = np.abs(points.dot(normals.T) - heights) <= off
+        if on.all(axis=0).any():
+            raise _flat()
+        loops = tuple(
+            _around(points, np.flatnonzero(on[:, face]), normal)
+            for face, normal in enumerate(normals)
+        )
+        edges = {
+            (min(a, b), max(a, b))
+            for loop in loops
+            for a, b in zip(loop.tolist(), np.roll(loop, -1).tolist(), strict=True)
+        }
+        return solid_core(points, np.array(sorted(edges)), normals, heights, loops)
+
+    @property
+    def _hull(self) -> Any:
+        from scipy.spatial import ConvexHull, QhullError
+
+        try:
+            return ConvexHull(np.array(self.vertices))
+        except QhullError as error:
+            raise _flat() from error
+
+
+def _planes(points: Array, hull: Any, off: float) -> tuple[Array, Array]:
+    """Return outward normals and heights of the faces of a hull: triangles of one plane are one.
+
+    A triangle belongs to the plane of a larger one if its corners are `off` it by no more [m].
+    """
+    corners = points[hull.simplices]
+    _, twice = across(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    above = np.abs(corners.dot(hull.equations[:, :3].T) + hull.equations[:, 3]).max(axis=1)
+    kept: list[int] = []
+    for i in np.argsort(-twice, kind="stable").tolist():  # a sliver has no normal of its own
+        if (above[i, kept] > off).all():
+            kept.append(i)
+    planes = hull.equations[sorted(kept)]
+    return planes[:, :3], -planes[:, 3]
+
+
+def _flat() -> InvalidArgument:
+    return InvalidArgument("vertices: they lie in a plane, or nearly; a solid is needed")
+
+
+def _around(points: Array, corners: Indices, normal: Array) -> Indices:
+    """Return the corners of a face in their order around it."""
+    away = points[corners] - points[corners].mean(axis=0)
+    x = away[0] / np.sqrt(away[0].dot(away[0]))
+    y = np.array([normal[1] * x[2] - normal[2] * x[1], normal[2] * x[0] - normal[0] * x[2],
+                  normal[0] * x[1] - normal[1] * x[0]])  # fmt: skip
+    return corners[np.argsort(np.arctan2(away.dot(y), away.dot(x)), kind="stable")]

@@ -1,23 +1,123 @@
-"""Contact points over planes, all of a scene at once.
+"""Gaps, contact points and rows of one contact that is bound to a model.
 
-    gap = n . (p - o) - radius,        contact point = p - radius n
-    J   = E^T (J_v - [contact point] J_w),        d gap/dt = n . (J v)
-
-p the middle of a point, o and E = (t1, t2, n) of its plane. J is that of the material point of the
-body which is at the contact point, against that of the ground: both bodies count, and what carries
-both of them does not.
+Contacts bound to a model: the joints, points and coordinates that their rows are made of.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from condyn_pin._core._pin import placements_view
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.contacts.bound import Touch
-from condyn_pin.constraints.contacts.placements import Placements
+from condyn_pin.constraints.base import Patch
+from condyn_pin.constraints.contacts.meetings import most_meetings
+from condyn_pin.constraints.contacts.shapes import Core
+
+
+class Touch(NamedTuple):
+    """A contact point of one body over a plane of another: three rows."""
+
+    name: str
+    joint: int
+    centre: Array  # (3,), on the joint [m]
+    radius: float  # [m]
+    ground: int  # the joint that carries the plane; 0 for the world
+    plane: Any  # pin.SE3 on that joint, z out of the ground
+    friction: float
+    restitution: float
+
+
+class Pair(NamedTuple):
+    """A shape of one body near one of another: three rows for each place of a point."""
+
+    name: str
+    joint: int
+    placement: Any  # pin.SE3 of the shape on that joint
+    shape: Core
+    ground: int  # the joint that carries the other; 0 for the world
+    ground_placement: Any
+    ground_shape: Core
+    friction: float
+    restitution: float
+
+    @property
+    def points(self) -> int:
+        """Number of places."""
+        return most_meetings(self.shape, self.ground_shape)
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """Names of the places."""
+        if self.points == 1:
+            return (self.name,)
+        return tuple(f"{self.name}/point {i}" for i in range(1, self.points + 1))
+
+
+class Stop(NamedTuple):
+    """An end of the range of a joint: one row, sign (q - limit) >= 0."""
+
+    name: str
+    iq: int
+    iv: int
+    sign: float
+    limit: float  # [rad, m]
+    is_length: bool
+
+
+class Dry(NamedTuple):
+    """Dry friction along a coordinate of v: one row, |lam| <= limit."""
+
+    name: str
+    iv: int
+    limit: float  # [N m, N]
+
+
+class Solid(NamedTuple):
+    """A shape on a joint, to be drawn."""
+
+    joint: int
+    placement: Any  # pin.SE3 on that joint
+    patch: Patch
+
+
+@dataclass(frozen=True, eq=False)
+class BoundContact:
+    """A contact on the joints of a model; most kinds fill one of the lists."""
+
+    name: str
+    touches: tuple[Touch, ...] = ()
+    pairs: tuple[Pair, ...] = ()
+    stops: tuple[Stop, ...] = ()
+    dry: tuple[Dry, ...] = ()
+    solids: tuple[Solid, ...] = ()
+
+    @property
+    def cones(self) -> tuple[tuple[str, int], ...]:
+        """Name of each of its cones, and the joint that carries what it touches."""
+        on_planes = [(touch.name, touch.ground) for touch in self.touches]
+        of_pairs = [(name, pair.ground) for pair in self.pairs for name in pair.candidates]
+        return (*on_planes, *of_pairs)
+
+    @property
+    def candidates(self) -> tuple[str, ...]:
+        """Names of its cones, half-lines and intervals."""
+        cones = [name for name, _ in self.cones]
+        return (*cones, *(stop.name for stop in self.stops), *(each.name for each in self.dry))
+
+
+# Contact points over planes, all of a scene at once.
+#
+#     gap = n . (p - o) - radius,        contact point = p - radius n
+#     J   = E^T (J_v - [contact point] J_w),        d gap/dt = n . (J v)
+#
+# p the middle of a point, o and E = (t1, t2, n) of its plane. J is that of the material point of
+# the body which is at the contact point, against that of the ground: both bodies count, and what
+# carries both of them does not.
+
 
 # The coordinates y, z, x and z, x, y.
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
@@ -147,3 +247,99 @@ def columns(model: Any, joint: int) -> Array:
     for j in list(model.supports[joint])[1:]:
         moves[model.idx_vs[j] : model.idx_vs[j] + model.nvs[j]] = 1.0
     return moves
+
+
+# Placements of joints in the world side by side, from which points of many bodies follow at once.
+#
+#     (p_1, p_2, ...) = (R_1, o_1, R_2, o_2, ...) L
+#
+# with the local points, and a 1 below each, in the four rows of L that belong to their joint; an
+# axis has a 0 there. Pinocchio keeps the placements of all joints so: nothing is copied, and joints
+# that lie between the first and the last have rows too, of zeros.
+
+
+class Placements:
+    """Placements of joints in the world; not to be shared between threads.
+
+    Parameters
+    ----------
+    joints : iterable of int
+        The world, 0, may be among them.
+    """
+
+    def __init__(self, joints: Iterable[int]) -> None:
+        all_of_them = set(joints)
+        self._first = min(all_of_them, default=0)
+        self._count = max(all_of_them) - self._first + 1 if all_of_them else 0
+        self._now, self._of = np.zeros((3, 0)), None
+
+    @property
+    def size(self) -> int:
+        """Number of rows of L."""
+        return 4 * self._count
+
+    def rows(self, joint: int) -> slice:
+        """Return the four rows of L that belong to a joint."""
+        place = 4 * (joint - self._first)
+        return slice(place, place + 4)
+
+    def read(self, data: Any) -> Array:
+        """Return (3, size) from data.oMi: a view that follows it, not to be written to."""
+        if self._of is not data and self._count:  # to fetch it costs more than what is done with it
+            self._of, self._now = data, placements_view(data.oMi, self._first, self._count)
+        return self._now
+
+
+# Contact points over planes of the world: what a step with contacts evaluates most often.
+#
+# The normal n and the axes d stand still, so that the gap and the moments of the axes about the
+# origin are linear in the middle p of a contact point:
+#
+#     gap = n . p - (n . o + radius),    (p - radius n) x d
+
+
+class WorldTouches(Touches):
+    """Contact points over planes of the world, together; not to be shared between threads."""
+
+    def __init__(self, model: Any, touches: Sequence[Touch]) -> None:
+        super().__init__(model, touches)
+        k = self.size
+        axes = np.reshape([t.plane.rotation.T for t in touches], (k, 3, 3))  # t1, t2, n as rows
+        normals = axes[:, 2]
+        crosses = np.cross(axes[:, :, None], -np.eye(3)).transpose(0, 1, 3, 2)  # p -> p x d
+        moments = crosses.reshape(k, 9, 3)
+        self._middles = self._local[:, :k]
+        gaps = self._middles[:, None, :] * normals.T  # (size, 3, k)
+        self._gap_of = gaps.reshape(3 * len(self._middles), k)
+        heights = [np.dot(t.plane.translation, n) for t, n in zip(touches, normals, strict=True)]
+        self._lowest = np.reshape(heights, k) + self._radius
+        at_surface = moments @ (self._radius[:, None] * normals)[:, :, None]
+        self._moment_of = np.concatenate([moments, -at_surface], axis=2)  # of p and 1
+        # memory for p and 1, and for the rows d and p x d, with views into it
+        points, twists = np.ones((4, k)), np.concatenate([axes, np.zeros((k, 3, 3))], axis=2)
+        self._p, self._points, self._p_and_1 = points[:3], points.T, points.T[:, :, None]
+        # points of one radius over parallel planes, as feet on a floor: one product for all
+        are_same = k and (self._moment_of == self._moment_of[0]).all()
+        self._same = self._moment_of[0].T if are_same else None
+        self._rows, self._moments = twists.reshape(-1, 6), twists[:, :, 3:]
+        self._data: Any = None
+
+    def gaps(self, data: Any) -> Array:
+        """Return the signed distances (k,) [m]; reads data.oMi."""
+        now = self._placements.read(data)  # (3, size)
+        return now.ravel("K").dot(self._gap_of) - self._lowest  # type: ignore[no-any-return]
+
+    def evaluate(self, data: Any) -> tuple[Array, Array]:
+        """Return gaps (k,) and the rows t1, t2, n of each point (3 k, nv); reads data.J too."""
+        return self.gaps(data), self.rows(data)
+
+    def rows(self, data: Any) -> Array:
+        """Return the rows t1, t2, n of each point (3 k, nv); reads data.oMi and data.J."""
+        if self._data is not data:  # a view into the memory of data: to fetch it costs more
+            self._data, self._J = data, data.J.reshape(6, -1)
+        np.dot(self._placements.read(data), self._middles, out=self._p)
+        if self._same is None:
+            self._moments[:] = (self._moment_of @ self._p_and_1).reshape(-1, 3, 3)
+        else:
+            self._moments[:] = self._points.dot(self._same).reshape(-1, 3, 3)
+        return np.asarray(self._rows.dot(self._J) * self._moves)

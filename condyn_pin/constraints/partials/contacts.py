@@ -1,4 +1,6 @@
-"""How the rows of contacts that may let go change with q.
+"""How gaps and rows of contacts change with q.
+
+How the rows of contacts that may let go change with q.
 
 Column i of the rows of a contact point P is m_i u_i, the velocity of P that a unit of coordinate i
 gives to the body, m = 1, or to the ground, m = -1. With w_i its angular velocity, P moved along by
@@ -18,20 +20,20 @@ differenced:
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, Final
+from collections.abc import Iterator, Sequence
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 
+from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.contacts.bound import BoundContact, Touch
-from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.constraints.contacts.placements import Placements
-from condyn_pin.constraints.contacts.touches import columns
-from condyn_pin.constraints.partials.meetings import MeetingTurning
+from condyn_pin.constraints.contacts.candidates import Candidates, Pairs
+from condyn_pin.constraints.contacts.shapes import Core, lengths_of, on_face, segments
+from condyn_pin.constraints.contacts.touches import BoundContact, Pair, Placements, Touch, columns
+from condyn_pin.constraints.rows.special import skews
 
 _WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 _H: Final = 2.0**-12  # [rad, m]: rounding leaves 1e-12
@@ -218,3 +220,209 @@ def _paired(a: Array, b: Array) -> Array:
 
 
 _CYCLE: Final = np.array([0, 1, 2, 0, 1])
+
+
+# Which features of two shapes meet at a point, and how it moves with the bodies.
+#
+# Points a of A and b of B are on a corner, an edge or a face each, in whose directions d they slide
+# along their bodies; the rest of what is across n is across a - b = G n, the gap between the cores.
+# A twist (v, w) of A past B, with v_a = v + w x a the velocity that A has at a, gives
+#
+#     d . n' = d . (w x n),  0,  d . v_a / G     along A's directions, B's, and what is across both
+#     n' = U (w x n) + R v_a,    a' = v_a - U^T (v_a - G n')
+#
+# with U and R the sums of c d^T over A's directions and of c d^T / G over the rest, c . d = 1 and c
+# across all others. A corner on a face of B has neither U nor R. Where corners and edges meet that
+# are on the rim of a face along n, that face counts: derivatives are those on one side.
+
+
+CORNER, EDGE, FACE, NONE = 0, 1, 2, 3
+_STILL: Final = np.zeros((3, 3))
+
+
+class Sliding(NamedTuple):
+    """How the point of A and the normal turn: U, R and G, as above."""
+
+    U: Array  # (3, 3)
+    R: Array  # (3, 3) [1/m]
+    between: float  # G [m]
+
+
+class Feature(NamedTuple):
+    """What of a core has a point: a corner, an edge with its direction, a face, or nothing."""
+
+    kind: int
+    along: Array
+
+
+def of_balls(normal: Array, between: float) -> Sliding:
+    """Return how the nearest points of two balls move, `between` their middles [m]."""
+    return Sliding(_STILL, _across(normal) / between, between)
+
+
+def sliding(A: Core, B: Core, a: Array, normal: Array, between: float) -> Sliding | None:
+    """Return how a point of the core of A moves that meets B, or None if that is in doubt."""
+    b = a - between * normal
+    one, two = feature(A, a), feature(B, b)
+    if one.kind == CORNER and (two.kind == FACE or _has_face(B, b, normal)):
+        return Sliding(_STILL, _STILL, between)
+    if two.kind == CORNER and (one.kind == FACE or _has_face(A, a, -normal)):
+        return Sliding(_across(normal), _STILL, between)
+    if one.kind == two.kind == EDGE:
+        c = np.cross(two.along, normal)
+        return Sliding(np.outer(c / c.dot(one.along), one.along), _STILL, between)
+    if one.kind + two.kind > EDGE or between <= tolerances.ON_FACE * max(A.size, B.size):
+        return None
+    along = one.along + two.along  # of the only edge
+    rest = _across(normal) - np.outer(along, along)
+    return Sliding(np.outer(one.along, one.along), rest / between, between)
+
+
+def feature(core: Core, point: Array) -> Feature:
+    """Return the smallest feature of a core that has a point."""
+    off, none = tolerances.ON_FACE * core.size, np.zeros(3)
+    if lengths_of(core.vertices - point)[0].min() <= off or core.is_point:
+        return Feature(CORNER, none)
+    start, along = segments(core)
+    away = point - start
+    share = (away * along).sum(axis=1) / (along**2).sum(axis=1)
+    apart = lengths_of(away - np.clip(share, 0.0, 1.0)[:, None] * along)[0]
+    nearest = int(apart.argmin())
+    if apart[nearest] <= off:
+        return Feature(EDGE, lengths_of(along[nearest : nearest + 1])[1][0])
+    if core.is_solid:
+        heights = core.normals.dot(point) - core.heights
+        if np.abs(heights).min() <= off and on_face(core, point[None])[0]:
+            return Feature(FACE, none)
+    return Feature(NONE, none)
+
+
+def _has_face(core: Core, point: Array, normal: Array) -> bool:
+    """Return whether a point is in the plane of a face with a normal."""
+    turned = np.abs(core.normals - normal).max(axis=1, initial=0.0)
+    off = np.abs(core.normals.dot(point) - core.heights)
+    near = (turned <= tolerances.ON_FACE) & (off <= tolerances.ON_FACE * core.size)
+    return bool(near.any())
+
+
+def _across(normal: Array) -> Array:
+    return np.eye(3) - np.outer(normal, normal)
+
+
+# How the rows of points where shapes meet change with q.
+#
+# A point P of body A on body B has the rows E^T (V_l + V_a x P), E = (t1, t2, n) and V = (V_l, V_a)
+# the twist of A past B. With S the column of a coordinate that moves one of them, m = 1 for A and
+# -1 for B, and V_0 the twist of what carries its joint,
+#
+#     V' = m (V_0 - V_A) x S,    P' = m (a' - r n'),    E' = m (n x n') x E,    seen from what B
+#     does
+#     (J w)' = E^T (V_l' + V_a' x P + V_a x P' - (n x n') x (V_l + V_a x P))
+#
+# a' and n' are those of `features`, r the skin of A. Turning around n is left out of E': friction
+# is the same along every tangent. Wrenches F = (f, P x f) of the rows turn with P and E, and the
+# columns S_i that feel them with the joints that carry theirs, S_i' = S_j x S_i.
+
+
+class MeetingTurning:
+    """The partials of the rows of all pairs of one model; not to be shared between threads.
+
+    Attributes
+    ----------
+    size : int
+        Number of rows.
+    """
+
+    def __init__(self, model: Any, pairs: Sequence[Pair]) -> None:
+        self._pairs, self._places = tuple(pairs), Pairs(model, pairs)
+        self.size = 3 * self._places.size
+        self._first = np.cumsum([0, *(pair.points for pair in pairs)])[:-1]  # place of each pair
+        each = [pair for pair in pairs for _ in range(pair.points)]
+        self._bodies = np.array([pair.joint for pair in each])
+        self._of_grounds = np.array([pair.ground for pair in each])
+        supports = np.array([columns(model, joint) for joint in range(model.njoints)])
+        self._supports = supports  # [joint, j]: whether column j moves it
+        of_column = np.repeat(np.arange(model.njoints), list(model.nvs))
+        self._carriers = np.array(list(model.parents))[of_column]
+        self._below = supports[of_column]  # [i, j]: column i belongs to the joint of j, or below it
+        self._grounds = supports[self._of_grounds][:, None]
+        self._moves = supports[self._bodies][:, None] - self._grounds  # m (k, 1, nv)
+
+    def go(self, data: Any) -> bool:
+        """Go to where data.oMi and data.J are, and return whether all points have derivatives."""
+        self._S = S = data.J.reshape(6, -1).copy()
+        self._P, self._E = self._places.points(data), self._places.axes(data)
+        gaps, n = self._places.gaps(data), self._E[:, :, 2]
+        places = (np.split(x, self._first[1:]) for x in (gaps, self._P, n))
+        parts = zip(self._pairs, self._places.are_balls(data).tolist(), *places, strict=True)
+        found = [of for part in parts for of in _slidings(data, *part)]
+        ways = [of for of, _ in found if of is not None]
+        if len(ways) < len(found):
+            return False
+        U, R, G = (np.array(part) for part in zip(*ways, strict=True))
+        r = np.array([skin for _, skin in found])
+        G, r, a = G[:, None, None], r[:, None, None], self._P + r[:, None] * n
+        v_a = S[:3] - skews(a) @ S[3:]
+        turned = R @ v_a - U @ skews(n) @ S[3:]  # n'
+        self._P_moved = v_a - U.transpose(0, 2, 1) @ (v_a - G * turned) - r * turned
+        self._E_turned = skews(n) @ turned
+        self._has_point = np.isfinite(gaps)
+        return True
+
+    def slips(self, W: Array) -> Array:
+        """Return J w by q for all w in the rows of W (count, rows, nv)."""
+        return np.array([self._slip(w) for w in W])
+
+    def _slip(self, w: Array) -> Array:
+        S, P, E = self._S, self._P, self._E
+        twists = (S * w).dot(self._supports.T)  # of all joints (6, count)
+        of_body, of_ground = twists.T[self._bodies], twists.T[self._of_grounds]
+        V = of_body - of_ground
+        off = twists[:, self._carriers] - of_body[:, :, None]  # V_0 - V_A (k, 6, nv)
+        linear = _cross(off[:, 3:], S[:3]) + _cross(off[:, :3], S[3:])
+        angular = _cross(off[:, 3:], S[3:])
+        u = V[:, :3] + np.cross(V[:, 3:], P)
+        by_q = linear - skews(P) @ angular + skews(V[:, 3:]) @ self._P_moved
+        by_q += skews(u) @ self._E_turned
+        by_q = E.transpose(0, 2, 1) @ (self._moves * by_q)
+        by_q[~self._has_point] = 0.0
+        return np.asarray(by_q.reshape(self.size, -1))
+
+    def pulls(self, lam: Array) -> Array:
+        """Return J^T lam by q (nv, nv)."""
+        S, P, m = self._S, self._P, self._moves
+        f = (self._E @ lam.reshape(-1, 3, 1))[:, :, 0]
+        P_moved = self._grounds * (S[:3] - skews(P) @ S[3:]) + m * self._P_moved
+        f_turned = -skews(f) @ (self._grounds * S[3:] + m * self._E_turned)
+        moment_turned = skews(P) @ f_turned - skews(f) @ P_moved
+        by_q = np.einsum("ki,ai,kaj->ij", m[:, 0], S[:3], f_turned)
+        by_q += np.einsum("ki,ai,kaj->ij", m[:, 0], S[3:], moment_turned)
+        force, moment = m[:, 0].T.dot(f), m[:, 0].T.dot(np.cross(P, f))  # that columns feel
+        across = np.cross(S[:3].T, force) + np.cross(S[3:].T, moment)
+        felt = np.cross(S[3:].T, force).dot(S[:3]) + across.dot(S[3:])
+        return np.asarray(by_q + self._below * felt)
+
+
+_NOWHERE: Final = Sliding(np.zeros((3, 3)), np.zeros((3, 3)), 0.0)
+
+
+def _slidings(
+    data: Any, pair: Pair, are_balls: bool, gaps: Array, points: Array, normals: Array
+) -> Iterator[tuple[Sliding | None, float]]:
+    """Yield how each place of a pair moves, None where that is in doubt, and the skin of A [m]."""
+    A = pair.shape.placed(data.oMi[pair.joint] * pair.placement)
+    B = pair.ground_shape.placed(data.oMi[pair.ground] * pair.ground_placement)
+    r, other = (A.reach, B.reach) if are_balls else (A.radius, B.radius)
+    for gap, point, n in zip(gaps, points, normals, strict=True):
+        between = float(gap) + r + other
+        if gap == np.inf:
+            yield _NOWHERE, r
+        elif are_balls:
+            yield of_balls(n, between), r
+        else:
+            yield sliding(A, B, point + r * n, n, between), r
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """Return a x b of (k, 3, nv) and (3, nv)."""
+    return np.cross(a, b, axisa=1, axisb=0, axisc=1)

@@ -58,7 +58,7 @@ from condyn_pin._core.linalg import lapack
 from condyn_pin._core.trees import whole_data
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.constraint_rows import ConstraintRows
+    from condyn_pin.constraints.rows.equations import ConstraintRows
 
 _EPS: Final = float(np.finfo(float).eps)
 

@@ -12,7 +12,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.compiled_rows import STILL, placement
+from condyn_pin.constraints.rows.bound import STILL, placement
 from condyn_pin.contact.friction_cone import FrictionCone
 from condyn_pin.contact.wrench_cone import WrenchCone
 from condyn_pin.control.compiled_task import CompiledTask

@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.constraints.constraint_fields import placement, text
+from condyn_pin.constraints.base import placement, text
 from condyn_pin.control.compiled_task import POSE, POSITION
 from condyn_pin.control.motion import Motion, moving, placed
 from condyn_pin.control.tasks.base import BoundTask, Home, Tracking, difference

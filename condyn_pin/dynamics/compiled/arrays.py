@@ -18,7 +18,7 @@ from condyn_pin._core.arguments import LOOSE
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes, indices
 from condyn_pin._core.trees import is_forest
-from condyn_pin.constraints.rows.compiled_rows import placement
+from condyn_pin.constraints.rows.bound import placement
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
@@ -26,10 +26,9 @@ from condyn_pin.dynamics.solvers.null_space import NullSpace
 from condyn_pin.dynamics.solvers.proximal import Proximal
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.applied_force import AppliedForce
     from condyn_pin.constraints.baumgarte import Baumgarte
-    from condyn_pin.constraints.loads import Loads
-    from condyn_pin.constraints.rows.any_bound import AnyBound
+    from condyn_pin.constraints.forces import AppliedForce, Loads
+    from condyn_pin.constraints.rows.bound import AnyBound
     from condyn_pin.dynamics.residuals import ErrorEstimator
     from condyn_pin.dynamics.scene import Scene
     from condyn_pin.dynamics.workspace import Workspace

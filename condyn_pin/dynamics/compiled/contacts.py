@@ -13,9 +13,9 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.contacts.cores import Core
-from condyn_pin.constraints.contacts.pairs import pieces_of
-from condyn_pin.constraints.rows.compiled_rows import placement
+from condyn_pin.constraints.contacts.candidates import pieces_of
+from condyn_pin.constraints.contacts.shapes import Core
+from condyn_pin.constraints.rows.bound import placement
 from condyn_pin.dynamics.compiled.arrays import JOINTS
 
 if TYPE_CHECKING:

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from condyn_pin._core.arguments import State
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
-from condyn_pin.constraints.applied_force import AppliedForce
+from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.compiled import arrays
 from condyn_pin.dynamics.compiled.derivatives import CompiledDerivatives
 from condyn_pin.dynamics.derivatives.differences import BLOCKS

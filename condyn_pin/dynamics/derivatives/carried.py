@@ -36,7 +36,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import Indices, turning
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import AnyBound
 
 _WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
 _H: Final = 2.0**-7  # [rad, m]: below the rounding of f over h

@@ -18,7 +18,7 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.loads import frame_jacobian
+from condyn_pin.constraints.forces import frame_jacobian
 from condyn_pin.dynamics.derivatives.parameters import inertia_regressor
 from condyn_pin.dynamics.raw import weightless
 from condyn_pin.io.mjcf_write import drawn

@@ -25,8 +25,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.partials.groups import ConstraintPartials
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.partials.rows import ConstraintPartials
+from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations, answer_key
 from condyn_pin.dynamics.derivatives.carried import Carried, in_series
 from condyn_pin.dynamics.raw import weightless

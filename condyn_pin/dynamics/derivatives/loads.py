@@ -25,9 +25,8 @@ import numpy as np
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes
-from condyn_pin.constraints.applied_force import AppliedForce
-from condyn_pin.constraints.loads import Loads, frame_jacobian, in_axes
-from condyn_pin.constraints.partials.formulas import dual_cross
+from condyn_pin.constraints.forces import AppliedForce, Loads, frame_jacobian, in_axes
+from condyn_pin.constraints.partials.motion import dual_cross
 from condyn_pin.dynamics.derivatives.carried import slope
 
 

@@ -17,7 +17,7 @@ from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
 from condyn_pin.errors import InvalidModel
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.terms import Terms
+    from condyn_pin.constraints.rows.bound import Terms
     from condyn_pin.dynamics.workspace import Workspace
 
 

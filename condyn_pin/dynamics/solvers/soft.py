@@ -14,7 +14,7 @@ from condyn_pin._core.arrays import Array, quietly
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import whiten
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.loads import frame_jacobian
+from condyn_pin.constraints.forces import frame_jacobian
 from condyn_pin.dynamics.softness import (
     DEFAULT_SOLIMP,
     DEFAULT_SOLREF,

@@ -20,8 +20,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
-from condyn_pin.constraints.contacts.plane import Plane
-from condyn_pin.constraints.contacts.shapes import Box
+from condyn_pin.constraints.contacts.shapes import Box, Plane
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.mechanisms.free_bodies import free_box

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from condyn_pin.constraints.contacts.plane import Plane
+from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.lab.contact_extremes.base import Rng, box_on, contact_extreme, falling, posed
 

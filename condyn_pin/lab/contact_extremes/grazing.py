@@ -1,6 +1,6 @@
 """A box that only just touches."""
 
-from condyn_pin.constraints.contacts.plane import Plane
+from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.lab.contact_extremes.base import DT, Rng, box_on, contact_extreme, posed
 

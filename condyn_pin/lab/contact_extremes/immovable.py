@@ -1,6 +1,6 @@
 """A contact of what can hardly move, and of what cannot."""
 
-from condyn_pin.constraints.contacts.plane import Plane
+from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.lab.contact_extremes.base import (
     Rng,

@@ -5,8 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
-from condyn_pin.constraints.contacts.plane import Plane
-from condyn_pin.constraints.contacts.shapes import Box
+from condyn_pin.constraints.contacts.shapes import Box, Plane
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.contact_extremes.base import HALF, Rng, contact_extreme, posed

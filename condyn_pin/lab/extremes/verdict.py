@@ -23,7 +23,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import factorise, rank_of
-from condyn_pin.constraints.rows.terms import Terms
+from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.dynamics.solution import Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.solvers.reference import Reference

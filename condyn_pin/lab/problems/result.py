@@ -11,7 +11,7 @@ import numpy as np
 
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.constraints.base import check_positive
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.lab.problems.base import Problem
 from condyn_pin.lab.problems.setting import Limit, Setting

@@ -26,7 +26,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import first_of_largest, rank_of
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.line_contact import LineContact
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.postures import described_posture

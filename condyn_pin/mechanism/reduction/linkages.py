@@ -26,8 +26,8 @@ from condyn_pin._core.arguments import checked, listed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import rank_of
+from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.frames import rows_of
-from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, InvalidConstraint

@@ -22,8 +22,8 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg import factorise
 from condyn_pin._core.timing import State
+from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.constraints.rows.terms import Terms
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene

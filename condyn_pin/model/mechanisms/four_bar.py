@@ -8,7 +8,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.constraints.base import check_positive
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.mechanisms.base import LICENCE, add_rod, mechanism, source

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import HIGH, LOW, is_none, not_of_norm_one
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.work import Arrays
-from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
+from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 

@@ -14,9 +14,9 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.threads import Kept
 from condyn_pin._core.work import Arrays, Messages
-from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.dynamics.workspace import Workspace

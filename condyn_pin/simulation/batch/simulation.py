@@ -14,8 +14,8 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.rows import Native, Rows
 from condyn_pin._core.threads import Kept
 from condyn_pin._core.work import Arrays, Progress, silent
-from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.drift import Drift
+from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.compiled import arrays
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.rows import MISSING, Batch, Outcome, Some
-from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.residuals import Residuals

@@ -14,8 +14,8 @@ from condyn_pin._core.arguments import check_accuracy_of_a
 from condyn_pin._core.arrays import read_only
 from condyn_pin._core.rows import Native, Rows
 from condyn_pin._core.work import Arrays, Kind, Progress, silent
-from condyn_pin.constraints.applied_force import AppliedForce
 from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.compiled.arrays import untaken
 from condyn_pin.dynamics.compiled.core import untaken_method
 from condyn_pin.dynamics.derivatives import METHODS

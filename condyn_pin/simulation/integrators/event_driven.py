@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import ClassVar
 
-from condyn_pin.constraints.constraint_fields import check_positive
+from condyn_pin.constraints.base import check_positive
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.restitution import Energetic, RestitutionLaw, check_law
 from condyn_pin.contact.solvers.base import ContactSolver

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.partials.contacts import ContactTurning
-from condyn_pin.constraints.rows.any_bound import AnyBound
+from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.derivatives.linearised import Linearisation

@@ -17,7 +17,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin.constraints.applied_force import AppliedForce, applied_forces
+from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme

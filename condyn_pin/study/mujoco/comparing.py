@@ -22,8 +22,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import counted
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.rows.terms import Terms
-from condyn_pin.constraints.violation import ConstraintViolation
+from condyn_pin.constraints.rows.bound import ConstraintViolation, Terms
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace

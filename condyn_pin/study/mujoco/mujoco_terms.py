@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.violation import ConstraintViolation
+from condyn_pin.constraints.rows.bound import ConstraintViolation
 
 if TYPE_CHECKING:
     from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge

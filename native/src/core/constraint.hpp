@@ -4,7 +4,7 @@
 
 namespace condyn
 {
-/// How its rows are evaluated; the numbers are those of `condyn_pin/constraints/rows/compiled_rows.py`.
+/// How its rows are evaluated; the numbers are those of `condyn_pin/constraints/rows/bound.py`.
 enum class Kind { held, ball, weld, cut, rod, coupling, roll };
 
 struct Constraint

@@ -9,7 +9,7 @@
 //
 // with U and R the sums of c d^T over A's directions and of c d^T / G over the rest, c . d = 1 and c across all
 // others. Where corners and edges meet that are on the rim of a face along n, that face counts.
-// `condyn_pin/constraints/partials/features.py` has the same in Python.
+// `condyn_pin/constraints/partials/contacts.py` has the same in Python.
 #pragma once
 #include "shape.hpp"
 #include <optional>

@@ -2,7 +2,7 @@
 //
 //   tau_f = J_f^T f
 //
-// with J_f the Jacobian of the frame, at its origin and in the axes of f (`condyn_pin/constraints/loads.py`).
+// with J_f the Jacobian of the frame, at its origin and in the axes of f (`condyn_pin/constraints/forces.py`).
 // The proof takes the same forces another way: as wrenches on the bodies, through Newton-Euler.
 #pragma once
 #include "pinocchio.hpp"

@@ -1,7 +1,7 @@
 // Shapes of two bodies that may meet, each with a fixed number of places for the points where they do.
 //
 // A place without a point has an infinite gap, and the rows of the last one that has. Shapes that are further apart
-// than their own sizes are taken for the balls round them. `condyn_pin/constraints/contacts/pairs.py` has the same
+// than their own sizes are taken for the balls round them. `condyn_pin/constraints/contacts/candidates.py` has the same
 // in Python.
 #pragma once
 #include "meetings.hpp"

@@ -6,7 +6,7 @@
 //   d(R x) = -delta_ang x (R x) + R dx,    dr = -delta_lin,    d(X y) = -delta x (X y) + X dy,
 //
 // and the rows follow by the product rule. A force that is fixed in c1 turns in c2: r_q has that too.
-// `condyn_pin/constraints/partials/formulas.py` and `pairs.py` derive each.
+// `condyn_pin/constraints/partials/motion.py` and `rows.py` derive each.
 #pragma once
 #include "columns.hpp"
 #include "rows.hpp"

@@ -3,8 +3,8 @@
 //   wheel with axle e    t = e x n / |e x n|    r = radius e x t
 //   ball                 t = x of the plane     r = -radius n
 //
-// in the axes of the body, with n the normal. `condyn_pin/constraints/rows/rolling.py` has the rows,
-// `partials/rolling.py` how they change.
+// in the axes of the body, with n the normal. `condyn_pin/constraints/rows/special.py` has the rows,
+// `constraints/partials/rows.py` how they change.
 #pragma once
 #include "constraint.hpp"
 

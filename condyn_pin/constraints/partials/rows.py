@@ -1,0 +1,665 @@
+"""How the rows of all constraints change with q and v.
+
+The partial derivatives of all constraints of one scene, group by group.
+
+Of what the linearised equations ask for,
+
+    -[[r_q, r_v], [s_q, s_v]],             r = M a + h - tau - J^T lam,    s = J a + gamma - a_ref
+
+groups add what turns of J^T lam to -r_q, the `pulls` (nv, nv), and write `by_state`, -[s_q, s_v]
+(m, 2 nv) and their rows of J.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any, Final, NamedTuple
+
+import numpy as np
+
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.partials.motion import (
+    End,
+    EndPartials,
+    Frames,
+    Partials,
+    RelativeMotion,
+    apart,
+    at_c2,
+    direction,
+    dual_cross,
+    gap_of_relation,
+    of_cut,
+    of_frame,
+    of_pair,
+    of_point,
+    of_relation,
+    of_rod,
+    of_weld,
+    twist_of,
+    wrenches_of_relation,
+)
+from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.constraints.rows.frames import AXES, ONE, ROWS, PointEnds, rows_of
+from condyn_pin.constraints.rows.special import FLAT, Coupled, Related, Rolled, skews
+
+
+class ConstraintPartials:
+    """The partials of all constraints of one scene.
+
+    `data` holds what `pin.computeRNEADerivatives` leaves.
+
+    Attributes
+    ----------
+    make : callable
+        What makes arrays for `write`: zeros where there are couplings, all other rows are written.
+    """
+
+    def __init__(
+        self, model: Any, data: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None
+    ) -> None:
+        frames = Frames(model, data)
+        self._bounds, self._drift = {b.name: b for b in bounds}, drift
+        self._pairs = PairPartials(frames, bounds, drift)
+        self._rolling = RollingPartials(frames, bounds, drift)
+        self._points = PointPartials(model, data, bounds, drift)
+        self._couplings = [b for b in bounds if isinstance(b, Coupled)]
+        self.make: Callable[[tuple[int, ...]], Array] = np.zeros if self._couplings else np.empty
+
+    def write(
+        self, lam: Array, pulls: Array, by_state: Array, J: Array, ends: PointEnds | None = None
+    ) -> None:
+        """Write all rows but those of couplings into by_state and J, arrays that `make` has made.
+
+        `ends` are those of the loops of three rows, where this answer was evaluated already.
+        """
+        if self._pairs.k:
+            self._pairs.write(lam, pulls, by_state, J)
+        if self._rolling.k:
+            self._rolling.write(lam, pulls, by_state, J)
+        if self._points.k:
+            known = self._points.k == self._points.between
+            self._points.write(lam, pulls, by_state, J, ends if known else None)
+
+    def write_couplings(
+        self, state: tuple[Array, Array, Array, Array], rhs: Array, J: Array
+    ) -> None:
+        """Write the rows of couplings at (q, v, a, lam), and what those that bend do to -r_q."""
+        q, v, a, lam = state
+        n = J.shape[1]
+        by_state = rhs[n:]
+        for b in self._couplings:
+            row, columns = b.rows.start, b.columns
+            J[row, columns] = b.bent(q, 1) if b.bends else b.weights
+            if self._drift:
+                by_state[row, :n] = -self._drift.Kp * J[row]
+                by_state[row, n:] = -self._drift.Kd * J[row]
+            if b.bends:
+                second, third, v_i = b.bent(q, 2), b.bent(q, 3), v[columns]
+                Kd = self._drift.Kd if self._drift else 0.0
+                rhs[columns, columns] += lam[row] * second
+                by_state[row, columns] -= second * (a[columns] + Kd * v_i) + third * v_i**2
+                by_state[row, [n + column for column in columns]] -= 2.0 * second * v_i
+
+    def turn_couplings(self, q: Array, w: Array, out: Array) -> None:
+        """Write the partials (m, nv) of J w by q of couplings that bend."""
+        for b in self._couplings:
+            if b.bends:
+                out[b.rows.start, b.columns] = b.bent(q, 2) * w[b.columns]
+
+    def turning(self, out: Array) -> None:
+        """Write the partials (m, nv) of J v by q, but for couplings."""
+        for part in (self._pairs, self._rolling, self._points):
+            if part.k:
+                part.turning(out)
+
+    def by_frame(self, name: str, lam: Array, end: int) -> tuple[Array, Array]:
+        """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2 of a constraint, in its axes."""
+        b = self._bounds[name]
+        if isinstance(b, Rolled):
+            return self._rolling.by_frame(b, lam[b.rows])
+        assert isinstance(b, Bound | Related)  # a coupling has no frames
+        return self._pairs.by_frame(b, lam[b.rows], end)
+
+
+# How the rows of constraints between two frames change with q and v.
+#
+# Surfaces and edges on the world, welds, cut joints, rods and relations: the relative motions of
+# all of them at once (`condyn_pin.constraints.partials.motion`), and what each makes of its own.
+# The formulas are in `condyn_pin.constraints.partials.motion`, and those of points, which have less
+# to do, below.
+
+
+_skew = pin.skew
+
+_STRAIGHT = 1e-4  # [rad]; below, the series of (1 - angle cot(angle)) / sin^2 is exact
+
+
+class PairPartials:
+    """The partials of all constraints between two frames in one scene, but those of points."""
+
+    def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
+        self._frames, self._drift = frames, drift
+        chosen = [
+            b for b in bounds if isinstance(b, Related) or (isinstance(b, Bound) and not b.is_point)
+        ]
+        self._pairs, self.k = chosen, len(chosen)
+        self._held = [b for b in chosen if isinstance(b, Bound) and b.is_held]
+        self._between = [b for b in chosen if isinstance(b, Related) or not b.is_held]
+        several = len(self._between) > 1
+        self._ends = EndPartials(frames, self._between) if several else None
+
+    def write(self, lam: Array, pulls: Array, by_state: Array, J: Array) -> None:
+        """Write J (m, nv) and by_state, -[s_q, s_v]; add what turns of J^T lam to pulls, -r_q."""
+        n = J.shape[1]
+        s_q, s_v = by_state[:, :n], by_state[:, n:]  # with the other sign
+        for b, of in self._partials(lam, pulls):
+            np.multiply(b.sign, of.J, out=J[b.rows])
+            np.multiply(-b.sign, of.s_q, out=s_q[b.rows])
+            np.multiply(-b.sign, of.s_v, out=s_v[b.rows])
+            if self._drift:
+                c_q, v_q = gap_of(b, *self._frames.ends(b), self._frames.between(b))
+                s_q[b.rows] -= b.sign * (self._drift.Kp * c_q + self._drift.Kd * v_q)
+
+    def _partials(self, lam: Array, pulls: Array) -> Iterator[tuple[Bound | Related, Partials]]:
+        """Yield the partials of each constraint; add what turns of J^T lam to -r_q, `pulls`."""
+        for held in self._held:
+            yield held, of_frame(held, *self._frames.partials(held.joint1, held.placement1))
+        for b, one, two, of in self._of_between(lam):
+            if of.w1_q is not None:
+                pulls += one.J.T @ of.w1_q
+            if of.w2_q is not None:
+                pulls -= two.J.T @ of.w2_q
+            yield b, of
+
+    def _of_between(self, lam: Array) -> Iterator[tuple[Bound | Related, End, End, Partials]]:
+        """Yield the constraints between two frames with their ends and partials."""
+        if self._ends is None:  # a single one is quicker by itself
+            for b in self._between:
+                ends = self._frames.ends(b)
+                yield b, *ends, _of_pair(b, *ends, self._frames.between(b), _force(b, lam))
+            return
+        at = self._ends.evaluate()
+        twists = twist_of(at.one, at.two, at.X)
+        motions = at_c2(twists, at.r)
+        for i, b in enumerate(self._between):
+            R, r, force = at.R[i], at.r[i], _force(b, lam)
+            if isinstance(b, Related):
+                of = of_relation(b, motions.of(i), R, r, force)
+            elif b.is_plain:
+                of = of_weld(twists.of(i), at.X[i], force)
+            elif b.is_rod:
+                of = of_rod(R, r, motions.of(i), float(force[0]))
+            else:
+                of = of_cut(b, motions.of(i), R, force)
+            yield b, at.one.of(i), at.two.of(i), of
+
+    def turning(self, out: Array) -> None:
+        """Write the partials (m, nv) of J v by q."""
+        for b in self._pairs:
+            if isinstance(b, Bound) and b.is_held:
+                v_q, *_ = self._frames.partials(b.joint1, b.placement1)
+                out[b.rows] = b.sign * v_q[list(b.selection)]
+            else:
+                _, v_q = gap_of(b, *self._frames.ends(b), self._frames.between(b))
+                out[b.rows] = b.sign * v_q
+
+    def by_frame(self, b: Bound | Related, lam: Array, end: int) -> tuple[Array, Array]:
+        """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2, of a ball too."""
+        (one, two), c1Mc2 = self._frames.ends(b), self._frames.between(b)
+        moved, rest = (one, two) if end == 1 else (two, one)
+        nothing, force = np.zeros((6, 6)), b.sign * lam
+        moving = moved.by_twist()
+        still = End(rest.v, rest.a, nothing, nothing, nothing, nothing)
+        pair = (moving, still) if end == 1 else (still, moving)
+        if isinstance(b, Related) or not b.is_held:
+            of = _of_pair(b, *pair, c1Mc2, force)
+        elif b.selection == POINT:
+            of = of_point(moving)
+        else:
+            of = of_frame(b, moving.v_q, moving.a_q, moving.a_v, moving.J)
+        w1 = nothing if of.w1_q is None else of.w1_q
+        w2 = nothing if of.w2_q is None else of.w2_q
+        at1, at2 = wrenches(b, c1Mc2, force)
+        if end == 1:
+            w1 = w1 + dual_cross(at1)
+        else:
+            w2 = w2 + dual_cross(at2)
+        s = of.s_q
+        if self._drift:
+            c_q, v_q = gap_of(b, *pair, c1Mc2)
+            s = s + self._drift.Kp * c_q + self._drift.Kd * v_q
+        return two.J.T @ w2 - one.J.T @ w1, b.sign * s
+
+
+def wrenches(b: Bound | Related, c1Mc2: Any, force: Array) -> tuple[Array, Array]:
+    """Return the force of a constraint at the origin of c1 in its axes, and the same for c2."""
+    if isinstance(b, Related):
+        return wrenches_of_relation(b, c1Mc2, force)
+    six = np.zeros(6)
+    if b.is_rod:
+        six[:3] = force[0] * c1Mc2.translation / np.linalg.norm(c1Mc2.translation)
+    else:
+        six[list(b.selection)] = force
+    if b.is_held:  # nothing says where c2 is
+        return six, np.zeros(6)
+    if b.is_plain and b.size == 6:
+        return six, c1Mc2.toActionMatrix().T @ six
+    R = c1Mc2.rotation
+    on_c2 = np.concatenate([R.T @ six[:3], R.T @ six[3:]])
+    if b.is_plain:
+        return six, on_c2
+    return np.concatenate([six[:3], six[3:] + _skew(c1Mc2.translation) @ six[:3]]), on_c2
+
+
+def _of_pair(b: Bound | Related, one: End, two: End, c1Mc2: Any, force: Array) -> Partials:
+    """Return the partials of a constraint whose other side is somewhere."""
+    if isinstance(b, Related):
+        R, r = c1Mc2.rotation, c1Mc2.translation
+        of = at_c2(twist_of(one, two, c1Mc2.toActionMatrix()), r)
+        return of_relation(b, of, R, r, force)
+    return of_pair(b, one, two, c1Mc2, force)
+
+
+def _force(b: Bound | Related, lam: Array) -> Array:
+    """Return the rows of lam that act on body 1."""
+    return lam[b.rows] if b.sign > 0 else -lam[b.rows]
+
+
+def gap_of(b: Bound | Related, one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
+    """Return the partials (rows, nv) of c, zero without an anchor, and of J v by q.
+
+    With delta = J_s dq the displacement of c1 relative to c2, M = E1^-1 E2 and u = R e the axis of
+    a hinge,
+
+        d(-log6 M) = Jlog6(M) X^-1 delta,   d(-log R) = Jlog(R) R^T delta_ang,   du = u x delta_ang.
+    """
+    X, R, r = c1Mc2.toActionMatrix(), c1Mc2.rotation, c1Mc2.translation
+    twist = twist_of(one, two, X)
+    if isinstance(b, Related):
+        return gap_of_relation(b, at_c2(twist, r), R, r)
+    if b.is_plain and b.size == 6:
+        c_q, v_q = pin.Jlog6(c1Mc2) @ np.linalg.solve(X, twist.J), twist.velocity_q
+    else:
+        # Pinocchio's ball compares the origins, and a contact without anchor has one only
+        levered = not b.is_plain and (b.anchored or b.joint2 > 0)
+        of = at_c2(twist, r) if levered else apart(one, two, c1Mc2, twist)
+        if b.is_rod:
+            c_q, v_q = _of_rod(of, r)
+        else:
+            chosen = list(b.selection)
+            c_q = np.concatenate([-of.dr, _turned(b, R, of.J[3:])])[chosen]
+            v_q = of.velocity_q[chosen]
+    return c_q if b.anchored else np.zeros_like(c_q), v_q
+
+
+def _turned(b: Bound, R: Array, Ja: Array) -> Array:
+    """Return the partials of the angular part of c."""
+    if not b.is_hinge:
+        return np.asarray(pin.Jlog3(R) @ R.T @ Ja)
+    e = np.eye(3)[b.axis]
+    u = R @ e
+    across, cosine = _skew(u) @ e, float(u @ e)
+    sine = float(np.linalg.norm(across))
+    angle = np.arctan2(sine, cosine)
+    scale = angle / sine if sine else 1.0
+    bend = 1 / 3 if angle < _STRAIGHT else (1 - angle * cosine / sine) / sine**2
+    u_q = _skew(u) @ Ja
+    return np.asarray(-scale * _skew(e) @ u_q - bend * np.outer(across, e @ u_q))
+
+
+def _of_rod(of: RelativeMotion, r: Array) -> tuple[Array, Array]:
+    n, n_q = direction(r, of.dr)
+    return -(n @ of.dr)[None], (n @ of.velocity_q[:3] + of.velocity[:3] @ n_q)[None]
+
+
+# How the rows of all points change with q and v, at fixed accelerations.
+#
+# A point of one moving body on a point of another, or on one of the world. In axes of the world.
+# `pin.computeRNEADerivatives` leaves a column a joint coordinate, linear part at the world's
+# origin: J, dV, dA and dA_v, the parts in the axes of the body of what q and v do to the velocity
+# and the acceleration of every body that moves with it. A point at p with the velocity p' has, of
+# each of them, lin + ang x p; and since its acceleration is the classical one,
+#
+#     J         J_lin + J_ang x p
+#     v_q       dV_lin + dV_ang x p
+#     a_q       dA_lin + dA_ang x p + 2 dV_ang x p'
+#     a_v       dA_v_lin + dA_v_ang x p + 2 J_ang x p'
+#
+# The rows are the difference of two points in the axes of c1. With Ja the angular part of J, body
+# 1's less body 2's,
+#
+#     s_q = R1^T (a1_q - a2_q - a2 x Ja),         s_v = R1^T (a1_v - a2_v),
+#     v_q = R1^T (v1_q - v2_q - v2 x Ja),         c_q = R1^T (J1 - J2 - (p2 - p1) x Ja_1),
+#
+# and the force F = R1 lam, fixed in c1, turns on body 2: J^T lam changes by J2^T F x Ja. One
+# product does for all points: 1, p x, p2'' x, p' x and F x of either end, each where it is wanted,
+# with the columns that all of them meet, J, dA, dA_v and dJ, for dV = dA_v - dJ. On the world all
+# of body 2 is zero.
+
+
+# What is known of an end, by its rows in `PointEnds.places`: p, p', p'' and F.
+_P, _P1, _P2, _F = 3, 4, 5, 6
+_MOVING: Final = slice(3 * (_P1 - _P), 3 * (_P2 - _P))  # where `PointEnds.known` has p'
+# Where its columns begin: linear and angular ones of J, dA, dA_v and dJ.
+_J, _J_ANG, _A, _A_ANG, _AV, _AV_ANG, _DJ_ANG, _DJ = range(0, 24, 3)
+
+
+def _factors(*terms: tuple[int, float, int | None, int]) -> Array:
+    """Return the map of what is known of an end to the factors of its columns, the first of them.
+
+    Of terms (part, number, x, columns), with x None for the product with 1. There are three rows a
+    part, and the parts alternate: the x of all of them come first.
+    """
+    parts = 1 + max(part for part, *_ in terms)
+    of = np.zeros((ROWS, 3, 3, parts, 3 + max(columns for *_, columns in terms)))
+    for part, number, x, columns in terms:
+        three = slice(columns, columns + 3)
+        if x is None:
+            of[ONE, 0, :, part, three] += number * np.eye(3)
+        else:
+            for i, e in enumerate(np.eye(3)):
+                of[x, i, :, part, three] += number * pin.skew(e)
+    return np.ascontiguousarray(of[AXES.stop :].reshape(3 * (ROWS - AXES.stop), -1))
+
+
+# Of J, -a_q and -a_v, where c1 has the p2'' of its c2, and of F x Ja.
+_ACCELERATED: Final = (
+    (0, 1.0, None, _J), (0, -1.0, _P, _J_ANG),
+    (1, -1.0, None, _A), (1, 1.0, _P, _A_ANG), (1, 1.0, _P2, _J_ANG),
+    (1, 2.0, _P1, _AV_ANG), (1, -2.0, _P1, _DJ_ANG),
+    (2, -1.0, None, _AV), (2, 1.0, _P, _AV_ANG), (2, 2.0, _P1, _J_ANG),
+)  # fmt: skip
+_PUSHED: Final = (3, 1.0, _F, _J_ANG)
+# Of v_q, where c1 has the p2' of its c2.
+_MOVED: Final = _factors(
+    (0, 1.0, None, _AV), (0, -1.0, None, _DJ), (0, -1.0, _P, _AV_ANG), (0, 1.0, _P, _DJ_ANG),
+    (0, -1.0, _P1, _J_ANG),
+)  # fmt: skip
+
+
+class PointPartials:
+    """The partials of all points in one scene.
+
+    `data` holds what `pin.computeRNEADerivatives` leaves.
+
+    Attributes
+    ----------
+    k, between : int
+        How many points there are; of these, how many between two moving bodies.
+    """
+
+    def __init__(
+        self, model: Any, data: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None
+    ) -> None:
+        self._data, self._drift, self._n = data, drift, model.nv
+        points = [b for b in bounds if isinstance(b, Bound) and b.is_point]
+        points.sort(key=lambda b: b.joint2 == 0)  # those between two bodies come first
+        self.k, self.between = k, between = len(points), sum(b.joint2 > 0 for b in points)
+        self._rows, self._ends = rows_of(points), PointEnds(data, points)
+        self._signs = np.array([b.sign for b in points]).reshape(k, 1, 1)
+        self._anchored = np.array([float(b.anchored) for b in points]).reshape(k, 1, 1)
+        # which columns move the bodies of c1, and those of c2 where they move
+        moves = _moved(model, points) * self._signs[:, :, :, None]
+        self._moved = np.concatenate((moves[0], moves[1, :between]))
+        self._make_room(data, model.nv)
+        self._chosen = np.ascontiguousarray(np.broadcast_to(self._moved, self._parts.shape))
+
+    def _make_room(self, data: Any, n: int) -> None:
+        """Make the memory of columns and parts, and the views into it that are wanted."""
+        k, between = self.k, self.between
+        # views into data's own memory; of a single coordinate Pinocchio has vectors
+        J, A, A_v, dJ = (part.reshape(6, n) for part in (data.J, data.dAdq, data.dAdv, data.dJ))
+        self._left, self._columns = (J, A, A_v, dJ[3:], dJ[:3]), np.zeros((24, n))
+        self._first_columns = self._columns[:_DJ]  # what accelerations change with
+        # J, -a_q and -a_v, and F x Ja where a body 2 moves
+        kinds = 4 if between else 3
+        self._accelerated = _factors(*_ACCELERATED, *([_PUSHED] if between else []))
+        self._flat_parts = np.zeros((3 * kinds * (k + between), n))
+        self._parts = parts = self._flat_parts.reshape(k + between, 3, kinds, n)
+        self._slip_between, self._of_c2 = parts[:between], parts[k:]
+        self._stacked_slip = parts[:k].reshape(k, 3, kinds * n)
+        self._J2T = parts[k:, :, 0].reshape(-1, n).T
+        self._turned = parts[:between, :, -1].reshape(-1, n)
+        self._rotated = np.zeros((k, 3, kinds * n))
+        rows = self._rotated.reshape(3 * k, kinds, n)
+        self._J, self._by_state = rows[:, 0], rows[:, 1:3]
+
+    def write(
+        self, lam: Array, pulls: Array, by_state: Array, J: Array, ends: PointEnds | None = None
+    ) -> None:
+        """Write J (m, nv) and by_state, -[s_q, s_v]; add what turns of J^T lam to pulls, -r_q.
+
+        `ends` are those of all points, if they were evaluated with this lam already.
+        """
+        ends = ends or self._evaluated(lam)
+        ends.of_c1[:] = ends.of_c2
+        np.concatenate(self._left, out=self._columns)
+        self._of_ends(ends.known, self._accelerated, self._first_columns, self._flat_parts)
+        self._parts *= self._chosen
+        self._slip_between -= self._of_c2
+        np.matmul(ends.axes1, self._stacked_slip, out=self._rotated)
+        parts = by_state.reshape(-1, 2, self._n)
+        J[self._rows], parts[self._rows] = self._J, self._by_state
+        if self.between:
+            pulls += self._J2T.dot(self._turned)
+        if self._drift:
+            by_q = self._drift.Kp * self._c_q(ends, J)
+            by_q += self._drift.Kd * self._v_q(ends)
+            parts[self._rows, 0] -= by_q.reshape(-1, self._n)
+
+    def turning(self, out: Array) -> None:
+        """Write v_q (m, nv) of these rows."""
+        self._ends.evaluate()
+        np.concatenate(self._left, out=self._columns)
+        out[self._rows] = self._v_q(self._ends).reshape(-1, self._n)
+
+    def _evaluated(self, lam: Array) -> PointEnds:
+        """Return where the points are, with their forces if those have a part in it."""
+        self._ends.evaluate()
+        if self.between:
+            self._ends.push(self._signs * lam[self._rows].reshape(-1, 1, 3))
+        return self._ends
+
+    def _of_ends(
+        self, known: Array, factors: Array, columns: Array, out: Array | None = None
+    ) -> Array:
+        """Return what some factors make of the columns, for c1 and behind all of them c2."""
+        known = known[: self.k + self.between]
+        return known.dot(factors).reshape(-1, len(columns)).dot(columns, out)  # type: ignore[no-any-return]
+
+    def _v_q(self, ends: PointEnds) -> Array:
+        """Return the partials of J v by q (k, 3, nv)."""
+        known = ends.known.copy()
+        known[: self.k, _MOVING] = known[self.k :, _MOVING]
+        parts = self._of_ends(known, _MOVED, self._columns).reshape(-1, 3, self._n)
+        parts *= self._moved[:, 0]
+        parts[: self.between] -= parts[self.k :]
+        return np.asarray(ends.axes1 @ parts[: self.k])
+
+    def _c_q(self, ends: PointEnds, J: Array) -> Array:
+        """Return the partials of the violation (k, 3, nv), zero without an anchor."""
+        apart = skews(ends.places[1, :, _P] - ends.places[0, :, _P])
+        turned = ends.axes1 @ apart @ (self._moved[: self.k, 0] * self._left[0][3:])
+        return np.asarray(self._anchored * (J[self._rows].reshape(self.k, 3, -1) - turned))
+
+
+def _moved(model: Any, points: Sequence[Bound]) -> Array:
+    """Return (2, k, 1, 1, nv): one where a column moves the body of c1, or that of c2."""
+    moved = np.zeros((2, len(points), 1, 1, model.nv))
+    for i, b in enumerate(points):
+        for end, joint in enumerate((b.joint1, b.joint2)):
+            for above in list(model.supports[joint])[1:]:
+                at = model.idx_vs[above]
+                moved[end, i, ..., at : at + model.nvs[above]] = 1.0
+    return moved
+
+
+# How the rows of what rolls change with q and v, at fixed accelerations and forces.
+#
+# The rows are in `condyn_pin.constraints.rows.special`: T s' + T' s, with T and r turning as the
+# normal does in the axes of the body. So each of these vectors x is carried along with its partials
+# x_q, its rate x' and the partials x'_q; those by v need no room, x'_v = x_q. For what is fixed in
+# the world,
+#
+#     x_q = x x J_w,    x' = x x w,    x'_q = -w x x_q + x x w_q,
+#
+# and the product rule does the rest.
+
+
+class RollingPartials:
+    """The partials of all that rolls in one scene."""
+
+    def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
+        self._frames, self._drift = frames, drift
+        self._bounds = [b for b in bounds if isinstance(b, Rolled)]
+        self.k = len(self._bounds)
+
+    def write(self, lam: Array, pulls: Array, by_state: Array, J: Array) -> None:
+        """Write J (m, nv) and by_state, -[s_q, s_v]; add what turns of J^T lam to pulls, -r_q."""
+        n = J.shape[1]
+        for b in self._bounds:
+            one = self._frames.end(b.joint1, b.placement1)
+            of = self._rows(b, one, lam[b.rows])
+            J[b.rows] = of.J
+            by_state[b.rows, :n], by_state[b.rows, n:] = -of.s_q, -of.s_v
+            pulls += one.J.T @ of.wrench_q
+
+    def turning(self, out: Array) -> None:
+        """Write the partials (m, nv) of J v by q."""
+        for b in self._bounds:
+            out[b.rows] = v_q_of_touch(self._touch(b, self._frames.end(b.joint1, b.placement1)))
+
+    def by_frame(self, b: Rolled, lam: Array) -> tuple[Array, Array]:
+        """Return r (nv, 6) and s (rows, 6) by a twist of the frame in the middle on its body."""
+        one = self._frames.end(b.joint1, b.placement1)
+        of = self._rows(b, one.by_twist(), lam)
+        return -one.J.T @ (of.wrench_q + dual_cross(self._wrench(b, lam))), of.s_q
+
+    def _rows(self, b: Rolled, one: End, lam: Array) -> Rows:
+        """Return the partials of one; s_q has the part of drift control."""
+        touch = self._touch(b, one)
+        of = rows_of_touch(touch, lam)
+        if self._drift:
+            c_q = np.zeros_like(of.J)
+            held = [row - b.rows.start for row in b.positioned]
+            c_q[held] = of.J[held]  # the rate of the gap is J v
+            v_q = v_q_of_touch(touch)
+            of = of._replace(s_q=of.s_q + self._drift.Kp * c_q + self._drift.Kd * v_q)
+        return of
+
+    def _touch(self, b: Rolled, one: End) -> Touch:
+        R = (self._frames.data.oMi[b.joint1] * b.placement1).rotation.T @ b.placement2.rotation
+        return touch_of(b, one, R)
+
+    def _wrench(self, b: Rolled, lam: Array) -> Array:
+        """Return the wrench (6,) of a force at the origin of c1, in its axes."""
+        oMi = self._frames.data.oMi[b.joint1]
+        at_point = pin.Force(b.whole(lam), np.zeros(3))
+        return np.array((oMi * b.placement1).actInv(b.touching(oMi)).act(at_point).vector)
+
+
+class Vector(NamedTuple):
+    """A vector that turns with the state, in the axes of the body."""
+
+    x: Array  # (3,)
+    x_q: Array  # (3, nv)
+    dot: Array  # (3,)
+    dot_q: Array  # (3, nv)
+
+    def mapped(self, A: Array) -> Vector:
+        """Return A x for a constant matrix."""
+        return Vector(*(A @ part for part in self))
+
+    def cross(self, y: Vector) -> Vector:
+        """Return x x y."""
+        X, Y, X_dot, Y_dot = (_skew(part) for part in (self.x, y.x, self.dot, y.dot))
+        return Vector(
+            X @ y.x,
+            X @ y.x_q - Y @ self.x_q,
+            X_dot @ y.x + X @ y.dot,
+            X_dot @ y.x_q + X @ y.dot_q - Y_dot @ self.x_q - Y @ self.dot_q,
+        )
+
+    def unit(self) -> Vector:
+        """Return x / |x|; zero where x vanishes."""
+        size = float(np.linalg.norm(self.x))
+        shrink = 1.0 / size if size > FLAT else 0.0
+        x = shrink * self.x
+        across = shrink * (np.eye(3) - np.outer(x, x))
+        x_q, dot = across @ self.x_q, across @ self.dot
+        # dot |x| = x' - x (x . x'), differentiated
+        along, along_q = x @ self.dot, self.dot @ x_q + x @ self.dot_q
+        dot_q = shrink * (self.dot_q - np.outer(x, along_q) - along * x_q)
+        return Vector(x, x_q, dot, dot_q - shrink * np.outer(dot, x @ self.x_q))
+
+
+class Touch(NamedTuple):
+    """The lowest point r, the axes of the rows that are held, and the slip with its rate."""
+
+    r: Vector
+    axes: tuple[Vector, ...]
+    slip: Array  # (3,), s
+    slip_q: Array  # (3, nv)
+    slip_v: Array
+    rate: Array  # (3,), s'
+    rate_q: Array
+    rate_v: Array
+
+
+class Rows(NamedTuple):
+    """Partial derivatives of the rows, and of their wrench at the origin of c1, in its axes."""
+
+    J: Array  # (rows, nv)
+    s_q: Array  # (rows, nv), of J a + gamma
+    s_v: Array  # (rows, nv)
+    wrench_q: Array  # (6, nv)
+
+
+def touch_of(b: Rolled, one: End, R: Array) -> Touch:
+    """Return how the lowest point moves; R turns vectors of the plane into the body's axes."""
+    n = _fixed_in_world(one, R[:, 2])
+    if b.axle is None:
+        t, r = _fixed_in_world(one, R[:, 0]), n.mapped(-b.radius * np.eye(3))
+    else:
+        e = _skew(np.eye(3)[b.axle])
+        t = n.mapped(e).unit()
+        r = t.mapped(b.radius * e)
+    axes = (t, n.cross(t), n)
+    W, A, r_x, r_dot_x = (_skew(x) for x in (one.v[3:], one.a[3:], r.x, r.dot))
+    return Touch(
+        r,
+        tuple(axes[i] for i in b.selection),
+        slip=one.v[:3] + W @ r.x,
+        slip_q=one.v_q[:3] - r_x @ one.v_q[3:] + W @ r.x_q,
+        slip_v=one.J[:3] - r_x @ one.J[3:],
+        rate=one.a[:3] + A @ r.x + W @ r.dot,
+        rate_q=one.a_q[:3] - r_x @ one.a_q[3:] + A @ r.x_q + W @ r.dot_q - r_dot_x @ one.v_q[3:],
+        rate_v=one.a_v[:3] - r_x @ one.a_v[3:] + W @ r.x_q - r_dot_x @ one.J[3:],
+    )
+
+
+def rows_of_touch(of: Touch, lam: Array) -> Rows:
+    """Return the partials of the rows and of the force lam."""
+    J = np.array([t.x @ of.slip_v for t in of.axes])
+    s_q = np.array(
+        [t.x @ of.rate_q + of.rate @ t.x_q + t.dot @ of.slip_q + of.slip @ t.dot_q for t in of.axes]
+    )
+    s_v = np.array([t.x @ of.rate_v + t.dot @ of.slip_v + of.slip @ t.x_q for t in of.axes])
+    force = sum((f * t.x for f, t in zip(lam, of.axes, strict=True)), np.zeros(3))
+    force_q = sum((f * t.x_q for f, t in zip(lam, of.axes, strict=True)), np.zeros_like(of.slip_q))
+    moment_q = _skew(of.r.x) @ force_q - _skew(force) @ of.r.x_q
+    return Rows(J, s_q, s_v, np.concatenate([force_q, moment_q]))
+
+
+def v_q_of_touch(of: Touch) -> Array:
+    """Return the partials of J v by q."""
+    return np.array([t.x @ of.slip_q + of.slip @ t.x_q for t in of.axes])
+
+
+def _fixed_in_world(one: End, x: Array) -> Vector:
+    X, w = _skew(x), one.v[3:]
+    x_q = X @ one.J[3:]
+    return Vector(x, x_q, X @ w, X @ one.v_q[3:] - _skew(w) @ x_q)
