@@ -35,7 +35,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
 from condyn_pin.constraints import Ball, Plane
 from condyn_pin.contact import SemismoothNewton
-from condyn_pin.model.lock import lock_joints
+from condyn_pin.model.smaller import lock_joints
 from condyn_pin.simulation import BatchStepDerivatives, step_batch, step_derivatives_batch
 from condyn_pin.simulation.contact_columns import candidates_of
 

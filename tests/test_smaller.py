@@ -17,7 +17,7 @@ from condyn_pin._core.joints import indices
 from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.errors import InvalidArgument, InvalidConstraint, UnknownName
-from condyn_pin.model.smaller_robot import smaller_tree
+from condyn_pin.model.smaller import smaller_tree
 
 ARMS = tuple(f"arm_{side}_{i}_joint" for side in ("left", "right") for i in range(1, 8))
 SPRINGS = tuple(

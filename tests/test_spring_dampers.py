@@ -16,7 +16,7 @@ from viewed import drawing
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.model.spring_dampers import SpringDampers
+from condyn_pin.model.springs import SpringDampers
 from condyn_pin.simulation.implicit import with_rows
 from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.system import System

@@ -13,7 +13,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin._core.joints import indices
 from condyn_pin.io.robot_toml import chosen_config
-from condyn_pin.model.lock import lock_joints
+from condyn_pin.model.smaller import lock_joints
 
 FREE, LOCKED = {"springs": "free"}, {"springs": "locked"}
 BALL, HINGE = {"achilles": "ball"}, {"achilles": "as_file"}

@@ -31,7 +31,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import UNLIMITED
 from condyn_pin.control.motion import entry_names
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.model.limits import Limits
+from condyn_pin.model.joints import Limits
 from condyn_pin.model.robot import Robot
 
 # What a joint brakes with at least, as a share of what its motor does without a load: one that its

@@ -9,7 +9,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.model.robot_joints import coordinate_names
+from condyn_pin.model.joints import coordinate_names
 
 # How `Solution` and `BatchSolution` call the numbers of `Residuals`.
 _ERRORS = {

@@ -15,7 +15,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.errors import InvalidArgument, InvalidModel, MissingExtra
-from condyn_pin.model.spring import Spring, SpringDamper
+from condyn_pin.model.springs import Spring, SpringDamper
 
 # Name, mass [kg], and inertia about the centre of mass [kg m^2]
 Body = tuple[str, float, Array]

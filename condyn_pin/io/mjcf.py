@@ -48,7 +48,7 @@ from condyn_pin.io.mjcf_file import (
     require_mujoco,
 )
 from condyn_pin.io.xml import place
-from condyn_pin.model.spring import Spring, SpringDamper
+from condyn_pin.model.springs import Spring, SpringDamper
 from condyn_pin.model.tree import DrawnJoint, DrawnTree
 
 KINDS: Final = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint

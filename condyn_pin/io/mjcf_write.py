@@ -43,7 +43,7 @@ from condyn_pin.io.mjcf import DRAWN
 from condyn_pin.io.shapes import Shape as Drawn
 from condyn_pin.io.shapes import shapes_of
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.spring import Spring
+from condyn_pin.model.springs import Spring
 
 
 def to_mjcf(

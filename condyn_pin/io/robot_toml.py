@@ -31,10 +31,9 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName, unknown_name
 from condyn_pin.io.description import Description, check_root_joint, description_file
 from condyn_pin.io.xml import place
-from condyn_pin.model.limits import Limits
-from condyn_pin.model.lock import lock_joints
+from condyn_pin.model.joints import Limits, with_values
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.robot_joints import with_values
+from condyn_pin.model.smaller import lock_joints
 
 _UNKNOWN = "unknown"
 

@@ -35,7 +35,7 @@ from condyn_pin.io.sdf_tree import (
     with_copies,
 )
 from condyn_pin.io.xml import place
-from condyn_pin.model.spring import Spring
+from condyn_pin.model.springs import Spring
 
 # Settings of joints that change nothing, or that a scene adds, and those that change the motion.
 _FRICTION: Final = "joint friction, which JointFriction adds to the contacts of a scene"

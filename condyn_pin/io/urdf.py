@@ -46,7 +46,7 @@ from condyn_pin.io.urdf_loops import (
     read_beside,
 )  # fmt: skip
 from condyn_pin.io.xml import Schema, Tag, check_counts, label, open_xml, place
-from condyn_pin.model.smaller_robot import copy_numbers
+from condyn_pin.model.smaller import copy_numbers
 
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 # What <gazebo> says of a link, a joint or all of it, and the texts that mean nothing.

@@ -25,7 +25,7 @@ from condyn_pin.lab.hierarchy_table import HierarchyRow, HierarchyTable
 from condyn_pin.mechanism.reduction.price import answers, compare
 from condyn_pin.mechanism.reduction.same_motion import same_motion, standing_torque
 from condyn_pin.mechanism.reduction.trials import time_trials, trial
-from condyn_pin.model.smaller_robot import free_flyers
+from condyn_pin.model.smaller import free_flyers
 
 # Torque of each motor beside what standing takes, as a share of the weight at one metre.
 _PUSH = 0.02

@@ -13,7 +13,7 @@ from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.layers.layer_map import Shape
-from condyn_pin.model.weighing import weighing
+from condyn_pin.model.smaller import weighing
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.routes.base import Route, check_parameters, linear_steps
 from condyn_pin.simulation.routes.columns import Columns

@@ -16,7 +16,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.layers.layer_map import Pair
 from condyn_pin.layers.state_map import StateMap
-from condyn_pin.model.weighing import weighing
+from condyn_pin.model.smaller import weighing
 
 
 class SolveChange:

@@ -24,7 +24,7 @@ from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
 from condyn_pin.mechanism.closing import BUDGET, ORDINARY, Closer, Closing
-from condyn_pin.model.limits import NO_LIMITS, Limits
+from condyn_pin.model.joints import NO_LIMITS, Limits
 
 
 @one_blas_thread

@@ -17,7 +17,7 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.assembling import best_end, nominal_configuration
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
 from condyn_pin.mechanism.closing import Closer
-from condyn_pin.model.limits import NO_LIMITS
+from condyn_pin.model.joints import NO_LIMITS
 
 # Steps on the way from the nominal configuration to one that is not found at once.
 _STEPS = 8

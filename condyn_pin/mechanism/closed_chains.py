@@ -37,7 +37,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidModel
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.clusters import Cluster, clusters, isolated
-from condyn_pin.model.limits import NO_LIMITS, Limits
+from condyn_pin.model.joints import NO_LIMITS, Limits
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.soundness import singular_mass
 

@@ -41,7 +41,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.at_state import by_digits, equations_of
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.model.limits import NO_LIMITS, Limits
+from condyn_pin.model.joints import NO_LIMITS, Limits
 
 _DONE = 1e-13  # |c|: rounding, for robots of some metres [m, rad]
 _FLOOR = 1e-15  # of mu, relative to the trace of J J^T: redundant rows leave it singular

@@ -14,7 +14,7 @@ from condyn_pin.mechanism.assembling import assembly_of, best_end, nominal_confi
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.projection import nearest
-from condyn_pin.model.limits import NO_LIMITS
+from condyn_pin.model.joints import NO_LIMITS
 
 
 @one_blas_thread

@@ -21,7 +21,7 @@ from .mechanisms.rolling import sleigh as sleigh
 from .mechanisms.rolling import unicycle as unicycle
 from .mechanisms.stewart import stewart as stewart
 from .robot import Robot as Robot
-from .smaller_robot import depth_first as depth_first
-from .spring import Spring as Spring
-from .spring import SpringDamper as SpringDamper
-from .together import together as together
+from .smaller import depth_first as depth_first
+from .smaller import together as together
+from .springs import Spring as Spring
+from .springs import SpringDamper as SpringDamper

@@ -2,41 +2,183 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from sys import getrefcount
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core import tolerances
+from condyn_pin._core import show, tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import Arguments, counted
+from condyn_pin._core.arguments import Arguments, counted, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin.constraints.base import Constraint
+from condyn_pin._core.joints import rotation_fault
+from condyn_pin.constraints.base import WORLD, Constraint, check_size
+from condyn_pin.constraints.kinds import of_loops
 from condyn_pin.constraints.rows.equations import least_pivots
-from condyn_pin.errors import InvalidModel, StaleModel
-from condyn_pin.model import robot_joints
-from condyn_pin.model.robot_fields import (
-    check_ends,
-    check_joints,
-    check_origin,
-    check_precision,
-    lists,
-    members,
-    postures,
-)
-from condyn_pin.model.robot_frames import find_frame, model_with_frame
-from condyn_pin.model.spring import Spring, SpringDamper
-from condyn_pin.model.spring_dampers import spring_dampers_of
+from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
+from condyn_pin.model import joints as robot_joints
+from condyn_pin.model.joints import joint_of
+from condyn_pin.model.soundness import check_model
+from condyn_pin.model.springs import Spring, SpringDamper, spring_dampers_of
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.base import Contact
     from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
     from condyn_pin.constraints.contacts.joint_limit import JointLimit
     from condyn_pin.constraints.contacts.shapes import Plane
+
+
+# What the fields of a Robot have to be.
+
+
+# The fields that are lists, and what is in them, but for loops: of these kinds may be more.
+_MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {
+    "contacts": (Constraint,),
+    "actuated": (str,),
+    "springs": (Spring,),
+    "spring_dampers": (SpringDamper,),
+    "unused": (str,),
+    "unmodelled": (str,),
+    "package_dirs": (str,),
+}
+
+
+def lists() -> Mapping[str, tuple[type, ...]]:
+    """Return the fields that are lists, and what is in them."""
+    return {"loops": of_loops(), **_MEMBERS}
+
+
+def members(argument: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
+    """Return a list of things of some kinds as a tuple, or raise InvalidArgument."""
+    wanted = " or ".join(kind.__name__ for kind in kinds)
+    if isinstance(value, (str, Mapping)) or not isinstance(value, Iterable):
+        raise InvalidArgument(f"{argument} = {value!r}: a list of {wanted} is needed")
+    found = tuple(value)
+    for member in found:
+        if not isinstance(member, kinds):
+            raise InvalidArgument(f"{argument}: {member!r} is not a {wanted}")
+    return found
+
+
+def check_origin(name: Any, model: Any) -> None:
+    """Raise InvalidArgument or InvalidModel unless a name is a text, and a model is sound."""
+    if not isinstance(model, pin.Model):
+        raise InvalidArgument(
+            f"model = {type(model).__name__}: a pinocchio.Model is needed; "
+            "load_robot reads one from a file"
+        )
+    if not isinstance(name, str):
+        raise InvalidArgument(f"name = {name!r}: a text is needed")
+    check_model(model)
+
+
+def check_precision(precision: Any) -> None:
+    """Raise InvalidArgument unless a precision is a number that leaves rows to count."""
+    if not 0.0 <= finite("precision", precision, ()) <= tolerances.LEAST_PRECISE:
+        raise InvalidArgument(
+            f"precision = {precision!r}: a number from 0 to {tolerances.LEAST_PRECISE:g} is "
+            "needed, 1e-5 for a file with five digits"
+        )
+
+
+def check_joints(robot: Robot) -> None:
+    """Raise UnknownName, InvalidArgument or InvalidModel unless motors and springs have joints."""
+    for joint in robot.actuated:
+        joint_of(robot.model, joint)
+        if robot.actuated.count(joint) > 1:
+            raise InvalidArgument(f"actuated: {joint!r} is named twice; name it once")
+    for spring in robot.springs:
+        if joint_of(robot.model, spring.joint).nq != 1:
+            raise InvalidModel(
+                f"spring on {spring.joint!r}: a joint with one degree of freedom is needed"
+            )
+
+
+def check_ends(robot: Robot) -> None:
+    """Raise UnknownName or InvalidModel unless spring-dampers are between frames of two bodies."""
+    for each in robot.spring_dampers:
+        if robot.frame(each.frame_a)[0] == robot.frame(each.frame_b)[0]:
+            raise InvalidModel(
+                f"spring-damper between {each.frame_a!r} and {each.frame_b!r}: both are on one "
+                "body, where it does nothing; frames of two bodies are needed"
+            )
+
+
+def postures(model: Any, value: Any) -> Mapping[str, Array]:
+    """Return configurations by name, normalised and not to be written, or raise InvalidArgument."""
+    if not isinstance(value, Mapping):
+        raise InvalidArgument(f"postures = {value!r}: a mapping of names is needed")
+    return MappingProxyType({name: _posture(model, name, q) for name, q in value.items()})
+
+
+def _posture(model: Any, name: str, q: ArrayLike) -> Array:
+    if not isinstance(name, str):
+        raise InvalidArgument(f"postures: {name!r} is not the name of a posture")
+    array = normalised(model, f"posture {name!r}", q)
+    array.flags.writeable = False
+    return array
+
+
+# The frames of a Robot: which joint carries one, and a model with one more.
+
+
+def find_frame(robot: Robot, name: str) -> tuple[int, Any]:
+    """Return the joint that carries a frame, and where it is on it; see `Robot.frame`."""
+    if not isinstance(name, str):
+        raise InvalidArgument(f"frame = {name!r}: the name of a frame is needed")
+    found = [frame for frame in robot.model.frames if frame.name == name]
+    if name in WORLD:
+        if any(f.parentJoint or f.placement != pin.SE3.Identity() for f in found):
+            raise InvalidModel(
+                f"frame {name!r} of {robot.name} has the world's name and is elsewhere; rename it"
+            )
+        return 0, pin.SE3.Identity()
+    if not found and name in robot.joints:  # a model that was built has joints, and no frames
+        return int(robot.model.getJointId(name)), pin.SE3.Identity()
+    if not found:
+        raise unknown_name("frame", name, robot.frames)
+    first = found[0]
+    for other in found[1:]:
+        if other.parentJoint != first.parentJoint or other.placement != first.placement:
+            raise InvalidModel(
+                f"frame {name!r} of {robot.name} exists {len(found)} times in different "
+                "places; rename one of them or add your own with Robot.with_frame"
+            )
+    return int(first.parentJoint), pin.SE3(first.placement)
+
+
+def model_with_frame(
+    robot: Robot, name: str, parent: str, translation: Any, rotation: ArrayLike | None
+) -> Any:
+    """Return the robot's model with one more frame; see `Robot.with_frame`."""
+    if not isinstance(name, str) or not name:
+        raise InvalidArgument(f"name = {name!r}: a text is needed")
+    if name in robot.frames or name in WORLD:
+        raise InvalidArgument(f"name = {name!r}: {robot.name} has a frame of this name")
+    joint, placement = find_frame(robot, parent)
+    if isinstance(translation, pin.SE3):
+        if rotation is not None:
+            raise InvalidArgument("rotation: the placement has one; leave it out")
+        translation, rotation = translation.translation, translation.rotation
+    p = finite("translation", translation, (3,))
+    check_size("translation", *p)
+    R = finite("rotation", np.eye(3) if rotation is None else rotation, (3, 3))
+    fault = rotation_fault(R)
+    if fault:
+        raise InvalidArgument(
+            f"rotation = {R.tolist()}: {fault}; an orthonormal matrix with determinant 1 is needed"
+        )
+    model = pin.Model(robot.model)
+    model.addFrame(pin.Frame(name, joint, 0, placement * pin.SE3(R, p), pin.FrameType.OP_FRAME))
+    return model
+
+
+# Robot: a Pinocchio model with what its description says beside it.
 
 
 class _Model:
@@ -424,7 +566,7 @@ class Robot:
     def limits(self) -> tuple[JointLimit, ...]:
         """Return the stops of all joints with a finite limit, for `Scene(contacts=...)`."""
         from condyn_pin.constraints.contacts.joint_limit import JointLimit
-        from condyn_pin.model.limits import Limits
+        from condyn_pin.model.joints import Limits
 
         return tuple(JointLimit(joint) for joint in dict.fromkeys(Limits.of(self.model).joints))
 
@@ -528,8 +670,6 @@ class Robot:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        from condyn_pin.model.robot_html import robot_html
-
         return robot_html(self)
 
     def __repr__(self) -> str:
@@ -538,3 +678,53 @@ class Robot:
             f"{counted(len(self.loops), 'loop')}, "
             f"postures: {', '.join(self.postures) or 'none'})"
         )
+
+
+# A Robot as a notebook shows it.
+
+
+def robot_html(robot: Robot) -> str:
+    """Return what a robot is, its joints, loops, contacts, and what is not used."""
+    joints = [
+        (name, _kind(joint), _indices(joint.idx_q, joint.nq), _indices(joint.idx_v, joint.nv),
+         "motor" if name in robot.actuated else "")
+        for name, joint in zip(robot.joints, robot.model.joints[1:], strict=True)
+    ]  # fmt: skip
+    loops = [(loop.name, loop.title, str(loop.rows)) for loop in robot.loops]
+    contacts = [(contact.name, contact.title, str(contact.rows)) for contact in robot.contacts]
+    said = {
+        "coordinates": f"nq {robot.nq}, nv {robot.nv}",
+        "mass": f"{robot.mass:.6g} kg",
+        "motors": str(len(robot.actuated)),
+        "postures": ", ".join(robot.postures) or "none",
+        "source": robot.source or "unknown",
+        "licence": robot.licence or "unknown",
+    }
+    columns = ("name", "kind", "rows")
+    return show.page(
+        f"Robot {robot.name}",
+        show.facts(said.items()),
+        show.folded(
+            counted(len(joints), "joint"),
+            show.grid(("joint", "kind", "in q", "in v", ""), joints),
+            count=len(joints),
+        ),
+        show.folded(counted(len(loops), "loop"), show.grid(columns, loops), count=len(loops)),
+        show.folded(
+            counted(len(contacts), "ready-made contact"),
+            show.grid(columns, contacts),
+            count=len(contacts),
+        ),
+        show.folded(
+            "changes the motion, and is not modelled", show.notes(robot.unmodelled), count=0
+        ),
+        show.folded("in the file and not used", show.notes(robot.unused)),
+    )
+
+
+def _kind(joint: Any) -> str:
+    return str(joint.shortname()).removeprefix("JointModel")
+
+
+def _indices(start: int, count: int) -> str:
+    return str(start) if count == 1 else f"{start}:{start + count}"

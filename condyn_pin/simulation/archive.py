@@ -32,7 +32,7 @@ from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.model_words import model_of, model_words
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.spring import Spring, SpringDamper
+from condyn_pin.model.springs import Spring, SpringDamper
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator

@@ -7,7 +7,7 @@ from dataclasses import fields
 from typing import TYPE_CHECKING, Any
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.model.robot_joints import coordinate_names
+from condyn_pin.model.joints import coordinate_names
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.batch.batch_step import BatchStep

@@ -23,7 +23,7 @@ from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.rows.bound import ConstraintViolation, beyond_text
 from condyn_pin.errors import CondynError
 from condyn_pin.io.shapes import shapes_of
-from condyn_pin.model.limits import Limits
+from condyn_pin.model.joints import Limits
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.scene import Scene

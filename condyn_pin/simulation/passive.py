@@ -13,7 +13,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.spring_dampers import SpringDampers
+from condyn_pin.model.springs import SpringDampers
 
 
 @dataclass(frozen=True, eq=False)

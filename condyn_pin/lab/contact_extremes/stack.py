@@ -10,7 +10,7 @@ from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.lab.contact_extremes.base import HALF, Rng, contact_extreme, posed
 from condyn_pin.model.mechanisms.free_bodies import free_box
-from condyn_pin.model.together import together
+from condyn_pin.model.smaller import together
 
 
 def stacked(masses: list[float], friction: float, rng: Rng) -> ContactProblem:

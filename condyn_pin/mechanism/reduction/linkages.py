@@ -33,7 +33,7 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot
+from condyn_pin.model.smaller import free_flyers, sifted, smaller_robot
 
 
 def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> ReducedScene:

@@ -37,7 +37,7 @@ from condyn_pin.mechanism.reduction.states import checked_states, sampled
 from condyn_pin.mechanism.reduction.suggestions import Suggestion, suggestions
 from condyn_pin.mechanism.reduction.trials import time_trials, trial
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.smaller_robot import free_flyers
+from condyn_pin.model.smaller import free_flyers
 
 _SAMPLES = 10  # states that simplifications are chosen by
 _FRESH = 50  # states that the result is judged by

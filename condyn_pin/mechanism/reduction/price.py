@@ -23,7 +23,7 @@ from condyn_pin._core.timing import State
 from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
-from condyn_pin.model.smaller_robot import free_flyers
+from condyn_pin.model.smaller import free_flyers
 
 # Without corrections: errors of a model are not looked for below 1e-10.
 _REFERENCE = Reference(refinements=0)

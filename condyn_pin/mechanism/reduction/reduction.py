@@ -18,7 +18,7 @@ from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
-from condyn_pin.model.smaller_robot import free_flyers, sifted, smaller_robot, with_held
+from condyn_pin.model.smaller import free_flyers, sifted, smaller_robot, with_held
 
 
 def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:

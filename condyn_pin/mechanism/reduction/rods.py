@@ -32,7 +32,7 @@ from condyn_pin.errors import InvalidArgument, InvalidConstraint
 from condyn_pin.mechanism.reduction.linkages import check_passive
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.smaller_robot import smaller_robot
+from condyn_pin.model.smaller import smaller_robot
 
 RodMass = Literal["ends", "drop"]
 

@@ -29,9 +29,9 @@ from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.model.robot import Robot
-from condyn_pin.model.smaller_robot import free_flyers
+from condyn_pin.model.smaller import free_flyers
 from condyn_pin.model.soundness import singular_mass
-from condyn_pin.model.spring import Spring
+from condyn_pin.model.springs import Spring
 
 _ROUNDS = 30  # of the load on the springs; it settles by a factor of ten and more in each
 _SETTLED = 1e-12  # [rad]

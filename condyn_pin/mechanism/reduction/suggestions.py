@@ -17,7 +17,7 @@ from condyn_pin.mechanism.reduction.linkages import follows, without_linkage
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene
 from condyn_pin.mechanism.reduction.reduction import without
 from condyn_pin.mechanism.reduction.rods import is_rod, rods_as_distances
-from condyn_pin.model.smaller_robot import free_flyers
+from condyn_pin.model.smaller import free_flyers
 
 
 @dataclass(frozen=True)

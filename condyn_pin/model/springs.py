@@ -1,34 +1,119 @@
-"""The spring-dampers of a robot bound to its model: lengths, torques, energies, stiffness.
+"""Springs and dampers, in joints and between frames.
 
-With r the way from the origin of frame a to that of frame b, in the axes of the world, r' = J v,
-and n = r / l of the length l,
-
-    f = k (l - l0) + c n . r',    tau = -J^T n f,    E = 1/2 k (l - l0)^2.
-
-Moved by dr, the force changes by K3 dr + D3 dr',
-
-    K3 = k n n^T + max(k (1 - l0 / l), 0) (1 - n n^T),    D3 = c n n^T,
-
-and tau by J^T of that: the part of the stiffness that holds its ends, and none of what pushes them
-apart, so that implicit methods add nothing negative to M.
+Springs: on a joint, and between two frames; `Robot.passive_torque` applies them.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.threads import Kept
 from condyn_pin._core.trees import whole_data
+from condyn_pin.constraints.base import check_size, text
 from condyn_pin.constraints.forces import frame_jacobian
-from condyn_pin.model.spring import SpringDamper
+from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
     from condyn_pin.model.robot import Robot
+
+
+@dataclass(frozen=True)
+class Spring:
+    """A linear spring on a joint: tau = -stiffness (q - reference).
+
+    Parameters
+    ----------
+    joint : str
+        A joint with one degree of freedom.
+    stiffness : float
+        [N m/rad] or [N/m].
+    reference : float
+        Where it is relaxed [rad or m].
+
+    Raises
+    ------
+    InvalidArgument
+        If a number is not finite, or the joint is no name.
+    """
+
+    joint: str
+    stiffness: float  # [N m/rad] or [N/m]
+    reference: float = 0.0  # [rad] or [m]
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.joint, str) or not self.joint:
+            raise InvalidArgument(f"joint = {self.joint!r}: the name of a joint is needed")
+        for argument in ("stiffness", "reference"):
+            finite(argument, getattr(self, argument), ())
+
+
+@dataclass(frozen=True)
+class SpringDamper:
+    """A spring and a damper in parallel, between the origins of two frames.
+
+    f = stiffness (l - rest_length) + damping l'
+
+    with l the distance of the origins: f > 0 pulls the two bodies towards each other, each at the
+    origin of its frame. If the origins coincide there is no direction and no force. Near there the
+    direction changes from one step to the next, so to hold two points together use a `Loop`.
+
+    Parameters
+    ----------
+    frame_a, frame_b : str
+        Frames of two bodies, or one of a body and one of the world.
+    stiffness : float
+        Stiffness [N/m].
+    damping : float
+        Damping along the line between the frames [N s/m].
+    rest_length : float
+        Where it is relaxed [m].
+
+    Raises
+    ------
+    InvalidArgument
+        If a number is negative or not finite, or the frames are no two names.
+    """
+
+    frame_a: str
+    frame_b: str
+    stiffness: float  # [N/m]
+    damping: float = 0.0  # [N s/m]
+    rest_length: float = 0.0  # [m]
+
+    def __post_init__(self) -> None:
+        for argument in ("frame_a", "frame_b"):
+            text(argument, getattr(self, argument))
+        if self.frame_a == self.frame_b:
+            raise InvalidArgument(
+                f"frame_b = {self.frame_b!r} is frame_a too: a frame of another body is needed"
+            )
+        for argument in ("stiffness", "damping", "rest_length"):
+            value = getattr(self, argument)
+            if not finite(argument, value, ()) >= 0:
+                raise InvalidArgument(f"{argument} = {value!r}: zero or more is needed")
+            check_size(argument, float(value))
+
+
+# The spring-dampers of a robot bound to its model: lengths, torques, energies, stiffness.
+#
+# With r the way from the origin of frame a to that of frame b, in the axes of the world, r' = J v,
+# and n = r / l of the length l,
+#
+#     f = k (l - l0) + c n . r',    tau = -J^T n f,    E = 1/2 k (l - l0)^2.
+#
+# Moved by dr, the force changes by K3 dr + D3 dr',
+#
+#     K3 = k n n^T + max(k (1 - l0 / l), 0) (1 - n n^T),    D3 = c n n^T,
+#
+# and tau by J^T of that: the part of the stiffness that holds its ends, and none of what pushes
+# them apart, so that implicit methods add nothing negative to M.
+
 
 _ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
