@@ -30,7 +30,7 @@ import script
 from processor_time import processor_time
 
 import condyn_pin as cp
-from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.scene import motor_torque
 
 JSON = marks.ROOT / "benchmarks" / "results" / "at_scale.json"
 PAGE = "docs/how-to-run-at-scale.md"

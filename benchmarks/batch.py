@@ -35,7 +35,7 @@ from processor_time import processor_time
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
-from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.scene import motor_torque
 
 DIFFERENT = 1000  # more states would take longer to sample than to solve: they repeat
 JSON = marks.ROOT / "benchmarks" / "results" / "batch.json"

@@ -23,7 +23,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import condyn_pin as cp
 from condyn_pin._core.work import map_chunks
-from condyn_pin.dynamics.catalogue import standard_scenes
+from condyn_pin.dynamics.scene import standard_scenes
 from condyn_pin.study.fresh import FreshErrors
 from condyn_pin.study.measures import MEASURES
 from condyn_pin.study.states import SampledStates

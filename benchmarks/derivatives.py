@@ -20,8 +20,8 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin._core.timing import interleaved, machine
-from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
+from condyn_pin.dynamics.scene import motor_torque
 
 
 def main() -> None:

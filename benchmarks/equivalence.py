@@ -24,8 +24,8 @@ import condyn_pin as cp
 from condyn_pin._core.timing import machine
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.cli.words import solvers_of
-from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
-from condyn_pin.dynamics.choice import untaken
+from condyn_pin.dynamics.scene import motor_torque, standard_scenes
+from condyn_pin.dynamics.workspace import untaken
 from condyn_pin.study.tables import write_csv
 
 RESULTS = Path(__file__).resolve().parent / "results" / "equivalence.csv"

@@ -32,8 +32,8 @@ from processor_time import processor_time
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled
-from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
+from condyn_pin.dynamics.scene import motor_torque, standard_scenes
 
 JSON = marks.ROOT / "benchmarks" / "results" / "native_core.json"
 PAGE = "docs/how-to-run-at-scale.md"

@@ -19,7 +19,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core.timing import machine
-from condyn_pin.dynamics.catalogue import standard_scenes
+from condyn_pin.dynamics.scene import standard_scenes
 
 # What a first solve touches, all imported; scipy's LAPACK comes with the first scene.
 EVERYTHING = "import condyn_pin as cp; cp.load_robot; cp.Scene; cp.Workspace; cp.solve"

@@ -13,8 +13,8 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled
 from condyn_pin.constraints.loop import axis_of as axis_of
-from condyn_pin.dynamics.catalogue import motor_torque, standard_scenes
-from condyn_pin.dynamics.choice import untaken
+from condyn_pin.dynamics.scene import motor_torque, standard_scenes
+from condyn_pin.dynamics.workspace import untaken
 from condyn_pin.errors import MissingExtra
 
 try:

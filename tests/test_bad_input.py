@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
-from condyn_pin.dynamics.choice import untaken
+from condyn_pin.dynamics.workspace import untaken
 
 GRAVITY = 9.81
 Case = tuple[Callable[[], Any], str]

@@ -23,8 +23,8 @@ from shared import all_scenes
 import condyn_pin as cp
 from condyn_pin._core import rows, work
 from condyn_pin._core.work import Kind, SharedArrays, silent
-from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
+from condyn_pin.dynamics.scene import motor_torque
 from condyn_pin.simulation.batch.recipe import PickledRecipe, Recipe
 
 LABELS = ("talos contacts", "cassie loops", "four_bar loops", "solo12 alone")

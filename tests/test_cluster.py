@@ -11,8 +11,8 @@ from lost import KillsOnce
 from shared import all_scenes
 
 import condyn_pin as cp
-from condyn_pin.dynamics.catalogue import motor_torque
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
+from condyn_pin.dynamics.scene import motor_torque
 
 pytestmark = pytest.mark.once
 

@@ -17,7 +17,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Constraint, KnifeEdge, LineContact, PlanarContact, RollingBall
 from condyn_pin.contact import FrictionCone, WrenchCone, cone_rows, margins
-from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.solution import Sites
 
 G, MASS = 9.81, 2.0
 X, Y = 0.3, 0.2  # half the size of the block [m]

@@ -13,8 +13,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import constrained_aba, missing_constrained_aba
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics import PV, ConstrainedABA
-from condyn_pin.dynamics.choice import untaken
-from condyn_pin.dynamics.compiled_method import CompiledMethod
+from condyn_pin.dynamics.compiled import CompiledMethod
+from condyn_pin.dynamics.workspace import untaken
 
 each_kind = pytest.mark.parametrize("kind", [ConstrainedABA, PV])
 HELD = [label for label, scene in all_scenes().items() if not untaken(scene, ConstrainedABA())]

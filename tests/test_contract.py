@@ -25,7 +25,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.dynamics.choice import untaken
+from condyn_pin.dynamics.workspace import untaken
 
 
 def almost_hard(solver: cp.dynamics.Solver, softness: float) -> cp.dynamics.Solver:

@@ -44,7 +44,7 @@ from condyn_pin.control import (
     minimum_jerk,
     support_polygon,
 )
-from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.solution import Sites
 from condyn_pin.mechanism import anchored, project_velocity, without
 
 pytest.importorskip("proxsuite")

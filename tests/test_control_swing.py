@@ -15,7 +15,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact import FrictionCone
 from condyn_pin.control import CenterOfMass, Controller, FrameTask, Orientation, Posture
 from condyn_pin.control.swing import locked
-from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.solution import Sites
 from condyn_pin.mechanism import project_velocity
 
 pytest.importorskip("proxsuite")

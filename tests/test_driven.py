@@ -27,7 +27,7 @@ from condyn_pin.constraints import (
     analytic,
 )
 from condyn_pin.control import minimum_jerk
-from condyn_pin.dynamics.choice import untaken
+from condyn_pin.dynamics.workspace import untaken
 from condyn_pin.mechanism import complete_state
 from condyn_pin.simulation import INTEGRATORS
 

@@ -15,7 +15,7 @@ from shared import all_scenes, robot
 import condyn_pin as cp
 from condyn_pin._core.threads import Kept
 from condyn_pin.constraints import Driven, HeldJoint, Sine
-from condyn_pin.dynamics.compiled.core import CompiledCore
+from condyn_pin.dynamics.compiled import CompiledCore
 from condyn_pin.simulation.proved_steps import ProvedSteps
 
 FOUR_BAR, SOLO = "four_bar loops", "solo12 contacts"

@@ -16,7 +16,7 @@ import condyn_pin as cp
 from condyn_pin._core.joints import indices
 from condyn_pin._core.timing import Times
 from condyn_pin._core.tolerances import EXACT
-from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.scene import motor_torque
 from condyn_pin.lab import hierarchy
 from condyn_pin.lab.hierarchy import climb
 from condyn_pin.lab.hierarchy_table import draw_hierarchy, save_hierarchies

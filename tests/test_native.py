@@ -24,10 +24,10 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled
 from condyn_pin._core.tolerances import FORCES, SOLVED
-from condyn_pin.dynamics.catalogue import motor_torque
-from condyn_pin.dynamics.choice import default_solver
-from condyn_pin.dynamics.compiled import arrays
+from condyn_pin.dynamics import compiled as arrays
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
+from condyn_pin.dynamics.scene import motor_torque
+from condyn_pin.dynamics.workspace import default_solver
 from condyn_pin.errors import UnsupportedBackend
 
 pytestmark = pytest.mark.native

@@ -27,7 +27,7 @@ from condyn_pin.constraints import (
     Sine,
     analytic,
 )
-from condyn_pin.dynamics.compiled import arrays
+from condyn_pin.dynamics import compiled as arrays
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.simulation.batch.compiled_motions import MEASURED

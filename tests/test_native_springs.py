@@ -30,7 +30,7 @@ from test_spring_dampers import SPRINGS
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled
-from condyn_pin.dynamics.compiled import arrays
+from condyn_pin.dynamics import compiled as arrays
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.model import SpringDamper, free_box, together
 from condyn_pin.simulation import step_batch, step_derivatives_batch

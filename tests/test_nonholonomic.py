@@ -19,9 +19,9 @@ import condyn_pin as cp
 from condyn_pin import mechanism
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.dynamics.choice import untaken
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
-from condyn_pin.dynamics.derivatives.linearised import Linearisation
+from condyn_pin.dynamics.derivatives.kkt import Linearisation
+from condyn_pin.dynamics.workspace import untaken
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.integrability import _is_involutive, bracket
 from condyn_pin.model.mechanisms.base import add_rod, disc

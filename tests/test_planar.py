@@ -11,8 +11,8 @@ from shared import SOLVERS, axis_of, relative, robot
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.dynamics.choice import default_solver, untaken
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
+from condyn_pin.dynamics.workspace import default_solver, untaken
 
 FAST = [cp.Proximal(), *([cp.LCABA()] if HAS_LCABA else [])]
 SLANTED = pin.rpy.rpyToMatrix(0.4, -0.7, 1.1)

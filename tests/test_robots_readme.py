@@ -10,7 +10,7 @@ from shared import robot
 from test_robots import ROBOTS
 
 import condyn_pin as cp
-from condyn_pin.dynamics.catalogue import standard_scenes
+from condyn_pin.dynamics.scene import standard_scenes
 from condyn_pin.io.load import robots_folder
 
 FOLDERS = sorted(path.parent for path in robots_folder().glob("*/robot.toml"))

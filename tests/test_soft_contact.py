@@ -17,7 +17,7 @@ from condyn_pin.contact import (
     soft_contact,
     solve_contact,
 )
-from condyn_pin.dynamics.softness import DEFAULT_SOLIMP
+from condyn_pin.dynamics.solvers.soft import DEFAULT_SOLIMP
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model import free_box
 from condyn_pin.simulation import SoftStep

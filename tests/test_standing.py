@@ -31,7 +31,7 @@ from condyn_pin.control import (
     capturable_speed,
     push_bound,
 )
-from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.solution import Sites
 from condyn_pin.mechanism import anchored, put_down
 
 pytest.importorskip("proxsuite")

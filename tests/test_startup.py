@@ -14,7 +14,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.dynamics.catalogue import standard_scenes
+from condyn_pin.dynamics.scene import standard_scenes
 
 SCENES = {
     label: scene
@@ -26,7 +26,7 @@ ANALYSIS = (
     ("mechanism.closed_chains", "_chains"),
     ("mechanism.assembling", "assemble"),
     ("mechanism.closing", "Closer.close"),
-    ("dynamics.nominal_states", "nominal_states"),
+    ("dynamics.nominal", "nominal_states"),
     ("dynamics.nominal", "redundant_rows"),
     ("dynamics.solvers.reference", "Reference.solve"),
 )

@@ -16,7 +16,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.scene import motor_torque
 from peers.stepping import end_of, rk4
 
 STATES = 10

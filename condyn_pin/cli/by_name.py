@@ -9,7 +9,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.cli.words import pairs_in
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics.postures import described_posture
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 

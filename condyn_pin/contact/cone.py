@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, finite_rows, read_only
 from condyn_pin.constraints.base import WORLD, Constraint, Vector3, check_size, direction
-from condyn_pin.dynamics.force import ConstraintForce, upward
+from condyn_pin.dynamics.solution import ConstraintForce, upward
 from condyn_pin.errors import InvalidArgument
 
 Pyramid = Literal["inner", "outer"]

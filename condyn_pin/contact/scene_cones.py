@@ -16,9 +16,8 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.cone import FAULTS, Cone, ConeRows, Margin, turned
 from condyn_pin.dynamics.at_state import equations_of
-from condyn_pin.dynamics.force import upward
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.solution import upward
 from condyn_pin.errors import InvalidArgument, unknown_name
 
 Cones: TypeAlias = Cone | Mapping[str, Cone]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.dynamics.softness import (
+from condyn_pin.dynamics.solvers.soft import (
     DEFAULT_SOLIMP,
     DEFAULT_SOLREF,
     SolImp,

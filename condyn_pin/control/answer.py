@@ -13,8 +13,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.contact.cone import Margin
 from condyn_pin.contact.scene_cones import Cones, margins
 from condyn_pin.control.actuation import Actuation
-from condyn_pin.dynamics.force import ConstraintForce, Sites
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import ConstraintForce, Sites
 
 _AGAINST = 6  # rows that a text lists
 

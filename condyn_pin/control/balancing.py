@@ -39,9 +39,8 @@ from condyn_pin.control.support import (
     margin_within,
     plane_of,
 )
-from condyn_pin.dynamics.force import Sites, upward
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene
+from condyn_pin.dynamics.solution import Sites, upward
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -29,8 +29,8 @@ from condyn_pin.control.control_limits import torque_limits
 from condyn_pin.control.program import rigid_rows
 from condyn_pin.control.support import SupportPlane, hull, touching_points
 from condyn_pin.dynamics.at_state import told
-from condyn_pin.dynamics.force import Sites
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import Infeasible, InvalidArgument
 from condyn_pin.model.soundness import singular_mass
 

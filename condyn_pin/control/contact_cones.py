@@ -14,8 +14,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import pivots
 from condyn_pin.contact.cone import Cone
 from condyn_pin.contact.scene_cones import Cones
-from condyn_pin.dynamics.force import upward
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import upward
 from condyn_pin.errors import InvalidArgument, unknown_name
 
 

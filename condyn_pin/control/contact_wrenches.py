@@ -16,7 +16,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
 from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.contact_cones import ContactCones
-from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import InvalidArgument
 
 

@@ -31,8 +31,7 @@ from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgram
 from condyn_pin.control.tasks.base import Task
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_at_all_times, check_bilateral, check_scene
+from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_bilateral, check_scene
 from condyn_pin.errors import InvalidArgument, MissingExtra, UnsupportedBackend
 
 if TYPE_CHECKING:

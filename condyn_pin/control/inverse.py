@@ -21,8 +21,8 @@ from condyn_pin.control.distribution.base import ForceDistribution
 from condyn_pin.control.drive import Drive
 from condyn_pin.control.inverse_answer import InverseDynamics
 from condyn_pin.dynamics.at_state import State, at_state, load_on
-from condyn_pin.dynamics.force import Sites
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import InvalidArgument
 
 

@@ -12,8 +12,8 @@ from condyn_pin._core.arguments import counted
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.control.actuation import Actuation
-from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import ConstraintForce, Sites, pulling
 
 # Torques are large where motors drive a direction this much more weakly than their strongest.
 _WEAK = 1e-3

@@ -15,7 +15,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.control.support import touching_points
-from condyn_pin.dynamics.force import Sites, upward
+from condyn_pin.dynamics.solution import Sites, upward
 
 
 class Pressure(NamedTuple):

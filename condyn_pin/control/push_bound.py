@@ -34,9 +34,8 @@ from condyn_pin.contact.scene_cones import Cones
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.braking import Brake
 from condyn_pin.control.support import along_plane, level_floor
-from condyn_pin.dynamics.force import Sites
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral, check_not_driven, check_scene
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven, check_scene
+from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.anchoring import anchored
 

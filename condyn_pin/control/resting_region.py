@@ -34,9 +34,8 @@ from condyn_pin.control.support import (
     plane_of,
     touching_points,
 )
-from condyn_pin.dynamics.force import Sites, upward
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene
+from condyn_pin.dynamics.solution import Sites, upward
 from condyn_pin.errors import InvalidArgument
 
 _MOST_CORNERS = 200  # of a region on uneven ground; round cones have more

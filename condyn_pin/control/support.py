@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import z_along
-from condyn_pin.dynamics.force import Sites, upward
+from condyn_pin.dynamics.solution import Sites, upward
 from condyn_pin.errors import InvalidArgument
 
 

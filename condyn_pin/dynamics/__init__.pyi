@@ -1,14 +1,14 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
-from .contact_gaps import contact_gaps as contact_gaps
+from .at_state import contact_gaps as contact_gaps
 from .derivatives.base import Derivatives as Derivatives
-from .force import ConstraintForce as ConstraintForce
 from .impacts import Impact as Impact
 from .impacts import impact as impact
 from .nominal import NominalAnalysis as NominalAnalysis
-from .postures import described_posture as described_posture
+from .nominal import described_posture as described_posture
 from .residuals import Residuals as Residuals
 from .scene import Scene as Scene
+from .solution import ConstraintForce as ConstraintForce
 from .solution import Question as Question
 from .solution import Solution as Solution
 from .solution import StateError as StateError

@@ -1,26 +1,32 @@
-"""One state of a scene, for what is not a solve: terms and their factors, loads, gaps."""
+"""A scene at one state: terms, gaps of contacts, arrays by name.
+
+One state of a scene, for what is not a solve: terms and their factors, loads, gaps.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core import tolerances
+from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import State as Given
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import MinimumNorm, factorise
 from condyn_pin._core.threads import Kept
-from condyn_pin._core.trees import algorithms
+from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints import forces as loads
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.forces import AppliedForce, Load, Loads
 from condyn_pin.constraints.rows.bound import (
     ConstraintViolation,
+    PinocchioConstraint,
     Terms,
     finite_terms,
     gap_of,
@@ -28,13 +34,13 @@ from condyn_pin.constraints.rows.bound import (
 )
 from condyn_pin.constraints.rows.equations import ROUNDED, Equations
 from condyn_pin.dynamics.nominal import digits_of
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene, check_time
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene, check_time
+from condyn_pin.errors import InvalidArgument, StaleModel
 from condyn_pin.model.soundness import singular_mass
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
+
 
 # Steps by which loops are closed: from 1e-2 rad three end at rounding.
 _STEPS = 8
@@ -203,3 +209,111 @@ def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
     """
     sides = ROUNDED * (equations_of(scene).cancellation(q) @ np.abs(x))
     return {b.name: float(sides[b.rows].max()) for b in scene.bounds}
+
+
+# How far the contacts of a scene are from touching.
+
+
+def contact_gaps(scene: Scene, q: ArrayLike) -> dict[str, float]:
+    """Return the signed distances of contacts and stops at q, by the names of candidates [m, rad].
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like
+        Configuration [rad, m]; quaternions x y z w.
+
+    Returns
+    -------
+    dict of str to float
+        Negative where a body is in another, or a joint beyond its stop.
+
+    Raises
+    ------
+    InvalidArgument
+        If q has a wrong size, is not finite, or has an unnormalised quaternion.
+    """
+    check_scene(scene)
+    q_ = scene.robot.arguments.configuration("q", q)
+    candidates, gaps = gaps_at(scene, q_)
+    return dict(zip(candidates.names, gaps.tolist(), strict=False))  # intervals have none
+
+
+def penetration(scene: Scene, q: ArrayLike) -> dict[str, ConstraintViolation]:
+    """Return the contacts and stops that are passed at q, and how far."""
+    if not scene.contacts:
+        return {}
+    candidates, gaps = gaps_at(scene, scene.robot.arguments.configuration("q", q))
+    return {
+        candidates.names[i]: gap_of_kind(-gaps[i], is_length=candidates.is_length[i])
+        for i in np.flatnonzero(gaps < -tolerances.CLOSED)
+    }
+
+
+def gap_of_kind(gap: float, *, is_length: bool) -> ConstraintViolation:
+    """Return the size of a gap as a length or as an angle."""
+    size = abs(float(gap))
+    return ConstraintViolation(size, 0.0) if is_length else ConstraintViolation(0.0, size)
+
+
+def gap_text(gap: float, *, is_length: bool) -> str:
+    """Return what a gap is, in mm or degrees: open by, closed, or penetrates by."""
+    if abs(gap) <= tolerances.CLOSED:
+        return "closed"
+    size = gap_of_kind(gap, is_length=is_length)
+    return f"open by {size}" if gap > 0.0 else f"penetrates by {size}"
+
+
+def gaps_at(scene: Scene, q: Array) -> tuple[Candidates, Array]:
+    """Return the candidates of a scene and their gaps at a configuration that was checked."""
+    scene.robot.check_unedited()
+    model = scene.robot.model
+    candidates, data = Candidates(model, scene.contact_bounds, exact=True), data_of(model)
+    algorithms(data).forwardKinematics(model, data, q)
+    return candidates, np.array(candidates.gaps(data, q))
+
+
+# Pinocchio's lists of constraints, which may be read but not resized.
+#
+# `pin.constraintDynamics` and `pin.lcaba` size their memory once. Called with more constraints than
+# that, Pinocchio 4 answers wrong numbers and corrupts the heap; with fewer, wrong numbers.
+
+
+def _refuse(*_: Any) -> NoReturn:
+    raise StaleModel(
+        "the raw lists of a workspace keep their length: Pinocchio's memory is sized for it; "
+        "workspace.use(scene) changes the constraints"
+    )
+
+
+class ConstraintModels(pin.StdVec_RigidConstraintModel):  # type: ignore[misc]
+    """The RigidConstraintModels of a workspace."""
+
+    append = extend = insert = __setitem__ = __delitem__ = _refuse
+
+
+class ConstraintDatas(pin.StdVec_RigidConstraintData):  # type: ignore[misc]
+    """The RigidConstraintDatas of a workspace."""
+
+    append = extend = insert = __setitem__ = __delitem__ = _refuse
+
+
+def raw_constraints(
+    model: Any, constraints: Sequence[PinocchioConstraint], drift: Baumgarte | None
+) -> tuple[ConstraintModels, ConstraintDatas]:
+    """Return Pinocchio's objects of the constraints."""
+    models, datas = ConstraintModels(), ConstraintDatas()
+    for constraint in constraints:
+        made = constraint.to_pinocchio(model)
+        if drift:
+            _pin.set_baumgarte(made, drift.Kp if constraint.anchored else 0.0, drift.Kd)
+        pin.StdVec_RigidConstraintModel.append(models, made)
+        pin.StdVec_RigidConstraintData.append(datas, made.createData())
+    return models, datas
+
+
+def weightless(model: Any) -> Any:
+    """Return a copy of a model without gravity."""
+    copy = pin.Model(model)
+    copy.gravity = pin.Motion.Zero()
+    return copy

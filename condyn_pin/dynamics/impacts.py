@@ -21,12 +21,10 @@ from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import worst
 from condyn_pin.constraints.rows.redundancy import LeftOut
-from condyn_pin.dynamics.at_state import at_state, equations_of, gaps, rounding
-from condyn_pin.dynamics.derivatives.linearised import Linearisation
-from condyn_pin.dynamics.derivatives.turning import TurningRows, turning_null_space
-from condyn_pin.dynamics.force import ConstraintForce, Sites, pulling
-from condyn_pin.dynamics.raw import weightless
+from condyn_pin.dynamics.at_state import at_state, equations_of, gaps, rounding, weightless
+from condyn_pin.dynamics.derivatives.kkt import Linearisation, TurningRows, turning_null_space
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import ConstraintForce, Sites, pulling
 from condyn_pin.errors import InvalidArgument, unknown_name
 
 Restitution = float | Mapping[str, float]

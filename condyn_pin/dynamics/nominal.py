@@ -9,6 +9,7 @@ else is measured when it is first asked for.
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -22,12 +23,13 @@ from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import (
     MassFactor,
+    MinimumNorm,
     factorise_mass,
     factorise_rows,
     redundant_rows,
     whiten,
 )
-from condyn_pin.constraints.rows.bound import Terms
+from condyn_pin.constraints.rows.bound import Terms, largest_torque
 from condyn_pin.constraints.rows.equations import (
     ROUNDED,
     Equations,
@@ -36,22 +38,24 @@ from condyn_pin.constraints.rows.equations import (
     more_than,
 )
 from condyn_pin.constraints.rows.pinocchio import PinocchioConstraints, pinocchio_constraints
-from condyn_pin.dynamics.postures import described_posture
 from condyn_pin.dynamics.residuals import ErrorEstimator
+from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.errors import (
     BranchChanged,
+    InvalidArgument,
     InvalidModel,
     NotAssembled,
+    unknown_name,
 )
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import Redundancy
     from condyn_pin.dynamics.digits import Digits
-    from condyn_pin.dynamics.nominal_states import NominalState
     from condyn_pin.dynamics.scene import Scene
     from condyn_pin.dynamics.solvers.base import Solver
     from condyn_pin.model.robot import Robot
+
 
 # How far joints are moved to open loops [rad, m].
 _APART = 1e-3
@@ -260,8 +264,6 @@ class NominalAnalysis:
     @one_blas_thread
     def states(self) -> tuple[NominalState, ...]:
         """Two states at q: at rest, and moving along the constraints under random torques."""
-        from condyn_pin.dynamics.nominal_states import nominal_states  # it imports a solver
-
         equations = Equations(self._scene.robot.unedited, self._scene.bounds)
         return read_only(nominal_states(equations, self.q, self.factors, self.cancellation))
 
@@ -384,3 +386,88 @@ def _idle_rows(equations: Equations, q: Array, P: Array) -> tuple[NDArray[np.boo
     sizes = np.linalg.norm(more_than(least_of(P), J), axis=1)
     idle = sizes <= ROUNDED * np.linalg.norm(P, axis=1)
     return idle, bool(sizes[idle].any())
+
+
+# Nominal states: what a method is measured by, with the accelerations of `Reference`.
+
+
+@dataclass(frozen=True, eq=False)
+class NominalState:
+    """A state on the constraints, and the accelerations there by `Reference`.
+
+    Attributes
+    ----------
+    size : float
+        What errors of a are relative to: the larger of |a|_inf and gravity [rad/s^2, m/s^2].
+    torque : float
+        The same for forces: the largest torque in the equation of a joint [N, N m].
+    """
+
+    q: Array
+    v: Array
+    tau: Array
+    a: Array
+    size: float
+    torque: float
+
+    @classmethod
+    def of(
+        cls, q: Array, v: Array, tau: Array, a: Array, terms: Terms, gravity: float
+    ) -> NominalState:
+        """Return the state with its sizes."""
+        size = max(float(np.abs(a).max()), gravity) or 1.0
+        return cls(q, v, tau, a, size, largest_torque(terms, tau, size))
+
+
+def nominal_states(
+    equations: Equations, q: Array, factors: MinimumNorm, P: Array
+) -> tuple[NominalState, ...]:
+    """Return a state at rest, and one moving along the constraints under random torques."""
+    rng = np.random.default_rng(0)
+    nv, gravity = equations.model.nv, float(np.linalg.norm(equations.model.gravity.linear))
+    # torques that alone would accelerate every joint by about 1 rad/s^2 or 1 m/s^2
+    push = factors.L @ (factors.L.T @ rng.normal(size=nv))
+    made = []
+    for v, tau in ((np.zeros(nv), np.zeros(nv)), (factors.tangent(rng.normal(size=nv)), push)):
+        terms = equations.terms(q, v)
+        a, _ = Reference().solve(terms, tau, P)
+        made.append(NominalState.of(q, v, tau, a, terms, gravity))
+    return tuple(made)
+
+
+# Postures: configurations that the description of a robot names.
+
+
+def described_posture(scene: Scene, posture: str | None = None) -> Array:
+    """Return a posture of the robot as it is in the description; neutral if it has none.
+
+    Parameters
+    ----------
+    scene : Scene
+    posture : str, optional
+        Its name; the first one by default.
+
+    Returns
+    -------
+    q : (nq,) array
+        Configuration [rad, m].
+
+    Raises
+    ------
+    InvalidArgument
+        If the name is no text.
+    UnknownName
+        If there is no such posture.
+    """
+    postures = scene.robot.postures
+    if posture is None:
+        q = next(iter(postures.values()), None)
+        return np.array(pin.neutral(scene.robot.model) if q is None else q)
+    if not isinstance(posture, str):
+        raise InvalidArgument(
+            f"posture = {posture!r}: the name of a posture is needed; to start from values of "
+            "joints, scene.assemble(robot.configuration({joint: value})).q"
+        )
+    if posture not in postures:
+        raise unknown_name("posture", posture, postures)
+    return np.array(postures[posture])

@@ -1,4 +1,6 @@
-"""Recursion: `pin.lcaba` with its state cured, bound to memory.
+"""Recursive solvers: corrections by recomputed residuals, joints and orders.
+
+Recursion: `pin.lcaba` with its state cured, bound to memory.
 
 It carries the inertias of the constraints, 1/mu at the point of each, in the axes of the world.
 Rounding of that is eps r^2 / mu, r being the distance to the origin of the world: what a light body
@@ -7,7 +9,7 @@ nothing, so one that is further away than its longest chain is taken to the orig
 root joint that is free are set to 0.
 
 What is left, eps / mu of the size of the robot, is made up for as in
-`condyn_pin.dynamics.corrections`: the residual r = M a + h - tau - J^T lam of Newton-Euler is taken
+`condyn_pin.dynamics.proof`: the residual r = M a + h - tau - J^T lam of Newton-Euler is taken
 for a torque on the same robot, at rest and without weight, so that rounding is a share of the
 correction,
 
@@ -16,17 +18,31 @@ correction,
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar, Final
 
 import numpy as np
 
 from condyn_pin._core import _pin
+from condyn_pin._core.arguments import (
+    ACCURACIES,
+    ITERATIONS,
+    WEIGHTS,
+    Grid,
+    check_accuracy,
+    check_proximal,
+    check_refinements,
+)
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import PinocchioConstraint
+from condyn_pin.dynamics.mu import Choice, Start, best_choice
+from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.workspace import Workspace
+
 
 Acceleration = Callable[[Array, Array, Array], Array]
 
@@ -139,3 +155,58 @@ class Corrected:
     def lam(self) -> Array:
         """Return the forces of the last answer, of the scene's rows."""
         return self._latest.copy()
+
+
+# Solvers that carry constraints in the inertias of articulated bodies: their parameters.
+#
+# Their weight mu is measured on the scene (`condyn_pin.dynamics.mu`).
+
+
+@dataclass(frozen=True)
+class ArticulatedSolver(Solver):
+    """A solver on articulated bodies; each says in its own words what its parameters are."""
+
+    takes_redundant: ClassVar[bool] = True
+    takes_every_kind: ClassVar[bool] = False
+    takes_world_first: ClassVar[bool] = False
+    takes_open: ClassVar[bool] = False
+    sweeps: ClassVar[tuple[Grid, ...]] = (
+        {"mu": WEIGHTS, "max_iterations": (1, 20)},
+        {"max_iterations": ITERATIONS},
+        {"absolute_accuracy": ACCURACIES},
+    )
+
+    mu: float | None = None  # [1/kg]
+    max_iterations: int = 200
+    absolute_accuracy: float | None = None  # [m/s^2]
+    refinements: int | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_proximal(self.mu, self.max_iterations, smallest_mu=1e-300)
+        if self.absolute_accuracy is not None:
+            check_accuracy("absolute_accuracy", self.absolute_accuracy)
+        if self.refinements is not None:
+            check_refinements(self.refinements)
+
+    @abstractmethod
+    def start(self, workspace: Workspace) -> BoundSolver:
+        """Return this solver at work in `workspace`."""
+
+    def started(self, workspace: Workspace, start: Start) -> BoundSolver:
+        """Return what `start` makes of the choice for the scene, which is measured once."""
+        nominal = workspace.scene.nominal
+        if self.mu is not None:
+            chosen = Choice(self.mu, self.max_iterations, self.refinements or 0)
+        elif (found := nominal.measured.get(self)) is not None:
+            chosen = Choice(*found)
+        else:
+            nominal.measured[self] = chosen = best_choice(self, workspace, start)
+        bound, _ = start(chosen)
+        return bound
+
+    def wanted(self, workspace: Workspace) -> float:
+        """Return the |J a + gamma - a_ref|_inf that ends the iterations [m/s^2]."""
+        if self.absolute_accuracy is not None:
+            return self.absolute_accuracy
+        return workspace.scene.nominal.estimator.tolerated_constraint_error / 10

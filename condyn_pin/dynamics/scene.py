@@ -14,15 +14,19 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import renamed
+from condyn_pin._core.arguments import counted, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.dynamics.nominal import NominalAnalysis, at_any_time, placed_in_time
-from condyn_pin.dynamics.postures import described_posture
-from condyn_pin.errors import InvalidArgument
+from condyn_pin.dynamics.nominal import (
+    NominalAnalysis,
+    at_any_time,
+    described_posture,
+    placed_in_time,
+)
+from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
@@ -360,7 +364,7 @@ class Scene:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        from condyn_pin.dynamics.html import scene_html
+        from condyn_pin.dynamics.solution import scene_html
 
         return scene_html(self)
 
@@ -384,3 +388,110 @@ class Scene:
     without = renamed("mechanism.without")
     without_bodies = renamed("mechanism.without_bodies")
     without_linkage = renamed("mechanism.without_linkage")
+
+
+# What a verb refuses in a scene, before it begins: each check says what would do.
+
+
+def check_scene(scene: object, argument: str = "scene") -> None:
+    """Refuse what is no scene."""
+    if not isinstance(scene, Scene):
+        cure = ""
+        if isinstance(scene, Robot):
+            of = "Scene(robot, robot.loops)" if scene.loops else "Scene(robot, robot.contacts)"
+            cure = f", the robot with the constraints that count: {of}"
+        raise InvalidArgument(f"{argument} = {type(scene).__name__}: a Scene is needed{cure}")
+
+
+def check_bilateral(scene: Scene) -> None:
+    """Refuse contacts that may let go where forces are solved for that never do."""
+    if scene.contacts:
+        count = sum(len(bound.candidates) for bound in scene.contact_bounds)
+        raise UnsupportedConstraint(
+            f"{counted(count, 'contact')} may open: step, its derivatives and simulate take "
+            "them; scene.closed() is the scene that holds them"
+        )
+
+
+def check_time(scene: Scene) -> None:
+    """Refuse driven constraints where nothing says at which time they are looked at."""
+    if moving := [b.name for b in scene.bounds if b.drive and b.drive.time is None]:
+        raise UnsupportedConstraint(
+            f"{', '.join(moving)} follow{'s' * (len(moving) == 1)} a path of time: "
+            "scene.at(t) is the scene at one; simulate takes it through all"
+        )
+
+
+def time_of(scene: Scene) -> float:
+    """Return the time at which a scene is looked at [s]; 0 where nothing is driven."""
+    check_time(scene)
+    times = {b.drive.time or 0.0 for b in scene.bounds if b.drive} or {0.0}
+    if len(times) > 1:
+        raise UnsupportedConstraint(
+            f"driven rows are at {', '.join(f'{t:g}' for t in sorted(times))} s: one time is "
+            "needed, and scene.at(t) gives all of them the same"
+        )
+    return times.pop()
+
+
+def check_at_all_times(scene: Scene, why: str) -> None:
+    """Refuse driven constraints that stay at one time, where time goes on; `why` says what for."""
+    if placed := [b.name for b in scene.bounds if b.drive and b.drive.time is not None]:
+        raise InvalidArgument(
+            f"scene: {', '.join(placed)} stays at one time, as scene.at(t) has it; {why}: pass the "
+            "scene without at(t)"
+        )
+
+
+def check_not_driven(scene: Scene, what: str) -> None:
+    """Refuse driven constraints for `what` asks for J v = 0."""
+    if moving := [b.name for b in scene.bounds if b.drive]:
+        raise UnsupportedConstraint(
+            f"{', '.join(moving)}: driven along a path, J v = s'(t), and {what} takes J v = 0; "
+            "leave it out, or take its constraint without Driven"
+        )
+
+
+# The scenes that every robot brings by itself, for benchmarks, tests and the command line.
+
+
+def standard_scenes(robot: Robot) -> dict[str, Scene]:
+    """Return the scenes of a robot by label.
+
+    Its loops alone; its loops with its ready-made contacts; and the same with each surface
+    replaced by its four corners.
+    """
+    loops = tuple(robot.loops)
+    scenes = {}
+    if loops:
+        scenes[f"{robot.name} loops"] = Scene(robot, loops)
+    if robot.contacts:
+        label = f"{robot.name} loops + contacts" if loops else f"{robot.name} contacts"
+        scenes[label] = Scene(robot, (*loops, *robot.contacts))
+    corners = _corners(robot)
+    if corners != tuple(robot.contacts):
+        scenes[f"{robot.name} corners"] = Scene(robot, (*loops, *corners))
+    if not scenes:
+        scenes[f"{robot.name} free"] = Scene(robot)
+    return scenes
+
+
+def _corners(robot: Robot) -> tuple[Constraint, ...]:
+    found: list[Constraint] = []
+    for contact in robot.contacts:
+        flat = contact.support and contact.support.half_length and contact.support.half_width
+        found.extend(contact.by_points(robot)[1] if flat else [contact])
+    return tuple(found)
+
+
+def motor_torque(robot: Robot, rng: np.random.Generator) -> Array:
+    """Return random torques in the motors, a tenth of the robot's weight at one metre.
+
+    Only in the motors: a torque of that size about the axis of a thin rod would spin it at a
+    million radians per second squared, and no error elsewhere would be seen beside that.
+    """
+    tau = np.zeros(robot.nv)
+    for name in robot.actuated:
+        joint = robot.model.joints[robot.model.getJointId(name)]
+        tau[joint.idx_v : joint.idx_v + joint.nv] = rng.normal(size=joint.nv)
+    return 0.1 * 9.81 * robot.mass * tau

@@ -10,17 +10,20 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 import numpy as np
 
-from condyn_pin._core import tolerances
+from condyn_pin._core import show, tolerances
 from condyn_pin._core.arguments import renamed
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, AsArray, read_only
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics.force import ConstraintForce, Sites
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.residuals import Residuals
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.model.joints import coordinate_names
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.baumgarte import Baumgarte
     from condyn_pin.constraints.rows.redundancy import LeftOut
-    from condyn_pin.dynamics.scene import Scene
 
 
 # Rows that miss less, as a share of the largest, are not named.
@@ -375,7 +378,6 @@ class Solution:
             If pandas is not installed.
         """
         from condyn_pin._core.show import require_pandas
-        from condyn_pin.dynamics.columns import solution_columns
 
         status, errors = [self.status.name.lower()], np.array(self.residuals)
         table = solution_columns(self.scene, status, self.q, self.a, self.lam, errors)
@@ -384,8 +386,6 @@ class Solution:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        from condyn_pin.dynamics.html import solution_html
-
         return solution_html(self)
 
     def __repr__(self) -> str:
@@ -413,3 +413,316 @@ class Solution:
             lines.append(f"{name:<28} {numbers}")
         lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)
+
+
+# ConstraintForce: a force that knows on whom it acts, by whom, where, and in which axes.
+#
+# Of the pair of forces that a constraint is, the one on the first-named body counts; the other body
+# feels the opposite. Both do the generalised force J^T lam together, over the rows of the
+# constraint.
+
+
+@dataclass(frozen=True, eq=False)
+class Sites:
+    """Where the constraints of a scene are at one configuration; found when first asked for."""
+
+    scene: Scene
+    q: Array
+    equations: Equations | None = None
+
+    @cached_property
+    def placements(self) -> list[Any]:
+        """The frames c1 and c2 of each constraint in the world; None for a coupling."""
+        return self._equations().placements(self.q)
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """The constraint Jacobian J (m, nv)."""
+        return self._equations().jacobian(self.q)
+
+    def _equations(self) -> Equations:
+        return self.equations or Equations(self.scene.robot.unedited, self.scene.bounds)
+
+    def forces(self, lam: Array) -> dict[str, ConstraintForce]:
+        """Return the forces lam (m,) by name, each on the first-named body."""
+        bounds = enumerate(self.scene.bounds)
+        return {bound.name: _force(self, i, lam[bound.rows]) for i, bound in bounds}
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class ConstraintForce(AsArray):
+    """The force of one constraint on one of its two bodies; it works as the array of its numbers.
+
+    Attributes
+    ----------
+    name : str
+        Of the constraint.
+    components : (3,), (6,) or (1,) array
+        Force [N], or force and moment [N, N m] for kinds that transmit moments, in the axes of
+        `frame`; what a kind does not transmit is zero. One number for a coupling: the force along
+        the joint's coordinate [N m or N]. Impulses have [N s, N m s] in their place.
+    on, by : str
+        The frame on whose body it acts, and the one whose body exerts it, as the constraint names
+        them; "world" is the ground. For a coupling, joints.
+    frame : str
+        Whose axes the components are in; empty for a coupling. For a `PlanarContact` it is the
+        plane, z along its normal; for what rolls, the directions of its rows.
+    lam : (rows,) array
+        The rows of the constraint, which both forces of the pair belong to.
+    """
+
+    name: str
+    components: Array
+    on: str
+    by: str
+    frame: str
+    lam: Array
+    _sites: Sites
+    _index: int
+    _first: bool  # whether it acts on the first-named body
+
+    @property
+    def at(self) -> Array:
+        """The point of the world (3,) at which it acts [m]."""
+        bound = self._sites.scene.bounds[self._index]
+        return bound.acts_at(*self._ends, on_first=self._first)
+
+    @property
+    def scene(self) -> Scene:
+        """The scene that it is a force of."""
+        return self._sites.scene
+
+    @property
+    def constraint(self) -> Constraint:
+        """The constraint that exerts it."""
+        return self._sites.scene.constraints[self._index]
+
+    @property
+    def rotation(self) -> Array:
+        """The axes of its components in the world (3, 3), column by column."""
+        return np.array(self._ends[0].rotation)  # c1's axes
+
+    def in_world(self) -> Array:
+        """Return it in the axes of the world, still at `at`: (3,) or (6,)."""
+        R = self.rotation
+        return np.asarray((self.components.reshape(-1, 3) @ R.T).ravel())
+
+    def on_other(self) -> ConstraintForce:
+        """Return the opposite force: on the other body, in the same axes."""
+        b = self._sites.scene.bounds[self._index]
+        scale = b.reaction(on_first=self._first)
+        return ConstraintForce(
+            self.name, read_only(-scale * self.components), self.by, self.on, self.frame, self.lam,
+            self._sites, self._index, not self._first,
+        )  # fmt: skip
+
+    def generalized(self) -> Array:
+        """Return the generalised force (nv,) of the pair, J^T lam over its rows [N, N m]."""
+        rows = self._sites.scene.bounds[self._index].rows
+        return np.asarray(self._sites.jacobian[rows].T @ self.lam)
+
+    @property
+    def _ends(self) -> tuple[Any, Any]:
+        ends: tuple[Any, Any] | None = self._sites.placements[self._index]
+        if ends is None:
+            raise InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")
+        return ends
+
+    def __repr__(self) -> str:
+        numbers = np.array2string(self.components, precision=4, suppress_small=True)
+        axes = f", axes of {self.frame}" if self.frame else ""
+        return f"ConstraintForce({self.name}: {numbers} on {self.on} by {self.by}{axes})"
+
+
+def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -> tuple[str, ...]:
+    """Sentences on contacts with the world that pull, as no ground does.
+
+    The normal is the z axis of a `SurfaceContact` and that of the plane of a `PlanarContact` and
+    of what rolls. A point or a line has none: the vertical stands for it, if there is gravity.
+    Where rows are redundant, forces N z may be added, J^T N = 0: a normal force counts that no z
+    changes, and else the least pull that some z leaves.
+    """
+    up = upward(sites.scene)
+    largest = max((float(np.abs(f.components).max()) for f in forces.values()), default=0.0)
+    least = -tolerances.SOLVED * largest
+    pressing = [each for each in sites.scene.constraints if each.presses]
+    normals = {
+        each.name: float(force[2] if each.has_normal else force.in_world()[:3] @ up)
+        for each in pressing
+        for force in (forces[each.name],)
+    }
+    pulls = [each for each in pressing if normals[each.name] < least]
+    if not pulls:
+        return ()
+    shared = shared_normals(sites, normals)
+    said = [
+        pull_text(each, f"{-normals[each.name]:.4g} {unit}")
+        for each in pulls
+        if each.name not in shared.names
+    ]
+    if len(said) < len(pulls) and shared.most < least:
+        said.append(shared_text(shared, f"{-shared.most:.4g} {unit}"))
+    return tuple(said)
+
+
+class SharedNormals(NamedTuple):
+    """Normal forces that redundant rows share among contacts.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Contacts whose normal force is not determined: forces N z without effect change it.
+    most : float
+        The least of them, where z makes that as large as can be, 0 at most [N].
+    """
+
+    names: tuple[str, ...]
+    most: float  # [N]
+
+
+def shared_normals(sites: Sites, normals: dict[str, float]) -> SharedNormals:
+    """Contacts whose normal forces [N] redundant rows leave open, and how little they must pull."""
+    scene = sites.scene
+    if not scene.nominal.dependent:
+        return SharedNormals((), 0.0)
+    N = scene.nominal.redundancy.at(sites._equations(), sites.q).N
+    rates = np.array([_normal_row(sites, name) @ N for name in normals])
+    changed = np.abs(rates).max(axis=1, initial=0.0) > tolerances.RANK
+    if not changed.any():
+        return SharedNormals((), 0.0)
+    # imported here: scipy takes as long to import as Pinocchio
+    from scipy.optimize import linprog
+
+    # max s,  s <= n_i + rates_i z,  s <= 0
+    rates, at = rates[changed], np.array(list(normals.values()))[changed]
+    scale, free = float(np.abs(at).max()), [(None, None)] * N.shape[1]
+    rows = np.column_stack((-rates, np.ones(len(at))))
+    cost = np.append(np.zeros(N.shape[1]), -1.0)
+    best = linprog(cost, rows, at / (scale or 1.0), bounds=[*free, (None, 0.0)])
+    most = -float(best.fun) * scale if best.status == 0 else float(at.min())
+    return SharedNormals(tuple(np.array(list(normals))[changed].tolist()), most)
+
+
+def shared_text(shared: SharedNormals, pull: str) -> str:
+    """Sentence on contacts that cannot all press, however they share the load."""
+    return (
+        f"{', '.join(shared.names)}: one of them pulls with {pull} or more, however they share "
+        "the load; the ground would let go"
+    )
+
+
+def _normal_row(sites: Sites, name: str) -> Array:
+    """How the normal force of a contact changes with lam (m,)."""
+    up, i = upward(sites.scene), sites.scene.names.index(name)
+    constraint, rows = sites.scene.constraints[i], sites.scene.bounds[i].rows
+    found = np.zeros(sites.scene.rows)
+    for row, unit in zip(range(rows.start, rows.stop), np.eye(rows.stop - rows.start), strict=True):
+        force = _force(sites, i, unit)
+        found[row] = force[2] if constraint.has_normal else force.in_world()[:3] @ up
+    return found
+
+
+def upward(scene: Scene) -> Array:
+    """Return the direction against gravity (3,); zero where there is none."""
+    up = -np.array(scene.robot.model.gravity.linear)
+    return np.asarray(up / max(float(np.linalg.norm(up)), np.finfo(float).tiny))
+
+
+def pull_text(constraint: Constraint, pull: str) -> str:
+    """Return the sentence on a contact that pulls, with how much."""
+    words = "" if constraint.has_normal else " (the vertical is its normal)"
+    return f"{constraint.name}: the contact pulls with {pull}{words}; the ground would let go"
+
+
+def _force(sites: Sites, i: int, lam: Array) -> ConstraintForce:
+    """Return the force of one constraint on its first-named body."""
+    constraint, bound = sites.scene.constraints[i], sites.scene.bounds[i]
+    components = bound.force(lam, lambda: sites.placements[i])
+    on, by, frame = constraint.acting(swapped=bound.sign < 0)
+    return ConstraintForce(
+        bound.name, read_only(components), on, by, frame, read_only(lam.copy()), sites, i, True
+    )
+
+
+# Columns of answers, named by joint and by constraint: of one state, or of many.
+
+
+# How `Solution` and `BatchSolution` call the numbers of `Residuals`.
+_ERRORS = {
+    "dynamics": "dynamics_error", "constraint": "constraint_error", "violation": "violation",
+    "velocity": "velocity_violation", "bound": "error_bound",
+}  # fmt: skip
+
+
+def solution_columns(
+    scene: Scene, status: Any, q: Array, a: Array, lam: Array, residuals: Array
+) -> dict[str, Any]:
+    """Return statuses, q, a, lam and errors of N states by name, each (N,)."""
+    model, table = scene.robot.model, {"status": status}
+    for kind, values, names in (
+        ("q", q, coordinate_names(model, "q")),
+        ("a", a, coordinate_names(model, "v")),
+        ("lam", lam, scene.row_names),
+    ):
+        columns = np.atleast_2d(values).T
+        table |= {f"{kind} {name}": each for name, each in zip(names, columns, strict=True)}
+    errors = zip(Residuals._fields, np.atleast_2d(residuals).T, strict=True)
+    return table | {_ERRORS[name]: each for name, each in errors}
+
+
+# A Scene and a Solution as a notebook shows them.
+
+
+def scene_html(scene: Scene) -> str:
+    """Return what is in a scene; what it takes to find out is for `Scene.summary`."""
+    robot = scene.robot
+    rows = [(each.name, each.title, str(each.rows)) for each in scene.constraints]
+    touching = [(each.name, type(each).__name__) for each in scene.contacts]
+    said = {
+        "robot": f"{robot.name}: nq {robot.nq}, nv {robot.nv}, {robot.mass:.6g} kg",
+        "constraints": f"{len(rows)}, with {scene.rows} rows",
+        "contacts": f"{len(touching)} that may open and slide",
+    }
+    return show.page(
+        f"Scene of {robot.name}",
+        show.facts(said.items()),
+        show.folded(
+            "constraints", show.grid(("constraint", "kind", "rows"), rows), count=len(rows)
+        ),
+        show.folded("contacts", show.grid(("contact", "kind"), touching), count=len(touching)),
+        '<div style="opacity:0.7">scene.summary() has rank, redundant rows and mobility</div>',
+    )
+
+
+def solution_html(solution: Solution) -> str:
+    """Return status, errors, forces and notices of an answer."""
+    state, status = solution.state_error, solution.status
+    said = {
+        "dynamics error": f"{solution.dynamics_error:.1e} N, N m",
+        "constraint error": f"{solution.constraint_error:.1e} m/s², rad/s²",
+        "state error": f"{state.position:.1e} m, rad; {state.velocity:.1e} m/s, rad/s",
+        "error bound of a": f"{solution.error_bound:.1e} (relative)",
+        "took": f"{1e6 * solution.solve_time:.1f} µs, {solution.iterations} iterations",
+    }
+    forces = [
+        (name, force.on, force.by, *_six([f"{x:.4f}" for x in force.components]))
+        for name, force in solution.forces.items()
+    ]
+    headings = ("constraint", "on", "by", "fx", "fy", "fz", "mx", "my", "mz")
+    return show.page(
+        f"{solution.scene.robot.name}: {status.name.lower()}",
+        "" if status.ok else show.notes([status.value]),
+        show.facts(said.items()),
+        show.folded(
+            "forces on the first-named body, in the axes of each constraint [N, N m]",
+            show.grid(headings, forces),
+            count=len(forces),
+        ),
+        show.notes(solution.notices),
+        ok=status.ok,
+    )
+
+
+def _six(numbers: list[str]) -> list[str]:
+    """Return three or six components as six cells; of a coupling or a rod there is one."""
+    return numbers + [""] * (6 - len(numbers))

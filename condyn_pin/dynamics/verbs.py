@@ -10,8 +10,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.threads import Kept
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import ArrayLike
 
+from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import (
     FLOAT,
@@ -26,25 +27,245 @@ from condyn_pin._core.arguments import (
     unpack_quaternion,
 )
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.threads import alone, in_use
-from condyn_pin._core.trees import Forest, is_forest
+from condyn_pin._core.threads import OneThread, alone, in_use
+from condyn_pin._core.trees import Forest, is_forest, whole_data
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.forces import AppliedForce, applied_forces
+from condyn_pin.constraints.forces import AppliedForce, Loads, applied_forces
+from condyn_pin.constraints.rows.bound import AnyBound, Terms, finite_terms
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.dynamics.choice import check_kinds, default_solver
-from condyn_pin.dynamics.corrections import consistent_where_open, without_idle_rows
-from condyn_pin.dynamics.memory import Memory
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral, check_scene, check_time
+from condyn_pin.dynamics.at_state import ConstraintDatas, ConstraintModels, raw_constraints
+from condyn_pin.dynamics.nominal import NominalAnalysis, at_any_time, pinocchio_constraints_of
+from condyn_pin.dynamics.proof import Verifier, consistent_where_open, failure, without_idle_rows
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene, check_time
 from condyn_pin.dynamics.solution import Solution, Status
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
-from condyn_pin.dynamics.verifier import Verifier, failure
-from condyn_pin.errors import InvalidArgument, MissingExtra, UnsupportedBackend
+from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
+from condyn_pin.dynamics.solvers.null_space import NullSpace
+from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.errors import (
+    InvalidArgument,
+    MissingExtra,
+    UnsupportedBackend,
+    UnsupportedConstraint,
+)
 
 if TYPE_CHECKING:
     from condyn_pin._core.compiled import Native
-    from condyn_pin.dynamics.compiled.core import CompiledCore
+    from condyn_pin.dynamics.compiled import CompiledCore
     from condyn_pin.dynamics.derivatives.base import Derivatives
+    from condyn_pin.dynamics.derivatives.kkt import Linearisation
+
+
+# Choice of a solver: which one takes which scene.
+
+
+_USUAL = Proximal()
+
+
+def default_solver(scene: Scene) -> Solver:
+    """Return the default solver.
+
+    `Proximal`; for kinds of constraints that it cannot take, `DenseKKT`, and `NullSpace` if there
+    are redundant rows besides.
+    """
+    if not pinocchio_constraints_of(scene).unsupported:
+        return _USUAL
+    return NullSpace() if scene.nominal.dependent else DenseKKT()
+
+
+def kinds_of(solver: type[Solver]) -> str:
+    """Return in words which kinds of constraints a solver takes."""
+    if solver.takes_every_kind:
+        return "every kind"
+    if not solver.takes_loops:
+        return "points, welds, hinges and edges that hold bodies at the world"
+    if solver.takes_approximated:
+        return "points, welds, hinges, edges and the planar pins of linkages in a plane"
+    return "points and welds"
+
+
+def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
+    """Return the names of the constraints that a solver cannot take."""
+    found = pinocchio_constraints_of(scene)
+    if solver.takes_every_kind:
+        return ()
+    names: tuple[str, ...] = ()
+    if not solver.takes_approximated:
+        names += found.approximated
+    elif not solver.takes_world_first:
+        names += found.world_first
+    if not solver.takes_loops:
+        names += found.loops
+    return tuple(dict.fromkeys(names + found.unsupported))
+
+
+def check_kinds(scene: Scene, solver: Solver) -> None:
+    """Raise `UnsupportedConstraint` if a solver cannot take a constraint of the scene."""
+    names = untaken(scene, solver)
+    if names:
+        raise UnsupportedConstraint(_refusal(scene, solver, names))
+
+
+def _refusal(scene: Scene, solver: Solver, names: Sequence[str]) -> str:
+    """Return why a solver cannot take these constraints, and which ones can."""
+    from condyn_pin.dynamics.solvers import SOLVERS  # imports them all
+
+    found, able, why = pinocchio_constraints_of(scene), ["Proximal()"], []
+    loops = [] if solver.takes_loops else [name for name in names if name in found.loops]
+    others = [name for name in names if name not in loops]
+    first = solver.takes_approximated and set(others) <= set(found.world_first)
+    if loops:
+        why.append(f"its recursion ends at the world, and {', '.join(loops)} joins moving bodies")
+        able.append("LCABA()")
+    if others and first:
+        why.append(f"its recursion fails where the world comes first, as in {', '.join(others)}")
+        able.append("exchange its frames")
+    elif others:
+        why.append(
+            f"Pinocchio has constraints of 3 and of 6 rows, and {', '.join(others)} cannot be made "
+            "of those"
+        )
+    if found.unsupported:
+        able = [f"{k.__name__}()" for k in SOLVERS.values() if k.takes_every_kind and k.exact]
+    taken = f"{type(solver).__name__} takes {kinds_of(type(solver))}"
+    return f"{taken}: {', and '.join(why)}; use {' or '.join(able)}"
+
+
+# Memory: what a scene needs to be solved again and again.
+
+
+class Memory(OneThread):
+    """What depends on the constraints of one scene; all that costs much is made on demand.
+
+    Dense methods do without Pinocchio's memory of the constraints, and in long chains it takes all
+    the memory there is.
+    """
+
+    def __init__(self, scene: Scene, drift: Baumgarte | None) -> None:
+        scene.robot.check_unedited()
+        self.model, self.drift = pin.Model(scene.robot.model), drift
+        self._arguments = scene.robot.arguments
+
+    def analysed(self, scene: Scene) -> Equations | None:
+        """Analyse a scene, unless it was; return the equations made for that, to be used again."""
+        if "nominal" in vars(scene) or at_any_time(scene) is not scene:
+            return None
+        equations = Equations(self.model, scene.bounds)
+        vars(scene)["nominal"] = NominalAnalysis(scene, equations)
+        equations.drift = self.drift
+        return equations
+
+    def hold(self, scene: Scene, equations: Equations | None) -> None:
+        """Take another scene of the same model; nothing of the old one is left."""
+        self.scene = scene
+        self.check_unedited = scene.robot.check_unedited
+        self.bounds: tuple[AnyBound, ...] = scene.bounds
+        self.pinocchio_constraints = pinocchio_constraints_of(scene)
+        self.proximal_settings: Any = None
+        for made_on_demand in ("_made", "equations", "linearisation", "loads", "compiled"):
+            self.__dict__.pop(made_on_demand, None)
+        if equations is not None:
+            self.equations = self._told(equations)
+
+    @property
+    def data(self) -> Any:
+        """Pinocchio's memory, sized for the constraints of the scene."""
+        return self._raw[0]
+
+    @property
+    def constraint_models(self) -> ConstraintModels:
+        """The constraints as Pinocchio takes them."""
+        return self._raw[1]
+
+    @property
+    def constraint_datas(self) -> ConstraintDatas:
+        """Pinocchio's memory of each constraint."""
+        return self._raw[2]
+
+    @property
+    def _raw(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
+        self.check_alone()
+        return self._made
+
+    @cached_property
+    def _made(self) -> tuple[Any, ConstraintModels, ConstraintDatas]:
+        models, datas = raw_constraints(
+            self.model, self.pinocchio_constraints.constraints, self.drift
+        )
+        _pin.init_constraint_dynamics(self.model, self._data, models, datas)
+        return self._data, models, datas
+
+    @cached_property
+    def _data(self) -> Any:
+        return whole_data(self.model)
+
+    def scene_forces(self, lam: Array) -> Array:
+        """Return the scene's forces from those of Pinocchio's constraints."""
+        to_scene = self.pinocchio_constraints.to_scene
+        return lam if to_scene is None else to_scene.dot(lam)
+
+    def pinocchio_velocity(self, s: Array) -> Array:
+        """Return the velocities of Pinocchio's constraints for those of the scene's, s (m,)."""
+        to_scene = self.pinocchio_constraints.to_scene  # lam goes the other way
+        return s if to_scene is None else to_scene.T.dot(s)
+
+    @cached_property
+    def equations(self) -> Equations:
+        """The equations of the scene, in memory of their own that no solver writes to."""
+        return self._told(Equations(self.model, self.bounds, self.drift))
+
+    def _told(self, equations: Equations) -> Equations:
+        """Equations that know the redundancy of the scene's rows, if any look independent."""
+        nominal = self.scene.nominal
+        equations.redundancy = (lambda: nominal.redundancy) if nominal.looks_independent else None
+        equations.digits = (lambda: nominal.rounded_file) if nominal.rounded_file else None
+        return equations
+
+    @cached_property
+    def linearisation(self) -> Linearisation:
+        """The linearised equations, in memory of their own but for the constraint forces."""
+        # imported here: a solve needs none of it
+        from condyn_pin.dynamics.derivatives.kkt import Linearisation
+
+        return Linearisation(self.model, self.bounds, self.drift, self.equations)
+
+    @cached_property
+    def linearised_gaps(self) -> Linearisation:
+        """J a + gamma + c, linearised: at rest, with a = 0, how the gaps change."""
+        from condyn_pin.dynamics.derivatives.kkt import Linearisation
+
+        return Linearisation(self.model, self.bounds, Baumgarte(0.0, 1.0))
+
+    @cached_property
+    def loads(self) -> Loads:
+        """Forces on frames, evaluated in the memory of the equations."""
+        return Loads(self.scene.robot, self.model, self.equations.data)
+
+    @alone
+    def terms(self, q: ArrayLike, v: ArrayLike) -> Terms:
+        """Return M, h, J, gamma and a_ref at a state."""
+        self.check_unedited()
+        q_, v_, _ = self._arguments.check(q, v, np.zeros(self.model.nv))
+        return finite_terms(self.equations, q_, v_)
+
+    @alone
+    def jacobian(self, q: ArrayLike) -> Array:
+        """Return the constraint Jacobian J (m, nv)."""
+        return self.equations.jacobian(self._configuration(q))
+
+    @alone
+    def violation(self, q: ArrayLike) -> Array:
+        """Return c(q) (m,) [m, rad]."""
+        return self.equations.violation(self._configuration(q))
+
+    def _configuration(self, q: ArrayLike) -> Array:
+        self.check_unedited()
+        still = np.zeros(self.model.nv)
+        return self._arguments.check(q, still, still)[0]
+
+
+# Workspace: the one mutable thing, where a scene is solved again and again.
+
 
 # No acceleration of a machine: larger ones are checked entry by entry.
 LARGEST: Final = 1e100
@@ -200,7 +421,7 @@ class Workspace(Memory):
     def compiled(self) -> CompiledCore:
         """The workspace in compiled code; UnsupportedBackend if the core does not take it."""
         # imported here: most do without
-        from condyn_pin.dynamics.compiled.core import CompiledCore
+        from condyn_pin.dynamics.compiled import CompiledCore
 
         return CompiledCore(self)
 

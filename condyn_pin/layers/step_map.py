@@ -9,8 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arguments import step_size
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene, time_of
+from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.layers.layer_map import Pair
 from condyn_pin.layers.parameters import Made, Parameters

@@ -11,8 +11,7 @@ from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array, finite_rows
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.assembling import best_end, nominal_configuration
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of

@@ -9,7 +9,7 @@ from enum import Enum
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import ConstraintViolation, beyond_text, closed, worst
-from condyn_pin.dynamics.contact_gaps import penetration
+from condyn_pin.dynamics.at_state import penetration
 from condyn_pin.dynamics.nominal import digits_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import BranchChanged, NotAssembled

@@ -31,8 +31,7 @@ from condyn_pin._core.linalg import MinimumNorm, counted, factorise, pivots, red
 from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import by_digits
-from condyn_pin.dynamics.nominal import at_any_time, look_at_digits
-from condyn_pin.dynamics.postures import described_posture
+from condyn_pin.dynamics.nominal import at_any_time, described_posture, look_at_digits
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidModel
 from condyn_pin.mechanism.closing import Closer

@@ -25,8 +25,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import rank_of
 from condyn_pin.constraints.rows.bound import beyond_text
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_time
+from condyn_pin.dynamics.scene import Scene, check_time
 from condyn_pin.errors import InvalidArgument, NotAssembled, UnsupportedConstraint
 from condyn_pin.mechanism.assembling import check_held, limited, nominal_configuration
 from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus

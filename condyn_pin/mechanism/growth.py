@@ -28,8 +28,7 @@ from condyn_pin._core.arguments import check_count, normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import rank_of
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_not_driven, check_scene
+from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
 from condyn_pin.mechanism.check import check
 from condyn_pin.mechanism.closing import Closer
 from condyn_pin.mechanism.integrability import bracket, is_integrable

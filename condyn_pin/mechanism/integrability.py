@@ -11,7 +11,7 @@ gliding it gets sideways.
 
 d is the exterior derivative of the rows; with one velocity filled in it is their `curvature`.
 
-dA is exact, from `condyn_pin.dynamics.derivatives.linearised`: with v = 0 and a = Y, J a + gamma =
+dA is exact, from `condyn_pin.dynamics.derivatives.kkt`: with v = 0 and a = Y, J a + gamma =
 A Y. [X, Y] is the bracket of the joints' own groups: for a free-flyer the cross product of its
 twists, and zero for every joint whose q is a plain vector.
 """
@@ -30,9 +30,8 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import null_space
-from condyn_pin.dynamics.derivatives.linearised import Linearisation
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.derivatives.kkt import Linearisation
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.mechanism.assembling import assemble, nominal_configuration
 from condyn_pin.mechanism.check import check

@@ -15,9 +15,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics.at_state import equations_of
-from condyn_pin.dynamics.force import upward
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.solution import upward
 from condyn_pin.errors import InvalidArgument
 
 # Shifts until every plane is clear: one for each of those that form a wedge, and some.

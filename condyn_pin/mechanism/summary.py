@@ -14,7 +14,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import counted, few
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
-from condyn_pin.dynamics.contact_gaps import gap_text, gaps_at
+from condyn_pin.dynamics.at_state import gap_text, gaps_at
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.classification import Classification, classification

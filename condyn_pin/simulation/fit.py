@@ -8,8 +8,13 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.at_state import constraint_velocities, equations_of, gaps, to_close
-from condyn_pin.dynamics.contact_gaps import gaps_at
+from condyn_pin.dynamics.at_state import (
+    constraint_velocities,
+    equations_of,
+    gaps,
+    gaps_at,
+    to_close,
+)
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.check import Check

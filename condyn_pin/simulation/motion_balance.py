@@ -25,8 +25,8 @@ from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.control.balancing import Balance, balanced
 from condyn_pin.control.pressure import Pressure, pressed
 from condyn_pin.control.support import SupportPolygon, margin_within
-from condyn_pin.dynamics.force import Sites
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.contact_columns import candidates_of
 from condyn_pin.simulation.trajectory import Trajectory

@@ -15,16 +15,16 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import lengths
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.rows.bound import worst
-from condyn_pin.dynamics.force import (
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import (
     Sites,
+    Solution,
     pull_text,
     pulling,
     shared_normals,
     shared_text,
     upward,
 )
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.mechanism.check import check

@@ -11,9 +11,8 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import check_called, check_count, seconds, step_size
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
-from condyn_pin.dynamics import choice
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics import workspace
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
@@ -189,7 +188,7 @@ def default_solver(scene: Scene) -> Solver:
     limit, at three times the cost, and moves nothing: over runs on Cassie and on Bricard's loop the
     state differs by less than 1e-9 from that of twenty iterations, and by 1e-12 where loops close.
     """
-    solver = choice.default_solver(scene)
+    solver = workspace.default_solver(scene)
     if isinstance(solver, Proximal) and not scene.nominal.independent:
         return replace(solver, max_iterations=_ITERATIONS)
     return solver

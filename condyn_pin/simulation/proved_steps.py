@@ -27,8 +27,7 @@ from condyn_pin.constraints.forces import AppliedForce, Load, applied_forces
 from condyn_pin.contact.judge import judged
 from condyn_pin.contact.load import contact_load
 from condyn_pin.contact.modes import MODES
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import time_of
+from condyn_pin.dynamics.scene import Scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme

@@ -15,8 +15,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.constraints.path import check_along
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_at_all_times, check_scene
+from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_scene
 from condyn_pin.dynamics.solvers import Solver
 from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
 from condyn_pin.simulation.breakdown import hint_of, is_lost, remedy_of

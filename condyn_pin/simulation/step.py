@@ -12,8 +12,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.threads import Kept
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle

@@ -11,8 +11,7 @@ from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.at_state import at_state
 from condyn_pin.dynamics.impacts import Impact, Restitution, impact
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument
 
 

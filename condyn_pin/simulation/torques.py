@@ -22,7 +22,7 @@ from condyn_pin._core.arguments import FLOAT, check_called, joint_torques
 from condyn_pin._core.arrays import Array, finite, locked
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.forces import AppliedForce, Loads
-from condyn_pin.dynamics.derivatives.loads import load_partial
+from condyn_pin.dynamics.derivatives.base import load_partial
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 

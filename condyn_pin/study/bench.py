@@ -19,16 +19,14 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_called
 from condyn_pin._core.timing import Call, Times, interleaved, machine
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.dynamics.catalogue import standard_scenes
-from condyn_pin.dynamics.choice import untaken
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene, standard_scenes
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.constrained_aba import ConstrainedABA
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.pv import PV
-from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace, untaken
 from condyn_pin.errors import Interrupted
 from condyn_pin.io.load import load_robot
 from condyn_pin.study.bench_compiled import CPP, compiled_by, compiled_methods, fastest_dense

@@ -15,14 +15,13 @@ import numpy as np
 
 from condyn_pin._core.compiled import compiled_lcaba, constrained_aba
 from condyn_pin._core.timing import Call, Times
-from condyn_pin.dynamics.choice import untaken
-from condyn_pin.dynamics.compiled_method import CompiledMethod
+from condyn_pin.dynamics.compiled import CompiledMethod
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.constrained_aba import ConstrainedABA
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.pv import PV
-from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace, untaken
 from condyn_pin.study.bench_table import BenchRow
 from condyn_pin.study.case import Case
 from condyn_pin.study.measures.base import relative

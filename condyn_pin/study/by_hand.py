@@ -18,8 +18,8 @@ from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.groups import PlainRows
+from condyn_pin.dynamics.at_state import raw_constraints
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
-from condyn_pin.dynamics.raw import raw_constraints
 from condyn_pin.dynamics.scene import Scene
 
 Answer = Callable[[Array, Array, Array], Array]

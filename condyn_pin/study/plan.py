@@ -19,7 +19,7 @@ import numpy as np
 
 from condyn_pin._core.files import check_writable, parse_json, read_text, write_text
 from condyn_pin._core.timing import machine
-from condyn_pin.dynamics.postures import described_posture
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.study.tables import FORMAT, Record

@@ -6,8 +6,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Mapping
 
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.dynamics.catalogue import standard_scenes
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene, standard_scenes
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.load import load_robot
 from condyn_pin.model.robot import Robot

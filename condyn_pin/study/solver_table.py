@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from condyn_pin.dynamics.choice import kinds_of
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.dynamics.solvers.base import parameter_fields
+from condyn_pin.dynamics.workspace import kinds_of
 
 
 @dataclass(frozen=True)

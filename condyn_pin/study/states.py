@@ -18,8 +18,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.timing import State
 from condyn_pin.control.inverse import gravity_compensation
 from condyn_pin.dynamics.at_state import moves_back
-from condyn_pin.dynamics.catalogue import motor_torque
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene, motor_torque
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.mechanism.put_down import put_down
 

@@ -7,10 +7,10 @@ from dataclasses import fields, is_dataclass, replace
 from itertools import product
 from typing import Any, Final, TypeVar
 
-from condyn_pin.dynamics.choice import untaken
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.workspace import untaken
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.study.measures import Measure
 from condyn_pin.study.measures.acceleration import AccelerationMeasure

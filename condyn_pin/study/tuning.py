@@ -8,8 +8,7 @@ from typing import Final, cast
 from condyn_pin._core.arguments import check_called
 from condyn_pin._core.timing import machine
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import CondynError, NotReached, NotTuned
 from condyn_pin.study import plan as plans

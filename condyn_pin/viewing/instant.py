@@ -14,8 +14,8 @@ from condyn_pin.constraints.rows.bound import AnyBound, ConstraintViolation
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.control.balancing import Balance
 from condyn_pin.dynamics.at_state import gaps
-from condyn_pin.dynamics.force import ConstraintForce
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solution import ConstraintForce
 from condyn_pin.viewing.touching import Felt, Touching, touching_at
 
 

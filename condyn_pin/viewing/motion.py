@@ -14,7 +14,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import gaps
-from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.solution import Sites
 from condyn_pin.simulation.motion_balance import balances
 from condyn_pin.simulation.recorder import Phase
 from condyn_pin.simulation.trajectory import Trajectory

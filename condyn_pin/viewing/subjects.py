@@ -13,10 +13,9 @@ from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.balancing import Balance
 from condyn_pin.control.balancing import balance as balance_of
 from condyn_pin.control.inverse_answer import InverseDynamics
-from condyn_pin.dynamics.force import Sites
-from condyn_pin.dynamics.postures import described_posture
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.solution import Sites, Solution
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.assembly import Assembly
 from condyn_pin.model.robot import Robot

@@ -10,7 +10,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.contact import WrenchCone
 from condyn_pin.control import CenterOfMass, Controller, Orientation, Posture
-from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.solution import Sites
 from peers.control.harness import Contender, main
 from peers.control.question import Question, Wish
 

@@ -45,8 +45,8 @@ def solve(
     """Solve for accelerations and forces at rest; exits with 1 if the status is not ok."""
     from condyn_pin.cli.by_name import forces_of, state_of, torque_of
     from condyn_pin.cli.words import scene_of, solver_of
-    from condyn_pin.dynamics.choice import default_solver
     from condyn_pin.dynamics.verbs import solve as solve_scene
+    from condyn_pin.dynamics.workspace import default_solver
 
     scene = scene_of(source, contacts, loops)
     torques, forces = torque_of(scene, tau), forces_of(scene, force)

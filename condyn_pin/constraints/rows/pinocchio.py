@@ -19,7 +19,7 @@ e if no joint shifts one past the other along e, or turns it about another axis:
 
 T is made of analytic functions of q: zero at a place of no special choice, zero everywhere.
 
-Both are exact where the loop is closed (`condyn_pin.dynamics.corrections` has the others).
+Both are exact where the loop is closed (`condyn_pin.dynamics.proof` has the others).
 
 A planar pin in space, a slider, a rod, a plane, a coupling, a blade and what rolls have no
 equivalent: three rows of a point, or six of a frame, hold more than they do. A rod is one of them:

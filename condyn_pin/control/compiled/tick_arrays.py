@@ -17,7 +17,7 @@ from condyn_pin.contact.friction_cone import FrictionCone
 from condyn_pin.contact.wrench_cone import WrenchCone
 from condyn_pin.control.compiled_task import CompiledTask
 from condyn_pin.control.hierarchy import DECIDED, SLACK, STRICTLY
-from condyn_pin.dynamics.compiled.arrays import of_model, of_rows, untaken_rows
+from condyn_pin.dynamics.compiled import of_model, of_rows, untaken_rows
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.equations import Equations

@@ -33,7 +33,7 @@ from condyn_pin.control.qp.base import QPSolver
 from condyn_pin.control.qp.chain import Chain, ChainAnswer
 from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadratic_program import QuadraticProgram
-from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import Infeasible, InvalidArgument
 
 DISTRIBUTIONS: dict[str, type[ForceDistribution]] = {}

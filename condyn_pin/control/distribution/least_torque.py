@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.control.distribution.base import ForceDistribution
-from condyn_pin.dynamics.force import Sites
+from condyn_pin.dynamics.solution import Sites
 
 
 @dataclass(frozen=True)

@@ -18,8 +18,8 @@ from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, check_derivatives
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 from condyn_pin.dynamics.derivatives.pinocchio import PinocchioDerivatives
+from condyn_pin.dynamics.proof import failure
 from condyn_pin.dynamics.solution import Status
-from condyn_pin.dynamics.verifier import failure
 from condyn_pin.errors import unknown_name
 
 if TYPE_CHECKING:

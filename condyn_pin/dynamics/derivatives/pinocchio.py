@@ -31,10 +31,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import turning
 from condyn_pin._core.linalg import held_and_free, inverse_factor
-from condyn_pin.dynamics.derivatives.base import Derivatives
-from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
-from condyn_pin.dynamics.derivatives.loads import load_partial
-from condyn_pin.dynamics.derivatives.turning import turning_null_space
+from condyn_pin.dynamics.derivatives.base import Derivatives, load_partial
+from condyn_pin.dynamics.derivatives.kkt import KktDerivatives, turning_null_space
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.errors import DerivativesDisagree, InvalidArgument, UnsupportedConstraint

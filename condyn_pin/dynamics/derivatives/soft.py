@@ -4,7 +4,7 @@
 
 where b is fixed, and k and R = (1 - d) / d w change with the impedance d of the gap |c| of each
 constraint, but w does not: it changes with what bodies weigh (`inverse_inertias`). So with r_q, r_v
-and the partials of J a + gamma of hard constraints (`condyn_pin.dynamics.derivatives.linearised`)
+and the partials of J a + gamma of hard constraints (`condyn_pin.dynamics.derivatives.kkt`)
 
     M da - J^T dlam = dtau - r_q dq - r_v dv,    J da + R dlam = -s_q dq - s_v dv,
     s_q = (J a + gamma)_q + b (J v)_q + k c_q + (k_d c + R_d lam) d_q,    d_q = d' c^T c_q / |c|,
@@ -20,12 +20,21 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import damped_range_space
 from condyn_pin._core.threads import of_workspace
-from condyn_pin.dynamics.derivatives.base import Derivatives
-from condyn_pin.dynamics.derivatives.inverse_inertias import inverse_inertias_by_inertias
-from condyn_pin.dynamics.derivatives.loads import load_partial
-from condyn_pin.dynamics.derivatives.parameters import gravity_regressor, inertia_regressor
-from condyn_pin.dynamics.softness import SolImp, SolRef, impedance, impedance_slope, reference_by
+from condyn_pin.dynamics.derivatives.base import (
+    Derivatives,
+    gravity_regressor,
+    inertia_regressor,
+    inverse_inertias_by_inertias,
+    load_partial,
+)
 from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.solvers.soft import (
+    SolImp,
+    SolRef,
+    impedance,
+    impedance_slope,
+    reference_by,
+)
 from condyn_pin.errors import SolveFailed
 
 if TYPE_CHECKING:

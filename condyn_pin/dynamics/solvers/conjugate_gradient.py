@@ -12,8 +12,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, quietly
 from condyn_pin._core.tolerances import RANK
 from condyn_pin._core.trees import whole_data
+from condyn_pin.dynamics.at_state import weightless
 from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus
-from condyn_pin.dynamics.raw import weightless
 from condyn_pin.dynamics.solvers.base import BoundSolver
 
 if TYPE_CHECKING:

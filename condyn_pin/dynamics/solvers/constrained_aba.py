@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from condyn_pin._core import _pin
 from condyn_pin._core.compiled import missing_constrained_aba
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.dynamics.articulated import ArticulatedSolver
-from condyn_pin.dynamics.compiled_method import CompiledMethod
-from condyn_pin.dynamics.lcaba_choice import Choice
-from condyn_pin.dynamics.raw import weightless
-from condyn_pin.dynamics.recursion import Corrected
+from condyn_pin.dynamics.at_state import weightless
+from condyn_pin.dynamics.compiled import CompiledMethod
+from condyn_pin.dynamics.mu import Choice
+from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected
 from condyn_pin.dynamics.solvers.base import BoundSolver
 
 if TYPE_CHECKING:

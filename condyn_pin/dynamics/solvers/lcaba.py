@@ -8,10 +8,9 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from condyn_pin._core import _pin
 from condyn_pin._core.trees import whole_data
-from condyn_pin.dynamics.articulated import ArticulatedSolver
-from condyn_pin.dynamics.lcaba_choice import Choice
-from condyn_pin.dynamics.raw import raw_constraints, weightless
-from condyn_pin.dynamics.recursion import Corrected, Recursion
+from condyn_pin.dynamics.at_state import raw_constraints, weightless
+from condyn_pin.dynamics.mu import Choice
+from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected, Recursion
 from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.errors import UnsupportedConstraint
 

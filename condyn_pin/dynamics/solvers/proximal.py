@@ -35,13 +35,13 @@ from condyn_pin._core.arguments import (
 )
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import lapack
-from condyn_pin.dynamics.corrections import (
+from condyn_pin.dynamics.mu import FEW, MuAtState, default_accuracy, default_mu
+from condyn_pin.dynamics.proof import (
     OPEN_SQUARED,
     Refinement,
     exact_where_open,
     exact_where_slipping,
 )
-from condyn_pin.dynamics.proximal_mu import FEW, MuAtState, default_accuracy, default_mu
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class Proximal(Solver):
         six do not converge, as near a singular posture or where loops are open, the others use a
         share of the smallest eigenvalue there that is not rounding: 0.09 for the fourteen left by
         default, 0.17 for eighteen, the most, and 0.001 for five, where corrections follow, or where
-        that eigenvalue is more than a hundredth of the largest (`condyn_pin.dynamics.proximal_mu`).
+        that eigenvalue is more than a hundredth of the largest (`condyn_pin.dynamics.mu`).
     max_iterations : int
         Upper limit. It is met without harm where lam keeps a little noise; convergence is judged
         by the errors of the `Solution`, never by this.
@@ -102,7 +102,7 @@ class Proximal(Solver):
         that could still move a joint by 1e-9 of gravity.
     refinements : int, optional
         Corrections with residuals of our own and the same factor
-        (`condyn_pin.dynamics.corrections`). Each costs as much as the verification in `solve`, and
+        (`condyn_pin.dynamics.proof`). Each costs as much as the verification in `solve`, and
         recovers what rounding took where M or G is badly conditioned: light bodies under heavy
         ones, long chains, singular postures. By default one where that may exceed the error of a
         status of ok, eps cond(M) > 1e-8 or eps cond(G) > 1e-8 at the nominal state without
@@ -122,7 +122,7 @@ class Proximal(Solver):
     loops. If they are open by more than 1e-11 m, or their velocity error exceeds 1e-11 m/s, `solve`
     has the answer of `NullSpace`, and `Workspace.acceleration` that of the points, which is right
     to first order in the gap as well. At open states rows that are redundant on closed loops are
-    left out, at the cost of one factorisation of the rows (`condyn_pin.dynamics.corrections`).
+    left out, at the cost of one factorisation of the rows (`condyn_pin.dynamics.proof`).
 
     Cost O(n d^2 + m^2 d) with d the depth of the tree; `condyn bench` measures it.
 

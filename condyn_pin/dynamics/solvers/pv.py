@@ -15,8 +15,8 @@ from condyn_pin._core.arguments import (
     check_proximal,
 )
 from condyn_pin._core.compiled import missing_constrained_aba
-from condyn_pin.dynamics.compiled_method import CompiledMethod
-from condyn_pin.dynamics.proximal_mu import default_accuracy, default_mu
+from condyn_pin.dynamics.compiled import CompiledMethod
+from condyn_pin.dynamics.mu import default_accuracy, default_mu
 from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
 
 if TYPE_CHECKING:

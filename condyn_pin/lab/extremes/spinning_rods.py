@@ -1,6 +1,6 @@
 """Cassie with rods that spin about themselves, on states further and further from standing."""
 
-from condyn_pin.dynamics.catalogue import motor_torque
+from condyn_pin.dynamics.scene import motor_torque
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.extremes.base import Case, Rng, closed, extreme
 

@@ -19,8 +19,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral
+from condyn_pin.dynamics.scene import Scene, check_bilateral
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.lab.extremes.base import Case, Rng, by_reference, extreme, moving
 from condyn_pin.model.robot import Robot

@@ -29,7 +29,7 @@ from condyn_pin.constraints.line_contact import LineContact
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.at_state import equations_of
-from condyn_pin.dynamics.postures import described_posture
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidConstraint, InvalidModel
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced

@@ -24,11 +24,9 @@ from condyn_pin._core.arrays import finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
 from condyn_pin._core.timing import State
-from condyn_pin.dynamics.choice import default_solver
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_bilateral, check_not_driven
+from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace, default_solver
 from condyn_pin.errors import CondynError, InvalidArgument
 from condyn_pin.mechanism.reduction.minimal_report import Minimal, ReductionStep
 from condyn_pin.mechanism.reduction.price import ReductionErrors, answers, compare

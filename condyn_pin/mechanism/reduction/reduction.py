@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import checked, listed, normalised
 from condyn_pin._core.joints import indices
-from condyn_pin.dynamics.postures import described_posture
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced

@@ -25,7 +25,7 @@ from condyn_pin._core.timing import State
 from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import equations_of
-from condyn_pin.dynamics.postures import described_posture
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.model.robot import Robot

@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from condyn_pin._core.timing import State
-from condyn_pin.dynamics.catalogue import motor_torque
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene, motor_torque
 from condyn_pin.errors import InvalidArgument, NotAssembled
 
 

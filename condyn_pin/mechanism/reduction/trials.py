@@ -10,10 +10,9 @@ from typing import TypeVar
 import numpy as np
 
 from condyn_pin._core.timing import Call, State, Times, interleaved
-from condyn_pin.dynamics.choice import untaken
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace, untaken
 from condyn_pin.errors import UnsupportedConstraint
 
 _Key = TypeVar("_Key", bound=Hashable)

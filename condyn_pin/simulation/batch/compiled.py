@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.compiled import compiled
 from condyn_pin._core.rows import Native
 from condyn_pin._core.work import Arrays, Kernel, Messages
-from condyn_pin.dynamics.compiled.core import refuse
+from condyn_pin.dynamics.compiled import refuse
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import MissingExtra, UnsupportedBackend
 

@@ -25,10 +25,8 @@ from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM, POLISH, RESCUE
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.contact.solvers.newton import SemismoothNewton
-from condyn_pin.dynamics.compiled.arrays import contiguous
-from condyn_pin.dynamics.compiled.contacts import of_contacts, untaken_contacts
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import time_of
+from condyn_pin.dynamics.compiled import contiguous, of_contacts, untaken_contacts
+from condyn_pin.dynamics.scene import Scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.simulation.batch.batch_step import ERRORS, STATUSES

@@ -16,7 +16,7 @@ from condyn_pin._core.threads import Kept
 from condyn_pin._core.work import Arrays, Progress, silent
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics.compiled import arrays
+from condyn_pin.dynamics import compiled
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
@@ -151,7 +151,7 @@ def simulate_batch(
 
 def untaken_by_core(workspace: Workspace, planned: Plan) -> Iterator[str]:
     """Yield what the compiled core does not take of a workspace that is to move."""
-    yield from arrays.untaken(workspace)
+    yield from compiled.untaken(workspace)
     if not planned.scene.contacts:  # whose steps have the rows of the scene themselves
         yield from untaken_rows(workspace, planned.drift)
 

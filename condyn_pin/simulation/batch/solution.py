@@ -130,7 +130,7 @@ class BatchSolution(Outcome, Batch[Solution]):
             If pandas is not installed.
         """
         from condyn_pin._core.show import require_pandas
-        from condyn_pin.dynamics.columns import solution_columns
+        from condyn_pin.dynamics.solution import solution_columns
 
         of_states = self.status_names, self.q, self.a, self.lam, self.residuals
         table = solution_columns(self.scene, *of_states)

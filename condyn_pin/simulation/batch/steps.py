@@ -19,9 +19,8 @@ from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact.modes import MODES
 from condyn_pin.contact.solution import ContactStatus
-from condyn_pin.dynamics.compiled.arrays import untaken
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.compiled import untaken
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
 from condyn_pin.simulation.batch.batch_step import ERRORS, ROWS, STATUSES, BatchStep

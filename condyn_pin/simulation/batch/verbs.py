@@ -16,12 +16,10 @@ from condyn_pin._core.rows import Native, Rows
 from condyn_pin._core.work import Arrays, Kind, Progress, silent
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics.compiled.arrays import untaken
-from condyn_pin.dynamics.compiled.core import untaken_method
+from condyn_pin.dynamics.compiled import untaken, untaken_method
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import check_scene
+from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import unknown_name
 from condyn_pin.simulation.batch.answers import answer_rows, by_core

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import Law
-from condyn_pin.dynamics.softness import (
+from condyn_pin.dynamics.solvers.soft import (
     DEFAULT_SOLIMP,
     DEFAULT_SOLREF,
     SolImp,

@@ -15,8 +15,8 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.derivatives.carried import slope
-from condyn_pin.dynamics.derivatives.linearised import Linearised
+from condyn_pin.dynamics.derivatives.base import slope
+from condyn_pin.dynamics.derivatives.kkt import Linearised
 from condyn_pin.simulation.integrators.posed import Posed
 
 if TYPE_CHECKING:

@@ -13,7 +13,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
-from condyn_pin.dynamics.raw import weightless
+from condyn_pin.dynamics.at_state import weightless
 
 
 class InertiaPartials:

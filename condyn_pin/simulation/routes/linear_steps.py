@@ -28,10 +28,9 @@ from condyn_pin.constraints.partials.contacts import ContactTurning
 from condyn_pin.constraints.rows.bound import AnyBound
 from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.dynamics.derivatives.linearised import Linearisation
-from condyn_pin.dynamics.raw import weightless
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.scene_checks import time_of
+from condyn_pin.dynamics.at_state import weightless
+from condyn_pin.dynamics.derivatives.kkt import Linearisation
+from condyn_pin.dynamics.scene import Scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps

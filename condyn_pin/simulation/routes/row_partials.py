@@ -21,7 +21,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms
-from condyn_pin.dynamics.derivatives.carried import slope
+from condyn_pin.dynamics.derivatives.base import slope
 from condyn_pin.simulation.integrators.posed import Posed
 
 if TYPE_CHECKING:

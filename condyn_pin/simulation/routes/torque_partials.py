@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.dynamics.derivatives.carried import slope
+from condyn_pin.dynamics.derivatives.base import slope
 from condyn_pin.simulation.system import System
 
 

@@ -35,8 +35,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Grid, enter
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
-from condyn_pin.dynamics.catalogue import standard_scenes
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene, standard_scenes
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers import SOLVERS, Solver
 from condyn_pin.dynamics.solvers.lcaba import LCABA

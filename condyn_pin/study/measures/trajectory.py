@@ -16,10 +16,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
 from condyn_pin.contact.restitution import RESTITUTION_LAWS
 from condyn_pin.contact.solvers import CONTACT_SOLVERS
-from condyn_pin.dynamics.choice import default_solver
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace, default_solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.drift.no_drift import NoDrift

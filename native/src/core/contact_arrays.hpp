@@ -1,4 +1,4 @@
-// What may touch, as it crosses the border: `condyn_pin/dynamics/compiled/contacts.py` says what each array is.
+// What may touch, as it crosses the border: `condyn_pin/dynamics/compiled.py` says what each array is.
 #pragma once
 #include "arrays.hpp"
 #include "candidates.hpp"

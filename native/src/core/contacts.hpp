@@ -34,7 +34,7 @@ struct Ways
 class Contacts
 {
 public:
-  /// `condyn_pin/dynamics/compiled/contacts.py` says what each is.
+  /// `condyn_pin/dynamics/compiled.py` says what each is.
   Contacts(const Core & core, const ContactArrays & arrays, int rank);
   Contacts(const Contacts &) = delete; // its workers hold references to its candidates
 

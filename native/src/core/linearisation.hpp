@@ -2,7 +2,7 @@
 //
 //   r = M a + h - tau - J^T lam,    s = J a + gamma - a_ref
 //
-// `condyn_pin/dynamics/derivatives/linearised.py` has the same in Python.
+// `condyn_pin/dynamics/derivatives/kkt.py` has the same in Python.
 #pragma once
 #include "carried.hpp"
 #include "jacobian.hpp"

@@ -10,7 +10,7 @@
 // Where rows look independent though they are redundant on closed loops, or stand for others, states off the constraints
 // are answered by `Direct`.
 //
-// `condyn_pin/dynamics/solvers/proximal.py` and `proximal_mu.py` say why; the numbers come from there.
+// `condyn_pin/dynamics/solvers/proximal.py` and `dynamics/mu.py` say why; the numbers come from there.
 #pragma once
 #include "direct.hpp"
 #include <memory>

@@ -1,4 +1,4 @@
-// A scene as it crosses the border: `condyn_pin/dynamics/compiled/arrays.py` says what each array is.
+// A scene as it crosses the border: `condyn_pin/dynamics/compiled.py` says what each array is.
 #pragma once
 #include "arrays.hpp"
 #include "path.hpp"

@@ -1,1 +1,0 @@
-"""A workspace's scene in the compiled core: arrays across the border, answers back."""
