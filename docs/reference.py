@@ -23,7 +23,12 @@ _AREAS = {
         "constraints.rows.bound",
         "mechanism",
     ),
-    "Smaller scenes": ("mechanism.reduction", "lab"),
+    "Smaller scenes": (
+        "mechanism.reduction",
+        "mechanism.minimal_scene",
+        "mechanism.suggestions",
+        "lab",
+    ),
     "Answers": ("dynamics", "constraints.forces", "constraints.rows"),
     "Friction cones": (
         "contact.cone",

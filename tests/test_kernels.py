@@ -17,7 +17,7 @@ from shared import all_scenes, states
 import condyn_pin as cp
 from condyn_pin._core.linalg import pivots, redundant_rows
 from condyn_pin.mechanism.closed_chains import chains_of, independent_columns
-from condyn_pin.mechanism.reduction.fewer_rows import _axes
+from condyn_pin.mechanism.suggestions import _axes
 from condyn_pin.simulation.stiffness import _fastest
 
 # The kernels are those of numpy and SciPy; Pinocchio has its own products.

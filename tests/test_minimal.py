@@ -20,7 +20,7 @@ from condyn_pin.dynamics.scene import motor_torque
 from condyn_pin.lab import hierarchy
 from condyn_pin.lab.hierarchy import climb
 from condyn_pin.lab.hierarchy_table import draw_hierarchy, save_hierarchies
-from condyn_pin.mechanism.reduction.same_motion import loaded, same_motion, standing_torque
+from condyn_pin.mechanism.reduction import loaded, same_motion, standing_torque
 
 FEW = cp.lab.HierarchyEffort(states=2, rounds=5, repeats=2)
 

@@ -22,8 +22,8 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.derivatives.kkt import Linearisation
 from condyn_pin.dynamics.workspace import untaken
+from condyn_pin.mechanism.classification import _is_involutive, bracket
 from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.mechanism.integrability import _is_involutive, bracket
 from condyn_pin.model.mechanisms.base import add_rod, disc
 
 GRAVITY = 9.81

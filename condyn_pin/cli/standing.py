@@ -21,7 +21,7 @@ from condyn_pin.control.tasks.orientation import Orientation
 from condyn_pin.control.tasks.posture import Posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import unknown_name
-from condyn_pin.mechanism.reduction.reduction import without
+from condyn_pin.mechanism.reduction import without
 from condyn_pin.model.robot import Robot
 
 

@@ -37,7 +37,7 @@ from condyn_pin.control.support import along_plane, level_floor
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven, check_scene
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.mechanism.anchoring import anchored
+from condyn_pin.mechanism.closing import anchored
 
 
 @dataclass(frozen=True, eq=False, repr=False)

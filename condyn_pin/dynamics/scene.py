@@ -33,11 +33,10 @@ if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.base import Contact, Mode
     from condyn_pin.constraints.contacts.touches import BoundContact
     from condyn_pin.dynamics.solvers.base import Solver
-    from condyn_pin.mechanism.assembly import Assembly
-    from condyn_pin.mechanism.check import Check
-    from condyn_pin.mechanism.rank import Rank
-    from condyn_pin.mechanism.reduction.minimal_report import Minimal
-    from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene
+    from condyn_pin.mechanism.closing import Assembly
+    from condyn_pin.mechanism.minimal_scene import Minimal
+    from condyn_pin.mechanism.rank import Check, Rank
+    from condyn_pin.mechanism.reduction import ReducedScene
     from condyn_pin.mechanism.summary import Summary
 
 
@@ -244,7 +243,7 @@ class Scene:
         return q, np.zeros(self.robot.nv)
 
     def _on_ground(self, q: Array, *, throw: bool) -> Array:
-        from condyn_pin.mechanism.put_down import put_down
+        from condyn_pin.mechanism.assembling import put_down
 
         try:
             return put_down(self, q)
@@ -327,13 +326,13 @@ class Scene:
 
         `rng`, `spread`, `speed`, `tries` and the errors are those of `condyn_pin.mechanism.sample`.
         """
-        from condyn_pin.mechanism.sampling import sample
+        from condyn_pin.mechanism.projection import sample
 
         return sample(self, rng, spread=spread, speed=speed, tries=tries)
 
     def check(self, q: ArrayLike, v: ArrayLike | None = None) -> Check:
         """Return how far each loop is open at q (nq,), and which constraints v (nv,) violates."""
-        from condyn_pin.mechanism.check import check
+        from condyn_pin.mechanism.rank import check
 
         return check(self, q, v)
 
@@ -342,7 +341,7 @@ class Scene:
 
         The arguments and errors are those of `condyn_pin.mechanism.lock`.
         """
-        from condyn_pin.mechanism.reduction.reduction import lock
+        from condyn_pin.mechanism.reduction import lock
 
         return lock(self, joints, q)
 
@@ -358,7 +357,7 @@ class Scene:
 
         `motion`, `watch`, `solver` and the errors are those of `condyn_pin.mechanism.minimal`.
         """
-        from condyn_pin.mechanism.reduction.minimal import minimal
+        from condyn_pin.mechanism.minimal_scene import minimal
 
         return minimal(self, error=error, motion=motion, watch=watch, solver=solver)
 

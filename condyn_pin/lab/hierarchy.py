@@ -1,7 +1,7 @@
 """Ladders: one machine, scene by scene smaller, with speed and price of each model.
 
-The same motions are put into every model (`condyn_pin.mechanism.reduction.same_motion`), and what
-is watched is compared with the first model (`condyn_pin.mechanism.reduction.price`). A ladder is
+The same motions are put into every model (`condyn_pin.mechanism.reduction`), and what
+is watched is compared with the first model (`condyn_pin.mechanism.minimal_scene`). A ladder is
 data: `condyn_pin/lab/hierarchies/` has one file each.
 """
 
@@ -22,9 +22,8 @@ from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.errors import unknown_name
 from condyn_pin.lab.hierarchy_table import HierarchyRow, HierarchyTable
-from condyn_pin.mechanism.reduction.price import answers, compare
-from condyn_pin.mechanism.reduction.same_motion import same_motion, standing_torque
-from condyn_pin.mechanism.reduction.trials import time_trials, trial
+from condyn_pin.mechanism.minimal_scene import answers, compare
+from condyn_pin.mechanism.reduction import same_motion, standing_torque, time_trials, trial
 from condyn_pin.model.smaller import free_flyers
 
 # Torque of each motor beside what standing takes, as a share of the weight at one metre.

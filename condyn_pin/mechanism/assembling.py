@@ -1,4 +1,6 @@
-"""Assembling: loops closed from a guess, on the branch of the start.
+"""Assembly from where a robot is, of one configuration or many, on its feet.
+
+Assembling: loops closed from a guess, on the branch of the start.
 
 `condyn_pin.mechanism.closing` has the runs that are tried, one after the other;
 `condyn_pin.mechanism.closed_chains` says what a branch is.
@@ -14,16 +16,18 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_count, checked, normalised
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arrays import Array, finite_rows
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg import rank_of
-from condyn_pin.dynamics.at_state import gaps, to_close
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin._core.trees import algorithms, data_of
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.dynamics.at_state import equations_of, gaps, to_close
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.solution import upward
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.mechanism.assembly import Assembly, AssemblyStatus
 from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
-from condyn_pin.mechanism.closing import BUDGET, ORDINARY, Closer, Closing
+from condyn_pin.mechanism.closing import BUDGET, ORDINARY, Assembly, AssemblyStatus, Closer, Closing
 from condyn_pin.model.joints import NO_LIMITS, Limits
 
 
@@ -192,3 +196,220 @@ def _check_branch(branch: Mapping[str, int], known: Mapping[str, int]) -> None:
             raise unknown_name("cluster of loops", str(name), known)
         if side not in (-1, 0, 1):
             raise InvalidArgument(f"branch[{name!r}] = {side!r}: one of -1, 0 and 1 is needed")
+
+
+# Many closed configurations of one mechanism, from the angles of its motors.
+
+
+# Steps on the way from the nominal configuration to one that is not found at once.
+_STEPS = 8
+
+
+@one_blas_thread
+def assemble_batch(
+    scene: Scene,
+    angles: ArrayLike,
+    *,
+    joints: Sequence[str] | None = None,
+    within_limits: bool = True,
+) -> tuple[Array, NDArray[np.bool_]]:
+    """Return closed configurations with the motors at given angles, and which of them are closed.
+
+    Each starts from the nominal configuration, and if that fails approaches its angles in small
+    steps, so that no row depends on another. All are on the branch of the first posture.
+
+    Parameters
+    ----------
+    scene : Scene
+    angles : (n, k) array_like
+        Of the motors, one row per robot [rad, m].
+    joints : sequence of str, optional
+        The joints that the columns are of; those with motors by default.
+    within_limits : bool
+        Whether angles beyond the limits of their joints, and configurations beyond those of other
+        joints, count as not closed.
+
+    Returns
+    -------
+    Q : (n, nq) array
+        A row that is not closed is where its gap was smallest.
+    closed : (n,) bool array
+        Which of them are open by 1e-10 [m, rad] at most.
+
+    Raises
+    ------
+    InvalidArgument
+        If a size does not fit, a number is not finite, or a joint has several coordinates.
+    NotAssembled
+        If the loops cannot be closed at the nominal configuration.
+
+    Notes
+    -----
+    Takes as long as a call of `Scene.assemble` a row, without its report.
+    """
+    check_scene(scene)
+    scene.robot.check_unedited()
+    robot = scene.robot
+    named = robot.actuated if joints is None else joints
+    names = checked("joints", named, robot.joints, "joint")
+    iq, iv = indices(robot.model, names)
+    if not names or not len(names) == len(iq) == len(iv):
+        raise InvalidArgument(
+            f"joints = {list(names)}: joints with one coordinate are needed, one at least"
+        )
+    goals = finite_rows("angles", angles, len(names))
+    if goals.ndim != 2:
+        raise InvalidArgument(f"angles has shape {goals.shape}: a row for each robot is needed")
+    if not scene.nominal.closed:
+        scene.state()  # raises what is in the way
+    return _Many(scene, iq, iv, within_limits=within_limits).all(goals)
+
+
+class _Many:
+    """Closes the loops of a scene again and again, with some joints held."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        iq: NDArray[np.int_],
+        iv: NDArray[np.int_],
+        *,
+        within_limits: bool,
+    ) -> None:
+        self._home, self._iq = nominal_configuration(scene), iq
+        self._chains: ClosedChains = chains_of(scene)
+        self._limits = self._chains.limits if within_limits else NO_LIMITS
+        moving = np.ones(scene.robot.nv, dtype=bool)
+        moving[iv] = False
+        self._closer = Closer.of(scene, moving, self._limits)
+
+    def all(self, goals: Array) -> tuple[Array, NDArray[np.bool_]]:
+        """Return what `assemble_batch` does."""
+        Q = np.zeros((len(goals), len(self._home)))
+        closed = np.zeros(len(goals), dtype=bool)
+        for i, goal in enumerate(goals):
+            Q[i], closed[i] = self._one(goal)
+        return Q, closed
+
+    def _one(self, goal: Array) -> tuple[Array, bool]:
+        best, closed = self._closed_at(self._home, goal)
+        if closed or not np.array_equal(best[self._iq], goal):  # beyond the limits of a motor
+            return best, closed
+        q, start = self._home, self._home[self._iq]
+        for share in np.arange(1, _STEPS + 1) / _STEPS:
+            q, closed = self._closed_at(q, (1 - share) * start + share * goal)
+            if not closed:
+                return best, False
+        return q, True
+
+    def _closed_at(self, start: Array, goal: Array) -> tuple[Array, bool]:
+        """Return the configuration near a start with the motors at a goal, and if it is closed."""
+        guess = start.copy()
+        guess[self._iq] = goal
+        end, status, _ = best_end(self._chains, self._closer, guess, self._chains.assembly_mode)
+        there = np.array_equal(end.q[self._iq], goal)  # not where a limit wants them
+        return end.q, status.ok and there and not self._limits.beyond(end.q)
+
+
+# put_down: a floating robot on the ground that its contacts may touch.
+#
+# x <- x - gap n,    of the ground with the least gap, until it touches x <- x - gap n,    of what a
+# contact is in, until it is in nothing
+
+
+# Shifts until every plane is clear: one for each of those that form a wedge, and some.
+_SHIFTS = 20
+
+# What faces up by more than this, as the sine of its angle to the vertical, is ground; else a wall.
+_FACES_UP = 0.1
+
+
+def put_down(scene: Scene, q: ArrayLike) -> Array:
+    """Return a configuration with the floating base shifted until the lowest contact just touches.
+
+    x <- x - gap n,  with gap and n of the ground that is nearest below, and out of walls
+
+    Parameters
+    ----------
+    scene : Scene
+        With contacts that may let go.
+    q : (nq,) array_like
+        Only the base moves; the joints, and with them the loops, stay as they are.
+
+    Returns
+    -------
+    q : (nq,) array
+        q as given, if the robot has no floating base or no contact has ground below it: planes and
+        boxes that face up. A wall moves the robot only where it is in one, and not where that takes
+        it into another.
+
+    Raises
+    ------
+    InvalidArgument
+        If q is no configuration, the contacts of the scene are constraints, which never let go, or
+        other constraints tie the base to a place.
+    """
+    check_scene(scene)
+    model = scene.robot.unedited
+    placed = normalised(model, "q", q)
+    if not scene.contacts and any(each.presses for each in scene.constraints):
+        raise InvalidArgument(
+            "scene: its contacts are held where they are; one with contacts that may let go is "
+            "needed, Scene(robot, contacts=robot.frictional_contacts(friction=0.7))"
+        )
+    candidates = Candidates(model, scene.contact_bounds, exact=True)
+    if not candidates.cones or model.joints[1].shortname() != "JointModelFreeFlyer":
+        return placed
+    own = _of_the_base(scene)
+    down = _shifted(scene, candidates, own, placed, walls=False)[0]
+    clear, ends = _shifted(scene, candidates, own, down, walls=True)
+    found = clear if ends else down
+    _check_ties(scene, placed, found)
+    return found
+
+
+def _shifted(
+    scene: Scene, candidates: Candidates, own: NDArray[np.bool_], q: Array, *, walls: bool
+) -> tuple[Array, bool]:
+    """Base on the ground and out of `walls`, by `own` contacts; whether the shifts ended."""
+    model, up = scene.robot.unedited, upward(scene)
+    data, placed = data_of(model), q.copy()
+    for _ in range(_SHIFTS):
+        algorithms(data).forwardKinematics(model, data, placed)
+        gaps = candidates.gaps(data, placed)[: candidates.cones]
+        n = candidates.axes(data, placed)[:, :, 2]
+        ground = (n @ up > _FACES_UP) if up.any() else np.full(len(gaps), True)
+        near = own & np.isfinite(gaps)
+        counts = near & (ground | (walls & (gaps < 0.0)))
+        if not (near & ground).any():
+            return placed, True
+        lowest = int(np.where(counts, gaps, np.inf).argmin())
+        if abs(gaps[lowest]) <= tolerances.CLOSED:
+            return placed, True
+        placed[:3] -= gaps[lowest] * n[lowest]
+    return placed, False
+
+
+def _of_the_base(scene: Scene) -> NDArray[np.bool_]:
+    """Whether each cone is one of the base, or of what hangs on it, with something else."""
+    hangs = [1 in list(path) for path in scene.robot.unedited.supports]
+    touches = [each for bound in scene.contact_bounds for each in bound.touches]
+    pairs = [each for bound in scene.contact_bounds for each in bound.pairs]
+    sides = [(each.joint, each.ground) for each in touches]
+    sides += [(each.joint, each.ground) for each in pairs for _ in range(each.points)]
+    return np.array([hangs[one] and not hangs[other] for one, other in sides], dtype=bool)
+
+
+def _check_ties(scene: Scene, before: Array, after: Array) -> None:
+    """Refuse a shift that opens constraints."""
+    if not scene.rows or np.array_equal(before, after):
+        return
+    equations = equations_of(scene)
+    was, found = (np.abs(equations.violation(each)) for each in (before, after))
+    for bound in scene.bounds:
+        opened = found[bound.rows].max(initial=0.0)
+        if opened > was[bound.rows].max(initial=0.0) + tolerances.NEARLY_CLOSED:
+            raise InvalidArgument(
+                f"scene: {bound.name} ties the base to a place, and a shift onto the ground opens "
+                "it; leave it out, or move what it is tied to"
+            )

@@ -1,4 +1,6 @@
-"""Classification: what kind of system a scene is, in the words of analytical mechanics.
+"""Which constraints hold positions, and which velocities only.
+
+Classification: what kind of system a scene is, in the words of analytical mechanics.
 
     holonomic       all rows restrict the position, c(q, t) = 0, or are rates of what does
     scleronomic     time is in none of them; rheonomic if it is
@@ -12,12 +14,26 @@ ordinary differential equation.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from itertools import combinations, product
+from typing import Any, Final
 
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.errors import NotAssembled
-from condyn_pin.mechanism.integrability import is_integrable
-from condyn_pin.mechanism.rank import Rank
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import check_count, normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.linalg import null_space, rank_of
+from condyn_pin.dynamics.derivatives.kkt import Linearisation
+from condyn_pin.dynamics.scene import Scene, check_not_driven, check_scene
+from condyn_pin.errors import InvalidArgument, NotAssembled
+from condyn_pin.mechanism.assembling import assemble, nominal_configuration
+from condyn_pin.mechanism.closing import Closer
+from condyn_pin.mechanism.rank import Rank, check
 
 
 @dataclass(frozen=True)
@@ -93,3 +109,359 @@ def classification(scene: Scene, rank: Rank) -> Classification:
         velocity_rows=velocity_rows,
         rank=rank.rank,
     )
+
+
+# Growth vector: to how many places the allowed velocities lead, one after the other.
+#
+# With X_1 ... X_k fields of velocities that the rows allow, A X = 0, the spaces
+#
+#     D_1 = span X_i,        D_(j+1) = D_j + [D_1, D_j],        [X, Y] = dY X - dX Y + {X, Y}
+#
+# grow until no bracket leads out of them. Their dimensions are the growth vector. By Chow's theorem
+# every configuration nearby within the last of them can be reached: a unicycle, (2, 3, 4), parks; a
+# blade gets sideways; and where the first is the last, rows are integrable (`is_integrable`).
+#
+# The fields are smooth, the columns of 1 - A^+ A, and their derivatives are differences of order 4
+# in the coordinates of the joints; {X, Y} is the bracket of the joints' own groups, that of twists
+# for a free-flyer.
+
+
+# A field of velocities in the axes of the joints: q -> (nv,)
+Field = Callable[[Array], Array]
+
+# Step of the differences, and their weights: off by h^4, and by eps / h a bracket.
+_STEP: Final = 1e-2
+_STENCIL: Final = ((-2, 1 / 12), (-1, -2 / 3), (1, 2 / 3), (2, -1 / 12))
+
+
+@one_blas_thread
+def growth_vector(scene: Scene, q: ArrayLike | None = None, *, deepest: int = 4) -> tuple[int, ...]:
+    """Return the dimensions that allowed velocities and their repeated Lie brackets span.
+
+    D_(j+1) = D_j + [D_1, D_j], until it no longer grows
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like, optional
+        A closed configuration; the nominal state by default.
+    deepest : int
+        The most levels to compute: a car with n trailers has 3 + n. Each costs 4 d times the one
+        before, d being the first dimension. At singular places a level may bring nothing, and the
+        next more.
+
+    Returns
+    -------
+    tuple of int
+        The growth vector. Its first entry is the mobility at q; its last one the dimension of the
+        set of places that can be reached nearby (Chow), if fewer than `deepest` levels were needed.
+        A single entry: the rows restrict the position.
+
+    Raises
+    ------
+    InvalidArgument
+        If `q` has a wrong size or is not finite, or `deepest` is no positive number.
+    NotAssembled
+        If a loop is open at q.
+    UnsupportedConstraint
+        If constraints are driven: what a path leads to is not in the brackets.
+
+    Notes
+    -----
+    The rank is computed from differences: a direction smaller than 1e-5 counts as rounding.
+
+    References
+    ----------
+    Chow. Über Systeme von linearen partiellen Differentialgleichungen erster Ordnung. Mathematische
+    Annalen 117, 1939.
+    Murray, Li, Sastry. A Mathematical Introduction to Robotic Manipulation. CRC Press, 1994,
+    chapters 7 and 8.
+    """
+    check_scene(scene)
+    check_not_driven(scene, "growth_vector")
+    check_count("deepest", deepest)
+    model = scene.robot.model
+    scene.robot.check_unedited()
+    q_ = scene.nominal.q if q is None else normalised(model, "q", q)
+    check(scene, q_, None).raise_if_open()
+    allowed = _Allowed(scene)
+    if is_integrable(scene, q_):  # exact, and far cheaper than differences of all brackets
+        return (model.nv - allowed.rank,)
+    first = [allowed.field(i) for i in allowed.chosen(q_)]
+    level, sizes, spanned = first, [len(first)], _Span(model.nv)
+    for X in first:
+        spanned.grows_by(X(q_))
+    while len(sizes) < deepest and sizes[-1] < allowed.most(q_):
+        # a level that brings nothing at a singular place may have brackets that do
+        pairs = product(first, level) if len(sizes) > 1 else combinations(first, 2)
+        level = [allowed.bracket(X, Y) for X, Y in pairs]
+        for Z in level:
+            spanned.grows_by(Z(q_))
+        sizes.append(len(spanned.basis))
+    while len(sizes) > 1 and sizes[-1] == sizes[-2]:
+        sizes.pop()
+    return tuple(sizes)
+
+
+class _Span:
+    """A space that grows; `basis` is orthonormal, a vector a row."""
+
+    def __init__(self, n: int) -> None:
+        self.basis = np.zeros((0, n))
+
+    def grows_by(self, z: Array) -> bool:
+        """Take a vector in, and return whether it leads out of what there was."""
+        out = z - self.basis.T @ (self.basis @ z)
+        size = float(np.linalg.norm(out))
+        if size <= tolerances.GROWN * max(1.0, float(np.linalg.norm(z))):
+            return False
+        self.basis = np.vstack([self.basis, out / size])
+        return True
+
+
+class _Allowed:
+    """The fields of allowed velocities of one scene, X_i(q) = (1 - A^+ A) e_i.
+
+    Brackets of brackets ask for the same fields at the same places again: what is known is kept.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._model, self._closer = scene.robot.model, Closer.of(scene)
+        self.rank = scene.nominal.rank
+        self._projectors: dict[bytes, Array] = {}
+
+    def most(self, q: Array) -> int:
+        """Return what rows with a position leave: no bracket leads out of that."""
+        J = self._closer.equations.jacobian(q)[self._closer.rows]
+        return int(self._model.nv) - (rank_of(np.linalg.svd(J, compute_uv=False)) if len(J) else 0)
+
+    def projector(self, q: Array) -> Array:
+        """Return 1 - A^+ A (nv, nv)."""
+        P = self._projectors.get(place := q.tobytes())
+        if P is None:
+            V = np.linalg.svd(self._closer.equations.jacobian(q))[2][: self.rank]
+            P = self._projectors[place] = np.eye(self._model.nv) - V.T @ V
+        return P
+
+    def chosen(self, q: Array) -> list[int]:
+        """Return the joints whose fields are a basis at q: the largest of what is left, in turn."""
+        P, found = self.projector(q), []
+        for _ in range(self._model.nv - self.rank):
+            i = int(np.argmax(np.linalg.norm(P, axis=0)))
+            found.append(i)
+            along = P[:, i] / np.linalg.norm(P[:, i])
+            P = P - np.outer(along, along @ P)
+        return found
+
+    def field(self, i: int) -> Field:
+        """Return X_i."""
+        return lambda q: self.projector(q)[:, i]
+
+    def bracket(self, X: Field, Y: Field) -> Field:
+        """Return [X, Y]."""
+
+        def along(q: Array, x: Array, Z: Field) -> Array:
+            ends = (share / _STEP * Z(self._moved(q, k * _STEP * x)) for k, share in _STENCIL)
+            return np.asarray(sum(ends))
+
+        known: dict[bytes, Array] = {}
+
+        def found(q: Array) -> Array:
+            z = known.get(place := q.tobytes())
+            if z is None:
+                x, y = X(q), Y(q)
+                z = along(q, x, Y) - along(q, y, X) + bracket(self._model, x, y)
+                known[place] = z
+            return z
+
+        return found
+
+    def _moved(self, q: Array, dq: Array) -> Array:
+        """Return q moved, and closed again: off its own manifold a loop says nothing."""
+        q = np.array(pin.integrate(self._model, q, dq))
+        return self._closer.close(q).q if len(self._closer.rows) else q
+
+
+# Integrability: whether constraints on the velocity are constraints on the position.
+#
+# Let X and Y be velocities that the rows allow, A X = A Y = 0, constant in the axes of the joints.
+# Moving along X, then Y, and back leads to second order along the Lie bracket
+#
+#     d(X, Y) = (dA X) Y - (dA Y) X - A [X, Y],
+#
+# which has to stay within the rows for every X and Y, at every configuration nearby: then, and only
+# then (Frobenius), the rows are the rates of as many functions of q. A blade fails: by turning and
+# gliding it gets sideways.
+#
+# d is the exterior derivative of the rows; with one velocity filled in it is their `curvature`.
+#
+# dA is exact, from `condyn_pin.dynamics.derivatives.kkt`: with v = 0 and a = Y, J a + gamma = A Y.
+# [X, Y] is the bracket of the joints' own groups: for a free-flyer the cross product of its twists,
+# and zero for every joint whose q is a plain vector.
+
+
+_LOOKS = 2  # at configurations nearby: a bracket may vanish at one by accident
+_NEARBY = 0.1  # [rad, m]
+
+# What a velocity is in the axes of a twist (linear, angular), for joints whose q is no vector.
+_TWISTS: Final[dict[str, tuple[int, ...]]] = {
+    "JointModelFreeFlyer": (0, 1, 2, 3, 4, 5),
+    "JointModelSpherical": (3, 4, 5),
+    "JointModelPlanar": (0, 1, 5),
+}
+
+
+@one_blas_thread
+def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
+    """Return whether the rows of a scene restrict the position, and not only the velocity.
+
+    d(X, Y) = 0 for all X, Y with A X = A Y = 0, at q and at two closed configurations near it.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like, optional
+        A closed configuration; the nominal state by default.
+
+    Returns
+    -------
+    bool
+        True for loops and contacts, and for a scene without rows; False if some of the velocities
+        that the rows allow lead, one after the other, to where no allowed velocity leads.
+
+    Raises
+    ------
+    InvalidArgument
+        If `scene` is no scene, or `q` has a wrong size or is not finite.
+    NotAssembled
+        If a loop is open at q: off the constraint manifold the question has no meaning.
+
+    Notes
+    -----
+    Where some rows are integrable and others are not, the answer is False. Cost: one linearisation
+    for each degree of freedom left, three times.
+
+    References
+    ----------
+    Murray, Li, Sastry. A Mathematical Introduction to Robotic Manipulation. CRC Press, 1994,
+    chapter 7.
+    """
+    check_scene(scene)
+    model = scene.robot.model
+    scene.robot.check_unedited()
+    q_ = nominal_configuration(scene) if q is None else normalised(model, "q", q)
+    check(scene, q_, None).raise_if_open()
+    if not scene.rows:
+        return True
+    of = Linearisation(model, scene.bounds)
+    return all(_is_involutive(model, scene.rows, of, each) for each in _at_and_near(scene, q_))
+
+
+@one_blas_thread
+def curvature(scene: Scene, q: ArrayLike, v: ArrayLike) -> Array:
+    """Return how far the rows are from being rates of functions of q, along a velocity.
+
+    K_ij = d_i(v, e_j) = ((dA v) e_j - (dA e_j) v - A [v, e_j])_i,        A' = dA v
+
+    For holonomic rows K w is zero for all velocities w with A w = 0. If it is not, two principles
+    disagree: with forces A^T lam that do no work (d'Alembert) a machine moves by M a + h = tau +
+    A^T lam. A motion that makes the action stationary among those that the rows allow (vakonomic,
+    known from optimal control) obeys
+
+        M a + h = tau + A^T lam - K^T mu,        mu' = -lam,
+
+    which real machines do not.
+
+    Parameters
+    ----------
+    scene : Scene
+    q, v : (nq,), (nv,) array_like
+        Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear first.
+
+    Returns
+    -------
+    K : (m, nv) array
+        Rows in the order of the scene, columns in the axes of the joints: K^T mu is a torque or a
+        force for mu [N s, N m s], so that entries are in 1/s, and in m/s where they turn forces
+        into moments.
+
+    Raises
+    ------
+    InvalidArgument
+        If `q` or `v` has a wrong size or is not finite.
+
+    Notes
+    -----
+    Cost: nv + 2 linearisations.
+
+    References
+    ----------
+    Lewis, Murray. Variational principles for constrained systems: theory and experiment.
+    International Journal of Non-Linear Mechanics 30, 1995.
+    """
+    check_scene(scene)
+    model, nv = scene.robot.model, scene.robot.nv
+    scene.robot.check_unedited()
+    q_, v_ = normalised(model, "q", q), finite("v", v, nv)
+    of, still, no_force = Linearisation(model, scene.bounds), np.zeros(nv), np.zeros(scene.rows)
+    by_v = of.at(q_, still, v_, no_force)
+    A, turned = np.array(by_v.J), np.array(by_v.s_q)
+    columns = [
+        of.at(q_, still, e, no_force).s_q @ v_ - turned[:, j] - A @ bracket(model, v_, e)
+        for j, e in enumerate(np.eye(nv))
+    ]
+    return np.array(columns).T.reshape(scene.rows, nv)
+
+
+def _at_and_near(scene: Scene, q: Array) -> Iterator[Array]:
+    """Yield q, and what can be closed near it."""
+    yield q
+    rng, model = np.random.default_rng(0), scene.robot.model
+    for _ in range(_LOOKS):
+        near = np.array(pin.integrate(model, q, _NEARBY * rng.normal(size=model.nv)))
+        found = assemble(scene, near, within_limits=False, branch={}, throw=False)
+        if found.status.ok:
+            yield found.q
+
+
+def _is_involutive(model: Any, rows: int, linearisation: Linearisation, q: Array) -> bool:
+    """Whether the brackets of the allowed velocities are allowed, at one configuration."""
+    still, no_force = np.zeros(model.nv), np.zeros(rows)
+    A = linearisation.at(q, still, still, no_force).J
+    allowed = null_space(A)
+    # turned[j] @ x = (dA x) y_j
+    turned = [linearisation.at(q, still, y, no_force).s_q for y in allowed]
+    size = max((float(np.abs(each).max(initial=0.0)) for each in turned), default=0.0)
+    size = max(size, float(np.abs(A).max(initial=0.0)))
+    for j, y in enumerate(allowed):
+        for i, x in enumerate(allowed[:j]):
+            d = turned[j] @ x - turned[i] @ y - A @ bracket(model, x, y)
+            if np.abs(d).max(initial=0.0) > tolerances.INTEGRABLE * size:
+                return False
+    return True
+
+
+def bracket(model: Any, x: Array, y: Array) -> Array:
+    """Return [x, y] (nv,) of two velocities that are constant in the axes of the joints."""
+    found = np.zeros(model.nv)
+    for joint in list(model.joints)[1:]:
+        _bracket(joint, int(joint.idx_v), x, y, found)
+    return found
+
+
+def _bracket(joint: Any, start: int, x: Array, y: Array, found: Array) -> None:
+    """Write the part of one joint that begins at a velocity index."""
+    name = joint.shortname()
+    at = slice(start, start + int(joint.nv))
+    if name == "JointModelComposite":
+        joint = joint.extract() if hasattr(joint, "extract") else joint
+        for part in joint.joints:
+            _bracket(part, start, x, y, found)
+            start += int(part.nv)
+    elif name in _TWISTS:
+        chosen = list(_TWISTS[name])
+        one, two = np.zeros((2, 6))
+        one[chosen], two[chosen] = x[at], y[at]
+        found[at] = pin.Motion(one).cross(pin.Motion(two)).vector[chosen]
+    elif joint.nv > 1 and joint.nq != joint.nv:
+        raise InvalidArgument(f"scene: the Lie bracket of a {name} is not known")

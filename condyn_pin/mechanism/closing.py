@@ -1,4 +1,6 @@
-"""Closing: from a guess to a configuration near it that closes the loops.
+"""Closing loops: Newton's method, branches, anchors.
+
+Closing: from a guess to a configuration near it that closes the loops.
 
 With c(q) the gap and J its Jacobian, Levenberg-Marquardt on the manifold,
 
@@ -27,20 +29,32 @@ Suppl. 15, 2001.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, MutableMapping
 from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import normalised, renamed
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import length
+from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.rows.bound import (
+    ConstraintViolation,
+    beyond_text,
+    closed,
+    length,
+    worst,
+)
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import Redundancy
-from condyn_pin.dynamics.at_state import by_digits, equations_of
-from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.at_state import by_digits, equations_of, penetration
+from condyn_pin.dynamics.nominal import digits_of
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.errors import BranchChanged, NotAssembled
 from condyn_pin.model.joints import NO_LIMITS, Limits
 
 _DONE = 1e-13  # |c|: rounding, for robots of some metres [m, rad]
@@ -222,3 +236,167 @@ class Closer:
         nearer = np.array(pin.integrate(self.equations.model, q, step))
         self.limits.clip(nearer)
         return nearer
+
+
+# anchored: a scene whose contacts say where in the world they belong.
+
+
+def anchored(scene: Scene, q: ArrayLike) -> Scene:
+    """Return the scene with its contacts anchored: those without an anchor where they are at q.
+
+    c(q) = 0,    and wherever else a contact is, c is its gap
+
+    A contact without an anchor holds its frame wherever that is: a foot that has slid or come off
+    has no gap, and `Baumgarte` does not draw it back. With an anchor it is drawn back to where it
+    stood.
+
+    Parameters
+    ----------
+    scene : Scene
+    q : (nq,) array_like
+        Configuration [rad, m]; quaternions x y z w.
+
+    Returns
+    -------
+    Scene
+        The same where every contact has an anchor.
+
+    Raises
+    ------
+    InvalidArgument
+        If q is no configuration.
+    """
+    check_scene(scene)
+    return with_anchors(scene, normalised(scene.robot.unedited, "q", q), {})
+
+
+def with_anchors(scene: Scene, q: Array, places: MutableMapping[Constraint, Constraint]) -> Scene:
+    """Return the scene anchored at q; contacts that `places` has get theirs, new ones are added."""
+    if all(bound.anchored for bound in scene.bounds):
+        return scene
+    frames: list[Any] = equations_of(scene).placements(q)
+    pairs = zip(scene.constraints, scene.bounds, frames, strict=True)
+    for constraint, bound, frame in pairs:
+        if constraint not in places:
+            places[constraint] = constraint if bound.anchored else constraint.anchored_at(*frame)
+    placed = replace(scene, constraints=tuple(places[c] for c in scene.constraints))
+    # J, and all that was measured with it, is the same where the contacts touch
+    vars(placed)["nominal"] = scene.nominal
+    return placed
+
+
+# Assembly: a configuration near a guess that closes the loops, and what is known of it.
+
+
+class AssemblyStatus(Enum):
+    """How an assembly ended; the value is advice."""
+
+    CLOSED = "every loop is closed"
+    BRANCH_CHANGED = (
+        "the loops are closed, but on the other side of a dead point; start nearer, or move there "
+        "in smaller steps"
+    )
+    BEYOND_LIMITS = (
+        "the loops close only beyond the joint limits; start elsewhere, or pass within_limits=False"
+    )
+    UNREACHABLE = (
+        "this is the smallest gap near the start; start nearer to a closed configuration, or fix "
+        "fewer joints"
+    )
+    OUT_OF_BUDGET = (
+        "the budget ended before the loops were closed; start nearer to a closed configuration, or "
+        "raise it, assemble(q0, budget=1000)"
+    )
+    STALLED = "the gap was still getting smaller when the steps ran out; start from where it ended"
+
+    @property
+    def ok(self) -> bool:
+        """Whether the configuration can be used as it is."""
+        return self is AssemblyStatus.CLOSED
+
+    def __str__(self) -> str:
+        return f"{self.name.lower()}: {self.value}"
+
+
+@dataclass(frozen=True, eq=False)
+class Assembly:
+    """How an assembly ended.
+
+    Attributes
+    ----------
+    q : (nq,) array
+        The configuration with the smallest gap found [rad, m].
+    violation : dict of str to ConstraintViolation
+        How far each loop is open at q: a length [m] and an angle [rad].
+    iterations : int
+        Of all runs that were needed.
+    rank : int
+        Independent rows among those of the loops, at q.
+    smallest_singular_value : float
+        Of J_D, the columns of the joints that the others determine, [1, m], not whitened:
+        zero in a dead point. Without motors, the smallest nonzero one of J.
+    branch : dict of str to int
+        For every cluster of loops that share such joints: +1 on the side of its dead points where
+        the first posture is, -1 across one, 0 in one; `condyn_pin.mechanism.closed_chains` defines
+        them. Empty for a robot without motors: what is not driven has no branches. Nor have loops
+        in space with redundant rows.
+    flipped : tuple of str
+        The clusters that changed sides, if the status is BRANCH_CHANGED.
+    beyond_limits : dict of str to ConstraintViolation
+        Joints that the closure takes out of their limits, and how far [rad, m]. Of q; or, if the
+        status is BEYOND_LIMITS, of the closure that was not taken.
+    status : AssemblyStatus
+    scene : Scene
+    start : (nq,) array
+        What was assembled, and from where.
+    to_close : dict of str to ConstraintViolation
+        `violation` without what the digits of a file leave open, within `Robot.precision`.
+    """
+
+    q: Array
+    violation: Mapping[str, ConstraintViolation]
+    iterations: int
+    rank: int
+    smallest_singular_value: float  # [m, rad]
+    branch: Mapping[str, int]
+    flipped: tuple[str, ...]
+    beyond_limits: Mapping[str, ConstraintViolation]  # [rad, m]
+    status: AssemblyStatus
+    scene: Scene
+    start: Array
+    to_close: Mapping[str, ConstraintViolation]
+
+    gap = renamed("violation")
+
+    @property
+    def closed(self) -> bool:
+        """Whether every gap is within tolerance (1e-10), but for what digits leave open."""
+        return closed(self.to_close)
+
+    @property
+    def penetration(self) -> dict[str, ConstraintViolation]:
+        """Contacts and stops of the scene that are passed at q, by name, and how far [m, rad]."""
+        return penetration(self.scene, self.q)
+
+    def error(self) -> NotAssembled | BranchChanged:
+        """Return what `assemble` raises if the status is not CLOSED."""
+        if self.status is AssemblyStatus.BRANCH_CHANGED:
+            return BranchChanged(f"{', '.join(self.flipped)}: {self.status.value}", self)
+        name, gap = worst(self.to_close)
+        text = f"{name} is open by {gap} after {self.iterations} iterations; "
+        text += f"{beyond_text(self.beyond_limits)}; " if self.beyond_limits else ""
+        text += self.status.value
+        digits = digits_of(self.scene)
+        return NotAssembled(f"{text}; {digits.note}" if digits else text, self)
+
+    def __str__(self) -> str:
+        lines = [str(self.status), f"{self.iterations} iterations, rank {self.rank}"]
+        lines[1] += f", smallest singular value {self.smallest_singular_value:.3g}"
+        lines += [f"{name:<28} open by {gap}" for name, gap in self.violation.items()]
+        lines += [
+            f"branch of {name}: {f'{side:+d}' if side else 'in a dead point'}"
+            for name, side in self.branch.items()
+        ]
+        lines += [f"{name:<28} penetrates by {by}" for name, by in self.penetration.items()]
+        lines += [beyond_text(self.beyond_limits)] if self.beyond_limits else []
+        return "\n".join(lines)

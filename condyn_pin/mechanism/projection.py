@@ -1,4 +1,6 @@
-"""Projection of velocities and accelerations to the constraints, nearest in a metric W.
+"""Projection onto the constraints, completion, following, sampling.
+
+Projection of velocities and accelerations to the constraints, nearest in a metric W.
 
     min |v' - v|_W   with  J v' = 0,            min |a' - a|_W   with  J a' + gamma = 0,
 
@@ -17,17 +19,20 @@ such combinations miss is left.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import normalised
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import check_count, counted, normalised
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg import factorise
-from condyn_pin.constraints.rows.bound import worst
+from condyn_pin._core.joints import indices
+from condyn_pin._core.linalg import factorise, rank_of
+from condyn_pin.constraints.rows.bound import beyond_text, worst
 from condyn_pin.dynamics.at_state import (
     constraint_velocities,
     equations_of,
@@ -35,9 +40,20 @@ from condyn_pin.dynamics.at_state import (
     left_out_at,
     rounding,
 )
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.mechanism.check import check
+from condyn_pin.dynamics.scene import Scene, check_time
+from condyn_pin.errors import BranchChanged, InvalidArgument, NotAssembled, UnsupportedConstraint
+from condyn_pin.mechanism.assembling import (
+    assemble_from,
+    assembly_of,
+    best_end,
+    check_held,
+    limited,
+    nominal_configuration,
+)
+from condyn_pin.mechanism.closed_chains import ClosedChains, chains_of
+from condyn_pin.mechanism.closing import Assembly, AssemblyStatus, Closer
+from condyn_pin.mechanism.rank import check
+from condyn_pin.model.joints import NO_LIMITS
 from condyn_pin.model.soundness import singular_mass
 
 Metric = Literal["mass", "euclidean"]
@@ -181,3 +197,412 @@ def _check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per
             f"({check(scene, q, None)}); Scene.assemble closes loops, and "
             "Scene.rank names redundant rows"
         )
+
+
+# Completion: the state of the passive joints from those of the motors.
+#
+# With the columns of J split into motors A, dependent joints D and the rest,
+#
+#     J_D dq_D + J_A dq_A = 0,     G = dq/dq_A = ( I on A,  -J_D^+ J_A on D,  0 on the rest ).
+#
+# Where rows are driven, c(q) = s(t), the motors leave J_D v_D = s'(t) - J_A v_A:
+#
+#     v = G v_A + ( 0 on A,  J_D^+ s' on D,  0 on the rest ).
+#
+# The rest is what neither motors nor loops determine, such as a floating base, springs, or the spin
+# of a rod: it stays where it is. `Follower` moves the motors.
+
+
+@dataclass(frozen=True, eq=False)
+class CompleteState:
+    """The whole state that belongs to given motor positions and speeds.
+
+    v = G v_actuated + J_D^+ s'
+
+    Attributes
+    ----------
+    q : (nq,) array
+        Configuration [rad, m].
+    v : (nv,) array
+        G times the velocities of the motors, and what driven rows add: J_D^+ s'.
+    G : (nv, n_actuated) array
+        dq/dq_actuated, in tangent columns [1, m, 1/m].
+    undetermined : int
+        Directions in which the robot can still move with the motors held. Of these, q and v are
+        those of `near`, at rest.
+    conflicting : int
+        Conditions among the motors themselves: more than zero if there are more motors than degrees
+        of freedom. Then G holds only for motor motions that are compatible with each other.
+    residual : float
+        max abs(c(q)) [m, rad].
+    assembly : Assembly
+        The last closing, with branch and smallest singular value.
+    """
+
+    q: Array
+    v: Array
+    G: Array
+    undetermined: int
+    conflicting: int
+    residual: float  # [m, rad]
+    assembly: Assembly
+
+    def __str__(self) -> str:
+        lines = [str(self.assembly)]
+        free = counted(self.undetermined, "direction")
+        lines.append(f"{free} that neither motors nor loops determine")
+        if self.conflicting:
+            lines.append(f"{counted(self.conflicting, 'condition')} among the motors themselves")
+        lines += [
+            f"{label} = {np.array2string(x, precision=6, suppress_small=True)}"
+            for label, x in (("q", self.q), ("v", self.v))
+        ]
+        return "\n".join(lines)
+
+
+@one_blas_thread
+def complete_state(
+    scene: Scene,
+    q_actuated: ArrayLike,
+    v_actuated: ArrayLike | None = None,
+    *,
+    near: ArrayLike | None = None,
+    within_limits: bool = True,
+) -> CompleteState:
+    """Return the whole state from the motor positions and speeds that encoders measure.
+
+    c(q) = 0,    v = G v_actuated,    q and v of the motors as given
+
+    Parameters
+    ----------
+    scene : Scene
+        With driven constraints ``scene.at(t)``: c(q) = s(t) and J v = s'(t).
+    q_actuated : (k,) array_like
+        Positions of the actuated joints, in the order of ``robot.actuated`` [rad, m].
+    v_actuated : (k,) array_like, optional
+        Their velocities [rad/s, m/s]; at rest by default, but for motors that are driven.
+    near : (nq,) array_like, optional
+        Where everything starts that the motors do not determine, and stays if the loops do not
+        either: a floating base, springs, the spin of a rod. The nominal state by default. The
+        motors are followed from there, in a straight line of their coordinates and in strides
+        of 0.1 rad or less, so that its branch is kept [rad, m].
+    within_limits : bool
+        Refuse motors outside their limits, and those that take another joint out of its.
+
+    Returns
+    -------
+    CompleteState
+
+    Raises
+    ------
+    InvalidArgument
+        If a motor is outside its limits, or the robot has none; or if driven rows move a motor at
+        another velocity.
+    NotAssembled
+        If the loops cannot be closed with the motors there, or only beyond joint limits; also where
+        driven rows have a motor elsewhere.
+    UnsupportedConstraint
+        If constraints are driven and the scene does not say at which time it is, or have no place.
+    BranchChanged
+        If a dead point lies on the way, whether or not the loops close beyond it.
+    """
+    robot, model, chains = scene.robot, scene.robot.model, chains_of(scene)
+    check_time(scene)
+    if belts := [b.name for b in scene.bounds if b.drive and not b.positioned]:
+        raise UnsupportedConstraint(
+            f"{', '.join(belts)}: rows on the velocity alone say nothing of where anything is; "
+            "project_velocity makes a velocity fit to them"
+        )
+    robot.check_unedited()
+    A = chains.actuated
+    if not A.size:
+        raise InvalidArgument(
+            f"{robot.name} has no actuated joints: dataclasses.replace(robot, actuated=[...])"
+        )
+    v_A = None if v_actuated is None else finite("v_actuated", v_actuated, A.size)
+    start = nominal_configuration(scene) if near is None else normalised(model, "near", near)
+    follower = Follower(scene)
+    target = with_motors(follower, start, q_actuated)
+    if within_limits:
+        check_held("q_actuated", chains.limits, target, A)
+    assembly = drive(scene, follower, start, target)
+    if within_limits:
+        _check_dependent(chains, assembly)
+    J = follower.jacobian(assembly.q)
+    G = follower.G(J)
+    passive = np.delete(J, A, axis=1)
+    known = _rank(passive)
+    return CompleteState(
+        q=assembly.q,
+        v=_velocity(scene, follower, assembly.q, G, v_A),
+        G=G,
+        undetermined=passive.shape[1] - known,
+        conflicting=_rank(J) - known,
+        residual=max((gap.size for gap in assembly.violation.values()), default=0.0),
+        assembly=assembly,
+    )
+
+
+def _velocity(scene: Scene, follower: Follower, q: Array, G: Array, v_A: Array | None) -> Array:
+    """Return v (nv,) of the motors' v_A, or of the least that driven rows leave to them."""
+    if not scene.is_driven:
+        return np.zeros(len(G)) if v_A is None else G @ v_A
+    J, rates = follower.jacobian(q), follower.rates
+    v = np.zeros(len(G))
+    v[follower.dependent] = follower.inverse(J) @ rates
+    missing, fast = rates - J @ v, float(np.abs(rates).max())
+    if v_A is None:
+        v_A = np.zeros(G.shape[1])
+        if np.abs(missing).max() > tolerances.FORCES * fast:  # motors are moved too
+            v_A = np.linalg.pinv(J @ G, rcond=tolerances.DEAD_POINT) @ missing
+    v = v + G @ v_A
+    off = np.abs(J @ v - rates)
+    if off.max() > tolerances.FORCES * max(fast, np.abs(v).max()):
+        row = scene.row_names[follower.closer.rows[int(off.argmax())]]
+        raise InvalidArgument(
+            f"v_actuated: {row} would leave its path by {off.max():.3g} m/s or rad/s: it moves the "
+            "motors too; leave v_actuated out, or give velocities that fit"
+        )
+    return v
+
+
+def _check_dependent(chains: ClosedChains, assembly: Assembly) -> None:
+    """Refuse a state in which the motors take a joint out of its limits."""
+    moved = limited(chains.limits, chains.dependent)
+    out = {joint: by for joint, by in assembly.beyond_limits.items() if joint in moved}
+    if out:
+        raise NotAssembled(
+            f"with the motors there, {beyond_text(out)}; move them elsewhere, or pass "
+            "within_limits=False",
+            replace(assembly, status=AssemblyStatus.BEYOND_LIMITS),
+        )
+
+
+def _rank(J: Array) -> int:
+    return rank_of(np.linalg.svd(J, compute_uv=False), tolerances.DEAD_POINT)
+
+
+# Following: closed configurations along a motion of the motors, never across a dead point.
+#
+# The motors go from where they are to their target, in strides. In each, the dependent joints are
+# predicted and then corrected,
+#
+#     q (+) G dq_A,     and from there J_D dq_D = -c(q) until the loops are closed.
+#
+# A stride from q0 is kept if at the predicted and at the corrected configuration
+#
+#     |J_D(q0)^+ J_D(q) - 1| <= 1/2     (largest singular value).
+#
+# Then J_D stays regular in it, and the motors lead to one configuration only. Towards a dead point
+# J_D(q0)^+ grows and the strides shrink to nothing: it is reached from one side, and not crossed,
+# whatever the sign of det(Q^T J_D) is beyond.
+#
+# References
+# ----------
+# Deuflhard. Newton Methods for Nonlinear Problems. Springer, 2011, section 5.1.
+
+
+_LONGEST = 0.1  # stride of a motor [rad, m]
+_SHORTEST = 1e-5  # the same: a gap of CLOSED hides a dead point that is nearer [rad, m]
+_CHANGE = 0.5  # of J_D in a stride, relative
+_CORRECTIONS = 10
+_FARTHEST = 100.0  # that a motor is followed [rad, m]
+
+
+class Follower:
+    """What moves the motors of one scene, the dependent joints following.
+
+    `actuated` and `dependent` are velocity indices; `motors` is where q holds the motors.
+    """
+
+    def __init__(self, scene: Scene) -> None:
+        self._scene, model, chains = scene, scene.robot.model, chains_of(scene)
+        self.actuated, self.dependent = chains.actuated, chains.dependent
+        self.motors, _ = indices(model, scene.robot.actuated)
+        moving = np.zeros(model.nv, dtype=bool)
+        moving[self.dependent] = True
+        self.closer = Closer.of(scene, moving)
+
+    @property
+    def rates(self) -> Array:
+        """The rates s' of the rows of J: zero but where they are driven."""
+        rates: Array = self.closer.equations.wanted[1][self.closer.rows]
+        return rates
+
+    def jacobian(self, q: Array) -> Array:
+        """Return the rows of J that have a position, without what digits of a file make up."""
+        (J,) = kept_rows(self._scene, self.closer.equations.jacobian(q))
+        return J[self.closer.rows]
+
+    def inverse(self, J: Array) -> Array:
+        """Return J_D^+."""
+        J_D = J[:, self.dependent]
+        if not J_D.size:
+            return np.zeros(J_D.shape[::-1])
+        return np.asarray(np.linalg.pinv(J_D, rcond=tolerances.DEAD_POINT), dtype=np.float64)
+
+    def G(self, J: Array) -> Array:
+        """Return dq/dq_A (nv, n_actuated) in tangent columns."""
+        A = self.actuated
+        G = np.zeros((J.shape[1], A.size))
+        G[A, np.arange(A.size)] = 1.0
+        G[self.dependent] = -self.inverse(J) @ J[:, A]
+        return G
+
+    def follow(self, start: Array, target: Array) -> tuple[Array, float]:
+        """Move the motors of a closed configuration towards a target, which has them elsewhere.
+
+        Return the last configuration reached, closed, and the share of the way: less than 1 if the
+        strides shrank to nothing.
+        """
+        model = self.closer.equations.model
+        whole = np.array(pin.difference(model, start, target))[self.actuated]
+        length = max(float(np.abs(whole).max()), _SHORTEST)
+        q, share, stride = start, 0.0, _LONGEST / length
+        while share < 1.0 and stride * length >= _SHORTEST:
+            aim = 1.0 if share + stride >= 1.0 else share + stride
+            there = np.array(pin.interpolate(model, start, target, aim)) if aim < 1.0 else target
+            end = self._stride(q, (aim - share) * whole, there)
+            if end is None:
+                stride = (aim - share) / 2
+            else:
+                q, share, stride = end, aim, min(1.5 * stride, _LONGEST / length)
+        return q, share
+
+    def _stride(self, q: Array, dq_A: Array, there: Array) -> Array | None:
+        """Return the end of a stride, or None if it is too long."""
+        J = self.jacobian(q)
+        inverse = self.inverse(J)
+        dq = np.zeros(J.shape[1])
+        dq[self.actuated] = dq_A
+        dq[self.dependent] = -inverse @ (J[:, self.actuated] @ dq_A)
+        predicted = np.array(pin.integrate(self.closer.equations.model, q, dq))
+        predicted[self.motors] = there[self.motors]
+        if self._change(inverse, predicted) > _CHANGE:
+            return None
+        end = self.closer.close(predicted, most=_CORRECTIONS)
+        if end.size > tolerances.CLOSED or self._change(inverse, end.q) > _CHANGE:
+            return None
+        return end.q
+
+    def _change(self, inverse: Array, q: Array) -> float:
+        """Return |J_D(q0)^+ J_D(q) - 1|; 1 or more if J_D(q0) is singular."""
+        change = inverse @ self.jacobian(q)[:, self.dependent] - np.eye(len(inverse))
+        return float(np.linalg.norm(change, 2)) if change.size else 0.0
+
+
+def with_motors(follower: Follower, start: Array, q_actuated: ArrayLike) -> Array:
+    """Return the start with the motors where they are to be."""
+    model, motors = follower.closer.equations.model, follower.motors
+    target = start.copy()
+    target[motors] = finite("q_actuated", q_actuated, motors.size)
+    target = normalised(model, "q_actuated", target)
+    farthest = float(np.abs(pin.difference(model, start, target)).max())
+    if not farthest <= _FARTHEST:
+        raise InvalidArgument(
+            f"q_actuated: a motor is {farthest:.3g} rad or m from where it is in `near`; "
+            f"at most {_FARTHEST:g} are followed"
+        )
+    return target
+
+
+def drive(scene: Scene, follower: Follower, start: Array, target: Array) -> Assembly:
+    """Close the start, and move the motors from there."""
+    moving, motors = follower.closer.moving, follower.motors
+    first = assemble_from(scene, start, moving, within_limits=False)
+    if not first.status.ok:
+        error = first.error()
+        raise type(error)(f"where the motors start, {error}", first)
+    q, share = follower.follow(first.q, target)
+    there = q.copy()
+    there[motors] = target[motors]
+    last = assemble_from(scene, there, moving, within_limits=False)
+    if share == 1.0:
+        return last
+    way = f"the motors were followed for {share:.1%} of the way from `near`"
+    if not last.closed:
+        raise NotAssembled(f"{way}; {last.error()}", last)
+    J = follower.closer.equations.jacobian(q)
+    loops = chains_of(scene).weakest(J)
+    last = replace(last, status=AssemblyStatus.BRANCH_CHANGED, flipped=(loops,))
+    raise BranchChanged(
+        f"{loops}: {way}, up to a dead point; beyond, they lead to more than one configuration: "
+        "pass a `near` on the side that is meant",
+        last,
+    )
+
+
+# Sampling: random states that satisfy the constraints.
+
+
+@one_blas_thread
+def sample(
+    scene: Scene,
+    rng: np.random.Generator,
+    *,
+    spread: float = 0.2,
+    speed: float = 1.0,
+    tries: int = 50,
+) -> tuple[Array, Array]:
+    """Return a random (q, v) that satisfies the constraints.
+
+    It is on the branch of the first posture, and within the joint limits if that posture is.
+
+    Parameters
+    ----------
+    scene : Scene
+    rng : numpy.random.Generator
+        The source of randomness; the same generator gives the same states.
+    spread : float
+        Standard deviation of each joint about the nominal state, before closing [rad, m].
+    speed : float
+        Standard deviation of each velocity, before projection to J v = 0 [rad/s, m/s].
+    tries : int
+        How many random guesses are closed at most. One that cannot be closed takes as long as a
+        thousand answers.
+
+    Returns
+    -------
+    q : (nq,) array
+        [rad, m].
+    v : (nv,) array
+        [rad/s, m/s].
+
+    Raises
+    ------
+    InvalidArgument
+        If `rng` is no generator, `spread` or `speed` is no number >= 0, or `tries` no count.
+    NotAssembled
+        If the loops cannot be closed at the nominal state, or from none of the random guesses.
+    """
+    check_generator(rng)
+    for name, value in (("spread", spread), ("speed", speed)):
+        if not finite(name, value, ()) >= 0:
+            raise InvalidArgument(f"{name} = {value!r}: a number >= 0 is needed")
+    check_count("tries", tries, least=1)
+    scene.robot.check_unedited()
+    model, nv, home = scene.robot.model, scene.robot.nv, nominal_configuration(scene)
+    if not scene.nominal.closed:
+        scene.state()  # raises what is in the way
+    chains = chains_of(scene)
+    limits = NO_LIMITS if chains.limits.beyond(home) else chains.limits
+    closer = Closer.of(scene, limits=limits)
+    for _ in range(tries):
+        guess = normalised(model, "q", pin.integrate(model, home, spread * rng.normal(size=nv)))
+        end, status, flipped = best_end(chains, closer, guess, chains.assembly_mode)
+        if status.ok:
+            v = speed * rng.normal(size=nv)
+            terms = closer.equations.mass(end.q), end.J, -closer.equations.wanted[1]
+            return end.q, nearest(scene, end.q, "v", v, terms, closed=True)
+    found = assembly_of(scene, closer, guess, end, status, flipped)
+    raise NotAssembled(
+        f"spread = {spread}: none of {tries} random configurations about the nominal one could be "
+        f"closed; use a smaller spread. The last one: {found.error()}",
+        found,
+    )
+
+
+def check_generator(rng: object) -> None:
+    """Refuse what is no generator of random numbers."""
+    if not isinstance(rng, np.random.Generator):
+        raise InvalidArgument(f"rng = {rng!r}: numpy.random.default_rng(seed) makes one")

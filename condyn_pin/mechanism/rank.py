@@ -1,4 +1,6 @@
-"""Rank: what the rows of a scene ask for at one configuration.
+"""Rank, mobility, and the check of a scene.
+
+Rank: what the rows of a scene ask for at one configuration.
 
 With M = L L^T and the whitened Jacobian J L^-T, whose squared singular values are the eigenvalues
 of the Delassus matrix J M^-1 J^T,
@@ -12,20 +14,29 @@ across the plane of a planar loop, or at this one only: then it is singular.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import normalised, renamed
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arguments import listed, normalised, renamed
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.linalg import MinimumNorm, redundant_rows
-from condyn_pin.constraints.rows.bound import ConstraintViolation, closed, worst
-from condyn_pin.dynamics.at_state import equations_of, gaps, to_close
+from condyn_pin._core.linalg import MinimumNorm, null_space, rank_of, redundant_rows
+from condyn_pin.constraints.rows.bound import ConstraintViolation, beyond_text, closed, worst
+from condyn_pin.dynamics.at_state import (
+    constraint_velocities,
+    equations_of,
+    gaps,
+    kept_rows,
+    rounding,
+    to_close,
+)
 from condyn_pin.dynamics.nominal import digits_of
 from condyn_pin.dynamics.scene import Scene
+from condyn_pin.errors import NotAssembled
 from condyn_pin.mechanism.assembling import nominal_configuration
 from condyn_pin.mechanism.closed_chains import chains_of, factors_at
 
@@ -235,3 +246,245 @@ def _weak(factors: MinimumNorm, names: Sequence[str]) -> tuple[str, ...]:
         return ()
     rows = np.flatnonzero((along > _NAMED * along.max(axis=0)).any(axis=1)).tolist()
     return tuple(names[i] for i in rows)
+
+
+# Freedom of a floating robot: how it can still move as one body, its joints held.
+#
+# With the columns of J that belong to the base, J_b (m, 6), these are the twists of its null space,
+#
+#     J_b (v, omega) = 0.
+#
+# A robot on two points turns about the line through them; on one, any way about it; what glides on
+# a plane shifts in it. Each is told in words: pure shifts first, then turns.
+
+
+_SMALL = 1e-6  # a component of a unit vector, or a distance [m], that counts as zero
+
+Points = Sequence[tuple[str, Array]]
+
+
+def base_freedom(scene: Scene, q: Array) -> Iterator[str]:
+    """Say for every floating base that the constraints hold how it can still move."""
+    model, equations = scene.robot.model, equations_of(scene)
+    J = equations.jacobian(q)
+    ends = equations.placements(q)
+    for i in range(1, model.njoints):
+        name, joint = model.names[i], model.joints[i]
+        alone = len(model.subtrees[i]) == 1  # a body without joints: mobility says it
+        if model.parents[i] or alone or joint.shortname() != "JointModelFreeFlyer":
+            continue
+        J_b = J[:, joint.idx_v : joint.idx_v + 6].copy()
+        of_robot = set(model.subtrees[i])
+        for bound in scene.bounds:
+            if bound.within(of_robot):
+                J_b[bound.rows] = 0.0  # a loop of the robot itself holds nothing as one body
+        free = null_space(J_b) if len(J_b) else np.eye(6)
+        if len(free) in (0, 6):  # held, or flying
+            continue
+        oMb = equations.data.oMi[i]
+        twists = np.array([oMb.toActionMatrix() @ twist for twist in free])
+        points = _points(scene, ends, np.abs(J_b).max(axis=1))
+        yield (
+            f"{listed([each for each, _ in points])}: held by this, what hangs on {name} can still "
+            f"{_told(twists, points)}, as one body with its joints held"
+        )
+
+
+def _points(scene: Scene, ends: Sequence[Any], sizes: Array) -> Points:
+    """Return names of the constraints that hold the base, and where in the world."""
+    found = []
+    for bound, pair in zip(scene.bounds, ends, strict=True):
+        if pair is not None and sizes[bound.rows].any():
+            found.append((bound.name, np.array(pair[bound.on_robot].translation)))
+    return found
+
+
+def _told(twists: Array, points: Points) -> str:
+    """Return in words how a body can move, from twists (k, 6) at the origin of the world."""
+    _, S, Vt = np.linalg.svd(twists[:, 3:].T)
+    turning = rank_of(S)
+    mixed = Vt @ twists  # the last ones do not turn
+    turns, shifts = mixed[:turning], mixed[turning:, :3]
+    # what can be shifted besides is no part of a turn
+    turns = np.hstack([turns[:, :3] - turns[:, :3] @ _projector(shifts), turns[:, 3:]])
+    told = [_shifts(shifts)] if len(shifts) else []
+    if len(turns) == 1:
+        told.append(_turn(turns[0], shifts, points))
+    elif len(turns):
+        told.append(_turns(turns, points))
+    return " and ".join(told)
+
+
+def _shifts(shifts: Array) -> str:
+    if len(shifts) == 1:
+        return f"shift along {_direction(shifts[0])}"
+    if len(shifts) == 2:
+        return f"shift in the plane across {_direction(np.cross(*shifts))}"
+    return "shift any way"
+
+
+def _turn(twist: Array, shifts: Array, points: Points) -> str:
+    v, omega = twist[:3], twist[3:]
+    size = float(np.linalg.norm(omega))
+    along = omega / size
+    pitch = float(v @ along) / size  # [m/rad]
+    if len(shifts) > 1 and np.linalg.norm(shifts @ along) < _SMALL:
+        return f"turn about {_direction(along)}"  # anywhere in the plane
+    middle = np.cross(along, v) / size
+    on = [name for name, x in points if np.linalg.norm(np.cross(along, x - middle)) < _SMALL]
+    if len(on) > 1:
+        where = f"turn about the line through {listed(on)}"
+    else:
+        through = on[0] if on else _point(middle)
+        where = f"turn about an axis along {_direction(along)} through {through}"
+    return where if abs(pitch) < _SMALL else f"{where}, moving along it by {pitch:.3g} m/rad"
+
+
+def _turns(turns: Array, points: Points) -> str:
+    how = "any way" if len(turns) == 3 else "about two axes"
+    for name, x in points:
+        # the point stands still in all of them
+        if np.abs(turns[:, :3] + np.cross(turns[:, 3:], x)).max() < _SMALL:
+            return f"turn {how} about {name}"
+    return f"turn {how}"
+
+
+def _projector(shifts: Array) -> Array:
+    if not len(shifts):
+        return np.zeros((3, 3))
+    Q = np.linalg.qr(shifts.T)[0]
+    return np.asarray(Q @ Q.T)
+
+
+def _direction(x: Array) -> str:
+    """Return an axis of the world, or three numbers."""
+    unit = x / np.linalg.norm(x)
+    largest = int(np.abs(unit).argmax())
+    if np.abs(np.delete(unit, largest)).max() < _SMALL:
+        return f"the world's {'xyz'[largest]}"
+    return _point(np.copysign(1.0, unit[largest]) * unit)
+
+
+def _point(x: Array) -> str:
+    return f"({', '.join(f'{each + 0.0:.3g}' for each in np.round(x, 6))})"
+
+
+# Check: which loop is open and by how much, and which velocity does not fit.
+
+
+@dataclass(frozen=True, eq=False)
+class Check:
+    """By how much a state violates the constraints.
+
+    Attributes
+    ----------
+    violation : dict of str to ConstraintViolation
+        How far each loop and each anchored contact is open [m, rad].
+    constraint_velocity : dict of str to ConstraintViolation
+        How fast the two sides of each constraint move apart, |J v| [m/s, rad/s].
+    speed : float
+        max abs(v), or 1, whichever is larger: what |J v| is compared with.
+    beyond_limits : dict of str to ConstraintViolation
+        Joints outside their limits, and how far [rad, m]. The dynamics know no limits.
+    rounding : dict of str to float
+        What rounding alone may leave of |J v|: 1e-13 of the velocities that it is the difference
+        of [m/s, rad/s]. Looked at where |J v| is more than 1e-10 of `speed`.
+    to_close : dict of str to ConstraintViolation, optional
+        `violation` without what the digits of a file leave open, within `Robot.precision`; by
+        default all of it. `constraint_velocity` is without that too.
+    """
+
+    violation: Mapping[str, ConstraintViolation]
+    constraint_velocity: Mapping[str, ConstraintViolation]
+    speed: float  # [rad/s, m/s]
+    beyond_limits: Mapping[str, ConstraintViolation]  # [rad, m]
+    rounding: Mapping[str, float] = field(default_factory=dict)  # [m/s, rad/s]
+    to_close: Mapping[str, ConstraintViolation] | None = None
+
+    gap = renamed("violation")
+    slip = renamed("constraint_velocity")
+
+    @property
+    def closed(self) -> bool:
+        """Whether every gap is within 1e-10, but for what digits leave open."""
+        return closed(self._to_close)
+
+    @property
+    def _to_close(self) -> Mapping[str, ConstraintViolation]:
+        return self.violation if self.to_close is None else self.to_close
+
+    @property
+    def consistent(self) -> bool:
+        """Whether J v = 0 to 1e-10, relative to `speed`, or to `rounding`."""
+        return not self._moving(tolerances.CONSISTENT)
+
+    @property
+    def ok(self) -> bool:
+        """Whether the state satisfies the constraints."""
+        return self.closed and self.consistent
+
+    def raise_if_open(
+        self,
+        *,
+        violation: float = tolerances.CLOSED,
+        constraint_velocity: float = tolerances.CONSISTENT,
+    ) -> None:
+        """Raise if the state does not satisfy the constraints.
+
+        Parameters
+        ----------
+        violation : float
+            The largest violation that will do [m, rad].
+        constraint_velocity : float
+            The largest |J v| that will do, relative to `speed`.
+
+        Raises
+        ------
+        NotAssembled
+            The text names every loop that is open, and every constraint with J v other than zero.
+        """
+        wrong = self._open(violation)
+        advice = ["Scene.assemble closes the loops"] if wrong else []
+        if moving := self._moving(constraint_velocity):
+            wrong += moving
+            advice.append("mechanism.project_velocity makes v fit")
+        if wrong:
+            raise NotAssembled(f"{', '.join(wrong)}; {'; '.join(advice)}")
+
+    def __str__(self) -> str:
+        lines = self._open(tolerances.CLOSED) or ["every loop is closed"]
+        lines += self._moving(tolerances.CONSISTENT) or (
+            ["J v = 0"] if self.constraint_velocity else []
+        )
+        lines += [beyond_text(self.beyond_limits)] if self.beyond_limits else []
+        return "\n".join(lines)
+
+    def _open(self, most: float) -> list[str]:
+        return [
+            f"{name} is open by {gap}" for name, gap in self._to_close.items() if gap.size > most
+        ]
+
+    def _moving(self, most: float) -> list[str]:
+        return [
+            f"{name} has |J v| = {velocity.text('/s')}"
+            for name, velocity in self.constraint_velocity.items()
+            if not velocity.size <= max(most * self.speed, self.rounding.get(name, 0.0))
+        ]
+
+
+def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
+    """Return what a state leaves open; see `Scene.check`."""
+    model, equations = scene.robot.model, equations_of(scene)
+    q_ = normalised(model, "q", q)
+    chains = chains_of(scene)
+    velocities, speed, excused = {}, 1.0, {}
+    if v is not None:
+        v_ = finite("v", v, model.nv)
+        J, rate = kept_rows(scene, equations.jacobian(q_), -equations.wanted[1])
+        velocities = constraint_velocities(scene, J @ v_ + rate)
+        speed = max(1.0, float(np.abs(v_).max(initial=0.0)))
+        if any(each.size > tolerances.CONSISTENT * speed for each in velocities.values()):
+            excused = rounding(scene, q_, v_)
+    c = equations.violation(q_)
+    beyond, closing = chains.limits.beyond(q_), gaps(scene, to_close(scene, q_, c))
+    return Check(gaps(scene, c), velocities, speed, beyond, excused, closing)

@@ -19,8 +19,7 @@ from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.classification import Classification, classification
 from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.mechanism.freedom import base_freedom
-from condyn_pin.mechanism.rank import Rank
+from condyn_pin.mechanism.rank import Rank, base_freedom
 from condyn_pin.model.robot import Robot
 
 _ROWS_SHOWN = 12

@@ -17,7 +17,7 @@ from condyn_pin.dynamics.at_state import (
 )
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import NotAssembled
-from condyn_pin.mechanism.check import Check
+from condyn_pin.mechanism.rank import Check
 from condyn_pin.simulation.integrators import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import PUSHES, ContactScheme
 from condyn_pin.simulation.measures import gauge_of

@@ -22,7 +22,7 @@ from math import inf
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.mechanism.anchoring import with_anchors
+from condyn_pin.mechanism.closing import with_anchors
 from condyn_pin.simulation.contact_work import NO_WORK
 from condyn_pin.simulation.events import Ended, Event, Happened, ZenoDetected
 from condyn_pin.simulation.fit import check_deeper, check_fit, check_velocity, velocity_of_steps

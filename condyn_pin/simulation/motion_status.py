@@ -20,7 +20,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import worst
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
-from condyn_pin.mechanism.check import check
+from condyn_pin.mechanism.rank import check
 from condyn_pin.simulation.contact_columns import gaps_along
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme

@@ -27,7 +27,7 @@ from condyn_pin.dynamics.solution import (
 )
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
-from condyn_pin.mechanism.check import check
+from condyn_pin.mechanism.rank import check
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.left_out import bodies_passed, limits_passed
 from condyn_pin.simulation.manifold import Manifold

@@ -20,7 +20,7 @@ from condyn_pin.control.inverse import gravity_compensation
 from condyn_pin.dynamics.at_state import moves_back
 from condyn_pin.dynamics.scene import Scene, motor_torque
 from condyn_pin.errors import InvalidArgument, unknown_name
-from condyn_pin.mechanism.put_down import put_down
+from condyn_pin.mechanism.assembling import put_down
 
 
 class States(ABC):

@@ -17,7 +17,7 @@ from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Sites, Solution
 from condyn_pin.errors import InvalidArgument, NotAssembled
-from condyn_pin.mechanism.assembly import Assembly
+from condyn_pin.mechanism.closing import Assembly
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.step_solution import StepSolution
 from condyn_pin.simulation.trajectory import Trajectory

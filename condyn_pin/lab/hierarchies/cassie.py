@@ -8,11 +8,8 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.hierarchy import HierarchyModel, ModelHierarchy
-from condyn_pin.mechanism.reduction.fewer_rows import merge_points
-from condyn_pin.mechanism.reduction.linkages import without_linkage
-from condyn_pin.mechanism.reduction.reduced_scene import reduced
-from condyn_pin.mechanism.reduction.rods import rods_as_distances
-from condyn_pin.mechanism.reduction.same_motion import loaded
+from condyn_pin.mechanism.reduction import loaded, reduced
+from condyn_pin.mechanism.suggestions import merge_points, rods_as_distances, without_linkage
 
 _SIDES = ("left", "right")
 

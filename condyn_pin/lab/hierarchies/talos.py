@@ -5,7 +5,7 @@ from __future__ import annotations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io.load import load_robot
 from condyn_pin.lab.hierarchy import HierarchyModel, ModelHierarchy
-from condyn_pin.mechanism.reduction.reduction import keep
+from condyn_pin.mechanism.reduction import keep
 
 
 def _corners() -> Scene:

@@ -22,8 +22,8 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import LARGEST, Workspace
-from condyn_pin.mechanism.anchoring import with_anchors
 from condyn_pin.mechanism.closed_chains import chains_of
+from condyn_pin.mechanism.closing import with_anchors
 from condyn_pin.simulation.batch.compiled_steps import states_of, untaken_steps
 from condyn_pin.simulation.batch.driven_path import driven_path_of
 from condyn_pin.simulation.breakdown import LOST

@@ -14,7 +14,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.work import in_flight
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.mechanism.sampling import check_generator, sample
+from condyn_pin.mechanism.projection import check_generator, sample
 from condyn_pin.simulation.batch.recipe import PickledRecipe, Recipe
 
 # States that a worker is handed at a time: they take it longer than the way there and back.

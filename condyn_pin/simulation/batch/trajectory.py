@@ -20,7 +20,7 @@ from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import NotRecorded, WorkersLost
-from condyn_pin.mechanism.anchoring import with_anchors
+from condyn_pin.mechanism.closing import with_anchors
 from condyn_pin.simulation.batch.samples import SAMPLED, Samples
 from condyn_pin.simulation.contact_columns import candidates_of, row_names
 from condyn_pin.simulation.contact_record import ContactRecord, width

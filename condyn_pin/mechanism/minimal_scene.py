@@ -1,4 +1,6 @@
-"""The smallest scene that still answers the question, found by trying.
+"""The smallest scene with the same motion, and its error.
+
+The smallest scene that still answers the question, found by trying.
 
 Each simplification is made, the accelerations and forces that are asked for are compared with those
 of the full scene at the states of the question, and it stays if the errors stay within the limit.
@@ -12,7 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -20,22 +22,193 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import checked
-from condyn_pin._core.arrays import finite
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
 from condyn_pin._core.timing import State
+from condyn_pin.dynamics.at_state import equations_of
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_not_driven
 from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace, default_solver
 from condyn_pin.errors import CondynError, InvalidArgument
-from condyn_pin.mechanism.reduction.minimal_report import Minimal, ReductionStep
-from condyn_pin.mechanism.reduction.price import ReductionErrors, answers, compare
-from condyn_pin.mechanism.reduction.reduced_scene import ReducedScene, reduced
-from condyn_pin.mechanism.reduction.states import checked_states, sampled
-from condyn_pin.mechanism.reduction.suggestions import Suggestion, suggestions
-from condyn_pin.mechanism.reduction.trials import time_trials, trial
+from condyn_pin.mechanism.reduction import (
+    ReducedScene,
+    checked_states,
+    reduced,
+    sampled,
+    time_trials,
+    trial,
+)
+from condyn_pin.mechanism.suggestions import Suggestion, suggestions
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller import free_flyers
+
+# Minimal: the smaller scene that was found, and what was tried to find it.
+
+
+@dataclass(frozen=True)
+class ReductionStep:
+    """A simplification that was tried.
+
+    Attributes
+    ----------
+    what : str
+        What it leaves out, and why that may do.
+    kept : bool
+        Whether the step was kept.
+    errors : ReductionErrors or None
+        Of all simplifications so far, this one included; None if it could not be made.
+    reason : str
+        Why it was not kept; empty if it was.
+    """
+
+    what: str
+    kept: bool
+    errors: ReductionErrors | None
+    reason: str = ""
+
+    def __str__(self) -> str:
+        found = f": errors {self.errors}" if self.errors else ""
+        return f"{'kept' if self.kept else 'not kept'}: {self.what}{found}{self.reason}"
+
+
+@dataclass(frozen=True)
+class Minimal:
+    """The smaller scene, its error, and its speed.
+
+    Attributes
+    ----------
+    scene : ReducedScene
+    nv, rows : tuple of int
+        Before and after.
+    us : tuple of float
+        `Workspace.acceleration` before and after [us], medians of one interleaved run on this
+        machine; NaN where the solver does not say ok. A measurement, not a promise.
+    said : tuple of str
+        What the solver says before and after: "ok", or why it was not timed.
+    solver : Solver
+        The solver that was timed, and that takes the smaller scene.
+    errors : ReductionErrors
+        Against the full scene, at random states that no simplification was tried at; at those of
+        the motion if one was given.
+    limit : float
+        The error that was allowed.
+    states : int
+        States that the errors are of.
+    watch : tuple of str
+        Joints whose accelerations were compared.
+    steps : tuple of ReductionStep
+        What was tried, in order.
+    """
+
+    scene: ReducedScene
+    nv: tuple[int, int]
+    rows: tuple[int, int]
+    us: tuple[float, float]
+    said: tuple[str, str]
+    solver: Solver
+    errors: ReductionErrors
+    limit: float
+    states: int
+    watch: tuple[str, ...]
+    steps: tuple[ReductionStep, ...]
+
+    def __str__(self) -> str:
+        timed = [
+            f"{us:.1f} us" if math.isfinite(us) else said
+            for us, said in zip(self.us, self.said, strict=True)
+        ]
+        return "\n".join(
+            [
+                f"nv {self.nv[0]} -> {self.nv[1]}, rows {self.rows[0]} -> {self.rows[1]}, "
+                f"{timed[0]} before, {timed[1]} after, with {self.solver!r}",
+                f"errors at {self.states} states, {self.limit:g} allowed: {self.errors}",
+                *map(str, self.steps),
+            ]
+        )
+
+
+# The price of a smaller scene: what it changes in the accelerations and forces that are asked for.
+#
+# At the same motion, of two scenes with the joints that are watched in common,
+#
+#     error of a      = |a_small - a_full|_inf / max(|a_full|_inf, g)
+#     error of forces = |f_small - f_full|_inf / max(|f_full|_inf, m g)
+#
+# with a the accelerations of the watched joints, and f the wrench of all contacts on the floating
+# base: the rows of the free-flyer in M a + h - tau = J^T lam, to which loops add nothing. It is
+# unique also where the forces of single contacts are not. Moments count by the metre.
+
+
+# Without corrections: errors of a model are not looked for below 1e-10.
+_REFERENCE = Reference(refinements=0)
+
+
+@dataclass(frozen=True)
+class ReductionErrors:
+    """Relative errors over some states: the worst and the median of each.
+
+    Attributes
+    ----------
+    a_worst, a_median : float
+        Of accelerations, over the larger of the largest of them and gravity.
+    force_worst, force_median : float
+        Of the wrench of all contacts, over the larger of it and the weight.
+    """
+
+    a_worst: float
+    a_median: float
+    force_worst: float
+    force_median: float
+
+    def __str__(self) -> str:
+        return (
+            f"a {self.a_worst:.1e} (median {self.a_median:.1e}), "
+            f"contact wrench {self.force_worst:.1e} (median {self.force_median:.1e})"
+        )
+
+    @property
+    def worst(self) -> float:
+        """The larger one of the two worst errors."""
+        return max(self.a_worst, self.force_worst)
+
+
+def answers(scene: Scene, states: Sequence[State], joints: Sequence[str]) -> tuple[Array, Array]:
+    """Return accelerations of the watched joints and contact wrenches, a line a state.
+
+    The wrenches have no columns if the robot does not float or touches nothing.
+    """
+    equations = equations_of(scene)
+    _, watched = indices(scene.robot.model, joints)
+    _, base = indices(scene.robot.model, free_flyers(scene.robot) if scene.rows else ())
+    found_a, found_f = [], []
+    for q, v, tau in states:
+        terms = equations.terms(q, v)
+        a, lam = _REFERENCE.solve(terms, tau)
+        found_a.append(a[watched])
+        found_f.append((terms.J.T @ lam)[base])
+    return np.array(found_a), np.array(found_f)
+
+
+def compare(scene: Scene, full: tuple[Array, Array], small: tuple[Array, Array]) -> ReductionErrors:
+    """Return the errors of the answers of a smaller scene against those of the full one."""
+    estimator = scene.nominal.estimator
+    a = _relative(full[0], small[0], estimator.gravity)
+    f = _relative(full[1], small[1], scene.nominal.weight)
+    return ReductionErrors(float(a.max()), float(np.median(a)), float(f.max()), float(np.median(f)))
+
+
+def _relative(full: Array, small: Array, floor: float) -> Array:
+    if full.shape[1] == 0:
+        return np.zeros(len(full))
+    size = np.maximum(np.abs(full).max(axis=1), floor)
+    errors: Array = np.abs(small - full).max(axis=1) / size
+    return errors
+
+
+# The smallest scene that still answers the question, found by trying.
+
 
 _SAMPLES = 10  # states that simplifications are chosen by
 _FRESH = 50  # states that the result is judged by
@@ -64,7 +237,7 @@ def minimal(
     scene : Scene
     error : float
         Largest relative error of accelerations and contact wrench that is allowed
-        (`condyn_pin.mechanism.reduction.price`). Zero allows only what is exact, to 1e-9.
+       . Zero allows only what is exact, to 1e-9.
     motion : sequence of (q, v, tau), optional
         Closed states that matter, by which everything is judged. By default random ones, in
         which every joint moves: some to choose by, 50 others to judge by.

@@ -1,0 +1,553 @@
+"""Smaller scenes: what may be left out, and what it costs.
+
+Joints locked, constraints dropped, bodies cut off.
+
+Locking is exact: the smaller scene moves as the full one does under constraints a_i = 0 on the
+locked joints, whose forces are then inside a body and cost nothing. Dropping a constraint or a body
+changes the robot; `Scene.minimal` measures by how much.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Hashable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property, partial
+from itertools import cycle
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arguments import checked, listed, normalised
+from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.joints import Indices, indices
+from condyn_pin._core.linalg import factorise
+from condyn_pin._core.timing import Call, State, Times, interleaved
+from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints.rows.bound import Terms
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.at_state import equations_of
+from condyn_pin.dynamics.nominal import described_posture
+from condyn_pin.dynamics.scene import Scene, motor_torque
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.workspace import Workspace, untaken
+from condyn_pin.errors import InvalidArgument, NotAssembled, UnknownName, UnsupportedConstraint
+from condyn_pin.mechanism.summary import Summary
+from condyn_pin.model.robot import Robot
+from condyn_pin.model.smaller import free_flyers, sifted, smaller_robot, with_held
+from condyn_pin.model.soundness import singular_mass
+from condyn_pin.model.springs import Spring
+
+
+def lock(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
+    """Return the scene of the smaller robot in which some joints are held at q.
+
+    Exact: it moves as this one does with the joints welded.
+
+    Parameters
+    ----------
+    scene : Scene
+    joints : sequence of str
+        A free-flyer may be among them. Joints coupled to them are locked too, where the
+        couplings want them.
+    q : (nq,) array_like, optional
+        Where; the nominal state by default. The other joints move as closing the loops needs;
+        the closed configuration, without the locked joints, is the first posture of the smaller
+        robot, ``locked``.
+
+    Returns
+    -------
+    ReducedScene
+        A scene; its `expand_state` and `reduce_state` lead back and forth, and `dropped` says
+        what is left out, such as loops whose two sides are one body now.
+
+    Raises
+    ------
+    UnknownName
+        If there is no such joint.
+    InvalidArgument
+        If all of them are locked.
+    NotAssembled
+        If the loops cannot be closed with the joints there.
+    """
+    named = checked("joints", joints, scene.robot.joints, "joint")
+    names, remarks = _with_partners(scene, named)
+    if not names:
+        return reduced(scene, scene.robot, scene.constraints, described_posture(scene), ())
+    if len(names) == len(scene.robot.joints):
+        raise InvalidArgument("joints: with all of them locked nothing moves; leave one at least")
+    start = scene.state()[0] if q is None else normalised(scene.robot.model, "q", q)
+    try:
+        closed = scene.assemble(start, fixed=named, within_limits=False).q
+    except NotAssembled as error:
+        said = f"with {listed(named)} locked, {error}"
+        raise type(error)(said, error.assembly) from error
+    words = f"joints locked: {listed(names)}"
+    robot = smaller_robot(scene.robot, names, closed, words)
+    rest, _ = indices(scene.robot.model, robot.joints)
+    others = {name: posture for name, posture in robot.postures.items() if name != "locked"}
+    robot = replace(robot, postures={"locked": closed[rest], **others})
+    kept, idle = sifted(robot, with_held(scene.robot, scene.constraints, names, closed))
+    remarks += [f"constraint {c.name}: both of its sides are one body now" for c in idle]
+    return reduced(scene, robot, kept, closed, (words, *remarks))
+
+
+def keep(scene: Scene, joints: Sequence[str], q: ArrayLike | None = None) -> ReducedScene:
+    """Return the scene with all but some joints locked, as by `lock`.
+
+    Parameters
+    ----------
+    scene : Scene
+    joints : sequence of str
+        What moves on. A free-flyer is kept without being named; `Scene.lock` holds it.
+    q : (nq,) array_like, optional
+        Where the others are held; the nominal state by default.
+
+    Returns
+    -------
+    ReducedScene
+
+    Raises
+    ------
+    UnknownName
+        If there is no such joint.
+    InvalidArgument, NotAssembled
+        As `lock`.
+    """
+    kept = {*checked("joints", joints, scene.robot.joints, "joint"), *free_flyers(scene.robot)}
+    return lock(scene, [name for name in scene.robot.joints if name not in kept], q)
+
+
+def without(scene: Scene, names: Sequence[str]) -> ReducedScene:
+    """Return the scene without some of its constraints.
+
+    Parameters
+    ----------
+    scene : Scene
+    names : sequence of str
+        Of constraints.
+
+    Returns
+    -------
+    ReducedScene
+
+    Raises
+    ------
+    UnknownName
+        If there is no such constraint.
+    """
+    gone = checked("names", names, scene.names, "constraint")
+    kept = [c for c in scene.constraints if c.name not in gone]
+    dropped = tuple(f"constraint {name}: left out" for name in gone)
+    return reduced(scene, scene.robot, kept, described_posture(scene), dropped)
+
+
+def without_bodies(scene: Scene, joints: Sequence[str]) -> ReducedScene:
+    """Return the scene without the bodies that hang on some joints, their mass included.
+
+    Bodies further out go with them, and so do the constraints that are fixed to them.
+
+    Parameters
+    ----------
+    scene : Scene
+    joints : sequence of str
+
+    Returns
+    -------
+    ReducedScene
+
+    Raises
+    ------
+    UnknownName
+        If there is no such joint.
+    InvalidArgument
+        If nothing is left of the robot.
+    """
+    model = scene.robot.model
+    named = checked("joints", joints, scene.robot.joints, "joint")
+    numbers = {int(i) for name in named for i in model.subtrees[model.getJointId(name)]}
+    names = [name for name in scene.robot.joints if model.getJointId(name) in numbers]
+    if len(names) == len(scene.robot.joints):
+        raise InvalidArgument(f"joints = {list(named)}: nothing is left of {scene.robot.name}")
+    words = f"bodies cut off: those of {listed(names)}"
+    q = scene.state()[0]
+    robot = smaller_robot(scene.robot, names, q, words, cut=True)
+    kept, idle = sifted(robot, scene.constraints)
+    remarks = [f"constraint {c.name}: a body of it was cut off" for c in idle]
+    return reduced(scene, robot, kept, q, (words, *remarks), found=names)
+
+
+def _with_partners(scene: Scene, joints: Sequence[str]) -> tuple[tuple[str, ...], list[str]]:
+    """Return the joints with those that couplings hold when these are held, and a remark each."""
+    held, remarks = dict.fromkeys(joints), []
+    couplings = [c for c in scene.constraints if c.joints]
+    for _ in couplings:
+        for c in couplings:
+            moving = [joint for joint in c.joints if joint not in held]
+            if len(moving) == 1 < len(c.joints):
+                (other,) = moving
+                held[other] = None
+                partners = listed([joint for joint in c.joints if joint != other])
+                remarks.append(f"joint {other}: locked with {partners}, by the coupling {c.name}")
+    return tuple(held), remarks
+
+
+# ReducedScene: a smaller scene that knows the one that it comes from, and the way back.
+#
+# With the joints of the smaller scene first, and the others held still or following from the loops,
+#
+#     q_full = (q, q_held, q_found(q)),        v_full = (v, 0, v_found(q, v)).
+
+
+@dataclass(frozen=True, kw_only=True)
+class ReducedScene(Scene):
+    """A smaller scene that knows the scene it was made from.
+
+    Attributes
+    ----------
+    full : Scene
+        The scene before the first step.
+    held : tuple of float
+        A configuration of the full robot: locked joints are there.
+    found : tuple of str
+        Joints of the full robot whose bodies were cut off: where they are follows from the loops.
+    dropped : tuple of str
+        What was left out, and why, a sentence each.
+    """
+
+    full: Scene
+    held: tuple[float, ...]
+    found: tuple[str, ...] = ()
+    dropped: tuple[str, ...] = ()
+
+    def reduce_state(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+        """Return (q, v) of this scene from those of the full one.
+
+        Raises
+        ------
+        InvalidArgument
+            If a locked joint is elsewhere than it is locked, or moves.
+        """
+        robot = self.full.robot
+        q_, v_ = normalised(robot.model, "q", q), finite("v", v, robot.nv)
+        away = np.abs(np.array(pin.difference(robot.model, np.array(self.held), q_)))
+        for name in robot.joints:
+            if name in self.robot.joints or name in self.found:
+                continue
+            _, index = indices(robot.model, [name])
+            for what, size in (("away from where it is locked", away), ("moving", np.abs(v_))):
+                if size[index].max() > tolerances.CLOSED:
+                    raise InvalidArgument(
+                        f"joint {name!r} is {what} by {size[index].max():.3g}; lock it at this q, "
+                        "or start from a state in which it is at rest there"
+                    )
+        index_q, index_v = self._places
+        return q_[index_q], v_[index_v]
+
+    def expand_state(self, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
+        """Return (q, v) of the full scene from those of this one.
+
+        Locked joints stand still; joints of bodies that were cut off are found from the loops.
+        Whatever the loops do not determine, such as the spin of a rod about itself, keeps its
+        nominal value, at rest.
+
+        Raises
+        ------
+        NotAssembled
+            If the loops of what was cut off cannot be closed at q.
+        """
+        index_q, index_v = self._places
+        q_, v_ = np.array(self.held), np.zeros(self.full.robot.nv)
+        q_[index_q] = normalised(self.robot.model, "q", q)
+        v_[index_v] = finite("v", v, self.robot.nv)
+        return self._find(q_, v_) if self.found else (q_, v_)
+
+    def reduce_torque(self, tau: ArrayLike) -> Array:
+        """Return the torques (nv,) of the joints that are left; on locked ones they do nothing."""
+        return finite("tau", tau, self.full.robot.nv)[self._places[1]]
+
+    def summary(self, q: ArrayLike | None = None) -> Summary:
+        """Return the summary of the smaller scene; its notes say what was left out."""
+        summary = super().summary(q)
+        said = tuple(text for text in self.dropped if text not in summary.unused)
+        return replace(summary, notes=(*said, *summary.notes))
+
+    def __str__(self) -> str:
+        left_out = [*self.dropped] or ["nothing is left out"]
+        sizes = (
+            f"{self.robot.name}: nv {self.full.robot.nv} -> {self.robot.nv}, "
+            f"rows {self.full.rows} -> {self.rows}"
+        )
+        return "\n".join([sizes, *left_out])
+
+    @cached_property
+    def _places(self) -> tuple[Indices, Indices]:
+        return indices(self.full.robot.model, self.robot.joints)
+
+    def _find(self, q: Array, v: Array) -> tuple[Array, Array]:
+        """Return the state with the joints of cut-off bodies where their loops want them."""
+        full, scene = self.full, self._cut_off
+        if not scene.constraints:
+            return q, v
+        known = [name for name in full.robot.joints if name not in self.found]
+        q = scene.assemble(q, fixed=known, within_limits=False).q
+        _, index = indices(full.robot.model, self.found)
+        J = equations_of(scene).jacobian(q)
+        v[index] = -np.linalg.lstsq(J[:, index], J @ v, rcond=tolerances.RANK)[0]
+        return q, v
+
+    @cached_property
+    def _cut_off(self) -> Scene:
+        """The full robot with the loops of the bodies that were cut off."""
+        full = self.full
+        numbers = {full.robot.model.getJointId(name) for name in self.found}
+        return Scene(
+            full.robot, [c for c in full.constraints if numbers & set(c.sides(full.robot))]
+        )
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        rest = {key: getattr(self, key) for key in ("full", "held", "found", "dropped")}
+        return partial(ReducedScene, **rest), (self.robot, self.constraints, self.contacts)
+
+
+@one_blas_thread
+def reduced(
+    scene: Scene,
+    robot: Robot,
+    constraints: Sequence[Any],
+    q: Array,
+    dropped: Sequence[str],
+    *,
+    found: Sequence[str] = (),
+) -> ReducedScene:
+    """Return the scene after one more step, with `robot` and `constraints`.
+
+    It was made at the configuration q of `scene`, left out what `dropped` says, and cut off the
+    bodies of the joints `found`. The full scene is that before the first step. Contacts go with it,
+    but for those that nothing is left of.
+    """
+    contacts, idle = _fitting(robot, scene.contacts)
+    dropped = (*dropped, *(f"contact {name}: its body or its joint is held, or cut off"
+                           for name in idle))  # fmt: skip
+    if not isinstance(scene, ReducedScene):
+        held, before = tuple(q.tolist()), Scene(scene.robot, scene.constraints, scene.contacts)
+        return ReducedScene(
+            robot, constraints, contacts,
+            full=before, held=held, found=tuple(found), dropped=dropped,
+        )  # fmt: skip
+    all_held = np.array(scene.held)
+    all_held[indices(scene.full.robot.model, scene.robot.joints)[0]] = q
+    return ReducedScene(
+        robot,
+        constraints,
+        contacts,
+        full=scene.full,
+        held=tuple(all_held.tolist()),
+        found=(*scene.found, *found),
+        dropped=(*scene.dropped, *dropped),
+    )
+
+
+def _fitting(
+    robot: Robot, contacts: Sequence[Contact]
+) -> tuple[tuple[Contact, ...], tuple[str, ...]]:
+    """Return the contacts that a smaller robot still has, and the names of the others."""
+    kept, idle = [], []
+    for contact in contacts:
+        try:
+            contact.bind(robot)
+            kept.append(contact)
+        except (InvalidArgument, UnknownName):  # both sides on one body, or no such frame or joint
+            idle.append(contact.name)
+    return tuple(kept), tuple(idle)
+
+
+# The same motion in another scene of the same machine.
+#
+# The joints that are named are where they are in the source and move as they do there. The others
+# follow from the loops,
+#
+#     c(q) = 0,    J v = 0.
+#
+# Springs of the target that are locked in the source are bent as far as they have to be to carry
+# the load: by d = -lam_s / k, where lam_s is the torque that holds them still, so that they do not
+# accelerate either. Where the two scenes differ in geometry, v is the nearest one with J v = 0.
+
+
+_ROUNDS = 30  # of the load on the springs; it settles by a factor of ten and more in each
+_SETTLED = 1e-12  # [rad]
+_LEVER = 0.1  # [m]; a force of 10 N is as dear as a torque of 1 N m
+
+
+@one_blas_thread
+def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str]) -> State:
+    """Return (q, v, tau) in `target` for a closed state of `source`.
+
+    `joints` of both scenes decide where the machine is: the floating base and the motors. The
+    torques of the source are those of its motors; the torques returned have springs and damping
+    among them, and motors that the source does not have hold their joints against gravity. Raises
+    NotAssembled if the target cannot be closed there.
+    """
+    q, v, tau = state
+    robot = target.robot
+    common = [name for name in source.robot.joints if name in robot.joints]
+    guess, wanted, motors = described_posture(target), np.zeros(robot.nv), np.zeros(robot.nv)
+    guess[indices(robot.model, common)[0]] = q[indices(source.robot.model, common)[0]]
+    _, from_v = indices(source.robot.model, joints)
+    _, to_v = indices(robot.model, joints)
+    wanted[to_v], motors[to_v] = v[from_v], tau[from_v]
+    springs = [s for s in robot.springs if s.joint not in source.robot.joints]
+    bent = [spring.joint for spring in springs]
+    fixed = [*joints, *bent]
+    equations = equations_of(target)
+    bent_q, of_springs = indices(robot.model, bent)
+    known = np.concatenate([to_v, of_springs])
+    for _ in range(_ROUNDS):
+        q_ = target.assemble(guess, fixed=fixed, within_limits=False).q
+        v_ = _follow(equations, q_, wanted, known, of_springs)
+        tau_ = motors + _hold(robot, equations, q_, joints) + robot.passive_torque(q_, v_)
+        if not springs:
+            break
+        step = _bend(equations, (q_, v_, tau_), springs, of_springs)
+        guess = q_
+        guess[bent_q] += step
+        if np.abs(step).max() < _SETTLED:
+            break
+    return q_, v_, tau_
+
+
+def loaded(scene: Scene) -> Array:
+    """Return the nominal configuration with the springs bent by what standing there takes."""
+    rigid = scene.lock([spring.joint for spring in scene.robot.springs])
+    q, v = rigid.state()
+    joints = (*free_flyers(rigid.robot), *rigid.robot.actuated)
+    return same_motion(rigid, scene, (q, v, standing_torque(rigid, q)), joints)[0]
+
+
+def standing_torque(scene: Scene, q: Array) -> Array:
+    """Return the torque of the motors that keeps the robot at q, at rest.
+
+    The smallest one with  S tau + J^T lam = h(q, 0), a force counting by `_LEVER`.
+    """
+    robot = scene.robot
+    _, motors = indices(robot.model, robot.actuated)
+    terms = equations_of(scene).terms(q, np.zeros(robot.nv))
+    A = np.hstack([np.eye(robot.nv)[:, motors], terms.J.T / _LEVER])
+    tau = np.zeros(robot.nv)
+    tau[motors] = np.linalg.lstsq(A, terms.h, rcond=tolerances.RANK)[0][: len(motors)]
+    return tau
+
+
+def _follow(equations: Equations, q: Array, wanted: Array, known: Indices, still: Indices) -> Array:
+    """Return the velocity with J v = 0 that keeps the known entries, or is nearest to them."""
+    terms = equations.terms(q, 0 * wanted)
+    free = np.setdiff1d(np.arange(len(wanted)), known)
+    v = wanted.copy()
+    v[free] = -np.linalg.lstsq(terms.J[:, free], terms.J @ wanted, rcond=tolerances.RANK)[0]
+    J = np.vstack([terms.J, np.eye(len(wanted))[still]])
+    return factorise(terms.M, J, tolerances.RANK, why=singular_mass(equations.model, q)).tangent(v)
+
+
+def _hold(robot: Robot, equations: Equations, q: Array, joints: Sequence[str]) -> Array:
+    """Return the torque against gravity in the motors that are not among `joints`."""
+    _, index = indices(robot.model, [name for name in robot.actuated if name not in joints])
+    torque = np.zeros(robot.nv)
+    torque[index] = equations.terms(q, torque).h[index]
+    return torque
+
+
+def _bend(equations: Equations, state: State, springs: Sequence[Spring], index: Indices) -> Array:
+    """Return how much further the springs have to bend to carry what holding them takes."""
+    q, v, tau = state
+    terms = equations.terms(q, v)
+    n, k = len(v), len(index)
+    held = Terms(
+        terms.M,
+        terms.h,
+        np.vstack([terms.J, np.eye(n)[index]]),
+        np.concatenate([terms.gamma, np.zeros(k)]),
+        np.concatenate([terms.a_ref, np.zeros(k)]),
+    )
+    _, lam = Reference(refinements=0).solve(held, tau)
+    step: Array = -lam[-k:] / np.array([spring.stiffness for spring in springs])
+    return step
+
+
+# The states that a smaller scene is asked at.
+
+
+def sampled(scene: Scene, seed: int, count: int) -> list[State]:
+    """Return random closed states, with torques of the motors."""
+    rng = np.random.default_rng(seed)
+    return [(*scene.sample(rng), motor_torque(scene.robot, rng)) for _ in range(count)]
+
+
+def checked_states(scene: Scene, motion: Any) -> list[State]:
+    """Return the states of a motion, or raise InvalidArgument or NotAssembled."""
+    if isinstance(motion, str) or not isinstance(motion, Iterable):
+        raise InvalidArgument(f"motion = {motion!r}: a list of (q, v, tau) is needed")
+    check = scene.robot.arguments.check
+    states = []
+    for k, state in enumerate(motion):
+        try:
+            q, v, tau = state
+        except (TypeError, ValueError) as error:
+            raise InvalidArgument(f"motion[{k}]: (q, v, tau) is needed ({error})") from error
+        try:
+            q, v, tau = check(q, v, tau)
+            scene.check(q, v).raise_if_open()
+        except InvalidArgument as error:
+            raise InvalidArgument(f"motion[{k}]: {error}") from error
+        except NotAssembled as error:
+            raise NotAssembled(f"motion[{k}]: {error}", error.assembly) from error
+        states.append((q, v, tau))
+    if not states:
+        raise InvalidArgument("motion: it is empty; one state (q, v, tau) at least is needed")
+    return states
+
+
+# Trials: solvers tried on scenes, and timed beside each other where they say ok.
+
+
+_Key = TypeVar("_Key", bound=Hashable)
+
+
+@dataclass(frozen=True)
+class Trial:
+    """A solver tried on a scene: "ok" and what to time, or why a time would say nothing.
+
+    The call goes from one state to the next, and does not check its arguments: scenes that are
+    compared do not share their states.
+    """
+
+    call: Call | None
+    said: str
+
+
+def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
+    """Return what to time, if the solver takes the scene and says ok at every state."""
+    try:
+        workspace = Workspace(scene, solver)
+    except UnsupportedConstraint:
+        missing = [c for c in scene.constraints if c.name in untaken(scene, solver)]
+        kinds = dict.fromkeys(str(getattr(c, "kind", type(c).__name__)) for c in missing)
+        return Trial(None, f"takes no {' and no '.join(kinds)}")
+    for state in states:
+        status = workspace.solve(*state, throw=False).status
+        if not status.ok:
+            return Trial(None, status.name.lower())
+    turn = cycle(states)
+    return Trial(lambda q, v, tau: workspace.acceleration(*next(turn)), "ok")
+
+
+def time_trials(
+    trials: Mapping[_Key, Trial], *, rounds: int, repeats: int = 10
+) -> dict[_Key, Times]:
+    """Time what can be timed of some trials, in one interleaved run."""
+    calls = {name: one.call for name, one in trials.items() if one.call is not None}
+    nothing = (np.zeros(0),) * 3
+    return interleaved(calls, [nothing], rounds=rounds, repeats=repeats)

@@ -1,1 +1,0 @@
-"""Smaller scenes: what may be left out, and what it costs."""
