@@ -37,9 +37,8 @@ from condyn_pin._core.timing import Call, State, Times, interleaved, machine
 from condyn_pin.contact import ADMM, ContactProblem, SemismoothNewton
 from condyn_pin.contact.attempts import attempt_contact
 from condyn_pin.contact.condense import condense
-from condyn_pin.contact.padded import padded
+from condyn_pin.contact.problem import normalised, padded
 from condyn_pin.contact.residuals import natural_residual
-from condyn_pin.contact.scaling import normalised
 from condyn_pin.model import together
 from condyn_pin.simulation.hybrid_phase import HybridPhase
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps

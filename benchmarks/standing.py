@@ -40,7 +40,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.timing import machine
 from condyn_pin.contact import FrictionCone, WrenchCone
-from condyn_pin.contact.cone import Cone
+from condyn_pin.contact.cones import Cone
 from condyn_pin.control import (
     Balance,
     CapturePoint,

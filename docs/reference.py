@@ -30,12 +30,7 @@ _AREAS = {
         "lab",
     ),
     "Answers": ("dynamics", "constraints.forces", "constraints.rows"),
-    "Friction cones": (
-        "contact.cone",
-        "contact.friction_cone",
-        "contact.wrench_cone",
-        "contact.scene_cones",
-    ),
+    "Friction cones": ("contact.cones",),
     "Contact problems": ("contact",),
     "Contact solvers": ("contact.solvers",),
     "Solvers": ("dynamics.solvers",),

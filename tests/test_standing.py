@@ -17,7 +17,7 @@ from shared import robot
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.contact import FrictionCone, WrenchCone
-from condyn_pin.contact.cone import Cone
+from condyn_pin.contact.cones import Cone
 from condyn_pin.control import (
     CapturePoint,
     CenterOfMass,

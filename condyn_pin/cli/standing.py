@@ -9,9 +9,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.cli.words import qp_of
 from condyn_pin.constraints.base import Constraint
-from condyn_pin.contact.cone import Cone
-from condyn_pin.contact.friction_cone import FrictionCone
-from condyn_pin.contact.wrench_cone import WrenchCone
+from condyn_pin.contact.cones import Cone, FrictionCone, WrenchCone
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.controller import Controller
 from condyn_pin.control.tasks.base import Task

@@ -1,12 +1,18 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
 from .attempts import attempt_contact as attempt_contact
-from .cone import ConeRows as ConeRows
-from .cone import Margin as Margin
-from .friction_cone import FrictionCone as FrictionCone
+from .attempts import solve_contact as solve_contact
+from .condense import SoftContact as SoftContact
+from .condense import soft_contact as soft_contact
+from .cones import ConeRows as ConeRows
+from .cones import FrictionCone as FrictionCone
+from .cones import Margin as Margin
+from .cones import WrenchCone as WrenchCone
+from .cones import cone_rows as cone_rows
+from .cones import margins as margins
 from .indeterminacy import Indeterminacy as Indeterminacy
-from .judge import solve_contact as solve_contact
 from .problem import ContactProblem as ContactProblem
+from .problem import ContactSets as ContactSets
 from .residuals import ContactResiduals as ContactResiduals
 from .residuals import contact_residuals as contact_residuals
 from .residuals import natural_residual as natural_residual
@@ -15,11 +21,6 @@ from .restitution import Energetic as Energetic
 from .restitution import Newton as Newton
 from .restitution import Poisson as Poisson
 from .restitution import RestitutionLaw as RestitutionLaw
-from .scene_cones import cone_rows as cone_rows
-from .scene_cones import margins as margins
-from .sets import ContactSets as ContactSets
-from .soft_contact import SoftContact as SoftContact
-from .soft_contact import soft_contact as soft_contact
 from .solution import ContactSolution as ContactSolution
 from .solution import ContactStatus as ContactStatus
 from .solvers import CONTACT_SOLVERS as CONTACT_SOLVERS
@@ -30,4 +31,3 @@ from .solvers.lemke import Lemke as Lemke
 from .solvers.newton import SemismoothNewton as SemismoothNewton
 from .solvers.pgs import PGS as PGS
 from .solvers.sap import SAP as SAP
-from .wrench_cone import WrenchCone as WrenchCone

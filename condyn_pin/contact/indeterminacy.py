@@ -38,15 +38,21 @@ from scipy.linalg.lapack import dposv, dpotrf
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin.contact.islands import islands
-from condyn_pin.contact.modes import MOVES, OPEN, SLIDE, STICK, InModes, Modes, contact_modes
-from condyn_pin.contact.natural_map import newton
-from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.problem import (
+    MOVES,
+    OPEN,
+    SLIDE,
+    STICK,
+    ContactProblem,
+    InModes,
+    Modes,
+    contact_modes,
+    islands,
+    normalised,
+)
 from condyn_pin.contact.residuals import natural_residual
-from condyn_pin.contact.scaling import normalised
 from condyn_pin.contact.solvers.base import Attempt
-from condyn_pin.contact.solvers.newton import SemismoothNewton, refine
-from condyn_pin.contact.sticking import sticking
+from condyn_pin.contact.solvers.newton import SemismoothNewton, newton, refine, sticking
 
 # Sides of the polygons in the cones of a stress, and their share of the friction: their corners are
 # inside the cones, so that a contact with a part of the stress can be held.

@@ -18,16 +18,16 @@ convex optimization. ZAMM 91, 2011.
 from __future__ import annotations
 
 from dataclasses import dataclass, fields
-from functools import cached_property
-from typing import Any, Literal, get_args
+from functools import cached_property, lru_cache, partial
+from math import copysign, frexp, hypot, inf
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, finite, read_only
+from condyn_pin._core.arrays import Array, Indices, finite, read_only
 from condyn_pin._core.tolerances import HUGE
-from condyn_pin.contact.sets import ContactSets
 from condyn_pin.errors import InvalidArgument
 
 Law = Literal["ncp", "ccp"]
@@ -210,3 +210,494 @@ def _not_negative(name: str, value: ArrayLike, most: float = HUGE) -> Array:
         k = int(array.argmin())
         raise InvalidArgument(f"{name}[{k}] = {array[k]:g}: a number >= 0 is needed")
     return array
+
+
+# The sets that contact impulses belong to, all rows of a problem at once.
+#
+# Rows come in this order: cones, three rows each (t1, t2, n); half-lines; intervals.
+#
+#     cone       K = {l : |l_t| <= mu l_n}          a point that touches, Coulomb friction mu
+#     half-line  K = {l >= 0}                       the stop of a joint
+#     interval   K = {|l| <= limit}                 dry friction of a joint
+
+
+_TINY: Final = float(np.finfo(np.float64).tiny)
+
+
+@dataclass(frozen=True, eq=False)
+class ContactSets:
+    """The set K of a contact problem: a product of cones, half-lines and intervals.
+
+    Attributes
+    ----------
+    friction : (k,) array
+        Coefficients of the cones [1].
+    half_lines : int
+        Number of half-lines.
+    limits : (b,) array
+        Of the intervals [N s].
+    """
+
+    friction: Array
+    half_lines: int
+    limits: Array  # [N s]
+
+    @property
+    def size(self) -> int:
+        """Number of rows, m = 3 k + half_lines + b."""
+        return 3 * len(self.friction) + self.half_lines + len(self.limits)
+
+    @cached_property
+    def parts(self) -> tuple[slice, slice, slice]:
+        """The rows of cones, of half-lines and of intervals."""
+        cones = 3 * len(self.friction)
+        lines = cones + self.half_lines
+        return slice(0, cones), slice(cones, lines), slice(lines, self.size)
+
+    @cached_property
+    def axes(self) -> tuple[slice, slice, slice]:
+        """The rows t1, t2 and n of all cones."""
+        end = 3 * len(self.friction)
+        return slice(0, end, 3), slice(1, end, 3), slice(2, end, 3)
+
+    @cached_property
+    def blocks(self) -> Indices:
+        """Which contact each row belongs to (m,), in the order of names."""
+        k = len(self.friction)
+        singles = self.half_lines + len(self.limits)
+        return np.concatenate([np.repeat(np.arange(k), 3), k + np.arange(singles)])
+
+    @cached_property
+    def normals(self) -> Indices:
+        """The rows of normals of cones and of half-lines, in the order of contacts."""
+        cones, lines, _ = self.parts
+        return np.array([*range(2, cones.stop, 3), *range(lines.start, lines.stop)], dtype=int)
+
+    @cached_property
+    def of_cones(self) -> Indices:
+        """The three rows of each cone (k, 3)."""
+        return np.arange(3 * len(self.friction)).reshape(-1, 3)
+
+    @cached_property
+    def ice(self) -> NDArray[np.bool_]:
+        """Which cones have no friction (k,)."""
+        return np.asarray(self.friction == 0)
+
+    @cached_property
+    def coefficients(self) -> list[float]:
+        """Friction of the cones, as plain numbers."""
+        return self.friction.tolist()  # type: ignore[no-any-return]
+
+    @cached_property
+    def _shrink(self) -> Array:
+        return 1 / (1 + self.friction**2)
+
+    def project(self, x: Array) -> Array:
+        """Return P_K(x) (m,): the nearest point of the sets."""
+        t1, t2, n = self.axes
+        x_1, x_2, x_n, mu, result = x[t1], x[t2], x[n], self.friction, np.empty_like(x)
+        slip = np.hypot(x_1, x_2)
+        # x_n inside, the nearest point of the surface outside, the apex where both are below it
+        normal = np.maximum(np.maximum(x_n, (mu * slip + x_n) * self._shrink), 0.0)
+        most = mu * normal
+        kept = most / np.maximum(np.maximum(slip, most), _TINY)
+        result[t1], result[t2], result[n] = kept * x_1, kept * x_2, normal
+        if self.half_lines:
+            lines = self.parts[1]
+            np.maximum(x[lines], 0.0, out=result[lines])
+        if len(self.limits):
+            intervals = self.parts[2]
+            np.clip(x[intervals], -self.limits, self.limits, out=result[intervals])
+        return result
+
+    def slopes(self, x: Array) -> tuple[Array, Array]:
+        """Return P_K'(x): blocks (k, 3, 3) of the cones, numbers (half_lines + b,) of the others.
+
+        1 inside, 0 where x goes to one point, between them where it goes to the surface of a cone;
+        one of the one-sided derivatives where there is none.
+        """
+        cones, lines, intervals = self.parts
+        X, mu, shrink = x[cones].reshape(-1, 3), self.friction, self._shrink
+        slip, n = np.hypot(X[:, 0], X[:, 1]), X[:, 2]
+        somewhere = np.where(slip > 0, slip, 1.0)
+        u = X[:, :2] / somewhere[:, None]
+        along = u[:, :, None] * u[:, None, :]
+        turn = mu * (mu * slip + n) * shrink / somewhere
+        P = np.empty((len(X), 3, 3))
+        P[:, :2, :2] = turn[:, None, None] * (np.eye(2) - along)
+        P[:, :2, :2] += (mu**2 * shrink)[:, None, None] * along
+        P[:, :2, 2] = P[:, 2, :2] = (mu * shrink)[:, None] * u
+        P[:, 2, 2] = shrink
+        P[slip <= mu * n] = np.eye(3)
+        P[mu * slip <= -n] = 0.0
+        free = np.concatenate([x[lines] > 0, np.abs(x[intervals]) < self.limits])
+        return P, free.astype(np.float64)
+
+    def de_saxce(self, sigma: Array) -> Array:
+        """Return sigma + (0, 0, mu |sigma_t|) in the rows of cones: the dual of lam in an ncp."""
+        t1, t2, n = self.axes
+        dual = sigma.copy()
+        dual[n] += self.friction * np.hypot(sigma[t1], sigma[t2])
+        return dual
+
+
+# Islands: contacts that feel each other, apart from those that they do not feel.
+
+
+class Island(NamedTuple):
+    """Contacts of a problem that feel each other and no others.
+
+    Attributes
+    ----------
+    rows : (r,) array of int
+        Of the problem.
+    block : tuple of arrays
+        The same as indices of G.
+    sets : ContactSets
+        Of these rows.
+    names : tuple of str
+        Of these contacts.
+    contacts : (k,) array of int
+        Their places among the names of the problem.
+    """
+
+    rows: Indices
+    block: tuple[Indices, ...]
+    sets: ContactSets
+    names: tuple[str, ...]
+    contacts: Indices
+
+    def problem(self, whole: ContactProblem) -> ContactProblem:
+        """Return the problem that they are by themselves."""
+        return ContactProblem.trusted(
+            G=whole.G[self.block], g=whole.g[self.rows], friction=self.sets.friction,
+            half_lines=self.sets.half_lines, limits=self.sets.limits,
+            R=None if whole.R is None else whole.R[self.rows], law=whole.law, level=whole.level,
+            names=self.names, sets=self.sets,
+        )  # fmt: skip
+
+
+def islands(problem: ContactProblem) -> tuple[Island, ...]:
+    """Return the components of the graph of G; none where all contacts are connected.
+
+    Two contacts feel each other if their block of G has a number that is not zero. What no impulse
+    of the one does to the other is zero to the last bit where bodies share no joint, so that
+    nothing is neglected. Those of the last problems are kept: the next step often has the same.
+    """
+    G, sets, names = problem.G, problem.sets, problem.names
+    if np.count_nonzero(G) == G.size or len(names) < 2:
+        return ()
+    starts = np.flatnonzero(np.diff(sets.blocks, prepend=-1))
+    by_rows = np.logical_or.reduceat(G != 0, starts, axis=0)
+    felt = np.logical_or.reduceat(by_rows, starts, axis=1)
+    return _islands(sets, names, felt.tobytes())
+
+
+@lru_cache(maxsize=16)
+def _islands(sets: ContactSets, names: tuple[str, ...], pattern: bytes) -> tuple[Island, ...]:
+    """Return the components of a graph of contacts, given by its matrix."""
+    felt = np.frombuffer(pattern, dtype=bool).reshape(len(names), len(names))
+    found = components(felt)
+    if len(found) == 1:
+        return ()
+    return tuple(island_of(sets, names, np.flatnonzero(each)) for each in found)
+
+
+def components(felt: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
+    """Return which contacts are in each component of a graph (k, k), of all contacts."""
+    label = _labels(felt | np.eye(len(felt), dtype=bool))
+    return [label == each for each in np.unique(label)]
+
+
+def _labels(felt: NDArray[np.bool_]) -> Indices:
+    """Return for each contact the smallest number of those that it is connected to."""
+    label = np.arange(len(felt))
+    while True:
+        least = np.where(felt, label, len(felt)).min(axis=1)
+        if (least == label).all():
+            return label
+        label = least
+
+
+def island_of(sets: ContactSets, names: tuple[str, ...], contacts: Indices) -> Island:
+    """Return some contacts of a problem, by their places among its names."""
+    rows = np.flatnonzero(np.isin(sets.blocks, contacts))
+    k, lines = len(sets.friction), sets.half_lines
+    cones, intervals = contacts[contacts < k], contacts[contacts >= k + lines]
+    stops = len(contacts) - len(cones) - len(intervals)
+    its_sets = ContactSets(sets.friction[cones], stops, sets.limits[intervals - k - lines])
+    its_names = tuple(names[i] for i in contacts)
+    return Island(rows, np.ix_(rows, rows), its_sets, its_names, contacts)
+
+
+# Modes of contacts: open, stick or slide, read off the impulses and velocities.
+#
+# With x = lam - d / mean(diag G), where P_K(x) is lam in a solved problem: a contact is open where
+# x is in the polar cone of K, whatever the solver left of lam. Of the others those slide that move:
+# redundant contacts may be on the surface of their cones and stick all the same.
+#
+# In its mode a contact has three equations, the same number as impulses,
+#
+#     open   lam = 0
+#     stick  sigma = 0
+#     slide  sigma_n = 0,  lam_t + mu lam_n s = 0,  s = sigma_t / |sigma_t|
+
+
+Modes = NDArray[np.int_]
+
+# A mode as a number is its place here.
+MODES: Final = ("open", "stick", "slide")
+OPEN, STICK, SLIDE = range(3)
+
+
+def mode_words(codes: NDArray[np.generic]) -> NDArray[np.object_]:
+    """Return modes as texts, an entry each, of places in `MODES`."""
+    words: NDArray[np.object_] = np.array(MODES, dtype=object)[codes.astype(int)]
+    return words
+
+
+# Velocity along a row that counts as zero, relative to |g|: ten times what a solved problem leaves.
+MOVES: Final = 10 * tolerances.CONTACT_SOLVED
+
+
+def contact_modes(problem: ContactProblem, lam: Array, moves: float = MOVES) -> Modes:
+    """Return the mode of each contact of a problem that lam (m,) solves.
+
+    A stop is open or sticks, dry friction sticks or slides. What is slower than the share `moves`
+    of |g| sticks, by the contacts that feel each other.
+    """
+    if apart := islands(problem):
+        codes_of = np.empty(len(problem.names), dtype=np.int_)
+        for each in apart:
+            codes_of[each.contacts] = contact_modes(each.problem(problem), lam[each.rows], moves)
+        return codes_of
+    stiff, speed = problem.scale
+    l, s = lam.tolist(), problem.velocities(lam).tolist()  # noqa: E741  of the equations above
+    still, sets = moves * speed, problem.sets
+    (t1, t2, n), mu = sets.axes, sets.coefficients
+    lift = mu if problem.law == "ncp" else len(mu) * [0.0]
+    of_cone = partial(_mode_of_a_cone, stiff, still)
+    codes = [*map(of_cone, mu, lift, l[t1], l[t2], l[n], s[t1], s[t2], s[n])]
+    if len(l) > len(codes) * 3:
+        _, lines, dry = sets.parts
+        pushes = zip(l[lines], s[lines], strict=True)
+        codes += [STICK if li - si / stiff > 0 else OPEN for li, si in pushes]
+        codes += [SLIDE if abs(speed) > still else STICK for speed in s[dry]]
+    return np.array(codes, dtype=np.int_)
+
+
+def _mode_of_a_cone(
+    stiff: float, still: float, mu: float, lift: float,
+    l1: float, l2: float, ln: float, s1: float, s2: float, sn: float,
+) -> int:  # fmt: skip
+    slip = hypot(s1, s2)
+    x1, x2, xn = l1 - s1 / stiff, l2 - s2 / stiff, ln - (sn + lift * slip) / stiff
+    if not mu * hypot(x1, x2) > -xn:
+        return OPEN
+    return SLIDE if slip > still else STICK
+
+
+class Equations(NamedTuple):
+    """The equations of contacts in their modes at one lam, and how they change."""
+
+    sigma: Array  # (m,)
+    left: Array  # (m,), what impulses leave of them
+    by_sigma: Array  # (m, m)
+    by_lam: Array  # (m, m)
+    by_friction: Array  # (m, k)
+
+
+@lru_cache(maxsize=16)
+def _places(k: int, m: int) -> Indices:
+    """Return where the numbers of `_of_a_cone` and then of `_of_a_row` belong, in (m, 1 + 2 m + k).
+
+    Columns are what is left, by sigma, by lam and by friction.
+    """
+    width, rows, singles = 1 + 2 * m + k, np.arange(3 * k).reshape(k, 3), np.arange(3 * k, m)
+    columns = np.zeros((k, 3, 8), dtype=np.intp)
+    columns[:, :, 1:4], columns[:, :, 4:7] = 1 + rows[:, None], 1 + m + rows[:, None]
+    columns[:, :, 7] = 1 + 2 * m + np.arange(k)[:, None]
+    of_cones = width * rows[:, :, None] + columns
+    of_rows = width * singles + np.stack((0 * singles, 1 + singles, 1 + m + singles))
+    return read_only(np.concatenate((of_cones.ravel(), of_rows.T.ravel())))
+
+
+class InModes:
+    """The equations of the contacts of a problem, each in the mode that it has."""
+
+    def __init__(self, problem: ContactProblem, modes: Modes) -> None:
+        self._problem, self._modes = problem, modes.tolist()
+
+    def at(self, lam: Array) -> Equations:
+        """Return what impulses leave of the equations, and their partials."""
+        problem, m = self._problem, len(lam)
+        k, sigma = len(problem.friction), problem.velocities(lam)
+        found = np.zeros((m, 1 + 2 * m + k))
+        found.put(_places(k, m), self._numbers(lam.tolist(), sigma.tolist()))
+        parts = found[:, 1 : 1 + m], found[:, 1 + m : 1 + 2 * m], found[:, 1 + 2 * m :]
+        return Equations(sigma, found[:, 0], *parts)
+
+    def _numbers(self, l: list[float], s: list[float]) -> list[float]:  # noqa: E741
+        """Return the equations of all contacts, at their `_places`; in a ccp what slides lifts."""
+        problem, modes, sets = self._problem, self._modes, self._problem.sets
+        (t1, t2, n), mu = sets.axes, sets.coefficients
+        k, lifts = len(mu), float(problem.law == "ccp")
+        numbers: list[float] = []
+        for of_one in zip(modes, mu, l[t1], l[t2], l[n], s[t1], s[t2], s[n], strict=False):
+            numbers += _of_a_cone(lifts, *of_one)
+        if len(l) > 3 * k:
+            limits = problem.half_lines * [inf] + problem.limits.tolist()
+            for of_one in zip(modes[k:], limits, l[3 * k :], s[3 * k :], strict=True):
+                numbers += _of_a_row(*of_one)
+        return numbers
+
+
+def _of_a_cone(
+    lifts: float, mode: int, mu: float,
+    l1: float, l2: float, ln: float, v1: float, v2: float, vn: float,
+) -> tuple[float, ...]:  # fmt: skip
+    """Return the three equations of a contact, eight numbers each.
+
+    What is left, its partials by sigma, those by lam, and that by mu. What slides has
+    s' = (1 - s s^T) sigma_t' / |sigma_t|, and any s on ice, which holds nothing. It `lifts` off, 1,
+    or does not, 0.
+    """
+    if mode == OPEN:
+        return (
+            l1, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0,
+            l2, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0,
+            ln, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0,
+        )  # fmt: skip
+    if mode == STICK and mu:
+        return (
+            v1, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+            v2, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0,
+            vn, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0,
+        )  # fmt: skip
+    slip, lift = hypot(v1, v2), lifts * mu
+    x, y = (v1 / slip, v2 / slip) if slip else (0.0, 0.0)
+    w = mu * ln / slip if slip else 0.0
+    return (
+        l1 + mu * ln * x, w * y * y, -w * x * y, 0.0, 1.0, 0.0, mu * x, ln * x,
+        l2 + mu * ln * y, -w * x * y, w * x * x, 0.0, 0.0, 1.0, mu * y, ln * y,
+        vn - lift * slip, -lift * x, -lift * y, 1.0, 0.0, 0.0, 0.0, -lifts * slip,
+    )  # fmt: skip
+
+
+def _of_a_row(mode: int, limit: float, l: float, s: float) -> tuple[float, float, float]:  # noqa: E741
+    """Return what is left of a stop or of dry friction, by sigma and by lam.
+
+    A stop has no `limit`; dry friction of zero holds nothing.
+    """
+    if mode == STICK and limit:
+        return (s, 1.0, 0.0)
+    return (l + copysign(limit, s) if mode == SLIDE else l, 0.0, 1.0)
+
+
+# The same contact problem in units where its numbers are near one.
+#
+# With S positive, the same in the rows of one contact, and w a velocity,
+#
+#     G' = S (G + R) S,   g' = S g / w,   limits' = limits / (S w),   lam = w S lam'
+#
+# has the same contacts that open, stick and slide. All factors are powers of two: no digit changes.
+# Where all rows are cones and bodies are about as heavy, S is one number, by the mean diagonal of
+# G; rows of joints have other units than those of points, and each contact has its own then.
+
+
+# Ratio of how far impulses move contacts from which each has its own S. Feet of a robot are closer;
+# with one S, bodies of 1 kg on others of 1 t take ADMM ten times the iterations, and Newton stalls.
+_APART = 64.0
+
+
+def normalised(problem: ContactProblem) -> tuple[ContactProblem, float | Array]:
+    """Return the normalised problem, without R, and the unit (m,) or one number of its impulses."""
+    if problem.half_lines or len(problem.limits) or _differ(problem):
+        return _normalised_by_contact(problem)
+    stiff, speed = problem.scale
+    G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
+    softened, slowed = 1.0 / _power_of_two(stiff), 1.0 / _power_of_two(speed)  # S^2 and S / w
+    made = ContactProblem.trusted(
+        G=G * softened, g=problem.g * slowed, friction=problem.friction, half_lines=0,
+        limits=problem.limits, R=None, law=problem.law, level=problem.level, names=problem.names,
+        sets=problem.sets,
+    )  # fmt: skip
+    return made, softened / slowed
+
+
+def _differ(problem: ContactProblem) -> bool:
+    """Whether impulses move some contacts of cones far more than others."""
+    diagonal: list[float] = problem.G.diagonal().tolist()
+    axes = (diagonal[axis] for axis in problem.sets.axes)
+    stiff = [sum(each) for each in zip(*axes, strict=True)]
+    return max(stiff, default=0.0) > _APART * min(stiff, default=0.0)
+
+
+def _normalised_by_contact(problem: ContactProblem) -> tuple[ContactProblem, Array]:
+    G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
+    S = _by_contact(problem, G.diagonal())
+    g = problem.g * S
+    fast = float(np.abs(g).max())
+    w = 1.0 if fast < STILL else _power_of_two(fast)
+    limits = problem.limits / S[problem.sets.parts[2]] / w
+    made = problem.replaced(G=G * np.multiply.outer(S, S), g=g / w, limits=limits, R=None)
+    return made, S * w
+
+
+def _by_contact(problem: ContactProblem, diagonal: Array) -> Array:
+    """Return S (m,), by the mean of the diagonal over each contact."""
+    blocks = problem.sets.blocks
+    mean = (np.bincount(blocks, diagonal) / np.bincount(blocks))[blocks]
+    exponents = np.frexp(np.where(mean > 0, mean, 1.0))[1]
+    return np.asarray(np.ldexp(1.0, -(exponents // 2)))
+
+
+def _power_of_two(x: float) -> float:
+    """Return the power of two below x > 0."""
+    return float(2.0 ** (frexp(x)[1] - 1))
+
+
+# Contact problems as Pinocchio takes them: a stop is a cone without friction and two empty rows.
+#
+# Tangential rows that nothing moves along, of stops and in mechanisms that stay in a plane, get a
+# number on the diagonal, so that Gauss-Seidel may divide by it: their impulse is zero then, which
+# is one of the answers.
+
+
+class Padded(NamedTuple):
+    """Rows of cones, stops among them, then of intervals."""
+
+    G: Array
+    g: Array
+    friction: Array
+    limits: Array
+    kept: Indices | slice  # rows of the problem among them
+
+    def spread(self, lam: Array | None) -> Array | None:
+        """Return impulses of the problem in these rows."""
+        if lam is None:
+            return None
+        whole = np.zeros(len(self.g))
+        whole[self.kept] = lam
+        return whole
+
+
+def padded(problem: ContactProblem) -> Padded:
+    """Return the problem with three rows for each half-line; itself if no row has to be added."""
+    h, mu = problem.half_lines, problem.friction
+    if not h and np.count_nonzero(problem.G.diagonal()) == len(problem.g):
+        return Padded(problem.G, problem.g, mu, problem.limits, slice(None))
+    cones, lines, _ = problem.sets.parts
+    stops = cones.stop + 2 + 3 * np.arange(h)
+    size = problem.rows + 2 * h
+    kept = np.concatenate([np.arange(cones.stop), stops, np.arange(lines.stop + 2 * h, size)])
+    G, g = np.zeros((size, size)), np.zeros(size)
+    G[np.ix_(kept, kept)] = problem.G
+    g[kept] = problem.g
+    three = np.arange(cones.stop + 3 * h).reshape(-1, 3)
+    diagonal = G[three, three]
+    empty = (diagonal == 0) & (g[three] == 0)
+    empty[:, 2] = False  # what nothing moves along the normal stays as it is
+    largest = diagonal.max(axis=1, keepdims=True)
+    G[three, three] = np.where(empty, np.where(largest > 0, largest, 1.0), diagonal)
+    return Padded(G, g, np.concatenate([mu, np.zeros(h)]), problem.limits, kept)

@@ -46,9 +46,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_count, enter, listed
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.attempts import first_attempt, other_attempts
-from condyn_pin.contact.islands import Island, island_of, islands
 from condyn_pin.contact.normal_path import End, normal_path
-from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.problem import ContactProblem, Island, island_of, islands
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.errors import InvalidArgument
 

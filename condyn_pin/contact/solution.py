@@ -2,19 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import Enum
 from functools import cached_property
-from typing import Final
+from itertools import chain
+from typing import Any, Final
 
 import numpy as np
 
 from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.certificate import unmet_contacts
+from condyn_pin._core.trees import algorithms
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.constraints.contacts.touches import BoundContact
+from condyn_pin.constraints.forces import Load
 from condyn_pin.contact.indeterminacy import Indeterminacy, is_determined
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.residuals import ContactResiduals, contact_residuals
+from condyn_pin.contact.residuals import ContactResiduals, contact_residuals, unmet_contacts
 
 # Why an answer is not ok, and its cure; a status names all cures, an error those not tried.
 _INACCURATE: Final = (
@@ -209,3 +215,100 @@ class ContactSolution:
             lines.append(f"{name:<28} {np.array2string(force, precision=4, suppress_small=True)}")
         lines += [f"note: {notice}" for notice in self.notices]
         return "\n".join(lines)
+
+
+# What forces of contacts do to the bodies: wrenches, for a proof that asks for no Jacobian.
+
+
+def contact_load(
+    model: Any, data: Any, q: Array, bounds: Sequence[BoundContact], lam: Array
+) -> Load:
+    """Return the forces lam of all candidates at q (rows,) [N, N m] as a load.
+
+    The load's wrenches are those of cones, on the robot and on what carries its ground; its torque
+    is that of stops and of dry friction. The data is written to.
+    """
+    candidates = Candidates(model, bounds)
+    algorithms(data).forwardKinematics(model, data, q)
+    points, axes = candidates.points(data, q), candidates.axes(data, q)
+    cones = 3 * candidates.cones
+    wrenches = []
+    forces = lam[:cones].reshape(-1, 3)
+    for (joint, ground), p, E, force in zip(_bodies(bounds), points, axes, forces, strict=True):
+        if force.any():  # a point of a pair that has none may be nowhere
+            f = E @ force
+            on_robot = pin.Force(f, np.cross(p, f))  # at the world's origin
+            wrenches.append((joint, data.oMi[joint].actInv(on_robot)))
+            wrenches.append((ground, data.oMi[ground].actInv(-on_robot)))
+    torque = np.zeros(model.nv)
+    stops = chain.from_iterable(bound.stops for bound in bounds)
+    dry = chain.from_iterable(bound.dry for bound in bounds)
+    along = [(s.iv, s.sign) for s in stops] + [(d.iv, 1.0) for d in dry]
+    for (iv, sign), force in zip(along, lam[cones:], strict=True):
+        torque[iv] += sign * force
+    return Load(torque, np.abs(torque), tuple(wrenches), ())
+
+
+def _bodies(bounds: Sequence[BoundContact]) -> list[tuple[int, int]]:
+    """Return the joints that carry the two sides of each cone, in the order of `Candidates`."""
+    bodies = [(touch.joint, touch.ground) for bound in bounds for touch in bound.touches]
+    pairs = [pair for bound in bounds for pair in bound.pairs]
+    return bodies + [(pair.joint, pair.ground) for pair in pairs for _ in range(pair.points)]
+
+
+# Redundant contacts that are asked for velocities which no rigid body can have.
+#
+# Where impulses z do nothing, G z = 0, they see nothing either: z . sigma = z . g, whatever lam is.
+# A scheme that closes the gaps of two points of one body in the same step asks them to approach
+# each other by gap^2 / (L dt), which a rigid body does not. They would have to slide by that, under
+# inner forces that grow up to friction; no solver finds them where it is 1e-8 of the other
+# velocities.
+
+
+# What is left out of g, relative to |g|, at most: a creep of a micrometre where a metre is moved.
+_SMALL: Final = 1e-6
+
+# What is left in, relative to |g|: no residual feels it.
+_FELT: Final = 0.01 * tolerances.CONTACT_SOLVED
+
+
+def without_contradiction(problem: ContactProblem, lam: Array) -> ContactProblem | None:
+    """Return the problem without the part of g that no motion of what touches has.
+
+    g_A - Z Z^T g_A,    Z an orthonormal basis of G_AA z = 0
+
+    with A the rows along which nothing moves: the normals of contacts that press, and all of those
+    that stick.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+        The contact problem.
+    lam : (m,) array
+        The best impulses that were found: they say which contacts press and stick.
+
+    Returns
+    -------
+    ContactProblem or None
+        None if there is no such part, or it is not small beside g.
+
+    Notes
+    -----
+    Cost O(m^3).
+    """
+    stiff, speed = problem.scale
+    sigma, cones = problem.velocities(lam), 3 * len(problem.friction)
+    L, S = lam[:cones].reshape(-1, 3), sigma[:cones].reshape(-1, 3)
+    presses = L[:, 2] * stiff > np.abs(S[:, 2])
+    sticks = presses & (np.hypot(S[:, 0], S[:, 1]) <= _SMALL * speed)
+    A = np.flatnonzero(np.column_stack((sticks, sticks, presses)))
+    if problem.R is not None or not len(A):
+        return None
+    values, vectors = np.linalg.eigh(problem.G[np.ix_(A, A)])
+    Z = vectors[:, values <= tolerances.CONTACT_RANK * values[-1]]
+    out = Z.dot(Z.T.dot(problem.g[A]))
+    if not _FELT * speed < np.abs(out).max() <= _SMALL * speed:
+        return None
+    g = problem.g.copy()
+    g[A] -= out
+    return problem.replaced(g=g)

@@ -10,8 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.cone import Margin
-from condyn_pin.contact.scene_cones import Cones, margins
+from condyn_pin.contact.cones import Cones, Margin, margins
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import ConstraintForce, Sites

@@ -28,7 +28,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.trees import whole_data
-from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.contact.cones import Cones
 from condyn_pin.control.contact_wrenches import wrench_margin
 from condyn_pin.control.pressure import Pressure, pressed
 from condyn_pin.control.support import (

@@ -22,7 +22,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import factorise, null_space
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.control_limits import torque_limits

@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import pivots
-from condyn_pin.contact.cone import Cone
-from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.contact.cones import Cone, Cones
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import upward
 from condyn_pin.errors import InvalidArgument, unknown_name

@@ -14,7 +14,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
-from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.contact.cones import Cones
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import InvalidArgument

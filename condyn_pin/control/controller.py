@@ -17,7 +17,7 @@ from condyn_pin._core.compiled import Native
 from condyn_pin._core.threads import OneThread, alone
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.contact_cones import ContactCones

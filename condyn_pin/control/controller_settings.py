@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from condyn_pin._core.arguments import check_accuracy
 from condyn_pin._core.compiled import Native, check_native
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.control_limits import ControlLimits
 from condyn_pin.control.qp.base import QPSolver

@@ -30,7 +30,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.braking import Brake
 from condyn_pin.control.support import along_plane, level_floor

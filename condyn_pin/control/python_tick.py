@@ -13,7 +13,7 @@ import numpy as np
 from condyn_pin._core.arguments import Arguments
 from condyn_pin._core.arrays import Array, check_overflow
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.hierarchy import Cascade

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.contact.cones import Cones
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.contact_wrenches import grasp, placements
 from condyn_pin.control.support import (

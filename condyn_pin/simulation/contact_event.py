@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.modes import MODES, OPEN, SLIDE, STICK, Modes
+from condyn_pin.contact.problem import MODES, OPEN, SLIDE, STICK, Modes
 from condyn_pin.simulation.contact_columns import contact_rows
 from condyn_pin.simulation.events import Happened
 from condyn_pin.simulation.recorder import Row

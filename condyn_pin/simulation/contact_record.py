@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.modes import MODES, OPEN, Modes, mode_words
+from condyn_pin.contact.problem import MODES, OPEN, Modes, mode_words
 from condyn_pin.simulation.contact_work import ContactWork
 
 

@@ -10,7 +10,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import finite
 from condyn_pin._core.files import written_beside
-from condyn_pin.contact.modes import MODES
+from condyn_pin.contact.problem import MODES
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.archive import (
     CHOICES,

@@ -24,9 +24,9 @@ from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.forces import AppliedForce, Load, applied_forces
-from condyn_pin.contact.judge import judged
-from condyn_pin.contact.load import contact_load
-from condyn_pin.contact.modes import MODES
+from condyn_pin.contact.attempts import judged
+from condyn_pin.contact.problem import MODES
+from condyn_pin.contact.solution import contact_load
 from condyn_pin.dynamics.scene import Scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument

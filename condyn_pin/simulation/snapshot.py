@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array, locked
 from condyn_pin._core.trees import algorithms
-from condyn_pin.contact.modes import MODES
+from condyn_pin.contact.problem import MODES
 from condyn_pin.dynamics.solution import ConstraintForce, Sites
 from condyn_pin.simulation.contact_columns import contact_rows
 from condyn_pin.simulation.contact_record import codes_in

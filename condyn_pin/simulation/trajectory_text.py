@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Final
 import numpy as np
 
 from condyn_pin._core.arguments import counted
-from condyn_pin.contact.modes import MODES
+from condyn_pin.contact.problem import MODES
 from condyn_pin.simulation.measures import Energy
 
 if TYPE_CHECKING:

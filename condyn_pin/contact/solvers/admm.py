@@ -8,11 +8,10 @@ from typing import ClassVar
 
 from condyn_pin._core.arguments import Grid, check_accuracy, check_count, check_iterations
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.directions import accelerated, directions
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.solvers.base import BUDGET, Attempt, ContactSolver
-from condyn_pin.contact.solvers.newton import fewer, of_first_order, refine, restarts
-from condyn_pin.contact.sticking import sticking
+from condyn_pin.contact.solvers.newton import fewer, of_first_order, refine, restarts, sticking
+from condyn_pin.contact.solvers.pgs import accelerated, directions
 
 # Newton's steps from an answer that is nearly right, and where nothing is known of it.
 POLISH, RESCUE = 3, 50
@@ -55,9 +54,9 @@ class ADMM(ContactSolver):
     Notes
     -----
     Cost O(m^3), the factorisation, and O(m^2) an iteration; where contacts are many and bodies few,
-    O(m r) with r the rank of G, by a method of ours (`condyn_pin.contact.low_rank`). Without a
+    O(m r) with r the rank of G, by a method of ours (`condyn_pin.contact.solvers.pgs`). Without a
     guess contacts that would close are first taken to stick, and the others to open
-    (`condyn_pin.contact.sticking`): most steps of a robot on its feet have that answer, to
+    (`condyn_pin.contact.solvers.newton`): most steps of a robot on its feet have that answer, to
     rounding, for a quarter of the time. If the natural residual is too large, these are tried, and
     named in the path: a subset of the contacts, if few bodies have many; Newton from there; ADMM
     without acceleration, or for longer; Newton from the other starts of `SemismoothNewton`. On

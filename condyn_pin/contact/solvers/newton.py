@@ -2,23 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import ClassVar
+from functools import lru_cache
+from math import isfinite
+from typing import ClassVar, Final, NamedTuple
 
 import numpy as np
+from scipy.linalg.lapack import dgelsy, dgelsy_lwork, dposv, dpotrs
 
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core.arguments import check_count, check_iterations
-from condyn_pin._core.arrays import Array
-from condyn_pin.contact.cadoux import cadoux
-from condyn_pin.contact.certificate import unmet_contacts
-from condyn_pin.contact.directions import directions
-from condyn_pin.contact.fewer import with_fewer
-from condyn_pin.contact.natural_map import newton
-from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.residuals import natural_residual
-from condyn_pin.contact.scaling import normalised
+from condyn_pin._core.arrays import Array, read_only
+from condyn_pin.contact.problem import ContactProblem, island_of, normalised
+from condyn_pin.contact.residuals import natural_residual, unmet_contacts
 from condyn_pin.contact.solvers.base import (
     BUDGET,
     FACTORISED,
@@ -28,7 +25,8 @@ from condyn_pin.contact.solvers.base import (
     ContactSolver,
 )
 from condyn_pin.contact.solvers.lemke import Lemke, turned
-from condyn_pin.contact.solvers.pgs import PGS
+from condyn_pin.contact.solvers.pgs import PGS, directions, factor_of
+from condyn_pin.contact.solvers.sap import SAP
 
 # Compliance of the first proximal problem, in units of G, what it shrinks by, and its end; how many
 # problems there are at most.
@@ -279,3 +277,362 @@ def _fixed_point(problem: ContactProblem, max_iterations: int, most: int) -> tup
         if iterations >= most or not np.abs(slips - before).max(initial=0.0) > _SAME:
             break
     return lam, iterations
+
+
+# Newton's method on the natural map of a normalised contact problem.
+#
+# F(lam) = lam - P_K(lam - d(lam)) = 0,    F' = 1 - P_K' (1 - d' G)
+#
+# F is piecewise smooth, and any of its one-sided derivatives makes a step. Where contacts are
+# redundant, F' is singular, and the smallest step is taken; it is halved until |F| falls.
+#
+# Where it does not, redundant contacts may stick that are asked for velocities which no motion has,
+# as the two ends of a tilted foot are by gaps that both are to close. What they carry among
+# themselves then grows, without a change of F, until one of them slides: that far it is taken at
+# once.
+
+
+# A residual that is rounding, relative to the impulses of the normalised problem.
+_ROUNDING: Final = 4 * float(np.finfo(np.float64).eps)
+
+# Halvings of a step before a point counts as a minimum of |F|^2 that is no root.
+_HALVINGS: Final = 20
+
+# Singular values of F' that redundant contacts leave, and steps ignore.
+_REDUNDANT: Final = 1e-12
+
+# How often redundant contacts are taken to where one slides.
+_SLIPS: Final = 8
+
+# Share of a residual along what moves nothing, for which it is the reason, and how far behind the
+# place where a contact slides a step begins, so that it does slide there.
+_ALONG: Final = 0.5
+_BEHIND: Final = 1e-3
+
+
+class End(NamedTuple):
+    """Where Newton's method ended."""
+
+    lam: Array
+    iterations: int
+
+
+def newton(problem: ContactProblem, lam: Array, max_iterations: int) -> End:
+    """Return the end of Newton's method on a normalised problem."""
+    steps, slips, point = 0, 0, _natural_map(problem, lam)
+    best, least = lam, point.size
+    while steps < max_iterations and isfinite(point.size):
+        if point.largest <= _ROUNDING * max(1.0, float(np.abs(lam).max(initial=0.0))):
+            break
+        D = _derivative(problem, point)
+        step = _smallest_step(D, point.F)
+        if step is None:
+            break
+        steps += 1
+        moved = _descend(problem, lam, step, point)
+        if moved is None and slips < _SLIPS:
+            slips += 1
+            moved = _until_one_changes(problem, lam, point, D)
+        if moved is None:
+            break
+        lam, point = moved
+        if point.size < least:
+            best, least = lam, point.size
+    return End(best, steps)
+
+
+class _Point(NamedTuple):
+    F: Array  # (m,)
+    x: Array  # (m,) lam - d, which is projected
+    sigma: Array  # (m,)
+    size: float  # |F|
+
+    @property
+    def largest(self) -> float:
+        return float(np.abs(self.F).max(initial=0.0))
+
+
+def _smallest_step(D: Array, F: Array) -> Array | None:
+    """Return the smallest step with D step = -F, by a complete orthogonal factorisation."""
+    n = len(F)
+    if not np.isfinite(D).all():
+        return None
+    pivots, (work, _) = np.zeros((n, 1), dtype=np.int32), dgelsy_lwork(n, n, 1, _REDUNDANT)
+    _, step, _, _, wrong = dgelsy(D, -F[:, None], pivots, _REDUNDANT, int(work))
+    return None if wrong else np.asarray(step[:, 0])
+
+
+def _descend(
+    problem: ContactProblem, lam: Array, step: Array, point: _Point
+) -> tuple[Array, _Point] | None:
+    """Return the first of lam + step, + step/2, ... with a smaller residual."""
+    share = 1.0
+    for _ in range(_HALVINGS):
+        there = lam + share * step
+        reached = _natural_map(problem, there)
+        if reached.size < (1 - 1e-4 * share) * point.size:
+            return there, reached
+        share /= 2
+    return None
+
+
+def _until_one_changes(
+    problem: ContactProblem, lam: Array, point: _Point, D: Array
+) -> tuple[Array, _Point] | None:
+    """Return lam with as much of what changes no F as makes a contact stick, slide or open."""
+    within = _smallest_step(D, -D.dot(point.F))  # the part of F that D sees
+    if within is None:
+        return None
+    y = within - point.F
+    length = float(np.sqrt(y @ y))
+    if not length > _ALONG * point.size:
+        return None
+    y /= length
+    far = _first_change(problem, point, y)
+    if not isfinite(far):
+        return None
+    there = lam + (1 + _BEHIND) * far * y
+    return there, _natural_map(problem, there)
+
+
+def _first_change(problem: ContactProblem, point: _Point, y: Array) -> float:
+    """Return how far along y (m,) the first cone is that x enters or leaves, K or its polar cone.
+
+    |x_t + s w_t| = mu (x_n + s w_n),    mu |x_t + s w_t| = -(x_n + s w_n)
+    """
+    cones, mu2 = problem.sets.parts[0], problem.friction**2
+    X, S, Y = (each[cones].reshape(-1, 3) for each in (point.x, point.sigma, problem.G.dot(y)))
+    W = y[cones].reshape(-1, 3) - (_dual_derivative(problem, S) @ Y[:, :, None])[:, :, 0]
+    one = np.ones_like(mu2)
+    weights = np.concatenate((np.stack((one, one, -mu2), 1), np.stack((mu2, mu2, -one), 1)))
+    X, W = np.concatenate((X, X)), np.concatenate((W, W))
+    a, b, c = ((weights * each).sum(axis=1) for each in (W * W, X * W, X * X))
+    with np.errstate(all="ignore"):  # no root: a cone that x never meets
+        q = -(b + np.copysign(np.sqrt(b * b - a * c), b))
+        roots = np.concatenate((q / a, c / q))
+    return float(roots[roots > _ROUNDING].min(initial=np.inf))
+
+
+def _natural_map(problem: ContactProblem, lam: Array) -> _Point:
+    sigma = problem.velocities(lam)
+    x = lam - problem.dual(sigma)
+    F = lam - problem.sets.project(x)
+    return _Point(F, x, sigma, float(np.sqrt(F @ F)))
+
+
+def _derivative(problem: ContactProblem, point: _Point) -> Array:
+    """Return I - P'(x) (I - d'(sigma) G), of any of the one-sided derivatives."""
+    G, cones = problem.G, problem.sets.parts[0]
+    P, free = problem.sets.slopes(point.x)
+    D = np.empty_like(G)
+    D[cones.stop :] = free[:, None] * G[cones.stop :]
+    rows = np.arange(cones.stop, len(G))
+    D[rows, rows] += 1 - free
+    k = len(P)
+    E = _dual_derivative(problem, point.sigma[cones].reshape(k, 3))
+    D[cones] = (P @ E @ G[cones].reshape(k, 3, len(G))).reshape(3 * k, len(G))
+    own = np.arange(3 * k).reshape(k, 3)
+    D[own[:, :, None], own[:, None, :]] += np.eye(3) - P
+    return D
+
+
+def _dual_derivative(problem: ContactProblem, S: Array) -> Array:
+    """Return d'(sigma) (k, 3, 3): 1, and mu sigma_t / |sigma_t| in the normal row of an ncp."""
+    E = np.broadcast_to(np.eye(3), (len(S), 3, 3)).copy()
+    if problem.law == "ncp":
+        slip = np.hypot(S[:, 0], S[:, 1])
+        E[:, 2, :2] = (problem.friction / np.where(slip > 0, slip, 1.0))[:, None] * S[:, :2]
+    return E
+
+
+# Coulomb's law by convex problems, each by proximal points: slow, and right where others stall.
+#
+# With the slips s = |sigma_t| of the answer before in its g, an ncp is a ccp,
+#
+#     sigma_n + mu s >= mu |sigma_t|,    and its answer is that of the ncp where s = |sigma_t|.
+#
+# A ccp whose contacts are redundant and about to slide has flat directions, in which Newton's
+# method stalls. One that costs R/2 |lam - lam_k|^2 more has one minimum, which `SAP` finds from
+# anywhere, and lam_k goes to the answer of the ccp.
+#
+# References
+# ----------
+# Cadoux. An optimization-based algorithm for Coulomb's frictional contact. ESAIM: Proceedings 27,
+# 2009.
+# Rockafellar. Monotone operators and the proximal point algorithm. SIAM Journal on Control and
+# Optimization 14, 1976.
+
+
+# Steps of all, proximal points of a convex problem, and steps to each point, at most: boxes on
+# their corners take 70 to 180, and what has not been found by 500 is not found.
+_ALL, _POINTS, _CADOUX_STEPS = 500, 15, 50
+
+# R of the first point, in units of G, what it shrinks by, and its least.
+_CADOUX_SOFTEST, _CADOUX_HARDER, _CADOUX_HARDEST = 1e-3, 0.1, 1e-5
+
+# Natural residuals at which a point, a convex problem, and all of it are solved.
+_POINT, _SOLVED, _ANSWERED = 1e-9, 1e-11, 1e-9
+
+
+def cadoux(problem: ContactProblem, most: int = _ALL) -> tuple[Array, int]:
+    """Return impulses (m,) of a normalised ncp, and how many steps it took, `most` if not fewer."""
+    cones = problem.sets.parts[0]
+    slips, lam, steps = np.zeros(len(problem.friction)), np.zeros(problem.rows), 0
+    while steps < min(most, _ALL):
+        g = problem.g.copy()
+        g[2 : cones.stop : 3] += problem.friction * slips
+        lam, taken = _convex(problem.replaced(g=g, law="ccp"), lam, min(most, _ALL) - steps)
+        steps += max(taken, 1)
+        if natural_residual(problem, lam) <= _ANSWERED:
+            break
+        S = problem.velocities(lam)[cones].reshape(-1, 3)
+        slips = np.hypot(S[:, 0], S[:, 1])
+    return lam, steps
+
+
+def _convex(problem: ContactProblem, lam: Array, most: int) -> tuple[Array, int]:
+    """Return impulses of a normalised ccp from lam, and how many steps it took."""
+    G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
+    R, steps = _CADOUX_SOFTEST, 0
+    for _ in range(_POINTS):
+        if steps >= most or natural_residual(problem, lam) <= _SOLVED:
+            break
+        centred = problem.replaced(G=G, R=np.full(len(lam), R), g=problem.g - R * lam)
+        end = SAP(min(_CADOUX_STEPS, most - steps)).attempt(centred, lam)
+        steps += end.iterations
+        if natural_residual(centred, end.lam) <= _POINT:
+            lam, R = end.lam, max(R * _CADOUX_HARDER, _CADOUX_HARDEST)
+        else:
+            R /= _CADOUX_HARDER
+    return lam, steps
+
+
+# Contact problems of some contacts, and of those that go through the answer of these.
+#
+# Of hundreds of points below a plate that is not quite flat, few carry it. Where lam_i = 0 and
+# sigma_n >= 0 the law is met: an answer for some contacts is one for all if the others part by
+# themselves, and if not, those that do not are asked as well. What does not press is left out
+# again, once for each contact, so that it ends.
+
+
+# Share of a problem's contacts from which fewer are no fewer.
+_MOST: Final = 0.9
+
+# Rank of G, as a share of its rows, of contacts that few bodies have among them.
+_FEW: Final = 0.1
+
+Solve = Callable[[ContactProblem, Array], Attempt]
+
+
+def with_fewer(problem: ContactProblem, solve: Solve) -> Iterator[Attempt]:
+    """Yield impulses (m,) that those of some contacts are, and what they took.
+
+    None where bodies are not few, by the rank of G.
+
+    Parameters
+    ----------
+    problem : ContactProblem
+        The contact problem.
+    solve : (problem, guess) -> Attempt
+        What solves the smaller ones.
+    """
+    normals, (_, speed) = problem.sets.normals, problem.scale
+    count, lam = len(normals), np.zeros(problem.rows)
+    asked = np.arange(len(problem.names)) >= count  # dry friction always
+    X = factor_of(problem)
+    if X is None or len(X) > _FEW * problem.rows:
+        return
+    at_once = max(len(X) // 6, 1)  # one of each body
+    dropped = np.zeros(count, dtype=bool)
+    while True:
+        sigma = np.where(asked[:count], 0.0, problem.velocities(lam)[normals])
+        through = np.argsort(sigma, kind="stable")[:at_once]
+        through = through[sigma[through] < -tolerances.FINEST * speed]
+        asked[through] = True
+        if not len(through) or asked.sum() > _MOST * len(asked):
+            return
+        island = island_of(problem.sets, problem.names, np.flatnonzero(asked))
+        part = island.problem(problem)
+        found = solve(part, lam[island.rows])
+        lam = np.zeros(problem.rows)
+        lam[island.rows] = found.lam
+        yield found._replace(lam=lam)
+        if not natural_residual(part, found.lam) <= tolerances.CONTACT_SOLVED:
+            return
+        idle = asked[:count] & (lam[normals] <= 0) & ~dropped
+        dropped |= idle
+        asked[:count] &= ~idle
+
+
+# Sticking: impulses of contacts that stick where they would close, and open where they would not.
+#
+#     G_AA lam_A = -g_A,    lam = 0 elsewhere,    A: contacts with g_n < 0, and all dry friction
+#
+# A robot on its feet slides in few of its steps. In the others one linear system has the answer to
+# rounding, for a quarter of the time of an iterative solver; the natural residual says which they
+# are. Redundant contacts share what they carry: the smallest impulses, rows weighted by the
+# diagonal.
+
+
+# What G gets more on its diagonal, relative: far above rounding, far below its eigenvalues where
+# contacts are not redundant, 1e-5. One correction leaves the square of their ratio.
+_MORE: Final = 1e-9
+
+# Share of the largest pivot of Cholesky, below which a row counts as a combination of others: its
+# square, 1e-6, is far above what G gets more.
+_APART: Final = 1e-3
+
+
+def sticking(problem: ContactProblem) -> Array | None:
+    """Return the impulses (m,) if no contact slides; None where there are none.
+
+    They are not proved: a contact may pull, or slide.
+
+    Notes
+    -----
+    Cost O(m^3), a Cholesky factorisation; 6 us for four contacts.
+    """
+    closing = _closing(problem)
+    if not any(closing):
+        return np.zeros(problem.rows)
+    G = problem.G if problem.R is None else problem.G + np.diag(problem.R)
+    if all(closing):
+        return _solved(G, problem.g)
+    rows = np.flatnonzero(np.array(closing)[problem.sets.blocks])
+    found = _solved(G[rows[:, None], rows], problem.g[rows])
+    if found is None:
+        return None
+    lam = np.zeros(problem.rows)
+    lam[rows] = found
+    return lam
+
+
+def _closing(problem: ContactProblem) -> list[bool]:
+    """Return for each contact whether it closes without impulses; dry friction counts as one."""
+    g, (_, lines, _) = problem.g.tolist(), problem.sets.parts
+    closing = [speed < 0 for speed in g[2 : lines.start : 3] + g[lines]]
+    return closing + len(problem.limits) * [True]
+
+
+def _solved(G: Array, g: Array) -> Array | None:
+    """Return the smallest solution of G lam = -g, None where a row moves nothing."""
+    factor, lam, info = dposv(G, -g, overwrite_b=1)
+    if not info and not _is_redundant(factor):
+        return np.asarray(lam)
+    more = G * _heavier(len(g))
+    factor, lam, info = dposv(more.T, -g, overwrite_a=1, overwrite_b=1)  # more.T: no copy
+    if info:
+        return None
+    return np.asarray(lam - dpotrs(factor, G.dot(lam) + g)[0])
+
+
+def _is_redundant(factor: Array) -> bool:
+    """Return whether rows of G, factorised, are combinations of others but for a small share."""
+    pivots = factor.diagonal().tolist()
+    return not min(pivots) > _APART * max(pivots)
+
+
+@lru_cache(maxsize=16)
+def _heavier(m: int) -> Array:
+    """Return what makes the diagonal of a matrix (m, m) larger, entry by entry."""
+    return read_only(1.0 + _MORE * np.eye(m))

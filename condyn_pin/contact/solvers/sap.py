@@ -11,8 +11,7 @@ import numpy as np
 
 from condyn_pin._core.arguments import check_iterations
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.problem import ContactProblem, Law
-from condyn_pin.contact.sets import ContactSets
+from condyn_pin.contact.problem import ContactProblem, ContactSets, Law
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.errors import InvalidArgument
 

@@ -22,7 +22,7 @@ from condyn_pin.control.verdict import active_rows
 from condyn_pin.errors import UnsupportedBackend
 
 if TYPE_CHECKING:
-    from condyn_pin.contact.scene_cones import Cones
+    from condyn_pin.contact.cones import Cones
     from condyn_pin.control.actuation import Actuation
     from condyn_pin.control.program import Program
     from condyn_pin.control.qp.polish import Polished

@@ -13,8 +13,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import STILL, placement
-from condyn_pin.contact.friction_cone import FrictionCone
-from condyn_pin.contact.wrench_cone import WrenchCone
+from condyn_pin.contact.cones import FrictionCone, WrenchCone
 from condyn_pin.control.compiled_task import CompiledTask
 from condyn_pin.control.hierarchy import DECIDED, SLACK, STRICTLY
 from condyn_pin.dynamics.compiled import of_model, of_rows, untaken_rows

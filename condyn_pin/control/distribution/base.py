@@ -26,7 +26,7 @@ import numpy as np
 
 from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.scene_cones import Cones
+from condyn_pin.contact.cones import Cones
 from condyn_pin.control.contact_cones import ContactCones
 from condyn_pin.control.contact_wrenches import placements
 from condyn_pin.control.qp.base import QPSolver

@@ -19,7 +19,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.judge import solve_contact
+from condyn_pin.contact.attempts import solve_contact
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.contact.solvers.base import ContactSolver

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.rows import MISSING, Batch, Outcome, Some
-from condyn_pin.contact.modes import mode_words
+from condyn_pin.contact.problem import mode_words
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import WorkersLost

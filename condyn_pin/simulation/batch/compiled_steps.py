@@ -20,7 +20,7 @@ from condyn_pin._core.compiled import compiled
 from condyn_pin._core.threads import Kept
 from condyn_pin._core.work import Arrays, Messages
 from condyn_pin.constraints.contacts.base import Contact
-from condyn_pin.contact import modes
+from condyn_pin.contact import problem
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM, POLISH, RESCUE
 from condyn_pin.contact.solvers.base import ContactSolver
@@ -97,7 +97,7 @@ def _plan(dt: float, method: _Method) -> Array:
         [
             *(dt, *method),
             *sizes_of_gaps(),
-            *(tolerances.CONTACT_SOLVED, modes.MOVES),
+            *(tolerances.CONTACT_SOLVED, problem.MOVES),
             *(path_ends.STRAIGHT, path_ends.MISSED),
             *(closings.CLOSED, closings.SMALL),
             *(tolerances.RANK, _DEEP),

@@ -17,7 +17,7 @@ from condyn_pin._core.rows import Native, Rows
 from condyn_pin._core.threads import Kept
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
 from condyn_pin.constraints.contacts.base import Contact
-from condyn_pin.contact.modes import MODES
+from condyn_pin.contact.problem import MODES
 from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.dynamics.compiled import untaken
 from condyn_pin.dynamics.scene import Scene, check_scene

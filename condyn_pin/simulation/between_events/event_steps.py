@@ -19,7 +19,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.linalg import MinimumNorm, factorise
 from condyn_pin._core.trees import algorithms
-from condyn_pin.contact.modes import OPEN
+from condyn_pin.contact.problem import OPEN
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.between_events.contact_terms import ContactTerms
 from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics

@@ -17,7 +17,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.modes import OPEN, SLIDE, STICK
+from condyn_pin.contact.problem import OPEN, SLIDE, STICK
 from condyn_pin.simulation.between_events.contact_terms import ContactTerms
 from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics
 

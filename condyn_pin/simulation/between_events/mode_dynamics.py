@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
+from condyn_pin.contact.problem import OPEN, SLIDE, STICK, Modes
 from condyn_pin.simulation.between_events.contact_terms import ContactTerms
 
 # Singular values of R G E, rows and columns scaled to one, that redundant contacts leave.

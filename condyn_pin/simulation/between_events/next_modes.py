@@ -33,10 +33,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.attempts import attempt_contact, attempt_near
 from condyn_pin.contact.indeterminacy import Indeterminacy
-from condyn_pin.contact.modes import OPEN, SLIDE, STICK, Modes
-from condyn_pin.contact.problem import ContactProblem, Level
+from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactProblem, ContactSets, Level, Modes
 from condyn_pin.contact.restitution import RestitutionLaw
-from condyn_pin.contact.sets import ContactSets
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.between_events.contact_terms import ContactTerms

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.modes import SLIDE
+from condyn_pin.contact.problem import SLIDE
 from condyn_pin.simulation.between_events.contact_terms import ContactTerms
 from condyn_pin.simulation.between_events.margins import Margins, fallen, margins
 from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics

@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.modes import SLIDE
+from condyn_pin.contact.problem import SLIDE
 from condyn_pin.simulation.between_events.contact_terms import ContactTerms
 from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics
 from condyn_pin.simulation.between_events.transition import Begun

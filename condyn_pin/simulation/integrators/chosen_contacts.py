@@ -10,8 +10,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.problem import ContactProblem, scale_of, stiffness_of
-from condyn_pin.contact.sets import ContactSets
+from condyn_pin.contact.problem import ContactProblem, ContactSets, scale_of, stiffness_of
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, Near
 
 

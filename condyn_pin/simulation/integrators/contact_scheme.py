@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.islands import components
-from condyn_pin.contact.problem import Law
+from condyn_pin.contact.problem import Law, components
 from condyn_pin.contact.restitution import RestitutionLaw, Strike
 from condyn_pin.contact.solvers.admm import ADMM
 from condyn_pin.contact.solvers.base import ContactSolver

@@ -27,8 +27,8 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms
-from condyn_pin.contact.judge import judged
-from condyn_pin.contact.modes import OPEN, Modes, contact_modes
+from condyn_pin.contact.attempts import judged
+from condyn_pin.contact.problem import OPEN, Modes, contact_modes
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.errors import SolveFailed, StepFailed
 from condyn_pin.simulation.contact_record import touch_of

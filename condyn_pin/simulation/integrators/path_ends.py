@@ -27,7 +27,7 @@ from scipy.linalg.lapack import dtrtrs
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms
-from condyn_pin.contact.islands import components
+from condyn_pin.contact.problem import components
 from condyn_pin.simulation.integrators.contact_scheme import allowed_gaps, are_slower
 from condyn_pin.simulation.integrators.posed import Posed
 from condyn_pin.simulation.manifold import Manifold

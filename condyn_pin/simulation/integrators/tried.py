@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.attempts import attempt_contact, first_attempt, other_attempts
-from condyn_pin.contact.consistent import without_contradiction
+from condyn_pin.contact.solution import without_contradiction
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.simulation.contact_work import ContactWork
 from condyn_pin.simulation.integrators.posed import Posed

@@ -15,8 +15,7 @@ from typing import Final
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.scaling import normalised
+from condyn_pin.contact.problem import ContactProblem, normalised
 from condyn_pin.errors import SolveFailed
 from condyn_pin.simulation.routes.law import Law
 

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.rows import MISSING, Batch, Some
-from condyn_pin.contact.modes import MODES, mode_words
+from condyn_pin.contact.problem import MODES, mode_words
 from condyn_pin.errors import SolveFailed, WorkersLost
 from condyn_pin.simulation.batch.batch_step import BatchStep
 from condyn_pin.simulation.contact_columns import candidates_of

@@ -15,8 +15,7 @@ from scipy.linalg.lapack import dgetrf, dgetri, dlange
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.indeterminacy import COMPLIANCE, compliance
-from condyn_pin.contact.modes import Modes
-from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.problem import ContactProblem, Modes
 
 # Singular values of a law that redundant contacts leave, relative to the largest.
 _REDUNDANT: Final = 1e-10

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import difference
-from condyn_pin.contact.modes import OPEN, SLIDE, STICK, InModes, Modes
-from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactProblem, InModes, Modes
 from condyn_pin.simulation.remarks import Note
 from condyn_pin.simulation.routes.active_set import ActiveSet
 from condyn_pin.simulation.routes.base import Route

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.rows import Native, Rows
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
-from condyn_pin.contact.modes import MODES
+from condyn_pin.contact.problem import MODES
 from condyn_pin.dynamics.compiled import untaken
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace

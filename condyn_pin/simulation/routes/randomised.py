@@ -13,7 +13,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import Grid
 from condyn_pin._core.arrays import Array, Indices, finite
 from condyn_pin._core.joints import difference
-from condyn_pin.contact.modes import MODES
+from condyn_pin.contact.problem import MODES
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.simulation.integrators.tried import Taken
 from condyn_pin.simulation.routes.base import Route

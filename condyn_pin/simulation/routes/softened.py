@@ -8,8 +8,7 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.modes import contact_modes
-from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.problem import ContactProblem, contact_modes
 from condyn_pin.dynamics.solvers.soft import (
     DEFAULT_SOLIMP,
     DEFAULT_SOLREF,

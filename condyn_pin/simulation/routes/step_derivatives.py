@@ -12,8 +12,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin.contact.modes import MODES, OPEN, contact_modes
-from condyn_pin.contact.problem import ContactProblem
+from condyn_pin.contact.problem import MODES, OPEN, ContactProblem, contact_modes
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import AT_REST
 from condyn_pin.simulation.routes.columns import Columns

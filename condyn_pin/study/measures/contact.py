@@ -13,8 +13,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import step_size
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
-from condyn_pin.contact.attempts import attempt_contact
-from condyn_pin.contact.judge import judged, solve_contact
+from condyn_pin.contact.attempts import attempt_contact, judged, solve_contact
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.solution import ContactSolution

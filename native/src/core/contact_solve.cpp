@@ -125,7 +125,7 @@ Impulses apart(
   return {problem, lam};
 }
 
-/// Takes the part of g out that no motion of what touches has, as `condyn_pin/contact/consistent.py`
+/// Takes the part of g out that no motion of what touches has, as `condyn_pin/contact/solution.py`
 /// does; false if there is none, or it is not small.
 ///
 ///   g_A - Z Z^T g_A,    Z an orthonormal basis of G_AA z = 0

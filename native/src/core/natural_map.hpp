@@ -2,7 +2,7 @@
 //
 //   F(lam) = lam - P_K(lam - d(lam)),    F' = 1 - P_K' (1 - d' G)
 //
-// `condyn_pin/contact/natural_map.py` has the same in Python, where each is derived.
+// `condyn_pin/contact/solvers/newton.py` has the same in Python, where each is derived.
 #pragma once
 #include "contact_problem.hpp"
 #include <cmath>
