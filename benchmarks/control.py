@@ -46,8 +46,8 @@ from condyn_pin.control import (
     Quadprog,
 )
 from condyn_pin.control.program import Program
+from condyn_pin.control.qp.base import QuadraticProgram
 from condyn_pin.control.qp.chain import Chain, _independent
-from condyn_pin.control.qp.quadratic_program import QuadraticProgram
 from condyn_pin.mechanism import project_velocity
 from condyn_pin.study.tables import write_csv
 

@@ -28,8 +28,8 @@ from condyn_pin._core.timing import machine
 from condyn_pin._core.tolerances import KKT
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.control import QPS, CenterOfMass, Controller, Orientation, Posture
+from condyn_pin.control.qp.base import QuadraticProgram
 from condyn_pin.control.qp.chain import Chain
-from condyn_pin.control.qp.quadratic_program import QuadraticProgram
 from condyn_pin.study.tables import write_csv
 
 RESULTS = Path(__file__).resolve().parent / "results" / "control_statuses.csv"

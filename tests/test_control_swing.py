@@ -14,7 +14,7 @@ from condyn_pin._core.linalg import factorise, least_change
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact import FrictionCone
 from condyn_pin.control import CenterOfMass, Controller, FrameTask, Orientation, Posture
-from condyn_pin.control.swing import locked
+from condyn_pin.control.limits import locked
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.mechanism import project_velocity
 

@@ -33,9 +33,9 @@ from condyn_pin.control import (
     JointTask,
     Orientation,
     Posture,
+    compiled,
     minimum_jerk,
 )
-from condyn_pin.control.compiled import tick_arrays
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.mechanism import project_velocity, without
 
@@ -348,7 +348,7 @@ def test_numbers_of_tasks_that_do_not_fit_are_refused_at_the_border():
     scene = scene_of("solo12")
     tasks = [*tasks_of("solo12"), JointTask("FL_HAA"), ContactForce("FL_FOOT", weight=1e-3)]
     controller = Controller(scene, tasks, cones=OCTAGON, native=True)
-    arrays = tick_arrays.of_program(controller._program, 1e-8)
+    arrays = compiled.of_program(controller._program, 1e-8)
     compiled_tick().Tick(**arrays)
     kind, size, at = 0, 1, 2  # columns
     for row, column, value in (

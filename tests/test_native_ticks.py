@@ -33,8 +33,8 @@ from condyn_pin.control import (
     JointTask,
     Orientation,
     Posture,
+    compiled,
 )
-from condyn_pin.control.compiled import tick_arrays
 from condyn_pin.mechanism import anchored, project_velocity
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
@@ -372,7 +372,7 @@ def test_numbers_that_do_not_fit_are_refused_at_the_border():
         scene, [CapturePoint(), Posture()], cones={c.name: OCTAGON for c in scene.constraints[:4]},
         native=True,
     )  # fmt: skip
-    arrays = tick_arrays.of_program(controller._program, 1e-8)
+    arrays = compiled.of_program(controller._program, 1e-8)
     whole = compiled_tick().Tick(**arrays)
     of_x = arrays["tasks"].copy()
     of_x[0, 4] = 6  # half an edge

@@ -12,11 +12,8 @@ import condyn_pin as cp
 from condyn_pin._core import tolerances
 from condyn_pin.control import DAQP, QPS, AnyQP, ProxQP, Quadprog
 from condyn_pin.control.qp import base
+from condyn_pin.control.qp.base import QPResult, QuadraticProgram, Saddle, elastic, polish, start
 from condyn_pin.control.qp.chain import Chain
-from condyn_pin.control.qp.elastic import elastic
-from condyn_pin.control.qp.polish import polish, start
-from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
-from condyn_pin.control.qp.saddle import Saddle
 
 pytest.importorskip("proxsuite")
 pytest.importorskip("daqp")

@@ -2,40 +2,41 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache, partial
-from math import isfinite
-from typing import TYPE_CHECKING, Any
+from math import floor, isfinite
+from time import perf_counter
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.arguments import Arguments, checked
-from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.arguments import Arguments, check_called, checked
+from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.compiled import Native
 from condyn_pin._core.threads import OneThread, alone
+from condyn_pin.constraints.base import check_positive
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation, motors_of
-from condyn_pin.control.answer import ControlAnswer
-from condyn_pin.control.contact_cones import ContactCones
-from condyn_pin.control.control_limits import ControlLimits
-from condyn_pin.control.controller_settings import Settings
-from condyn_pin.control.hierarchy import Cascade, Hierarchy, check_tasks, weighted
+from condyn_pin.control.answer import ControlAnswer, verdict
+from condyn_pin.control.cones import ContactCones
+from condyn_pin.control.hierarchy import Cascade, Hierarchy, Level, check_tasks, weighted
+from condyn_pin.control.limits import ControlLimits, Settings
 from condyn_pin.control.program import Program
-from condyn_pin.control.python_tick import PythonTick
-from condyn_pin.control.qp.base import QPSolver
+from condyn_pin.control.qp.base import Constraints, Polished, QPSolver, QuadraticProgram
+from condyn_pin.control.qp.chain import ChainAnswer
 from condyn_pin.control.qp.daqp import DAQP
 from condyn_pin.control.qp.proxqp import ProxQP
-from condyn_pin.control.qp.quadratic_program import Constraints, QuadraticProgram
 from condyn_pin.control.tasks.base import Task
 from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_bilateral, check_scene
-from condyn_pin.errors import InvalidArgument, MissingExtra, UnsupportedBackend
+from condyn_pin.errors import InvalidArgument, MissingExtra, SolveFailed, UnsupportedBackend
 
 if TYPE_CHECKING:
-    from condyn_pin.control.compiled.tick import CompiledTick
+    from condyn_pin.control.compiled import CompiledTick
+
 
 _KEPT = 16  # programs of contacts and tasks that a controller switches between
 
@@ -163,7 +164,7 @@ class Controller(OneThread):
     def _compiled(self, cones: Cones) -> CompiledTick | None:
         """Return the tick in compiled code, or None where Python does it in its place."""
         # imported here: most do without
-        from condyn_pin.control.compiled.tick import CompiledTick
+        from condyn_pin.control.compiled import CompiledTick
 
         try:
             return CompiledTick(
@@ -304,3 +305,183 @@ class Controller(OneThread):
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own
         return partial(Controller, **vars(self._settings)), (self.scene, self.tasks)
+
+
+# PythonTick: terms, program, answer and proof of a control tick, here in Python.
+#
+# `CompiledTick` does the same in the compiled core, and leaves to this what it is in doubt of.
+
+
+class PythonTick:
+    """The tick of one controller, with the active set of the last one.
+
+    Attributes
+    ----------
+    polished : list of Polished or None
+        The last answer of each level with its active set, of those that were asked for.
+    """
+
+    def __init__(
+        self, program: Program, scene: Scene, cones: Cones, actuation: Actuation,
+        cascade: Cascade, arguments: Arguments,
+    ) -> None:  # fmt: skip
+        self._program, self._scene = program, scene
+        self._cones, self._actuation = cones, actuation
+        self._cascade, self._arguments = cascade, arguments
+        self._still = np.zeros(scene.robot.nv)
+        self.polished: list[Polished | None] = []
+
+    @one_blas_thread
+    def solve(self, q: Array, v: Array, t: float, passive: Array) -> ControlAnswer:
+        """Return the answer of one tick."""
+        given, levels = self.assembled(q, v, t, passive)
+        start = perf_counter()
+        x, answers = self._cascade.solve(given, levels, lambda: self._costs(given))
+        asked: list[ChainAnswer] = answers
+        said: tuple[str, ...] = ()
+        gives = answers[-1].elastic if x is None else None
+        if gives and (less := self._program.relaxed(given, gives)):
+            given, said = less[0], (less[1],)
+            x, answers = self._cascade.solve(given, levels, lambda: self._costs(given))
+            asked = [*asked, *answers]
+        elapsed = perf_counter() - start
+        self.polished = [each.answer for each in answers]
+        found = verdict(self._program, given, x, answers)
+        return ControlAnswer(
+            **found._replace(notices=said + found.notices)._asdict(),
+            path=tuple(step for each in asked for step in each.path),
+            iterations=sum(each.iterations for each in asked),
+            solve_time=elapsed,
+            actuation=self._actuation,
+            cones=self._cones,
+            scene=self._scene,
+            q=q.copy(),
+            t=t,
+            v=self._program.motion.v.copy(),
+        )
+
+    def assembled(
+        self, q: Array, v: Array, t: float, passive: Array
+    ) -> tuple[Constraints, list[Level]]:
+        """Return the constraints of a tick and its levels; what is not finite is refused."""
+        with np.errstate(all="ignore"):  # what overflows is refused
+            if not isfinite(q.dot(q) + v.dot(v)):  # not finite, or very large
+                self._arguments.check(q, v, self._still)
+            if not isfinite(passive.dot(passive)):
+                check_overflow("passive", passive, passive**2)
+            if len(self._program.rigid):
+                v = self._program.without_swing(q, v)
+            given, levels = self._program.assemble(q, v, t, passive)
+            size = given.b.dot(given.b)
+            for level in levels:
+                size += level.rows.b.dot(level.rows.b)
+            if not isfinite(size):
+                check_overflow("v", v, given.b, *(level.rows.b for level in levels))
+        return given, levels
+
+    def _costs(self, given: Constraints) -> tuple[Array, Array]:
+        """Return what breaking each equation and each inequality costs."""
+        equations = self._program.equation_rows(given)
+        of_equations = np.array([row.cost for row in equations])
+        return of_equations, np.array([row.cost for row in self._program.inequalities])
+
+
+# at_rate: a controller in closed loop, as the torque function of a simulation.
+
+
+_LONGEST: Final = 1.0  # [s]; no robot is controlled more slowly, and rates in Hz are larger
+
+# Share of a period: times of steps are sums, and rounded.
+_ROUNDING = 1e-6
+
+
+def at_rate(
+    controller: Controller, period: float, *, watch: Callable[[ControlAnswer], object] | None = None
+) -> Callable[[float, Array, Array], Array]:
+    """Return a torque function (t, q, v) that runs a controller once per period.
+
+    tau(t) = tau_k,    t_k <= t < t_k + period,    t_k = k period
+
+    ``simulate(floor, q, v, at_rate(controller, 1e-3), dt=5e-4, duration=2.0)`` closes the loop.
+
+    Parameters
+    ----------
+    controller : Controller
+        Of the robot that moves, on contacts that it takes for closed; the scene that moves may
+        have others. It is told `Robot.passive_torque`, which a simulation adds as well.
+    period : float
+        From one tick to the next [s], preferably a whole number of steps.
+    watch : callable, optional
+        Called with every answer that is applied, such as ``answers.append``.
+
+    Returns
+    -------
+    callable
+        Raises SolveFailed, with the answer as its `solution`, in a tick without torques. Torques of
+        an answer that is INACCURATE are applied.
+
+    Raises
+    ------
+    InvalidArgument
+        If there is no controller, or the period is not positive, or longer than a second.
+
+    Notes
+    -----
+    Between two ticks a call costs a microsecond. A call at the instant of a tick with another
+    state, from a trial step of an integrator or from another run, solves again.
+    """
+    if not isinstance(controller, Controller):
+        raise InvalidArgument(f"controller = {controller!r}: a Controller is needed")
+    check_positive("time [s]", period=period)
+    if period > _LONGEST:
+        raise InvalidArgument(
+            f"period = {period:g} s: torques would be held for so long; at a rate in Hz the period "
+            "is 1 / rate"
+        )
+    if watch is not None:
+        check_called("watch", watch, "answer")
+    return _Held(controller, float(period), watch)
+
+
+class _Held:
+    """A controller, and the answer that is applied until its next tick."""
+
+    def __init__(
+        self,
+        controller: Controller,
+        period: float,
+        watch: Callable[[ControlAnswer], object] | None,
+    ) -> None:
+        self._controller, self._period, self._watch = controller, period, watch
+        self._tick, self._t = 0, np.inf
+        self._state: tuple[Array, Array] = np.zeros(0), np.zeros(0)
+        self._tau = np.zeros(0)
+
+    def __call__(self, t: float, q: Array, v: Array) -> Array:
+        """Return the torques of the tick (nv,) [N m, N]."""
+        ticks = t / self._period
+        if not isfinite(ticks):
+            raise InvalidArgument(
+                f"t = {t!r}: not a finite number of periods of {self._period:g} s"
+            )
+        tick = floor(ticks + _ROUNDING)
+        if tick != self._tick or t < self._t or (t == self._t and self._is_elsewhere(q, v)):
+            self._tau = self._answer(t, q, v)
+            self._tick, self._t, self._state = tick, t, (q.copy(), v.copy())
+        return self._tau
+
+    def _answer(self, t: float, q: Array, v: Array) -> Array:
+        passive = self._controller.scene.robot.passive_torque(q, v)
+        answer = self._controller.solve(q, v, t, passive=passive)
+        if not np.isfinite(answer.tau).all():
+            named = "; ".join(str(answer.infeasible or answer.status).splitlines())
+            raise SolveFailed(f"t = {t:g} s: the controller has no torques: {named}", answer)
+        if self._watch is not None:
+            self._watch(answer)
+        return answer.tau
+
+    def _is_elsewhere(self, q: Array, v: Array) -> bool:
+        return not (np.array_equal(q, self._state[0]) and np.array_equal(v, self._state[1]))
+
+    def __repr__(self) -> str:
+        return f"at_rate({self._controller!r}, {self._period:g})"

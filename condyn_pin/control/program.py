@@ -1,4 +1,6 @@
-"""Program: the quadratic program of one control tick, with a name for each of its rows.
+"""The quadratic program of a tick, its held rows and torques eliminated.
+
+Program: the quadratic program of one control tick, with a name for each of its rows.
 
     M a + h = passive + E t + J_l^T lam_l + J_c^T lam_c,     J_l a = r_l,     J_c a = r_c
 
@@ -18,30 +20,26 @@ eliminated (`elimination`): with m the mass of the robot, so that all unknowns a
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from math import isfinite, isinf
-from typing import Final
+from typing import Any, Final, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, entries
+from condyn_pin._core.arrays import Array, Indices, entries
 from condyn_pin._core.joints import indices
+from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
 from condyn_pin.control.actuation import Actuation
-from condyn_pin.control.contact_cones import ContactCones
-from condyn_pin.control.control_limits import AccelerationBounds, ControlLimits, torque_limits
-from condyn_pin.control.elimination import Elimination
-from condyn_pin.control.levels import FLOOR, JOINT, LAW, MOTOR, Level, Row, Rows, Stack
-from condyn_pin.control.motion import Motion
-from condyn_pin.control.qp.elastic import Elastic
-from condyn_pin.control.qp.quadratic_program import Constraints, peak
-from condyn_pin.control.reduction import Reduction, reduced
-from condyn_pin.control.swing import locked
-from condyn_pin.control.tasks.base import Home, Task
-from condyn_pin.control.tick_constraints import TickConstraints
+from condyn_pin.control.cones import ContactCones
+from condyn_pin.control.hierarchy import FLOOR, JOINT, LAW, MOTOR, Level, Row, Rows, Stack
+from condyn_pin.control.limits import AccelerationBounds, ControlLimits, locked, torque_limits
+from condyn_pin.control.qp.base import Constraints, Elastic, peak
+from condyn_pin.control.tasks.base import Home, Motion, Task
 from condyn_pin.dynamics.at_state import told
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -342,3 +340,322 @@ def rigid_rows(robot: Robot, joints: Sequence[str], motors: NDArray[np.int_]) ->
     if np.isin(columns, motors).any():
         raise InvalidArgument(f"rigid = {list(joints)}: one of them has a motor")
     return np.eye(robot.nv)[columns]
+
+
+# TickConstraints: equations and inequalities of a control tick, in memory that is kept.
+#
+#     A x = b                  what no motor reaches, contacts, tasks that are equations
+#     lower <= C x <= upper    torques, accelerations of joints, cones
+#
+# Zeros, and cones that do not turn with the robot, are written once for all ticks of one size.
+
+
+class TickConstraints:
+    """The constraints of one program, and their memory.
+
+    Parameters
+    ----------
+    cones : ContactCones
+    bounds : AccelerationBounds
+    limited, most : (l,) int array, (l,) array
+        Which motors have a limit, and that limit over the mass of the robot [m/s^2].
+
+    Attributes
+    ----------
+    unreached : float
+        How far contacts with redundant rows are from what they demand, whatever moves, in the last
+        tick: zero where their velocity is [m/s^2, rad/s^2].
+    """
+
+    unreached: float = 0.0
+    _sizes: tuple[int, int, int] | None = None  # of the reductions that there is memory for
+    _redundant: bool | None = None  # not known before the first tick
+
+    def __init__(
+        self, cones: ContactCones, bounds: AccelerationBounds, limited: Indices, most: Array
+    ) -> None:
+        self._cones, self._bounds = cones, bounds
+        self._limited, self._most, self._least = entries(limited), most, -most
+
+    def of(self, at: Reduction, wished: Rows, motion: Motion, load: Array) -> Constraints:
+        """Return the constraints of a tick; overwritten by the next call.
+
+        Parameters
+        ----------
+        at : Reduction
+        wished : Rows
+            Of the tasks that are equations.
+        motion : Motion
+            The state, for joints near their limits and cones that turn.
+        load : (nv,) array
+            h - passive [N m, N].
+        """
+        if at.sizes != self._sizes:
+            self._sizes, self._memory = at.sizes, self._blank(at, wished)
+        A, b, _, _, _ = self._memory
+        first, m = len(at.unreached_0), len(at.touch)
+        A[:first, : at.unreached.shape[1]] = at.unreached
+        A[first : first + m, : at.touch.shape[1]] = at.touch
+        A[first + m :, : wished.G.shape[1]] = wished.G
+        np.negative(at.unreached_0, out=b[:first])
+        b[first : first + m] = self._within_reach(at.touch, at.wanted)
+        b[first + m :] = wished.b
+        self._limit(at, motion, load)
+        return self._memory
+
+    def _blank(self, at: Reduction, wished: Rows) -> Constraints:
+        """Return memory for as many unknowns and equations."""
+        n, k, law = at.sizes
+        m, cones = len(at.touch), self._cones
+        p, first_cone = law + m + len(wished.b), len(self._most) + len(self._bounds.columns)
+        r = first_cone + len(cones.names)
+        made = Constraints(
+            np.zeros((p, n)), np.zeros(p), np.zeros((r, n)), np.zeros(r), np.zeros(r)
+        )
+        made.lower[first_cone:], made.upper[first_cone:] = cones.lower, cones.upper
+        if cones.constant is not None:
+            made.C[first_cone:, k : k + m] = cones.constant
+        return made
+
+    def _limit(self, at: Reduction, motion: Motion, load: Array) -> None:
+        """Write the inequalities."""
+        _, _, C, lower, upper = self._memory
+        k, columns, first = at.touch.shape[1], self._bounds.columns, len(self._most)
+        last = first + len(columns)
+        given = at.torque_0[self._limited]
+        C[:first] = at.torque[self._limited]
+        np.subtract(self._least, given, out=lower[:first])
+        np.subtract(self._most, given, out=upper[:first])
+        if len(columns):
+            C[first:last, :k] = at.map.N[columns]
+            least, most = self._bounds.at(motion.q, motion.v, motion.terms.M.diagonal(), load)
+            lower[first:last], upper[first:last] = least - at.a_0[columns], most - at.a_0[columns]
+        if self._cones.constant is None:
+            C[last:, k : k + len(at.touch)] = self._cones.rows(motion.data.oMi)
+
+    def _within_reach(self, touch: Array, wanted: Array) -> Array:
+        """Return what contacts demand, as near as their rows can come to it.
+
+        Two points of a foot that turns cannot both keep their places: equations that contradict
+        each other would leave no torques at all.
+        """
+        if self._redundant is False:
+            return wanted
+        best, rank = reached(touch, wanted)
+        if self._redundant is None:
+            self._redundant = rank < len(touch)
+        self.unreached = float(np.abs(best - wanted).max(initial=0.0))
+        return best
+
+
+# Elimination: accelerations that keep the loops, and torques that the motors then give.
+#
+# With J_l the rows that are held, J_l a = r, Q_1 R P^T = J_l^T by pivoted QR,
+#
+#     a = a_0 + N z,    a_0 = Q_1 R^-T (P^T r),    N = Q_2,
+#
+# and with the columns of the motors, S = N^T E = X_1 s Y_1^T, of what the motors have to give
+#
+#     N^T E t = N^T f    is    t = (Y_1 s^-1 X_1^T) N^T f + Y_2 w,    X_2^T N^T f = 0.
+#
+# w is there where motors work against each other through the loops. Without loops N = 1, and what
+# motors have to give, and what none reaches, are entries of f.
+
+
+@dataclass(frozen=True, eq=False)
+class Elimination:
+    """The maps of one configuration.
+
+    Attributes
+    ----------
+    N : (nv, k) array
+        Orthonormal basis of the accelerations that the held rows leave.
+    inner : (motors, w) array
+        Torques that do nothing: Y_2.
+    """
+
+    N: Array
+    inner: Array
+    _drive: Any  # Y_1 s^-1 X_1^T; or the entries that it takes
+    _undriven: Any  # X_2^T, likewise
+    _Q: Array
+    _R: Array
+    _rest: Array  # R', of rows that are redundant
+    _pivots: NDArray[np.int_]
+
+    @property
+    def holds(self) -> bool:
+        """Whether anything is eliminated: without held rows z is a, and a_0 = 0."""
+        return len(self._pivots) > 0
+
+    def along(self, rows: Array) -> Array:
+        """Return what is over accelerations (..., nv), a row or many, over z: times N."""
+        return rows @ self.N if self.holds else rows
+
+    def within(self, M: Array) -> Array:
+        """Return a symmetric matrix over accelerations (nv, nv), over z: N^T M N."""
+        return self.N.T @ M @ self.N if self.holds else M
+
+    def torques(self, f: Array) -> Array:
+        """Return the torques of the motors for N^T f (k, ...)."""
+        return np.asarray(self._drive @ f if self.holds else f[self._drive])
+
+    def unreached(self, f: Array) -> Array:
+        """Return what no motor reaches of N^T f (k, ...)."""
+        return np.asarray(self._undriven @ f if self.holds else f[self._undriven])
+
+    @classmethod
+    def free(cls, nv: int, columns: NDArray[np.int_]) -> Elimination:
+        """Return the maps without held rows, with motors in some entries of v."""
+        nothing, none = np.zeros((0, 0)), np.zeros(0, np.int_)
+        others = np.setdiff1d(np.arange(nv), columns)
+        inner = np.zeros((len(columns), 0))
+        drive, undriven = entries(columns), entries(others)
+        return cls(np.eye(nv), inner, drive, undriven, nothing, nothing, nothing, none)
+
+    @classmethod
+    def of(cls, J: Array, columns: NDArray[np.int_]) -> Elimination:
+        """Return the maps of held rows J (m, nv) and motors in some entries of v."""
+        if not len(J):
+            return cls.free(J.shape[1], columns)
+        Q, R, pivots, rank = _pivoted_qr(J.T, J.shape[1])
+        if not rank:
+            return cls.free(J.shape[1], columns)
+        N = Q[:, rank:]
+        X, s, Yt = np.linalg.svd(N[columns].T)
+        reached = int(np.count_nonzero(s > tolerances.RANK))
+        drive = (Yt[:reached].T / s[:reached]) @ X[:, :reached].T
+        inner, undriven = Yt[reached:].T, X[:, reached:].T
+        R, rest = R[:rank, :rank], R[:rank, rank:]
+        return cls(N, inner, drive, undriven, Q[:, :rank], R, rest, pivots)
+
+    def particular(self, r: Array) -> Array:
+        """Return a_0, the smallest acceleration with J a = r (m,)."""
+        if not self.holds:
+            return np.zeros(len(self.N))
+        # imported here: scipy.linalg takes as long to import as Pinocchio
+        from scipy.linalg.lapack import dtrtrs
+
+        independent = self._pivots[: len(self._R)]
+        return np.asarray(self._Q @ dtrtrs(self._R, r[independent], trans=1)[0])
+
+    def forces(self, f: Array) -> Array:
+        """Return lam (m,) of the held rows with J^T lam = f, the smallest if many.
+
+        Where rows are redundant, J^T P = Q_1 (R, R'), it is, with W = R^-1 R',
+
+            P^T lam = (y, W^T y),    (1 + W W^T) y = R^-1 Q_1^T f.
+        """
+        from scipy.linalg.lapack import dtrtrs
+
+        rank = len(self._R)
+        y, lam = dtrtrs(self._R, self._Q.T @ f)[0], np.empty(len(self._pivots))
+        if self._rest.size:
+            W = dtrtrs(self._R, self._rest)[0]
+            y = np.linalg.solve(np.eye(rank) + W @ W.T, y)
+            lam[self._pivots[rank:]] = W.T @ y
+        lam[self._pivots[:rank]] = y
+        return lam
+
+
+def reached(J: Array, r: Array) -> tuple[Array, int]:
+    """Return what is nearest to r (m,) of all J z, and the rank of J (m, k)."""
+    if not J.size:
+        return r, 0
+    Q, _, _, rank = _pivoted_qr(J, min(J.shape))
+    return (Q[:, :rank] @ (Q[:, :rank].T @ r) if rank < len(J) else r), rank
+
+
+def _pivoted_qr(A: Array, columns: int) -> tuple[Array, Array, NDArray[np.int_], int]:
+    """Return Q (m, columns), R, pivots and rank of A (m, n) with Q R = A[:, pivots].
+
+    R is in the upper triangle; what is below is no part of it. LAPACK is asked itself: for matrices
+    of this size what `scipy.linalg.qr` does around it takes as long.
+    """
+    # imported here: scipy.linalg takes as long to import as Pinocchio
+    from scipy.linalg.lapack import dgeqp3, dorgqr
+
+    R, order, reflectors, _, _ = dgeqp3(A)
+    start = np.zeros((len(A), columns), order="F")
+    kept = min(A.shape[1], columns)
+    start[:, :kept] = R[:, :kept]
+    Q = dorgqr(start, reflectors, overwrite_a=1)[0]
+    sizes = np.abs(R.diagonal())
+    return Q, R, order - 1, int(np.count_nonzero(sizes > tolerances.RANK * sizes[0]))
+
+
+# The equations of one control tick, with what is held and the torques eliminated.
+#
+#     M a + h = passive + E t + J_l^T lam_l + J_c^T lam_c,     J_l a = r_l,     J_c a = r_c
+#
+# become, with f = lam_c / m over the mass of the robot, a = a_0 + N z (`elimination`), and w
+# torques that do nothing,
+#
+#     X_2^T N^T (M a + h - passive - J_c^T lam_c) / m = 0,     J_c N z = r_c - J_c a_0,
+#     t / m = T x + t_0,     x = (z, f, w / m).
+
+
+class Reduction(NamedTuple):
+    """The equations of a tick over z and f = lam_c / m.
+
+    Attributes
+    ----------
+    map : Elimination
+    a_0 : (nv,) array
+        What the held rows alone demand [rad/s^2, m/s^2].
+    J_c, touch : (m_c, nv), (m_c, k) array
+        Rows of contacts with a cone, over a and over z.
+    wanted : (m_c,) array
+        What they demand of z [m/s^2, rad/s^2].
+    unreached, unreached_0 : (p, k + m_c), (p,) array
+        What no motor reaches of N^T (M a + h - passive - J_c^T lam_c) / m, over (z, f) and with
+        both zero.
+    torque, torque_0 : (motors, n), (motors,) array
+        T and t_0: what motors give, over x and with x = 0.
+    """
+
+    map: Elimination
+    a_0: Array
+    J_c: Array
+    touch: Array
+    wanted: Array
+    unreached: Array
+    unreached_0: Array
+    torque: Array
+    torque_0: Array
+
+    @property
+    def sizes(self) -> tuple[int, int, int]:
+        """Numbers of unknowns, of those in z, and of equations that no motor reaches."""
+        return self.torque.shape[1], self.touch.shape[1], len(self.unreached_0)
+
+
+def reduced(
+    terms: Terms, given: Array, E: Elimination, held: Array, J_c: Array, r_c: Array, mass: float
+) -> Reduction:
+    """Return the equations over z and lam_c / m.
+
+    Parameters
+    ----------
+    terms : Terms
+    given : (nv,) array
+        h - passive [N m, N].
+    E : Elimination
+        Of the rows that are held.
+    held, r_c : (l,), (m_c,) array
+        What these rows and those of the contacts have to be, J_l a and J_c a [m/s^2, rad/s^2].
+    J_c : (m_c, nv) array
+    mass : float
+        Of the robot [kg].
+    """
+    a_0 = E.particular(held)
+    if E.holds:
+        given, r_c = given + terms.M @ a_0, r_c - J_c @ a_0
+    touch = E.along(J_c)
+    force = np.concatenate((E.within(terms.M) * (1.0 / mass), -touch.T), axis=1)
+    force_0 = E.along(given) / mass
+    torque = E.torques(force)
+    if E.inner.shape[1]:
+        torque = np.hstack((torque, E.inner))
+    law = E.unreached(force), E.unreached(force_0)
+    return Reduction(E, a_0, J_c, touch, r_c, *law, torque, E.torques(force_0))

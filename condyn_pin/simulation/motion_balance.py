@@ -23,8 +23,7 @@ from condyn_pin._core.arrays import Array, shown
 from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.control.balancing import Balance, balanced
-from condyn_pin.control.pressure import Pressure, pressed
-from condyn_pin.control.support import SupportPolygon, margin_within
+from condyn_pin.control.support import Pressure, SupportPolygon, margin_within, pressed
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import InvalidArgument

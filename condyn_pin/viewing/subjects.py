@@ -12,7 +12,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin.control.answer import ControlAnswer
 from condyn_pin.control.balancing import Balance
 from condyn_pin.control.balancing import balance as balance_of
-from condyn_pin.control.inverse_answer import InverseDynamics
+from condyn_pin.control.inverse import InverseDynamics
 from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Sites, Solution

@@ -196,7 +196,7 @@ def _motors(answer: ControlAnswer) -> Table:
 
 def _used(answer: ControlAnswer) -> list[tuple[str, float, float | None]]:
     """Return each motor, its torque, and what that is of its limit, the hardest worked first."""
-    from condyn_pin.control.control_limits import torque_limits
+    from condyn_pin.control.limits import torque_limits
 
     columns = answer.actuation.columns
     limits = torque_limits(answer.scene.robot, columns)

@@ -27,12 +27,10 @@ import numpy as np
 from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.cones import Cones
-from condyn_pin.control.contact_cones import ContactCones
-from condyn_pin.control.contact_wrenches import placements
-from condyn_pin.control.qp.base import QPSolver
+from condyn_pin.control.cones import ContactCones, placements
+from condyn_pin.control.qp.base import QPSolver, QuadraticProgram
 from condyn_pin.control.qp.chain import Chain, ChainAnswer
 from condyn_pin.control.qp.proxqp import ProxQP
-from condyn_pin.control.qp.quadratic_program import QuadraticProgram
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import Infeasible, InvalidArgument
 

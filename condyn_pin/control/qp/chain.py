@@ -21,14 +21,22 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, quietly
-from condyn_pin.control.qp.base import ORDINARY, BoundQP, QPSolver
+from condyn_pin.control.qp.base import (
+    ORDINARY,
+    BoundQP,
+    Elastic,
+    Polished,
+    QPResult,
+    QPSolver,
+    QuadraticProgram,
+    Saddle,
+    elastic,
+    polish,
+    start,
+)
 from condyn_pin.control.qp.daqp import DAQP
-from condyn_pin.control.qp.elastic import Elastic, elastic
-from condyn_pin.control.qp.polish import Polished, polish, start
 from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.control.qp.quadprog import Quadprog
-from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
-from condyn_pin.control.qp.saddle import Saddle
 
 # Violations of rows below this are rounding [m/s^2]. What counts is tolerances.KKT.
 _AIM = 1e-12

@@ -8,8 +8,14 @@ from typing import ClassVar
 import numpy as np
 
 from condyn_pin._core.arguments import check_accuracy, check_iterations
-from condyn_pin.control.qp.base import BoundQP, QPSolver, package
-from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram, Verdict
+from condyn_pin.control.qp.base import (
+    BoundQP,
+    QPResult,
+    QPSolver,
+    QuadraticProgram,
+    Verdict,
+    package,
+)
 
 _EQUATION = 5  # what DAQP calls a row that is always active
 _NO_BOUND = 1e30

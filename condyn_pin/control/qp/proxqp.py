@@ -8,8 +8,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from condyn_pin._core.arguments import check_accuracy, check_iterations
-from condyn_pin.control.qp.base import BoundQP, QPSolver, package
-from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram, Verdict
+from condyn_pin.control.qp.base import (
+    BoundQP,
+    QPResult,
+    QPSolver,
+    QuadraticProgram,
+    Verdict,
+    package,
+)
 
 _NO_BOUND = 1e20  # what ProxSuite takes for infinite
 _ROUGHER = 100.0

@@ -7,8 +7,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin.control.qp.base import BoundQP, QPSolver, package
-from condyn_pin.control.qp.quadratic_program import QPResult, QuadraticProgram
+from condyn_pin.control.qp.base import BoundQP, QPResult, QPSolver, QuadraticProgram, package
 
 
 @dataclass(frozen=True)

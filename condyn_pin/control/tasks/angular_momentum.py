@@ -9,9 +9,15 @@ import numpy as np
 
 from condyn_pin._core.arguments import check_accuracy, check_called
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.control.compiled_task import ANGULAR_MOMENTUM, CompiledTask, Follow
-from condyn_pin.control.motion import Motion
-from condyn_pin.control.tasks.base import BoundTask, Home, Task
+from condyn_pin.control.tasks.base import (
+    ANGULAR_MOMENTUM,
+    BoundTask,
+    CompiledTask,
+    Follow,
+    Home,
+    Motion,
+    Task,
+)
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 

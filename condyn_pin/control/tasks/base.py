@@ -26,17 +26,213 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from numbers import Real
-from typing import Any, ClassVar, Literal
+from typing import Any, ClassVar, Final, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_accuracy, check_called, enter
 from condyn_pin._core.arrays import Array, finite, shown
-from condyn_pin.control.compiled_task import NO_FEEDBACK, CompiledTask, Follow
-from condyn_pin.control.motion import Motion
+from condyn_pin._core.trees import whole_data
+from condyn_pin.constraints.base import check_positive
+from condyn_pin.constraints.forces import ALIGNED, frame_jacobian
+from condyn_pin.constraints.path import MinimumJerk
+from condyn_pin.constraints.rows.bound import Terms
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
+
+# Motion: what tasks read of a robot at one state, computed once for all of them.
+
+
+class Point(NamedTuple):
+    """Where a quantity is, how fast it changes, and J and Jdot v of it: J a + drift."""
+
+    x: Any
+    v: Array
+    J: Array
+    drift: Array
+
+
+class Motion:
+    """The robot of a scene at one state, in the memory of its equations.
+
+    Attributes
+    ----------
+    q, v : (nq,), (nv,) array
+        Configuration, and velocity [rad/s, m/s]; a free-flyer's in its body frame, linear first.
+    terms : Terms
+        M, h, J, gamma and a_ref of the scene.
+    """
+
+    q: Array
+    v: Array
+    terms: Terms
+
+    def __init__(self, scene: Scene, equations: Equations) -> None:
+        self.scene = scene
+        self.model, self.data = equations.model, equations.data
+        self._equations = equations
+        # views of data: what Pinocchio writes is read there
+        self._oMi = [self.data.oMi[joint] for joint in range(self.model.njoints)]
+        self._com = self.data.com[0], self.data.vcom[0]
+        self._acom = self.data.acom[0]
+
+    def move(self, q: Array, v: Array) -> None:
+        """Go to a state: the terms of the scene, joint Jacobians and accelerations with a = 0."""
+        self.q, self.v = q, v
+        self.terms = self._equations.terms(q, v)
+        if not self._equations.m:  # data.a is still that of the last answer
+            pin.forwardKinematics(self.model, self.data, q, v, np.zeros_like(v))
+
+    def frame(self, joint: int, placement: Any) -> Point:
+        """Return a frame: its placement in the world, and 6 rows in the axes of the world."""
+        model, data = self.model, self.data
+        velocity = pin.getFrameVelocity(model, data, joint, placement, ALIGNED)
+        drift = pin.getFrameClassicalAcceleration(model, data, joint, placement, ALIGNED)
+        J = frame_jacobian(model, data, joint, placement, ALIGNED)
+        return Point(self._oMi[joint] * placement, velocity.vector, J, drift.vector)
+
+    def center_of_mass(self) -> Point:
+        """Return the centre of mass: 3 rows in the axes of the world."""
+        data = self.data
+        pin.centerOfMass(self.model, data, pin.KinematicLevel.ACCELERATION, False)
+        # a single column comes as a vector
+        J = pin.jacobianCenterOfMass(self.model, data, False).reshape(3, -1)
+        return Point(*self._com, J, self._acom)
+
+    def angular_momentum(self) -> Point:
+        """Return the angular momentum about the centre of mass; it is its own "velocity"."""
+        model, data = self.model, self.data
+        drift = np.array(pin.computeCentroidalMomentumTimeVariation(model, data).angular)
+        momentum = np.array(data.hg.angular)
+        J = np.array(pin.ccrba(model, data, self.q, self.v).reshape(6, -1)[3:])
+        return Point(momentum, momentum, J, drift)
+
+
+def moving(scene: Scene, frame: str) -> tuple[int, Any]:
+    """Return the joint of a frame and its placement there; the frame has to move."""
+    joint, place = scene.robot.frame(frame)
+    if joint == 0:
+        raise InvalidArgument(f"frame = {frame!r}: it belongs to the world, which does not move")
+    return joint, place
+
+
+def placed(scene: Scene, joint: int, place: Any, q: Array) -> Any:
+    """Return the placement of a frame in the world at q."""
+    model = scene.robot.unedited
+    data = whole_data(model)
+    pin.forwardKinematics(model, data, q)
+    return data.oMi[joint] * place
+
+
+def entry_names(model: Any, columns: NDArray[np.int_]) -> tuple[str, ...]:
+    """Return a name for each of some entries of v: the joint, numbered where it has several."""
+    names = [""] * int(model.nv)
+    for name, joint in zip(list(model.names)[1:], list(model.joints)[1:], strict=True):
+        for i in range(joint.nv):
+            names[joint.idx_v + i] = str(name) if joint.nv == 1 else f"{name}.{i}"
+    return tuple(names[i] for i in columns.tolist())
+
+
+# minimum_jerk: a smooth path from one value to another, as the reference of a task.
+
+
+def minimum_jerk(
+    start: ArrayLike, end: ArrayLike, duration: float, *, begin: float = 0.0
+) -> Callable[[float], tuple[Array, Array, Array]]:
+    """Return a minimum-jerk path between two values, a function of t that returns (x, v, a).
+
+    x(s) = start + (10 s^3 - 15 s^4 + 6 s^5) (end - start),    s = (t - begin) / duration
+
+    Use it as the `reference` of a task, or as the path of `Driven` rows. Before and after, it is at
+    rest without acceleration.
+
+    Parameters
+    ----------
+    start, end : (n,) array_like or float
+        Such as two points of the world [m], or two angles of a joint [rad].
+    duration : float
+        Length of the motion [s].
+    begin : float
+        When it leaves the start [s].
+
+    Returns
+    -------
+    callable
+        Of t [s]; frozen, so that tasks with it compare, hash and pickle.
+
+    Raises
+    ------
+    InvalidArgument
+        If start and end are no arrays of one size, or the duration is not positive.
+
+    References
+    ----------
+    Flash, Hogan. The coordination of arm movements: an experimentally confirmed mathematical model.
+    Journal of Neuroscience 5, 1985.
+    """
+    size = np.size(start)
+    here, there = (
+        finite(name, np.atleast_1d(value), size) for name, value in (("start", start), ("end", end))
+    )
+    check_positive("time [s]", duration=duration)
+    since = float(finite("begin", begin, ()))
+    return MinimumJerk(tuple(here.tolist()), tuple(there.tolist()), float(duration), since)
+
+
+# A task as numbers: what the compiled core has in place of a bound task.
+
+
+# What its rows are of, by their number in the core (`native/src/tick/tick_spec.hpp`).
+(
+    POSITION, ORIENTATION, POSE, CENTER_OF_MASS, JOINT, POSTURE, ANGULAR_MOMENTUM, CONTACT_FORCE,
+    CAPTURE_POINT,
+) = range(9)  # fmt: skip
+
+# References as numbers at t: x_r, v_r and a_r one after the other.
+Follow = Callable[[float], Array]
+
+NO_FEEDBACK: Final = (0.0, 0.0)
+
+
+class CompiledTask(NamedTuple):
+    """The rows of one task: a_r + kp (x_r - x) + kd (v_r - v), or x_r of a force.
+
+    Of a capture point x_r is where the mass belongs, in the axes of the floor, and its edges.
+
+    Attributes
+    ----------
+    kind : int
+    sizes : (int, int)
+        Of x_r, and of v_r and a_r.
+    gains : (float, float)
+        kp [1/s^2] and kd [1/s]; of a capture point k [1] and omega [1/s].
+    follow : callable
+        Returns the reference as a function of t; asked for once.
+    changes : bool
+        Whether it depends on t.
+    at : int
+        The joint of its frame, where q holds its joint, or the contact in the scene.
+    placement : pin.SE3, optional
+        Of its frame on the joint, or of the floor.
+    columns : sequence of int
+        Entries of v, where rows are entries of a.
+    """
+
+    kind: int
+    sizes: tuple[int, int]
+    gains: tuple[float, float]
+    follow: Callable[[], Follow]
+    changes: bool
+    at: int = 0
+    placement: Any = None
+    columns: tuple[int, ...] = ()
+
+
+# The contract of a task, and how to write one.
+
 
 TASKS: dict[str, type[Task]] = {}
 

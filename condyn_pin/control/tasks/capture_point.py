@@ -28,10 +28,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_accuracy
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.trees import whole_data
-from condyn_pin.control.compiled_task import CAPTURE_POINT, CompiledTask
-from condyn_pin.control.motion import Motion
 from condyn_pin.control.support import hull, level_floor, margin_of, touching_points
-from condyn_pin.control.tasks.base import BoundTask, Home, Task
+from condyn_pin.control.tasks.base import CAPTURE_POINT, BoundTask, CompiledTask, Home, Motion, Task
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import InvalidArgument

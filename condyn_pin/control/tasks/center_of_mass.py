@@ -10,9 +10,14 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.trees import whole_data
-from condyn_pin.control.compiled_task import CENTER_OF_MASS
-from condyn_pin.control.motion import Motion
-from condyn_pin.control.tasks.base import BoundTask, Home, Tracking, difference
+from condyn_pin.control.tasks.base import (
+    CENTER_OF_MASS,
+    BoundTask,
+    Home,
+    Motion,
+    Tracking,
+    difference,
+)
 from condyn_pin.dynamics.scene import Scene
 
 

@@ -10,9 +10,15 @@ import numpy as np
 from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.base import text
-from condyn_pin.control.compiled_task import CONTACT_FORCE, NO_FEEDBACK, CompiledTask
-from condyn_pin.control.motion import Motion
-from condyn_pin.control.tasks.base import BoundTask, Home, Task
+from condyn_pin.control.tasks.base import (
+    CONTACT_FORCE,
+    NO_FEEDBACK,
+    BoundTask,
+    CompiledTask,
+    Home,
+    Motion,
+    Task,
+)
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 

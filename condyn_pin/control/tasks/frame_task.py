@@ -11,9 +11,17 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.base import placement, text
-from condyn_pin.control.compiled_task import POSE, POSITION
-from condyn_pin.control.motion import Motion, moving, placed
-from condyn_pin.control.tasks.base import BoundTask, Home, Tracking, difference
+from condyn_pin.control.tasks.base import (
+    POSE,
+    POSITION,
+    BoundTask,
+    Home,
+    Motion,
+    Tracking,
+    difference,
+    moving,
+    placed,
+)
 from condyn_pin.control.tasks.orientation import turn_to
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument

@@ -11,9 +11,7 @@ from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import indices
 from condyn_pin.constraints.base import text
-from condyn_pin.control.compiled_task import JOINT
-from condyn_pin.control.motion import Motion
-from condyn_pin.control.tasks.base import BoundTask, Home, Tracking, difference
+from condyn_pin.control.tasks.base import JOINT, BoundTask, Home, Motion, Tracking, difference
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 

@@ -12,9 +12,15 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import rotation_fault
 from condyn_pin.constraints.base import floats, text, unit
-from condyn_pin.control.compiled_task import ORIENTATION
-from condyn_pin.control.motion import Motion, moving, placed
-from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
+from condyn_pin.control.tasks.base import (
+    ORIENTATION,
+    BoundTask,
+    Home,
+    Motion,
+    Tracking,
+    moving,
+    placed,
+)
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 

@@ -12,9 +12,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import checked, normalised
 from condyn_pin._core.arrays import Array, entries, finite
 from condyn_pin._core.joints import indices
-from condyn_pin.control.compiled_task import POSTURE
-from condyn_pin.control.motion import Motion, entry_names
-from condyn_pin.control.tasks.base import BoundTask, Home, Tracking
+from condyn_pin.control.tasks.base import POSTURE, BoundTask, Home, Motion, Tracking, entry_names
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.model.robot import Robot

@@ -3,7 +3,7 @@
 //   J_l a = r,  J_l^T P = Q_1 R:    a = a_0 + N z,    a_0 = Q_1 R^-T P^T r,    N = Q_2
 //   S = N^T E:    t = S^+ N^T f + Y w,    X^T N^T f = 0
 //
-// with Y and X the null spaces of S and of S^T. `condyn_pin/control/elimination.py` says more.
+// with Y and X the null spaces of S and of S^T. `condyn_pin/control/program.py` says more.
 #pragma once
 #include "scene.hpp"
 #include <Eigen/Dense>

@@ -2,7 +2,7 @@
 //
 //   v + d,    d = d_0 + N z,    N^T M d = 0,    J_l d_0 = 0,    d_0 = -v of these joints
 //
-// `condyn_pin/control/swing.py` says why. The rows are those that are eliminated anyway, and N^T M N is positive
+// `condyn_pin/control/limits.py` says why. The rows are those that are eliminated anyway, and N^T M N is positive
 // definite where springs carry links without mass too.
 #include "tick_program.hpp"
 #include <Eigen/Cholesky>

@@ -1,11 +1,11 @@
 // What a control tick is about, as numbers: tasks, cones, motors and limits; none of it changes from tick to tick.
-// `condyn_pin/control/compiled/tick_arrays.py` makes it.
+// `condyn_pin/control/compiled.py` makes it.
 #pragma once
 #include "scene.hpp"
 
 namespace condyn
 {
-/// What the rows of a task are of; the numbers are those of `condyn_pin/control/compiled_task.py`.
+/// What the rows of a task are of; the numbers are those of `condyn_pin/control/tasks/base.py`.
 enum class TaskKind {
   position, orientation, pose, center_of_mass, joint, posture, angular_momentum, contact_force, capture_point
 };

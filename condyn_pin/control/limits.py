@@ -1,4 +1,6 @@
-"""ControlLimits: what a controller keeps torques and accelerations within.
+"""Limits of a controller's tick: joints, torques, settings, rigid springs.
+
+ControlLimits: what a controller keeps torques and accelerations within.
 
 A joint that moves at v towards a stop at a distance d can be stopped there if v <= sqrt(2 A d),
 with A what it brakes with at most: such a state is viable. An acceleration that is kept for a time
@@ -26,10 +28,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arguments import step_size
+from condyn_pin._core.arguments import check_accuracy, step_size
 from condyn_pin._core.arrays import Array, finite
+from condyn_pin._core.compiled import Native, check_native
 from condyn_pin._core.joints import UNLIMITED
-from condyn_pin.control.motion import entry_names
+from condyn_pin._core.linalg import factorise_mass, least_change
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.contact.cones import Cones
+from condyn_pin.control.actuation import Actuation
+from condyn_pin.control.qp.base import QPSolver
+from condyn_pin.control.tasks.base import entry_names
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.joints import Limits
 from condyn_pin.model.robot import Robot
@@ -259,3 +267,72 @@ def _check_ranges(robot: Robot) -> None:
 
 def _or_infinite(limit: Array) -> Array:
     return np.where(np.abs(limit) < UNLIMITED, limit, np.copysign(np.inf, limit))
+
+
+# Settings: what stays of a controller when its contacts and tasks are switched.
+
+
+@dataclass(frozen=True)
+class Settings:
+    """What a `Controller` is made with, but for scene and tasks; each is as its docstring says."""
+
+    cones: Cones
+    qp: QPSolver | None
+    limits: ControlLimits
+    actuation: Actuation | None
+    drift: Baumgarte | None
+    regularisation: float
+    rigid: tuple[str, ...]
+    native: Native
+
+    def __post_init__(self) -> None:
+        check_accuracy("regularisation", self.regularisation)
+        if self.regularisation == 0:
+            raise InvalidArgument("regularisation = 0: the program may then have many solutions")
+        object.__setattr__(self, "regularisation", float(self.regularisation))
+        if self.qp is not None and not isinstance(self.qp, QPSolver):
+            raise InvalidArgument(f"qp = {self.qp!r}: a solver such as ProxQP() is needed")
+        if not isinstance(self.limits, ControlLimits):
+            raise InvalidArgument(f"limits = {self.limits!r}: ControlLimits(...) is needed")
+        if not isinstance(self.drift, Baumgarte | None):
+            raise InvalidArgument(
+                f"drift = {self.drift!r}: Baumgarte(alpha, beta) or None is needed"
+            )
+        check_native(self.native)
+
+
+# Swing: of springs that a controller takes for rigid, and does not answer.
+#
+# A mass m_1 with a motor, a spring, and a mass m_2, whose place is to decay as x'' + 2 alpha x' +
+# beta^2 x = 0. What a rigid spring asks for, u = -(m_1 + m_2) (2 alpha x_2' + beta^2 x_2), gives
+#
+#     p^4 + Omega^2 (p^2 + 2 alpha p + beta^2) = 0,    Omega^2 = k (m_1 + m_2) / (m_1 m_2).
+#
+# The sum of the roots is zero: what the place decays with, the spring swings up with. A foot in the
+# air rattles on its spring until it comes down where it did not stand. With the velocity that the
+# robot would have if its springs were locked at once, which keeps its momentum,
+#
+#     min (w - v)^T M (w - v)    with    J_l w = J_l v,    w = 0 of what is rigid,
+#
+# here (m_1 x_1' + m_2 x_2') / (m_1 + m_2), it is
+#
+#     p^4 + 2 alpha p^3 + Omega^2 (p^2 + 2 alpha p + beta^2) = 0,
+#
+# and the swing grows with alpha (beta / Omega)^2 only: little beside what springs lose.
+
+
+def locked(v: Array, M: Array, J: Array, rigid: Array) -> Array:
+    """Return the velocity (nv,) after joints were locked at once.
+
+    Parameters
+    ----------
+    v : (nv,) array
+    M : (nv, nv) array
+    J, rigid : (m, nv), (r, nv) array
+        Rows that keep their velocities, and a row of the identity for each of the joints.
+    """
+    rows = np.vstack((J, rigid))
+    change = np.concatenate((np.zeros(len(J)), -(rigid @ v)))
+    # what is added is the same for all that keep the rows: springs may carry links without mass
+    mass = factorise_mass(M + M.diagonal().mean() * (rows.T @ rows))
+    return np.asarray(v + least_change(mass, rows, change, tolerances.RANK))

@@ -1,1 +1,0 @@
-"""A controller's tick in the compiled core: arrays across the border, answers back."""
