@@ -42,7 +42,7 @@ from condyn_pin._core.timing import machine
 from condyn_pin.lab.laboratory import contest, errors, gap_growth
 from condyn_pin.lab.plots_drift import save_laboratory
 from condyn_pin.simulation.manifold import Manifold
-from condyn_pin.simulation.stability_limit import stability_limit
+from condyn_pin.simulation.stability import stability_limit
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System

@@ -37,7 +37,7 @@ from condyn_pin.constraints import Ball, Plane
 from condyn_pin.contact import SemismoothNewton
 from condyn_pin.model.smaller import lock_joints
 from condyn_pin.simulation import BatchStepDerivatives, step_batch, step_derivatives_batch
-from condyn_pin.simulation.contact_columns import candidates_of
+from condyn_pin.simulation.records import candidates_of
 
 JSON = marks.ROOT / "benchmarks" / "results" / "native_gradients.json"
 PAGE = "docs/how-to-run-at-scale.md"
@@ -159,8 +159,7 @@ def error(found: BatchStepDerivatives, wanted: BatchStepDerivatives) -> float:
 def left_to_python(at: States) -> int:
     """Return how many steps the core leaves."""
     from condyn_pin.dynamics.verbs import workspace_for
-    from condyn_pin.simulation.routes.compiled_steps import DifferentiatedRows
-    from condyn_pin.simulation.routes.many_steps import kinds_of
+    from condyn_pin.simulation.routes.batch import DifferentiatedRows, kinds_of
 
     count = len(at.Q)
     kinds = {name: kind.times(count) for name, kind in kinds_of(at.scene, ()).items()}

@@ -15,9 +15,8 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core.timing import interleaved, machine
-from condyn_pin.simulation.fit import anchored
-from condyn_pin.simulation.hybrid_phase import HybridPhase
-from condyn_pin.simulation.plan import plan
+from condyn_pin.simulation.plan import anchored, plan
+from condyn_pin.simulation.run import HybridPhase
 
 DT = 1e-3  # [s]
 

@@ -34,9 +34,9 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.timing import machine
 from condyn_pin.simulation.measures import gauge_of
-from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import follow
+from condyn_pin.simulation.torques import Passive
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

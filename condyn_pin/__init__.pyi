@@ -39,8 +39,8 @@ from .errors import InvalidArgument as InvalidArgument
 from .errors import SolveFailed as SolveFailed
 from .io.load import load_robot as load_robot
 from .model.robot import Robot as Robot
-from .simulation.batch.simulation import simulate_batch as simulate_batch
-from .simulation.batch.verbs import solve_batch as solve_batch
+from .simulation.batch.answers import solve_batch as solve_batch
+from .simulation.batch.motions import simulate_batch as simulate_batch
 from .simulation.events import Event as Event
 from .simulation.integrators.explicit import RungeKutta4 as RungeKutta4
 from .simulation.integrators.explicit import SemiImplicitEuler as SemiImplicitEuler

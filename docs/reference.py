@@ -47,7 +47,7 @@ _AREAS = {
         "control.support",
         "control.support",
     ),
-    "Motors and impacts": ("control", "dynamics.impacts", "simulation.switching"),
+    "Motors and impacts": ("control", "dynamics.impacts", "simulation.events"),
     "Simulation": ("simulation", "constraints.baumgarte", "constraints.drift"),
     "Benchmark problems": ("lab.problems",),
     "Many states at once": ("simulation.batch", "_core.rows", "_core.work"),

@@ -10,7 +10,7 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin.lab.laboratory import area, contest, gap_growth, rod_pendulum
 from condyn_pin.lab.plots_drift import save_laboratory
-from condyn_pin.simulation.stability_limit import stability_limit
+from condyn_pin.simulation.stability import stability_limit
 
 parser = argparse.ArgumentParser(description=__doc__)
 parser.add_argument("--plot", help="draw it into this file")

@@ -14,8 +14,8 @@ from test_native_step_derivatives import ROUNDED as OF_SLOPES
 
 import condyn_pin as cp
 from condyn_pin.simulation import BatchStep, step_batch, step_derivatives_batch
-from condyn_pin.simulation.batch import compiled_contact_motions, steps
-from condyn_pin.simulation.routes import many_steps
+from condyn_pin.simulation.batch import motions, steps
+from condyn_pin.simulation.routes import batch
 
 
 class Start(NamedTuple):
@@ -105,7 +105,7 @@ def assert_derivatives_of_python(
     for group in groups:
         wanted = step_derivatives_batch(*group, **about)
         assert wanted.ok
-        with by_python(monkeypatch, many_steps.DerivativesKernel, "_row") as asked:
+        with by_python(monkeypatch, batch.DerivativesKernel, "_row") as asked:
             found = step_derivatives_batch(*group, **about, **CORE)
         rows += len(asked)
         assert_array_equal(found.codes, wanted.codes)
@@ -137,7 +137,7 @@ def assert_motions_of_python(
     first = slice(1 if scene.is_driven else None)
     wanted = cp.simulate_batch(scene, state[0][first], V[first], tau, **about)
     assert wanted.ok
-    with by_python(monkeypatch, compiled_contact_motions.ContactSteps, "step") as asked:
+    with by_python(monkeypatch, motions.ContactSteps, "step") as asked:
         found = cp.simulate_batch(scene, *state, **about, **CORE)
     assert len(asked) <= left
     assert (found.statuses == wanted.statuses).all()

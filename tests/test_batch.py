@@ -25,7 +25,7 @@ from condyn_pin._core import rows, work
 from condyn_pin._core.work import Kind, SharedArrays, silent
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import motor_torque
-from condyn_pin.simulation.batch.recipe import PickledRecipe, Recipe
+from condyn_pin.simulation.batch.inputs import PickledRecipe, Recipe
 
 LABELS = ("talos contacts", "cassie loops", "four_bar loops", "solo12 alone")
 N = 24

@@ -438,7 +438,7 @@ def test_ctrl_c_keeps_what_was_measured(tmp_path, monkeypatch):
 
 
 def test_ctrl_c_keeps_the_motion_so_far_and_stops_a_whole_study(monkeypatch):
-    from condyn_pin.simulation.hybrid_simulator import HybridSimulator
+    from condyn_pin.simulation.run import HybridSimulator
 
     whole = HybridSimulator.run
 

@@ -17,7 +17,7 @@ from condyn_pin.constraints import Ball, Box, Capsule, Convex, FrictionalContact
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.dynamics import contact_gaps
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
-from condyn_pin.simulation.archive import decode, encode
+from condyn_pin.simulation.files import decode, encode
 
 SHAPES = {
     "point": Point(),

@@ -36,7 +36,7 @@ from condyn_pin.errors import (
     UnsupportedConstraint,
 )
 from condyn_pin.mechanism import minimal
-from condyn_pin.simulation.archive import decode, encode, scene_of
+from condyn_pin.simulation.files import decode, encode, scene_of
 
 TILTED = Plane((1.0, -2.0, 4.0), 0.3)
 SHAPES = (Point(), Ball(0.05), Capsule(0.03, 0.2), Box(0.1, 0.05, 0.02))

@@ -14,7 +14,7 @@ from shared import SOLVERS, all_scenes, relative, robot, states, takes
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin.simulation.gaps import FactorisedGaps, SolvedGaps, gaps_of
-from condyn_pin.simulation.stability_limit import growth, is_beyond, stability_limit
+from condyn_pin.simulation.stability import growth, is_beyond, stability_limit
 from condyn_pin.simulation.system import System
 
 PULLED = cp.Baumgarte(4.0, 6.0)

@@ -24,7 +24,7 @@ from condyn_pin.constraints import (
 from condyn_pin.contact import ADMM
 from condyn_pin.control import operational_space, transmission
 from condyn_pin.mechanism import curvature
-from condyn_pin.simulation.stability_limit import stability_limit
+from condyn_pin.simulation.stability import stability_limit
 
 SHEET = Path(__file__).parent.parent / "docs" / "formula-sheet.md"
 GRAVITY = 9.81

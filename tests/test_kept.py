@@ -16,7 +16,7 @@ import condyn_pin as cp
 from condyn_pin._core.threads import Kept
 from condyn_pin.constraints import Driven, HeldJoint, Sine
 from condyn_pin.dynamics.compiled import CompiledCore
-from condyn_pin.simulation.proved_steps import ProvedSteps
+from condyn_pin.simulation.step import ProvedSteps
 
 FOUR_BAR, SOLO = "four_bar loops", "solo12 contacts"
 

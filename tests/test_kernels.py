@@ -18,7 +18,7 @@ import condyn_pin as cp
 from condyn_pin._core.linalg import pivots, redundant_rows
 from condyn_pin.mechanism.closed_chains import chains_of, independent_columns
 from condyn_pin.mechanism.suggestions import _axes
-from condyn_pin.simulation.stiffness import _fastest
+from condyn_pin.simulation.stability import _fastest
 
 # The kernels are those of numpy and SciPy; Pinocchio has its own products.
 pytestmark = pytest.mark.once

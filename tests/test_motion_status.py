@@ -246,7 +246,7 @@ def test_quadrature_beside_an_event_is_no_difference_of_rounding():
 
 
 def apart(run, q):
-    from condyn_pin.simulation.motion_error import Points
+    from condyn_pin.simulation.motion_status import Points
 
     return Points(run.scene.robot.model).apart(run.q[-1], q)
 
@@ -411,7 +411,7 @@ def test_a_stiff_damper_is_advised_an_accurate_integrator():
 @pytest.mark.parametrize("dt", [1e-3, 5e-4])
 def test_arrays_of_the_core_are_judged_as_motions_are(dt):
     """Samples as the compiled core measures them, of motions by Python."""
-    from condyn_pin.simulation.batch.compiled_motions import MEASURED, Made, put_motions
+    from condyn_pin.simulation.batch.motions import MEASURED, Made, put_motions
 
     scene, tau = cart(2e-3), np.array([[0.0, 0.0], [1e-3, 0.0]])
     scene.robot.model.damping[1] = 0.01

@@ -21,13 +21,8 @@ from condyn_pin.contact import ADMM, PGS, Lemke, SemismoothNewton
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.model import free_box, together
 from condyn_pin.simulation import step_batch
-from condyn_pin.simulation.batch import (
-    compiled_contact_motions,
-    compiled_steps,
-    motions,
-    steps,
-)
-from condyn_pin.simulation.batch.batch_step import ERRORS
+from condyn_pin.simulation.batch import motions, steps
+from condyn_pin.simulation.batch.steps import ERRORS
 
 pytestmark = pytest.mark.native
 
@@ -266,13 +261,13 @@ def test_alternating_directions_of_stops_dry_friction_and_islands(contact: ADMM)
 def test_plans_that_make_no_sense_are_refused_at_the_border(place: int, value: float) -> None:
     scene, q, v, tau = on_feet("solo12", friction=0.7)
     workspace = cp.Workspace(scene.bilateral)
-    contacts = compiled_steps.contacts_of(workspace, tuple(scene.contacts))
-    plan = compiled_steps.step_plan(cp.StewartTrinkle(), DT)
+    contacts = steps.contacts_of(workspace, tuple(scene.contacts))
+    plan = steps.step_plan(cp.StewartTrinkle(), DT)
     rows = 3 * len(scene.contacts)
     out = {
         "q": np.zeros((1, len(q))), "v": np.zeros((1, len(v))), "lam": np.zeros((1, rows)),
         "errors": np.zeros((1, len(ERRORS))), "modes": np.zeros((1, 4), np.int32),
-        "done": np.zeros(1, np.int32), **compiled_steps.paths_of(workspace, DT),
+        "done": np.zeros(1, np.int32), **steps.paths_of(workspace, DT),
     }  # fmt: skip
     contacts.step(q[None], v[None], tau[None], plan=plan, **out, threads=1)
     assert out["done"][0]
@@ -358,14 +353,14 @@ def test_a_step_that_is_hard_is_left_to_python(monkeypatch: pytest.MonkeyPatch) 
     about = {"duration": 0.03, "dt": DT, "record": 4}
     wanted = cp.simulate_batch(scene, q[None], v[None], tau, **about)
     taken = []
-    step = compiled_contact_motions.ContactSteps.step
+    step = motions.ContactSteps.step
 
     def counted(self: object, *state: np.ndarray) -> tuple[np.ndarray, ...]:
         taken.append(state)
         return step(self, *state)
 
     only_the_core(monkeypatch)
-    monkeypatch.setattr(compiled_contact_motions.ContactSteps, "step", counted)
+    monkeypatch.setattr(motions.ContactSteps, "step", counted)
     found = cp.simulate_batch(scene, q[None], v[None], tau, **about, **CORE)
     assert 0 < len(taken) < 15
     assert_array_equal(found.statuses, wanted.statuses)

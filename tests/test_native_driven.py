@@ -30,8 +30,8 @@ from condyn_pin.constraints import (
 from condyn_pin.dynamics import compiled as arrays
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.errors import UnsupportedBackend
-from condyn_pin.simulation.batch.compiled_motions import MEASURED
-from condyn_pin.simulation.batch.driven_path import DrivenPath
+from condyn_pin.simulation.batch.inputs import DrivenPath
+from condyn_pin.simulation.batch.motions import MEASURED
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
 pytestmark = [pytest.mark.native, pytest.mark.once]

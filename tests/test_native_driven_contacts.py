@@ -38,8 +38,8 @@ from condyn_pin.constraints import (
 )
 from condyn_pin.model import free_box
 from condyn_pin.simulation import step_batch
-from condyn_pin.simulation.batch import compiled_contact_motions
-from condyn_pin.simulation.batch.compiled_steps import contacts_of, paths_of, step_plan
+from condyn_pin.simulation.batch import motions
+from condyn_pin.simulation.batch.steps import contacts_of, paths_of, step_plan
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
 pytestmark = [pytest.mark.native, pytest.mark.once]
@@ -200,14 +200,14 @@ def test_what_the_core_leaves_of_a_motion_is_taken_by_python(monkeypatch):
         return plan
 
     taken = []
-    step = compiled_contact_motions.ContactSteps.step
+    step = motions.ContactSteps.step
 
     def counted(self: object, *state: np.ndarray) -> tuple[np.ndarray, ...]:
         taken.append(state)
         return step(self, *state)
 
-    monkeypatch.setattr(compiled_contact_motions, "step_plan", short)
-    monkeypatch.setattr(compiled_contact_motions.ContactSteps, "step", counted)
+    monkeypatch.setattr(motions, "step_plan", short)
+    monkeypatch.setattr(motions.ContactSteps, "step", counted)
     found = cp.simulate_batch(scene, q[None], v[None], tau, **about, **CORE)
     assert 5 < len(taken) < 95
     for name in ("q", "v", "lam", "contact"):

@@ -34,8 +34,8 @@ from condyn_pin.dynamics import compiled as arrays
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.model import SpringDamper, free_box, together
 from condyn_pin.simulation import step_batch, step_derivatives_batch
-from condyn_pin.simulation.batch import compiled_contact_motions
-from condyn_pin.simulation.routes import many_steps
+from condyn_pin.simulation.batch import motions
+from condyn_pin.simulation.routes import batch
 
 pytestmark = pytest.mark.native
 
@@ -209,7 +209,7 @@ def test_samples_behind_steps_of_python_have_their_energies(
     scene, Q, V, tau = walking()
     about = {"duration": 0.02, "dt": DT, "record": 1}
     wanted = cp.simulate_batch(scene, Q[:1], V[:1], tau, **about)
-    monkeypatch.setattr(compiled_contact_motions, "contacts_of", lambda *_: Idle())
+    monkeypatch.setattr(motions, "contacts_of", lambda *_: Idle())
     found = cp.simulate_batch(scene, Q[:1], V[:1], tau, **about, **CORE)
     assert np.ptp(wanted[0].energy.springs) > 1e-4
     assert wanted[0].energy.damping[-1] < -1e-4
@@ -325,7 +325,7 @@ def test_solves_take_them_by_their_torques_alone(label: str) -> None:
 def test_nothing_is_left_to_python(monkeypatch: pytest.MonkeyPatch) -> None:
     scene, Q, V, tau = walking()
     only_the_core(monkeypatch)
-    monkeypatch.delattr(many_steps.DerivativesKernel, "__call__")
+    monkeypatch.delattr(batch.DerivativesKernel, "__call__")
     assert step_batch(scene, Q, V, tau, dt=DT, integrator=EXACT, **CORE).ok
     assert step_derivatives_batch(scene, Q, V, tau, dt=DT, integrator=EXACT, **CORE).ok
     for label in ("cassie loops", "four_bar rod"):

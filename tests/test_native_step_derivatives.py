@@ -20,7 +20,7 @@ from condyn_pin.constraints import Ball, FrictionalContact, Plane
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.simulation import BatchStepDerivatives, Kappa, step_derivatives_batch
-from condyn_pin.simulation.routes import many_steps
+from condyn_pin.simulation.routes import batch
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
 pytestmark = [pytest.mark.native, pytest.mark.once]
@@ -64,7 +64,7 @@ def only_the_core(monkeypatch: pytest.MonkeyPatch) -> None:
     def none(self: object, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> None:
         raise AssertionError("a step was left to Python")
 
-    monkeypatch.setattr(many_steps.DerivativesKernel, "__call__", none)
+    monkeypatch.setattr(batch.DerivativesKernel, "__call__", none)
 
 
 @pytest.mark.parametrize(("how", "duration"), [("stands", 0.05), ("slides", 0.1), ("falls", 0.3)])

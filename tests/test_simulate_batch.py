@@ -10,7 +10,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.simulation.hybrid_phase import HybridPhase
+from condyn_pin.simulation.run import HybridPhase
 
 N, DURATION = 5, 0.05
 

@@ -17,9 +17,8 @@ from viewed import drawing
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.model.springs import SpringDampers
-from condyn_pin.simulation.implicit import with_rows
-from condyn_pin.simulation.passive import Passive
-from condyn_pin.simulation.system import System
+from condyn_pin.simulation.system import System, with_rows
+from condyn_pin.simulation.torques import Passive
 from condyn_pin.study.plan import fingerprint
 
 INTEGRATORS = cp.simulation.INTEGRATORS

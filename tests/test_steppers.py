@@ -36,7 +36,7 @@ from condyn_pin.dynamics import contact_gaps
 from condyn_pin.errors import StepFailed
 from condyn_pin.model import free_ball, free_box, painleve_rod, pendulum, together
 from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
-from condyn_pin.simulation.integrators import tried
+from condyn_pin.simulation.integrators import step_problem
 
 G = 9.81
 SCHEMES = (StewartTrinkle(), Moreau(), Anitescu(), SoftStep())
@@ -475,7 +475,7 @@ def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) 
         return Attempt(np.zeros(problem.rows), 1, ("nothing",)), float(problem.rows > 0)
 
     for name in ("first_attempt", "other_attempts"):
-        monkeypatch.setattr(tried, name, give_up)
+        monkeypatch.setattr(step_problem, name, give_up)
     scene, q, v = thrown()
     q[2] += 0.05
     run = cp.simulate(scene, q, v, duration=0.3)

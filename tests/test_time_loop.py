@@ -10,7 +10,7 @@ import pytest
 from shared import robot
 
 import condyn_pin as cp
-from condyn_pin.simulation import stability_limit, walls
+from condyn_pin.simulation import stability, walls
 
 HOME = str(Path(cp.__file__).parent)
 DT = 1e-3  # [s]
@@ -62,7 +62,7 @@ def test_names_of_the_last_version_warn():
         assert cp.Moment is cp.simulation.Snapshot
     for old, now in (("wall", "stability_limit"), ("growth", "growth")):
         with pytest.warns(DeprecationWarning, match=rf"stability_limit\.{now}"):
-            assert getattr(walls, old) is getattr(stability_limit, now)
+            assert getattr(walls, old) is getattr(stability, now)
     with pytest.raises(AttributeError):
         walls.ceiling  # noqa: B018
 

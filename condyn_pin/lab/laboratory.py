@@ -31,7 +31,7 @@ from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicit
 from condyn_pin.simulation.integrators.rattle import Rattle
 from condyn_pin.simulation.outcome import uninterrupted
 from condyn_pin.simulation.run import simulate
-from condyn_pin.simulation.stability_limit import growth
+from condyn_pin.simulation.stability import growth
 from condyn_pin.simulation.trajectory import Trajectory
 
 # Samples of a run whose largest errors are wanted.

@@ -15,7 +15,7 @@ import numpy as np
 from condyn_pin._core.show import COLOURS, axes, finished
 from condyn_pin.lab.laboratory import Contest, Growth, stability_map
 from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.stability_limit import stability_limit
+from condyn_pin.simulation.stability import stability_limit
 from condyn_pin.study.plots import save_panels
 
 # the lines tell the colours apart in print

@@ -16,8 +16,8 @@ from condyn_pin.layers.layer_map import Shape
 from condyn_pin.model.smaller import weighing
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.routes.base import Route, check_parameters, linear_steps
-from condyn_pin.simulation.routes.columns import Columns
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
+from condyn_pin.simulation.routes.step_derivatives import Columns
 
 
 class Made(NamedTuple):

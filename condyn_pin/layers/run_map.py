@@ -21,8 +21,7 @@ from condyn_pin.layers.layer_map import LayerMap, Pair, Shape
 from condyn_pin.layers.parameters import Made, Parameters
 from condyn_pin.layers.step_map import check_steps
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.routes.base import Route
-from condyn_pin.simulation.routes.chain import Chain
+from condyn_pin.simulation.routes.base import Chain, Route
 from condyn_pin.simulation.routes.step_derivatives import StepDerivatives
 
 

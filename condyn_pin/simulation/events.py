@@ -1,17 +1,30 @@
-"""Events: what happens to a simulation at a time, or when a condition is met."""
+"""Events, and what changes at them: scenes, contacts, switches.
+
+Events: what happens to a simulation at a time, or when a condition is met.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
-from condyn_pin._core.arguments import check_called
-from condyn_pin._core.arrays import finite
-from condyn_pin.dynamics.impacts import Restitution, restitutions
-from condyn_pin.dynamics.scene import Scene
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from condyn_pin._core.arguments import check_called, listed
+from condyn_pin._core.arrays import Array, finite, locked
+from condyn_pin._core.trees import algorithms
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.problem import MODES, OPEN, SLIDE, STICK, Modes
+from condyn_pin.dynamics.at_state import at_state
+from condyn_pin.dynamics.impacts import Impact, Restitution, impact, restitutions
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.solution import ConstraintForce, Sites
 from condyn_pin.errors import InvalidArgument, UnknownName
-from condyn_pin.simulation.snapshot import Snapshot
+from condyn_pin.simulation.records import Row, codes_in, contact_rows
+from condyn_pin.simulation.system import NO_TOUCH, System
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -180,3 +193,399 @@ class Ended(Exception):
 
 class ZenoDetected(Exception):
     """Events follow one another without end, as the rebounds of a ball do."""
+
+
+# ContactEvent: an instant in which contacts strike, open, close, stick or slip.
+
+
+# An impulse that is rounding, relative to the largest.
+_NONE = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class ContactEvent:
+    """What happened, with the samples before and after it.
+
+    Attributes
+    ----------
+    what : str
+        ``impact``, ``shock``, or nothing where only modes have changed.
+    candidates : Candidates
+    modes : pair of (candidates,) array
+        Before and after.
+    back : (candidates,) bool array
+        Which of them slide before and after, in opposite directions.
+    impulse : (rows,) array
+        [N s, N m s]
+    energy_lost : float
+        [J]
+    before, after : Row
+        Samples.
+    driven : float
+        Work of driven constraints in it [J].
+    """
+
+    what: str
+    candidates: Candidates
+    modes: tuple[Modes, Modes]
+    back: NDArray[np.bool_]
+    impulse: Array
+    energy_lost: float
+    before: Row
+    after: Row
+    driven: float = 0.0
+
+    @property
+    def t(self) -> float:
+        """When [s]."""
+        return self.after[0]
+
+    def at(self, t: float) -> ContactEvent:
+        """Return the same at a time that differs by rounding."""
+        return replace(self, before=(t, *self.before[1:]), after=(t, *self.after[1:]))
+
+    def happened(self, sample: int) -> Happened:
+        """Return it as a trajectory keeps it, with the place of the sample after it."""
+        rows, names = contact_rows(self.candidates), self.candidates.names
+        impulses = {name: self.impulse[rows[name]] for name in names}
+        least = _NONE * float(np.abs(self.impulse).max(initial=0.0))
+        struck = tuple((n, *x.tolist()) for n, x in impulses.items() if np.abs(x).max() > least)
+        before, after = self.modes
+        changed = tuple(
+            (names[i], MODES[before[i]], MODES[after[i]])
+            for i in np.flatnonzero((before != after) | self.back)
+        )
+        return Happened(
+            self._called([name for name, *_ in struck]), self.t, sample, self.energy_lost,
+            modes=changed, impulses=struck, driven=self.driven,
+        )  # fmt: skip
+
+    def _called(self, struck: list[str]) -> str:
+        if self.what:
+            return f"{self.what} of {listed(struck)}"
+        before, after = self.modes
+        kinds = {
+            "lift-off": (before != OPEN) & (after == OPEN),
+            "touch": (before == OPEN) & (after != OPEN),
+            "slip": (before == STICK) & (after == SLIDE),
+            "stick": (before == SLIDE) & (after == STICK),
+            "reversal": self.back,
+        }
+        what, which = next((what, its) for what, its in kinds.items() if its.any())
+        return f"{what} of {listed([self.candidates.names[i] for i in np.flatnonzero(which)])}"
+
+
+# Events of a run: each fits the scene that is simulated, and equal scenes are one.
+
+
+def checked_events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
+    """Return the events of a run, or raise InvalidArgument.
+
+    They have to fit the scene, and to have names of their own.
+    """
+    if isinstance(events, Event) or not isinstance(events, Iterable):
+        raise InvalidArgument("events: a list is needed, also for a single event")
+    checked = tuple(events)
+    scalar = {bound.name: bound.is_scalar for bound in scene.bounds}
+    for event in checked:
+        if not isinstance(event, Event):
+            raise InvalidArgument(f"events: {event!r} is not an Event")
+        if sum(other.name == event.name for other in checked) > 1:
+            raise InvalidArgument(f"two events are named {event.name!r}")
+        for other in (event.scene, event.met):
+            if other is not None:
+                _check_scene(event.name, other, scene, scalar)
+        if event.at is not None and event.at <= 0:
+            raise InvalidArgument(f"event {event.name!r}: at = {event.at:g}: after the start")
+    return _shared(scene, checked)
+
+
+def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, bool]) -> None:
+    """Refuse the scene of an event that does not go with the one simulated.
+
+    `scalar` says of the constraints so far whether their force is one number; it gets those of this
+    scene.
+    """
+    if its.robot.model != simulated.robot.model:
+        raise InvalidArgument(
+            f"event {event!r}: its scene is of another model than the one simulated"
+        )
+    one, other = its.robot, simulated.robot
+    if (one.springs, one.spring_dampers) != (other.springs, other.spring_dampers):
+        raise InvalidArgument(
+            f"event {event!r}: its scene has other springs than the one simulated; "
+            "what changes on the way is a torque: tau(t, q, v)"
+        )
+    for bound in its.bounds:
+        if scalar.setdefault(bound.name, bound.is_scalar) != bound.is_scalar:
+            raise InvalidArgument(
+                f"event {event!r}: {bound.name!r} has a force of one number in one "
+                "scene and a vector in another; give one of the two another name"
+            )
+
+
+def _shared(scene: Scene, events: tuple[Event, ...]) -> tuple[Event, ...]:
+    """Return the events with one scene where several have the same constraints: it is one place."""
+    known = {(scene.constraints, scene.contacts): scene}
+
+    def shared(other: Scene) -> Scene:
+        return known.setdefault((other.constraints, other.contacts), other)
+
+    return tuple(
+        replace(event, scene=shared(event.scene)) if event.scene else event for event in events
+    )
+
+
+# Snapshot: the state of a motion at one instant, as an event's condition sees it.
+
+
+@dataclass(frozen=True, eq=False)
+class Snapshot:
+    """The state of a motion at one instant, passed to the condition of an event.
+
+    Attributes
+    ----------
+    t : float
+        Time [s].
+    q, v : (nq,), (nv,) array
+        Configuration [rad, m] and velocity [rad/s, m/s], read-only: they are the state itself.
+    """
+
+    t: float
+    q: Array
+    v: Array
+    _system: System
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_state", (self.q, self.v))  # that the system knows again
+        object.__setattr__(self, "q", locked(self.q))
+        object.__setattr__(self, "v", locked(self.v))
+
+    @cached_property
+    def a(self) -> Array:
+        """Accelerations (nv,) [rad/s^2, m/s^2]; they cost a solve."""
+        return self._solved[0]
+
+    @property
+    def forces(self) -> dict[str, ConstraintForce | Array]:
+        """Force on the first-named body by constraint, and on the robot by contact.
+
+        Those of contacts are (t1, t2, n) [N]. They cost a solve, or a step where contacts may open.
+        """
+        system = self._system
+        rows, lam = system.scene.rows, self._solved[1]
+        held = Sites(system.scene, self.q, system.equations).forces(lam[:rows])
+        contacts = contact_rows(system.contacts).items()
+        return {**held, **{name: lam[rows:][its] for name, its in contacts}}
+
+    @property
+    def gaps(self) -> dict[str, float]:
+        """Distance of each contact and stop [m, rad]."""
+        data = self._system.equations.data
+        algorithms(data).forwardKinematics(self._system.model, data, self.q)
+        gaps = self._system.contacts.exact.gaps(data, self.q)
+        return dict(zip(self._system.contacts.names, gaps.tolist(), strict=False))
+
+    @property
+    def modes(self) -> dict[str, str]:
+        """Mode of each contact in the step that begins here: open, stick or slide."""
+        codes = self._solved[2]
+        return {n: MODES[int(c)] for n, c in zip(self._system.contacts.names, codes, strict=True)}
+
+    def position(self, frame: str) -> Array:
+        """Return where the origin of a frame is in the world (3,) [m]."""
+        joint, placement = self._system.scene.robot.frame(frame)
+        model, data = self._system.model, self._system.equations.data
+        algorithms(data).forwardKinematics(model, data, self.q)
+        return np.array((data.oMi[joint] * placement).translation)
+
+    def velocity(self, frame: str) -> Array:
+        """Return how fast the origin of a frame moves in the world (3,) [m/s]."""
+        joint, placement = self._system.scene.robot.frame(frame)
+        model, data = self._system.model, self._system.equations.data
+        algorithms(data).forwardKinematics(model, data, self.q, self.v)
+        return np.array(
+            (data.oMi[joint] * placement).rotation @ placement.actInv(data.v[joint]).linear
+        )
+
+    @cached_property
+    def _solved(self) -> tuple[Array, Array, Array]:
+        system, state = self._system, self._state  # type: ignore[attr-defined]
+        if system.contacts.names:
+            _, _, _, a, lam, _, touch = system.look(self.t, *state)
+            return a, lam, codes_in(touch, len(system.contacts.names))
+        return system.acceleration(self.t, *state), system.lam(), NO_TOUCH
+
+
+# Switch: from one set of constraints to another, touch-down and lift-off.
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Switch:
+    """The effect of a change of constraints: the new velocity, and the impact.
+
+    Attributes
+    ----------
+    v : (nv,) array
+        Velocity after it, with which the second scene goes on.
+    added, dropped, kept : tuple of str
+        Names of constraints. One that is changed under its name is dropped and added.
+    impact : Impact or None
+        What added constraints did; None if none was added, for then the velocity stays.
+    before, after : Scene
+    """
+
+    v: Array
+    added: tuple[str, ...]
+    dropped: tuple[str, ...]
+    kept: tuple[str, ...]
+    impact: Impact | None
+    before: Scene
+    after: Scene
+
+    @property
+    def notices(self) -> tuple[str, ...]:
+        """What deserves attention, a sentence each."""
+        return self.impact.notices if self.impact else ()
+
+    def __repr__(self) -> str:
+        lost = f", {self.impact.energy_lost:.4g} J lost" if self.impact else ""
+        return (
+            f"Switch({self.after.robot.name}: added {listed(self.added) or 'nothing'}, "
+            f"dropped {listed(self.dropped) or 'nothing'}{lost})"
+        )
+
+
+def switch(
+    scene_before: Scene,
+    scene_after: Scene,
+    q: ArrayLike,
+    v: ArrayLike,
+    *,
+    restitution: Restitution = 0.0,
+) -> Switch:
+    """Return the velocity of a robot just after its constraints change.
+
+    M (v+ - v) = J^T lam,    J v+ = -e J v    of what is added,    J v+ = 0    of what is kept
+
+    A touch-down is an impact of all constraints of the second scene, so closed constraints stay
+    closed. A lift-off does not change the velocity.
+
+    Parameters
+    ----------
+    scene_before, scene_after : Scene
+        Two scenes of one robot.
+    q, v : (nq,), (nv,) array_like
+        The state at which they change.
+    restitution : float or mapping of str to float
+        As in `impact`, of the constraints that are added: those that are kept do not rebound.
+
+    Returns
+    -------
+    Switch
+
+    Raises
+    ------
+    InvalidArgument
+        If the scenes are of different models, or as in `impact`.
+
+    Notes
+    -----
+    Cost and source are those of `impact`.
+    """
+    for argument, scene in (("scene_before", scene_before), ("scene_after", scene_after)):
+        check_scene(scene, argument)
+    if scene_before.robot.model != scene_after.robot.model:
+        raise InvalidArgument(
+            f"scene_after: its robot {scene_after.robot.name!r} has another model than that of "
+            "scene_before; a ReducedScene has reduce_state and expand_state"
+        )
+    old, new = set(scene_before.constraints), set(scene_after.constraints)
+    added = tuple(c.name for c in scene_after.constraints if c not in old)
+    met = None
+    if added:
+        if not isinstance(restitution, Mapping):
+            restitution = dict.fromkeys(added, restitution)
+        met = impact(scene_after, q, v, restitution=restitution)
+    return Switch(
+        v=met.v if met else at_state(scene_after, q, v).v,
+        added=added,
+        dropped=tuple(c.name for c in scene_before.constraints if c not in new),
+        kept=tuple(c.name for c in scene_after.constraints if c in old),
+        impact=met,
+        before=scene_before,
+        after=scene_after,
+    )
+
+
+# Watch: what events say from step to step, and which of them happen.
+
+
+# From less than this above zero to less than this below it is noise: so a foot rests on the ground
+# [m, rad, N, ...].
+_NOISE = 1e-9
+
+
+class Watch:
+    """The values of events on the way of a run: an event is where its value falls to zero.
+
+    `values` are those that the next step is compared with, by name.
+    """
+
+    def __init__(self, events: Sequence[Event]) -> None:
+        self.events = tuple(events)
+        self.values: dict[str, float] = {}
+        self._rebounding: set[str] = set()  # events that have not been above zero since
+
+    def look(self, snapshot: Snapshot, scene: Scene) -> dict[str, float]:
+        """Return the value of every event at a snapshot, while a scene goes on."""
+        return {
+            # an event that would change nothing has nothing to say
+            event.name: event.value(snapshot) if event.changes(scene) else 0.0
+            for event in self.events
+        }
+
+    def fallen(self, values: dict[str, float]) -> list[Event]:
+        """Return the events whose values have fallen to zero, by more than noise."""
+        return [event for event in self.events if self._falls(event, values[event.name])]
+
+    def after_step(self, t: float, values: dict[str, float]) -> None:
+        """Remember the values after a step to t, in which no event is left.
+
+        ZenoDetected if what has rebounded has not come off in a whole step.
+        """
+        self._rebounding -= {name for name in self._rebounding if values[name] > 0}
+        if self._rebounding:
+            raise ZenoDetected(
+                f"event {min(self._rebounding)!r} goes on at t = {t:g} s: its rebounds have "
+                "become shorter than a step; use a restitution of 0 and a scene that keeps it"
+            )
+        for name, before in self.values.items():
+            if not before > 0 >= values[name]:  # noise takes none below zero
+                self.values[name] = values[name]
+
+    def after_event(
+        self, event: Event, left: Scene, values: dict[str, float], scene: Scene
+    ) -> None:
+        """Remember the values after an event, which left one scene for another.
+
+        Those that fell to zero with it are still to happen, and those that brought the scene may
+        happen again: what lets go of the ground is above it, whatever rounding says.
+        """
+        stays = event.scene is None or event.scene is left
+        if stays and event.at is None:  # a time does not come again
+            self._rebounding.add(event.name)
+        for other in self.events:
+            name, before = other.name, self.values[other.name]
+            waits = other is not event and other.changes(scene)
+            if waits and before > 0 >= values[name]:
+                values[name] = before
+            elif stays:
+                continue
+            elif other.at is None and other.scene is left and abs(values[name]) <= _NOISE:
+                values[name] = _NOISE
+        self.values = values
+
+    def _falls(self, event: Event, after: float) -> bool:
+        before, noise = self.values[event.name], _NOISE if event.at is None else 0.0
+        return before > 0 >= after and (before > noise or after < -noise)

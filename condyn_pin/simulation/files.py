@@ -2,39 +2,253 @@
 
 from __future__ import annotations
 
-from typing import Any
+import json
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import fields, is_dataclass
+from os import PathLike
+from typing import Any, Final, TypeVar
 
 import numpy as np
+from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core._pin import pin
+from condyn_pin._core._pin import VERSION_TEXT, pin
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.files import written_beside
+from condyn_pin._core.files import LARGEST, parse_json, read_npz, write_npz, written_beside
+from condyn_pin.constraints.contacts.kinds import CONTACTS
+from condyn_pin.constraints.contacts.shapes import SHAPES, Plane
+from condyn_pin.constraints.kinds import named
+from condyn_pin.constraints.loop import Loop, axis_of
+from condyn_pin.constraints.path import PATHS
 from condyn_pin.contact.problem import MODES
+from condyn_pin.contact.restitution import RESTITUTION_LAWS
+from condyn_pin.contact.solvers.base import CONTACT_SOLVERS
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.solvers import SOLVERS
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.errors import InvalidArgument
+from condyn_pin.io.model_words import model_of, model_words
 from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.archive import (
-    CHOICES,
-    MOTION,
-    Content,
-    Header,
-    Path_,
-    check_times,
-    choice,
-    decode,
-    encode,
-    limits_of,
-    read,
-    scene_of,
-    write,
-)
-from condyn_pin.simulation.columns import columns
-from condyn_pin.simulation.contact_columns import candidates_of, row_names
-from condyn_pin.simulation.contact_record import ContactRecord, width, written_before
+from condyn_pin.model.springs import Spring, SpringDamper
+from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.events import Happened
-from condyn_pin.simulation.outcome import Effects, Run, RunStatus
-from condyn_pin.simulation.recorder import Phase
+from condyn_pin.simulation.integrators import INTEGRATORS
+from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.outcome import Effects, MotionLimits, Run, RunStatus, check_limits
+from condyn_pin.simulation.records import (
+    ContactRecord,
+    Phase,
+    candidates_of,
+    row_names,
+    width,
+    written_before,
+)
 from condyn_pin.simulation.remarks import Remark
-from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.simulation.trajectory import Trajectory, columns
+
+# Archives: npz files with a header in JSON, and a robot as words and arrays.
+#
+# Frozen values are in the header by the name of their class, with their fields.
+#
+# Nothing in them is executed, and nothing in them is believed: a file may come from a stranger.
+
+
+Path_ = str | PathLike[str]
+Header = dict[str, Any]
+Content = dict[str, NDArray[Any]]
+Result = TypeVar("Result")
+
+MOTION: Final = "condyn_pin trajectory 2"
+MOTIONS: Final = "condyn_pin batch trajectory 2"
+
+# Their models were in a form of Pinocchio's that it cannot check: one damaged digit of it crashes.
+_BEFORE: Final = ("condyn_pin trajectory 1", "condyn_pin batch trajectory 1")
+
+# What reads and what writes each.
+_READERS: Final = {
+    MOTION: "Trajectory.load reads it",
+    MOTIONS: "BatchTrajectory.load reads it, and `condyn view --motion 0`",
+}
+_WRITERS: Final = {
+    MOTION: "Trajectory.save and `condyn simulate --save` write one",
+    MOTIONS: "BatchTrajectory.save writes one",
+}
+_TITLES: Final = {MOTION: "a trajectory", MOTIONS: "a batch of motions"}
+
+# The choices of a run that are frozen values, and what they have to be.
+CHOICES: Final[dict[str, type]] = {"integrator": Integrator, "drift": Drift, "solver": Solver}
+
+_LISTS = ("loops", "contacts", "springs", "spring_dampers")
+_WORDS = (
+    "name", "actuated", "unused", "unmodelled", "source", "licence", "description", "precision",
+    "package_dirs",
+)  # fmt: skip
+_POSTURE = "posture "
+_MODEL = "model "
+
+
+def write(
+    path: Path_, kind: str, robot: Robot, header: Header, arrays: Mapping[str, NDArray[Any]]
+) -> None:
+    """Write a file of a kind: what is no array, in words and numbers, and arrays."""
+    about = {key: getattr(robot, key) for key in _WORDS}
+    about |= {key: [encode(c) for c in getattr(robot, key)] for key in _LISTS}
+    about["model"], numbers = model_words(robot.model)
+    header = {"format": kind, "pinocchio": VERSION_TEXT, "robot": about, **header}
+    text = json.dumps(header, default=_plain)
+    if len(text) > LARGEST:
+        raise InvalidArgument(
+            f"{path}: {len(text) / 1e6:.0f} MB of words, such as events and reasons, are more than "
+            "can be read again; save a part of it"
+        )
+    content = {
+        "header": np.array(text),
+        **{f"{_MODEL}{name}": array for name, array in numbers.items()},
+        **arrays,
+        **{f"{_POSTURE}{name}": q for name, q in robot.postures.items()},
+    }
+    write_npz(path, content)
+
+
+def read(
+    path: Path_,
+    kind: str,
+    names: Collection[str],
+    make: Callable[[Robot, Header, Content], Result],
+) -> Result:
+    """Return what is made of a file of a kind that has arrays of these names.
+
+    InvalidArgument if it is missing, of another kind, or nothing can be made of it.
+    """
+    no_file = f"{path}: no file of {_TITLES[kind]}"
+    wanted = {"header", *names}
+    try:
+        content = read_npz(path, lambda n: n in wanted or n.startswith((_MODEL, _POSTURE)))
+    except OSError as error:
+        raise InvalidArgument(f"{no_file} ({error.strerror})") from error
+    except Exception as error:  # zipfile raises whatever a damaged byte makes it
+        raise InvalidArgument(
+            f"{no_file} ({type(error).__name__} on reading it: {error}); {_WRITERS[kind]}"
+        ) from error
+    try:
+        header = parse_json(str(content["header"]))
+        _check_format(header["format"], kind)
+        return make(_robot(header["robot"], content), header, content)
+    except Exception as error:  # whatever a number or a word makes of what it is not meant for
+        raise InvalidArgument(f"{no_file} ({error!r})") from error
+
+
+def _check_format(found: object, kind: str) -> None:
+    if found in _BEFORE:
+        raise ValueError(
+            f"{found}: written by an older condyn_pin, with a model that cannot be checked; "
+            "simulate again, or take its arrays with numpy.load"
+        )
+    if found != kind:
+        raise ValueError(f"{found}: {_READERS.get(str(found), 'nothing here reads it')}")
+
+
+def _robot(about: dict[str, Any], content: Content) -> Robot:
+    numbers = {k.removeprefix(_MODEL): x for k, x in content.items() if k.startswith(_MODEL)}
+    postures = {k.removeprefix(_POSTURE): q for k, q in content.items() if k.startswith(_POSTURE)}
+    model, lost = model_of(about["model"], numbers)
+    lists: dict[str, Any] = {key: [decode(c) for c in about[key]] for key in _LISTS}
+    # files of before have none of these
+    before = {"precision": tolerances.ROUNDED_GEOMETRY, "unmodelled": (), "package_dirs": ()}
+    about = before | about
+    words: dict[str, Any] = {key: about[key] for key in _WORDS}
+    for key in ("source", "licence", "description"):
+        if not isinstance(words[key], str):
+            raise TypeError(f"{key} = {words[key]!r}")
+    words["unmodelled"] = (*words["unmodelled"], *lost)
+    return Robot(model=model, postures=postures, **lists, **words)
+
+
+def scene_of(robot: Robot, words: dict[str, Any]) -> Scene:
+    """Return the scene of a robot with the constraints and contacts of a file."""
+    # files of before have no contacts
+    lists = (words["constraints"], words.get("contacts", ()))
+    return Scene(robot, *([decode(each) for each in those] for those in lists))
+
+
+def check_times(**times: Any) -> None:
+    """Refuse times that are no numbers, or less than nothing, and a step of nothing."""
+    for name, time in times.items():
+        number = finite(name, time, ())
+        if type(time) not in (int, float) or number < 0 or (name == "dt" and not number):
+            raise ValueError(f"{name} = {time!r}")
+
+
+def choice(name: str, coded: dict[str, Any], kind: type) -> Any:
+    """Return a frozen value that has to be of a kind."""
+    value = decode(coded)
+    if not isinstance(value, kind):
+        raise TypeError(f"{name} = {value!r}")
+    return value
+
+
+def limits_of(words: dict[str, Any]) -> MotionLimits:
+    """Return the limits of a motion in a file; files of before have none."""
+    limits = choice("limits", words["limits"], MotionLimits) if "limits" in words else None
+    return check_limits(limits)
+
+
+# What a value in a file may be, by the name of its class.
+_KINDS: dict[str, type] = {
+    kind.__name__: kind
+    for kind in (
+        *(Effects, Happened, MotionLimits, Remark, Spring, SpringDamper, Plane),
+        *(INTEGRATORS | DRIFTS | SOLVERS).values(),
+    )
+}
+
+
+def encode(value: Any) -> dict[str, Any]:
+    """Return a frozen dataclass as its name and its fields, those in them likewise."""
+    assert is_dataclass(value)
+    of_it = {field.name: getattr(value, field.name) for field in fields(value)}
+    if functions := [key for key, x in of_it.items() if callable(x) and not is_dataclass(x)]:
+        raise InvalidArgument(
+            f"{getattr(value, 'name', type(value).__name__)}: {functions[0]} is a function, and no "
+            "file can hold one; a Path can be written, such as Sine or Polynomial"
+        )
+    coded = {key: encode(x) if is_dataclass(x) else x for key, x in of_it.items()}
+    return {"class": type(value).__name__, **coded}
+
+
+def _plain(value: Any) -> Any:
+    """Return a number of numpy as one of Python's: a parameter may be either."""
+    if isinstance(value, np.generic):
+        return value.item()
+    raise TypeError(f"{value!r} cannot be written to a file")
+
+
+def decode(coded: dict[str, Any]) -> Any:
+    """Return the frozen dataclass of a name and fields; lists become tuples."""
+    values = dict(coded)
+    name = values.pop("class")
+    # those of the user's own have registered since
+    kind = (
+        _KINDS.get(name)
+        or named(name)
+        or (CONTACTS | SHAPES | PATHS).get(name)
+        or (INTEGRATORS | DRIFTS | SOLVERS | CONTACT_SOLVERS | RESTITUTION_LAWS).get(name.lower())
+    )
+    if kind is None:
+        raise LookupError(f"{name} is unknown: import the module that defines it")
+    if kind is Loop:  # files of before have an axis for kinds that have none
+        values["axis"] = axis_of(values["kind"], values["axis"])
+    return kind(**{k: _decoded(x) for k, x in values.items()})
+
+
+def _decoded(value: Any) -> Any:
+    if isinstance(value, dict) and "class" in value:
+        return decode(value)
+    return tuple(value) if isinstance(value, list) else value
+
+
+# Files of trajectories: archives, and csv.
+
 
 _ARRAYS = ("t", "q", "v", "a", "lam", "tau")
 _PLAIN = ("duration", "dt", "reason", "wall_time")

@@ -26,7 +26,7 @@ from condyn_pin.constraints.path import along_at
 from condyn_pin.constraints.rows.equations import MANY, Equations, ManyGaps
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.integrators.base import Integrator
-from condyn_pin.simulation.passive import Passive
+from condyn_pin.simulation.torques import Passive
 
 # Samples for which a matrix of them all is small.
 _FEW = 64

@@ -27,7 +27,7 @@ from condyn_pin.control.support import Pressure, SupportPolygon, margin_within, 
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.simulation.contact_columns import candidates_of
+from condyn_pin.simulation.records import candidates_of
 from condyn_pin.simulation.trajectory import Trajectory
 
 

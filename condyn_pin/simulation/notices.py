@@ -42,12 +42,12 @@ from condyn_pin.simulation.motion_status import (
     unbalanced,
     unexplained,
 )
-from condyn_pin.simulation.passive import Passive
 from condyn_pin.simulation.plan import default_solver
-from condyn_pin.simulation.proved_steps import ProvedSteps
+from condyn_pin.simulation.step import ProvedSteps
+from condyn_pin.simulation.torques import Passive
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.recorder import Phase
+    from condyn_pin.simulation.records import Phase
     from condyn_pin.simulation.trajectory import Trajectory
 
 # Samples of a phase that are checked. A solver that does not converge misses at most of them.

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from contextlib import suppress
+from math import inf, isfinite
 from time import perf_counter
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -12,22 +14,42 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.constraints.path import check_along
 from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_scene
-from condyn_pin.dynamics.solvers import Solver
-from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
-from condyn_pin.simulation.breakdown import hint_of, is_lost, remedy_of
-from condyn_pin.simulation.events import Ended, Event, ZenoDetected
-from condyn_pin.simulation.fit import check_fit, check_penetration, velocity_of_steps
-from condyn_pin.simulation.hybrid_phase import HybridPhase
-from condyn_pin.simulation.hybrid_simulator import HybridSimulator
-from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.motion_limits import MotionLimits
-from condyn_pin.simulation.outcome import Effects, Run, RunStatus
-from condyn_pin.simulation.plan import Plan, check_closing, plan
-from condyn_pin.simulation.recorder import merge
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled, UnsupportedConstraint
+from condyn_pin.mechanism.closing import with_anchors
+from condyn_pin.simulation.events import (
+    Ended,
+    Event,
+    Happened,
+    Snapshot,
+    Switch,
+    Watch,
+    ZenoDetected,
+    switch,
+)
+from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.outcome import Effects, MotionLimits, Run, RunStatus
+from condyn_pin.simulation.plan import (
+    Plan,
+    check_closing,
+    check_deeper,
+    check_fit,
+    check_penetration,
+    check_velocity,
+    default_solver,
+    plan,
+    velocity_of_steps,
+)
+from condyn_pin.simulation.records import BLOCK, NO_WORK, Recorder, Row, merge
+from condyn_pin.simulation.remarks import Remark
+from condyn_pin.simulation.stability import stiff_damping, stiff_springs
+from condyn_pin.simulation.system import CorrectedStepper, System
 from condyn_pin.simulation.torques import Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
 
@@ -256,3 +278,387 @@ def start(
     if closed:
         check_fit(scene, q_, v_, allowed=velocity_of_steps(scene, q_, v_, plan.integrator, plan.dt))
     return q_, v_
+
+
+# HybridSimulator: a scene in motion, phase after phase, with the events between them.
+#
+#     simulate          checks what it is given: a Plan, and a state that fits it
+#        |
+#     HybridSimulator   t, q, v; looks after each step which event comes first, and lets it happen
+#        |              event after event
+#     HybridPhase       one scene, as long as its constraints are the same; its samples
+#        |              step after step
+#     CorrectedStepper  (q, v) at t + dt by the integrator, then the correction of the drift scheme
+#        |              stage after stage
+#     System            tau, and by the solver a of M a + h = tau + J^T lam, J a + gamma = a_ref
+#
+# Integrators, drift schemes and solvers are frozen values: they come in as functions, bound to the
+# memory of one system: `Stepper`, `Correction`, `BoundSolver`.
+
+
+# Where an event is found, as a share of dt.
+_FOUND = 1e-12
+
+# What is left of a step after an event, and is not worth one, as a share of dt.
+_NOTHING = 1e-9
+
+# Events in one step, at most: more have piled up.
+_MOST = 100
+
+
+class HybridSimulator:
+    """A run in progress: its state (t, q, v), its present phase, and its samples so far.
+
+    It owns q and v. A `phase` of another run of this plan has its memory used again.
+    """
+
+    def __init__(self, plan: Plan, q: Array, v: Array, phase: HybridPhase | None = None) -> None:
+        self.t, self.q, self.v = 0.0, q, v
+        self.plan = plan
+        self._places: dict[Constraint, Constraint] = {}
+        self._asked = plan.scene  # as the user wrote it: its contacts may lack a place
+        placed = self._placed(plan.scene)
+        self.phase = phase or HybridPhase(placed, plan)
+        self.phase.use(placed)
+        self._contact_work = self.phase.system.contact_work = NO_WORK
+        self.phase.system.located = ()
+        self._remarks = self.phase.system.remarks
+        self._remarks.clear()
+        self.recorders = [self.phase.begin(self.t, q, v)]
+        self.happened: list[Happened] = []
+        self._watch = Watch(plan.events)
+        if plan.events:
+            self._watch.values = self._look(self.t, q, v)
+
+    def run(self, tick: Callable[[int], None] | None = None) -> None:
+        """Take the steps of the plan; `tick` is told how many are taken.
+
+        Raises
+        ------
+        Ended, ZenoDetected
+            If an event ends the run, or happens again at once.
+        """
+        located = self.plan.integrator.locates_events
+        (self._run_watched if self._watch.events or located else self._run_free)(tick)
+        self.phase.end(self.t, self.q, self.v)
+
+    def _run_free(self, tick: Callable[[int], None] | None) -> None:
+        """Take the steps where no event can happen: nothing is checked in between."""
+        take, turn, recorder = self.phase.stepper.take, self.phase.turn, self.phase.recorder
+        every, dt, rows = self.plan.every, self.plan.dt, recorder.rows
+        t, q, v = self.t, self.q, self.v
+        try:
+            for k in range(self.plan.steps):
+                t1 = (k + 1) * dt
+                q, v = take(t, q, v, t1, rows.append if k % every == turn else None)
+                t = t1
+                if len(rows) == BLOCK:
+                    recorder.pack()
+                if tick:
+                    tick(k + 1)
+        finally:
+            self.t, self.q, self.v = t, q, v
+
+    def _run_watched(self, tick: Callable[[int], None] | None) -> None:
+        """Take the steps, and look after each which event has happened in it."""
+        for k in range(self.plan.steps):
+            q, v = self.phase.step(self.t, self.q, self.v, k)
+            t1 = (k + 1) * self.plan.dt
+            q, v = self._through_events(t1, q, v, (k + 1) % self.plan.every == 0)
+            self._keep_located(t1)
+            self.t, self.q, self.v = t1, q, v
+            self._contact_work = self.phase.system.contact_work
+            if tick:
+                tick(k + 1)
+
+    @property
+    def remarks(self) -> tuple[Remark, ...]:
+        """What its steps have to say."""
+        return self._remarks.all
+
+    def missed(self) -> tuple[str, ...]:
+        """Return a sentence for each event that did not happen."""
+        names, values = {event.name for event in self.happened}, self._watch.values
+        return tuple(
+            f"{event.name} did not happen: {event.missed(values[event.name], self._asked)}"
+            for event in self._watch.events
+            if event.name not in names
+        )
+
+    def _through_events(self, t1: float, q1: Array, v1: Array, keep: bool) -> tuple[Array, Array]:
+        """Return the state at t1, a sample if it is to be kept, from that without events."""
+        for _ in range(_MOST):
+            values = self._look(t1, q1, v1)
+            event, share = self._first(t1, values)
+            if event is None:
+                break
+            self.phase.take_back(self.t)
+            self.phase.system.contact_work = self._contact_work  # of steps that count
+            self.phase.system.located = ()
+            self._go(event, self.t + share * (t1 - self.t))
+            self._happen(event)
+            if self._is_there(t1):
+                q1, v1 = self.q, self.v
+            else:
+                q1, v1 = self.phase.part(self.t, self.q, self.v, t1, keep=keep)
+        else:
+            names = " and ".join(sorted({each.name for each in self.happened[-_MOST:]}))
+            raise ZenoDetected(
+                f"more than {_MOST} events ({names}) from t = {self.t:g} s to {t1:g} s: one "
+                "undoes the other; a point that is held sideways while its normal force ends has "
+                "to slide, as a PlanarContact does"
+            )
+        if not self._is_there(t1):  # else the last event was at t1, and its values are known
+            self._watch.after_step(t1, values)
+        return q1, v1
+
+    def _look(self, t: float, q: Array, v: Array) -> dict[str, float]:
+        """Return the value of every event at a state."""
+        return self._watch.look(Snapshot(t, q, v, self.phase.system), self._asked)
+
+    def _first(self, t1: float, values: dict[str, float]) -> tuple[Event | None, float]:
+        """Return the first event on the way to t1, and at which share of it."""
+        first: tuple[Event | None, float] = (None, inf)
+        for event in self._watch.fallen(values):
+            share = self._share(event, t1, self._watch.values[event.name], values[event.name])
+            if share < first[1]:
+                first = event, share
+        return first
+
+    def _is_there(self, t1: float) -> bool:
+        """Whether what is left to t1 is not worth a step."""
+        return t1 - self.t <= _NOTHING * self.plan.dt
+
+    def _share(self, event: Event, t1: float, before: float, after: float) -> float:
+        """Return at which share of the way to t1 the value of an event is zero."""
+        from scipy.optimize import brentq
+
+        if self._is_there(t1):
+            return 0.0
+        if event.at is not None:
+            return (event.at - self.t) / (t1 - self.t)
+        way = t1 - self.t
+
+        def value(share: float) -> float:
+            if share in (0.0, 1.0):
+                return after if share else before
+            t = self.t + share * way
+            q, v = self.phase.part(self.t, self.q, self.v, t)
+            return event.value(Snapshot(t, q, v, self.phase.system))
+
+        return float(brentq(value, 0.0, 1.0, xtol=_FOUND, rtol=_FOUND))
+
+    def _go(self, event: Event, t: float) -> None:
+        """Go on by less than a step, to an event at t."""
+        t = t if event.at is None else event.at
+        if t - self.t > _NOTHING * self.plan.dt:
+            self.q, self.v = self.phase.part(self.t, self.q, self.v, t)
+            self._contact_work = self.phase.system.contact_work
+            self._keep_located(t)
+        self.t = max(t, self.t)  # also if that is not worth a step: a time does not come again
+
+    def _keep_located(self, t1: float) -> None:
+        """Keep the events of contacts in a step to t1 that counts."""
+        system = self.phase.system
+        for located in system.located:
+            if abs(t1 - located.t) <= _NOTHING * self.plan.dt:
+                located = located.at(t1)  # k dt and (k - 1) dt + dt are one time
+            if self.plan.at_events:
+                self.recorders.append(self.phase.split(located.before, located.after))
+            sample = sum(recorder.count for recorder in self.recorders)
+            self.happened.append(located.happened(sample - self.plan.at_events))
+        system.located = ()
+
+    def _happen(self, event: Event) -> None:
+        """Let an event happen here; Ended if it ends the run."""
+        self.phase.end(self.t, self.q, self.v)
+        sample = sum(recorder.count for recorder in self.recorders)
+        if event.ends:
+            self.happened.append(Happened(event.name, self.t, sample - 1))
+            raise Ended(f"event {event.name!r} at t = {self.t:g} s")
+        before, left = self.phase.scene, self._asked
+        # a contact that was lifted has its place wherever it touches again
+        self._places = {c: self._places[c] for c in self._asked.constraints if c in self._places}
+        met = event.met or event.scene
+        assert met is not None
+        # contacts that may open take part in the steps, and not in the impact of an event
+        held, met = before.bilateral, self._placed(met).bilateral
+        held, met = held.at(self.t), met.at(self.t)
+        change = switch(held, met, self.q, self.v, restitution=event.restitution)
+        jump, self.v = change.v - self.v, change.v
+        if event.scene is None or event.scene is left:
+            what = f"event {event.name!r}: its impact tears apart what goes on: let met hold that: "
+            check_velocity(before, self.q, jump, what=what)
+        else:
+            after = self._placed(event.scene)
+            what = f"event {event.name!r}: its scene does not fit the state: "
+            now = after.at(self.t)
+            allowed = velocity_of_steps(now, self.q, self.v, self.plan.integrator, self.plan.dt)
+            check_fit(now, self.q, self.v, allowed=allowed, what=what)
+            check_deeper(after, before, self.q, self.plan.integrator, what=what)
+            self._asked = event.scene
+            self.phase = HybridPhase(after, self.plan)
+            self.phase.system.contact_work = self._contact_work
+            self.phase.system.remarks = self._remarks
+        self.recorders.append(self.phase.begin(self.t, self.q, self.v))
+        self.happened.append(_happened(event, self.t, sample, before, self.phase.scene, change))
+        self._watch.after_event(event, left, self._look(self.t, self.q, self.v), self._asked)
+
+    def _placed(self, scene: Scene) -> Scene:
+        """Return a scene as it takes part: its contacts with their places, effects off or on."""
+        return with_anchors(self.plan.effects.applied_to(scene), self.q, self._places)
+
+
+def _happened(
+    event: Event, t: float, sample: int, before: Scene, after: Scene, change: Switch
+) -> Happened:
+    old, new = set(before.names), set(after.names)
+    return Happened(
+        event.name,
+        t,
+        sample,
+        change.impact.energy_lost if change.impact else 0.0,
+        tuple(name for name in after.names if name not in old),
+        tuple(name for name in before.names if name not in new),
+    )
+
+
+# HybridPhase: a part of a motion with the same constraints.
+
+
+class HybridPhase:
+    """One scene, every contact anchored, with its solver, its stepper and its samples.
+
+    `stepper` takes steps of the plan's dt; `turn` says which of so many steps, as one is kept of,
+    is the sample.
+    """
+
+    def __init__(self, scene: Scene, plan: Plan) -> None:
+        self.scene, self.plan = scene, plan
+        _check_rows(scene, plan.integrator)
+        held = scene.bilateral.at(0.0)  # the system takes it through time
+        self.solver = default_solver(held) if plan.solver is None else plan.solver
+        workspace = Workspace(held, self.solver, drift=plan.drift.rows)
+        _check_solver(self.solver, plan)
+        effects = plan.effects
+        self.system = System(
+            workspace, plan.tau, springs=effects.springs, damping=effects.damping,
+            contacts=scene.contact_bounds,
+        )  # fmt: skip
+        self._samples_start = plan.integrator.a_at == "start"
+        self.turn = 0 if self._samples_start else plan.every - 1
+
+    def use(self, scene: Scene) -> None:
+        """Begin anew with a scene whose contacts may be anchored elsewhere, in the same memory."""
+        if scene is not self.scene:
+            self.scene = scene
+            self.system.use(scene)
+
+    def begin(self, t: float, q: Array, v: Array) -> Recorder:
+        """Begin to keep samples, with another stepper; return what they go to."""
+        self.recorder = Recorder(self.scene)
+        self.plan.tau.begin(t, q, v)
+        self.stepper = self._stepper_of(self.plan.dt)
+        self.system.look = self.stepper.sample
+        if not self._samples_start:  # else the first step keeps it
+            self._sample(t, q, v)
+        return self.recorder
+
+    def step(self, t: float, q: Array, v: Array, k: int) -> tuple[Array, Array]:
+        """Take step k, which ends at (k + 1) dt, and keep its sample if it is its turn."""
+        # the first sample of a phase always is
+        keep = k % self.plan.every == self.turn or not self.recorder.count
+        if self._samples_start and self.recorder.last == t:
+            keep = False  # an event of contacts has kept it
+        t1 = (k + 1) * self.plan.dt
+        return self.stepper.take(t, q, v, t1, self.recorder.add if keep else None)
+
+    def part(
+        self, t: float, q: Array, v: Array, t1: float, *, keep: bool = False
+    ) -> tuple[Array, Array]:
+        """Take a step to t1; `keep` says whether its end is to be a sample."""
+        keep = not self.recorder.count if self._samples_start else keep
+        return self._stepper_of(t1 - t).take(t, q, v, t1, self.recorder.add if keep else None)
+
+    def split(self, before: Row, after: Row) -> Recorder:
+        """Go on with another recorder behind an event; return it."""
+        if self.recorder.last != before[0]:
+            self.recorder.add(before)
+        self.recorder = Recorder(self.scene)
+        self.recorder.add(after)
+        return self.recorder
+
+    def take_back(self, t: float) -> None:
+        """Forget the sample of a step from t that does not count."""
+        if not self._samples_start:
+            self.recorder.drop_after(t)
+
+    def end(self, t: float, q: Array, v: Array) -> None:
+        """Keep the last state, unless the last step did."""
+        if self.recorder.last != t:
+            self._sample(t, q, v)
+
+    def _sample(self, t: float, q: Array, v: Array) -> None:
+        """Keep a state, by the solve there; a step that begins with the same one finds it made."""
+        self.recorder.add(self.stepper.sample(t, q, v))
+
+    def _stepper_of(self, dt: float) -> CorrectedStepper:
+        return CorrectedStepper(self.system, self.plan.integrator, self.plan.drift, dt)
+
+
+def _check_solver(solver: Solver, plan: Plan) -> None:
+    """Refuse constraints that are to give way and not to."""
+    if solver.exact:
+        return
+    if plan.integrator.keeps_constraints:
+        raise InvalidArgument(
+            f"solver = {solver!r}: {plan.integrator.title} keeps hard constraints itself, and "
+            "would leave none of them soft; use RungeKutta4() or another solver"
+        )
+    if plan.drift.corrects:
+        raise InvalidArgument(
+            f"drift = {plan.drift!r}: it closes what {solver.title} lets open, and would "
+            "leave nothing soft; use NoDrift() or another solver"
+        )
+
+
+def _check_rows(scene: Scene, integrator: Integrator) -> None:
+    """Refuse rows that an integrator cannot hold."""
+    if not integrator.needs_positions:
+        return
+    for bound in scene.bounds:
+        if len(bound.positioned) < bound.size:
+            raise UnsupportedConstraint(
+                f"{bound.name}: {integrator.title} holds positions, and it has rows that restrict "
+                "velocities only; use RungeKutta4() or GearGuptaLeimkuhler()"
+            )
+
+
+# Why a run broke down, and what may help.
+
+
+# A velocity beyond this is no motion of a machine [rad/s, m/s].
+LOST: Final = 1e10
+
+
+def is_lost(v: Array) -> bool:
+    """Whether a velocity is beyond that of any machine."""
+    speed = float(np.abs(v).max(initial=0.0))
+    return not (isfinite(speed) and speed < LOST)
+
+
+def hint_of(simulator: HybridSimulator, q0: Array) -> str:
+    """Return which damping or spring is too stiff for a run from q0, if there is one."""
+    plan, system = simulator.plan, simulator.phase.system
+    integrator = plan.integrator.between_events
+    hint = stiff_damping(system, integrator, plan.dt, q0)
+    hint = hint or stiff_springs(system, integrator, plan.dt, q0)
+    return f"{hint}; " if hint else ""
+
+
+def remedy_of(simulator: HybridSimulator) -> str:
+    """Return what may help a run whose torques are those of a function."""
+    plan = simulator.plan
+    if not (plan.integrator.takes_jacobian and plan.tau.could_be_differenced):
+        return ""
+    return "; if tau(t, q, v) is stiff, pass its derivatives as jacobian=..."

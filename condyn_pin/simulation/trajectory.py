@@ -2,25 +2,48 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, fields
 from functools import cached_property
 from os import PathLike
-from typing import Any
+from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
 
-from condyn_pin._core.arguments import renamed
+from condyn_pin._core import show
+from condyn_pin._core.arguments import counted, renamed
 from condyn_pin._core.arrays import Array
+from condyn_pin.contact.problem import MODES
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.simulation.contact_columns import candidates_of, contact_rows, gaps_along, row_names
-from condyn_pin.simulation.contact_record import ContactRecord
-from condyn_pin.simulation.measures import Energy, Kinematics, gauge_of
-from condyn_pin.simulation.motion_error import MotionError, estimated_error
-from condyn_pin.simulation.motion_status import Course, judged
+from condyn_pin.model.joints import coordinate_names
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.measures import (
+    Energy,
+    Kinematics,
+    damping_rate,
+    doubt,
+    drive_power,
+    gauge_of,
+    is_accurate,
+    work,
+)
+from condyn_pin.simulation.motion_status import Course, MotionError, estimated_error, judged
 from condyn_pin.simulation.notices import notices_of
 from condyn_pin.simulation.outcome import Run, RunStatus
-from condyn_pin.simulation.recorder import Phase
+from condyn_pin.simulation.records import (
+    ContactRecord,
+    Phase,
+    candidates_of,
+    contact_rows,
+    gaps_along,
+    row_names,
+)
+from condyn_pin.simulation.torques import Passive
+
+if TYPE_CHECKING:
+    from condyn_pin.simulation.batch.steps import BatchStep
+    from condyn_pin.simulation.batch.trajectory import BatchTrajectory
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -189,8 +212,6 @@ class Trajectory:
         The work is integrated over the samples: `record` them all where it is to be accurate;
         `Energy.doubt` bounds what it may be off by.
         """
-        from condyn_pin.simulation.trajectory_energy import energy_of
-
         return energy_of(self, self._kinematics)
 
     @cached_property
@@ -246,7 +267,6 @@ class Trajectory:
             If pandas is not installed.
         """
         from condyn_pin._core.show import require_pandas
-        from condyn_pin.simulation.columns import columns
 
         return require_pandas().DataFrame(columns(self)).set_index("t [s]")
 
@@ -255,8 +275,6 @@ class Trajectory:
 
     def _repr_html_(self) -> str:
         """Return what a notebook shows."""
-        from condyn_pin.simulation.trajectory_html import trajectory_html
-
         return trajectory_html(self)
 
     def __repr__(self) -> str:
@@ -266,6 +284,239 @@ class Trajectory:
         )
 
     def __str__(self) -> str:
-        from condyn_pin.simulation.trajectory_text import trajectory_text
-
         return trajectory_text(self)
+
+
+# Columns of motions, named by joint: the samples of one, the ends of many.
+
+
+def columns(trajectory: Trajectory) -> dict[str, Array]:
+    """Return t, q, v, a, tau, lam, violation, J v and energy by name, each (k,)."""
+    table = {"t [s]": trajectory.t}
+    table |= _by_joint(trajectory, "q", "v", "a", "tau")
+    lam = (f"lam {name}" for name in trajectory.row_names)
+    table |= dict(zip(lam, trajectory.lam.T, strict=True))
+    table["violation"] = trajectory.violation
+    table["constraint_velocity"] = trajectory.constraint_velocity
+    energy = trajectory.energy
+    return table | {f"{f.name} [J]": getattr(energy, f.name) for f in fields(energy)}
+
+
+def ends(batch: BatchTrajectory) -> dict[str, Any]:
+    """Return statuses, reasons, ends and errors of motions by name, each (N,)."""
+    table: dict[str, Any] = {"status": batch.status_names, "reason": batch.reasons}
+    table |= {"t [s]": batch.t} | _by_joint(batch, "q", "v")
+    return table | {name: getattr(batch, name) for name in _ERRORS}
+
+
+def step_columns(batch: BatchStep, errors: Sequence[str]) -> dict[str, Any]:
+    """Return statuses, ends, modes and errors of steps by name, each (N,)."""
+    table: dict[str, Any] = {"status": batch.status_names} | _by_joint(batch, "q", "v")
+    table |= {f"mode {name}": modes for name, modes in batch.modes.items()}
+    return table | dict(zip(errors, batch.errors.T, strict=True))
+
+
+_ERRORS = ("violation", "constraint_velocity", "energy_error", "run_times")
+
+
+def _by_joint(of: Trajectory | BatchTrajectory | BatchStep, *kinds: str) -> dict[str, Array]:
+    """Return the columns of some arrays, named by joint."""
+    model, table = of.scene.robot.model, dict[str, Array]()
+    for kind in kinds:
+        names = [f"{kind} {name}" for name in coordinate_names(model, "q" if kind == "q" else "v")]
+        table |= dict(zip(names, getattr(of, kind).T, strict=True))
+    return table
+
+
+# The energies of a trajectory, and the work that explains how they change.
+
+
+def energy_of(trajectory: Trajectory, kinematics: Kinematics) -> Energy:
+    """Return the energies at the samples, work integrated over these."""
+    run, t = trajectory.run, trajectory.t
+    robot, effects = trajectory.scene.robot, run.effects
+    passive = Passive.of(robot, springs=effects.springs, damping=effects.damping)
+    with np.errstate(all="ignore"):  # a run that was lost ends with numbers that overflow
+        applied = _Power(trajectory, lambda q, v, tau: np.sum(tau * v, axis=1))
+        damped = _Power(trajectory, lambda q, v, tau: -passive.dissipation(q, v))
+        if is_accurate(run.integrator):
+            damped.rate = damping_rate(passive, trajectory.v, trajectory.a)
+        sprung = passive.energy(trajectory.q)
+    impacts, struck = np.zeros((2, len(t)))
+    for event in run.happened:
+        struck[event.sample :] += event.driven
+        if event.is_of_contacts:
+            continue  # the work of contacts has it
+        impacts[event.sample :] -= event.energy_lost
+    done, taken = applied.work(), damped.work()
+    driven = _driven_work(trajectory)
+    return Energy(
+        kinematics.kinetic, kinematics.potential, sprung, done[0], taken[0], impacts,
+        driven[0] + struck, *_contact_work(trajectory),
+        doubt=done[1] + taken[1] + driven[1],
+    )  # fmt: skip
+
+
+class _Power:
+    """A power along a motion, of (q, v, tau): at its samples, and of mean velocities between."""
+
+    def __init__(self, trajectory: Trajectory, of: Callable[[Array, Array, Array], Array]) -> None:
+        q, v, tau = trajectory.q, trajectory.v, trajectory.tau
+        self._motion, self._at = trajectory, of(q, v, tau)
+        self._between = of(q[:-1], 0.5 * (v[1:] + v[:-1]), 0.5 * (tau[1:] + tau[:-1]))
+        self.rate: Array | None = None  # of the power at the samples [W/s]
+
+    def work(self) -> tuple[Array, Array]:
+        """Return its work since the start (k,), and the doubt of it [J]."""
+        parts, doubts = [], []
+        for phase in self._motion.phases:
+            its = phase.samples
+            t, power = self._motion.t[its], self._at[its]
+            parts.append(work(t, power, None if self.rate is None else self.rate[its]))
+            between, v = self._between[its.start : its.stop - 1], self._motion.v[its]
+            doubts.append(doubt(t, power, parts[-1], between, v))
+        return _chained(parts), _chained(doubts)
+
+
+def _contact_work(trajectory: Trajectory) -> tuple[Array, Array, Array]:
+    contact = trajectory.contact
+    if contact is None:
+        none = np.zeros(len(trajectory.t))
+        return none, none, none
+    return contact.work, contact.correction, contact.algorithmic
+
+
+def _driven_work(trajectory: Trajectory) -> tuple[Array, Array]:
+    """Return what driven constraints did between events (k,), and its doubt; steps book it."""
+    booked = trajectory.contact.driven if trajectory.contact else None
+    if booked is not None and isinstance(trajectory.run.integrator, ContactScheme):
+        return booked, np.zeros(len(booked))
+    parts, doubts = [], []
+    for phase in trajectory.phases:
+        t, power = trajectory.t[phase.samples], _drive_power(trajectory, phase)
+        parts.append(work(t, power))
+        doubts.append(doubt(t, power, parts[-1], 0.5 * (power[1:] + power[:-1])))
+    return _chained(parts), _chained(doubts)
+
+
+def _drive_power(trajectory: Trajectory, phase: Phase) -> Array:
+    lam = trajectory.lam[phase.samples][:, list(phase.columns)]
+    return drive_power(phase.scene, trajectory.t[phase.samples], lam)
+
+
+def _chained(parts: list[Array]) -> Array:
+    """Return integrals over phases, each beginning where the one before ended."""
+    start, chained = 0.0, []
+    for part in parts:
+        chained.append(start + part)
+        start = chained[-1][-1]
+    return np.concatenate(chained)
+
+
+# A motion in words: how it was made, how far it drifted, and where its energy went.
+
+
+# Events that are listed, at most.
+_SHOWN: Final = 20
+
+
+def trajectory_text(motion: Trajectory) -> str:
+    """Return what `print` shows of a trajectory."""
+    run, energy, scene = motion.run, motion.energy, motion.scene
+    ratio = motion.t[-1] / run.wall_time if run.wall_time else float("nan")
+    return "\n".join(
+        [
+            f"{scene.robot.name}, {_counts(scene)}: {motion.t[-1]:.6g} s in steps of "
+            f"{1e3 * run.dt:.4g} ms, {len(motion.t)} samples, {motion.status.name.lower()}",
+            run.choices,
+            run.effects.text(scene.robot),
+            f"took        {run.wall_time:.3g} s, {ratio:.3g} x real time",
+            *_constraint_lines(motion),
+            *_energy_lines(energy, is_driven=any(phase.scene.is_driven for phase in motion.phases)),
+            *_event_lines(motion),
+            *(f"note: {notice}" for notice in motion.notices),
+        ]
+    )
+
+
+def _counts(scene: Scene) -> str:
+    """How many rows of constraints, and how many contacts, a scene has."""
+    contacts = sum(len(bound.candidates) for bound in scene.contact_bounds)
+    rows = [f"{scene.rows} rows"] if scene.rows or not contacts else []
+    return ", ".join([*rows, *([counted(contacts, "contact")] if contacts else [])])
+
+
+def _constraint_lines(motion: Trajectory) -> list[str]:
+    """How far constraints were violated, how deep contacts were, and what these do at the end."""
+    lines = []
+    if any(phase.scene.rows for phase in motion.phases):
+        lines.append(
+            f"violation   {motion.violation.max():.1e} m, rad at most; "
+            f"{motion.constraint_velocity.max():.1e} m/s, rad/s"
+        )
+    if motion.contact:
+        deepest = max((-float(np.nanmin(gap)) for gap in motion.gaps.values()), default=0.0)
+        last = [its[-1] for its in motion.modes.values()]
+        modes = ", ".join(f"{last.count(mode)} {mode}" for mode in MODES if mode in last)
+        lines.append(
+            f"contacts    penetrate by {max(deepest, 0.0):.1e} m, rad at most; at the end {modes}"
+        )
+    return lines
+
+
+def _energy_lines(energy: Energy, *, is_driven: bool) -> list[str]:
+    lines = [
+        f"energy      {energy.total[0]:.6g} J to {energy.total[-1]:.6g} J; work of tau "
+        f"and forces {energy.work[-1]:.4g} J, of damping {energy.damping[-1]:.4g} J, impacts "
+        f"{energy.impacts[-1]:.4g} J, contacts {energy.contact[-1]:.4g} J"
+        + (f", drives {energy.driven[-1]:.4g} J" if is_driven else "")
+    ]
+    if energy.correction.any() or energy.algorithmic.any():  # of steps with contacts
+        lines.append(
+            f"            corrections {energy.correction[-1]:.4g} J, algorithmic "
+            f"{energy.algorithmic[-1]:.4g} J"
+        )
+    return [*lines, f"unexplained {np.abs(energy.error).max():.1e} J at most"]
+
+
+def _event_lines(motion: Trajectory) -> list[str]:
+    events, more = motion.run.happened[:_SHOWN], len(motion.run.happened) - _SHOWN
+    lines = [f"event       {each.name} at t = {each.t:.9g} s" for each in events]
+    lines += [f"event       and {more} more"] if more > 0 else []
+    return [*lines, *(f"event       {missed}" for missed in motion.run.missed)]
+
+
+# A Trajectory as a notebook shows it.
+
+
+_EVENTS = 20  # that are listed
+
+
+def trajectory_html(trajectory: Trajectory) -> str:
+    """Return how a motion was made, its errors as curves, its events and notices."""
+    run, energy, t = trajectory.run, trajectory.energy, trajectory.t
+    said = {
+        "motion": f"{t[-1] - t[0]:.6g} s in steps of {1e3 * run.dt:.4g} ms, {len(t)} samples",
+        "chosen": run.choices,
+        "effects": run.effects.text(trajectory.scene.robot),
+        "took": f"{run.wall_time:.3g} s",
+    }
+    events = [(each.name, f"{each.t:.6g}") for each in run.happened[:_EVENTS]]
+    more = len(run.happened) - len(events)
+    return show.page(
+        f"{trajectory.scene.robot.name}: {run.status.name.lower()}",
+        show.notes([trajectory.reason] if trajectory.reason else []),
+        show.facts(said.items()),
+        show.curve("open constraints", t, trajectory.violation, "m, rad")
+        if trajectory.scene.rows
+        else "",
+        show.curve("energy", t, energy.total, "J"),
+        show.curve("energy that nothing explains", t, np.abs(energy.error), "J"),
+        show.folded(
+            f"{len(run.happened)} events" + (f", the first {_EVENTS} here" if more > 0 else ""),
+            show.grid(("event", "t [s]"), events),
+            count=len(events),
+        ),
+        show.notes([*run.missed, *trajectory.notices]),
+        ok=run.status.ok,
+    )

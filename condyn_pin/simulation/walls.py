@@ -1,11 +1,11 @@
-"""The names of `stability_limit` in the last version; they go with the next."""
+"""The names of `stability` in the last version; they go with the next."""
 
 from __future__ import annotations
 
 from typing import Any
 from warnings import warn
 
-from condyn_pin.simulation import stability_limit
+from condyn_pin.simulation import stability
 
 _NOW = {
     "wall": "stability_limit",
@@ -18,6 +18,6 @@ _NOW = {
 def __getattr__(name: str) -> Any:
     if name not in _NOW:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    text = f"{__name__}.{name} is {stability_limit.__name__}.{_NOW[name]} now"
+    text = f"{__name__}.{name} is {stability.__name__}.{_NOW[name]} now"
     warn(text, DeprecationWarning, stacklevel=2)
-    return getattr(stability_limit, _NOW[name])
+    return getattr(stability, _NOW[name])

@@ -16,7 +16,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.simulation.motion_balance import balances
-from condyn_pin.simulation.recorder import Phase
+from condyn_pin.simulation.records import Phase
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing import three
 from condyn_pin.viewing.arrows import Peak

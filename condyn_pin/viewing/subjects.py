@@ -19,7 +19,7 @@ from condyn_pin.dynamics.solution import Sites, Solution
 from condyn_pin.errors import InvalidArgument, NotAssembled
 from condyn_pin.mechanism.closing import Assembly
 from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.step_solution import StepSolution
+from condyn_pin.simulation.step import StepSolution
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing.drawing import Drawing, draw
 from condyn_pin.viewing.instant import instant

@@ -12,7 +12,7 @@ import numpy as np
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Ball, Box
-from condyn_pin.simulation.contact_columns import gaps_along
+from condyn_pin.simulation.records import gaps_along
 from peers.contact.scene import ContactScene
 
 GRAVITY = 9.81  # [m/s^2]

@@ -70,7 +70,7 @@ def drift(
 def _facts(
     growths: Mapping[str, Growth], integrators: Sequence[Any], found: Sequence[Contest]
 ) -> dict[str, Any]:
-    from condyn_pin.simulation.stability_limit import stability_limit
+    from condyn_pin.simulation.stability import stability_limit
 
     return {
         "growth": {
@@ -91,7 +91,7 @@ def _tables(
     steps: int,
     dt: float,
 ) -> Iterator[Table]:
-    from condyn_pin.simulation.stability_limit import stability_limit
+    from condyn_pin.simulation.stability import stability_limit
 
     table = Table("without stabilisation", "gap at the end [m]", "grows like")
     for name, growth in growths.items():

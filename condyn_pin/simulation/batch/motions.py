@@ -1,38 +1,215 @@
-"""Motions: what a worker does with its rows of a `simulate_batch`."""
+"""The verb simulate_batch: many motions of one scene."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
 from dataclasses import dataclass, field, replace
+from functools import partial
 from math import nan
 from time import perf_counter
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
+from condyn_pin._core.rows import Native, Rows
 from condyn_pin._core.threads import Kept
-from condyn_pin._core.work import Arrays, Messages
+from condyn_pin._core.work import Arrays, Messages, Progress, silent
+from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.forces import AppliedForce
+from condyn_pin.dynamics import compiled
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers import Solver
-from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.errors import NotAssembled, SolveFailed, StepFailed
-from condyn_pin.simulation.batch.inputs import RowForces
-from condyn_pin.simulation.batch.samples import samples_in
-from condyn_pin.simulation.batch.trajectory import RUN_STATUSES
-from condyn_pin.simulation.fit import check_penetration
-from condyn_pin.simulation.hybrid_phase import HybridPhase
-from condyn_pin.simulation.integrators import Integrator
-from condyn_pin.simulation.motion_limits import MotionLimits
-from condyn_pin.simulation.outcome import RunStatus, uninterrupted
-from condyn_pin.simulation.plan import Plan, plan
-from condyn_pin.simulation.run import follow, start
-from condyn_pin.simulation.torques import Torque, TorqueJacobian
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.workspace import LARGEST, Workspace
+from condyn_pin.errors import CondynError, NotAssembled, SolveFailed, StepFailed
+from condyn_pin.mechanism.closed_chains import chains_of
+from condyn_pin.mechanism.closing import with_anchors
+from condyn_pin.simulation.batch.answers import Work, workers
+from condyn_pin.simulation.batch.inputs import (
+    Recipe,
+    RowForces,
+    check_states,
+    driven_path_of,
+    split,
+)
+from condyn_pin.simulation.batch.steps import contacts_of, states_of, step_plan, untaken_steps
+from condyn_pin.simulation.batch.trajectory import (
+    ENDS,
+    RUN_STATUSES,
+    BatchTrajectory,
+    kinds_of,
+    samples_in,
+)
+from condyn_pin.simulation.drift.no_drift import NoDrift
+from condyn_pin.simulation.drift.post_stabilization import PostStabilization
+from condyn_pin.simulation.gaps import uses_the_solver
+from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.contact_steps import ContactSteps
+from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
+from condyn_pin.simulation.integrators.midpoint import ImplicitMidpoint, LinearlyImplicitMidpoint
+from condyn_pin.simulation.manifold import Manifold
+from condyn_pin.simulation.measures import Energy, damping_rate, doubt, gauge_of, is_accurate, work
+from condyn_pin.simulation.motion_status import Course, judged
+from condyn_pin.simulation.outcome import MotionLimits, RunStatus, check_limits, uninterrupted
+from condyn_pin.simulation.plan import Plan, check_penetration, default_solver, plan
+from condyn_pin.simulation.records import ContactWork, Phase, touch_of
+from condyn_pin.simulation.run import LOST, HybridPhase, follow, is_lost, start
+from condyn_pin.simulation.system import System
+from condyn_pin.simulation.torques import Passive, Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
+
+# Samples that are checked where none is to be kept, at most, and how many steps are between two
+# of them, at least: gaps and energies change slowly, and a look costs half a step.
+_LOOKS: Final = 50
+_APART: Final = 10
+
+# A chunk that takes about a tenth of a second, for steps of some microseconds a solve.
+_SOLVES: Final = 10_000
+
+# Motions a thread of the compiled core that it is handed at a time.
+_MOTIONS: Final = 16
+
+
+def simulate_batch(
+    scene: Scene,
+    Q0: ArrayLike,
+    V0: ArrayLike,
+    TAU: float | ArrayLike | Torque = 0.0,
+    *,
+    forces: Sequence[AppliedForce] = (),
+    jacobian: TorqueJacobian | None = None,
+    duration: float,
+    dt: float = 1e-3,
+    integrator: Integrator | None = None,
+    drift: Drift | None = None,
+    solver: Solver | None = None,
+    record: int | None = None,
+    limits: MotionLimits | None = None,
+    executor: Executor | Native | None = None,
+    chunk: int | None = None,
+    progress: Progress = silent,
+) -> BatchTrajectory:
+    """Return the motions of a scene from many states.
+
+    M(q) a + h(q, v) = tau - k (q - q0) - d v + J(q)^T lam + sum J_f(q)^T f,
+    J a + gamma = a_ref,    row by row
+
+    Parameters
+    ----------
+    scene : Scene
+        Contacts without an anchor are anchored where they are at the start of each motion.
+    Q0, V0 : (N, nq), (N, nv) array_like
+        States that satisfy the constraints, up to 1e-4 m and rad. As all numbers here they are
+        taken in double precision: those of float32 have its 1e-7.
+    TAU : 0, (nv,) or (N, nv) array_like, or callable, optional
+        The torques applied [N, N m]: the same for all, constant for each, or tau(t, q, v), a
+        function that is defined in a module, or an instance of a class there, if there are
+        processes.
+    forces : sequence of AppliedForce, optional
+        Forces from outside, as in `simulate`; with two axes one row per motion. None by default.
+    jacobian, duration, dt, integrator, drift, solver
+        As in `simulate`.
+    record : int, optional
+        Keep every `record`-th sample, in 8 (1 + nq + 3 nv + m) bytes each: 1.2 kB of Cassie on its
+        loops. By default none is: every tenth is checked, or fifty of each motion.
+    limits
+        As in `simulate`, at the samples that are checked.
+    executor, chunk, progress
+        As in `solve_batch`; a chunk takes about a tenth of a second by default.
+
+    Returns
+    -------
+    BatchTrajectory
+        To the bit what `simulate` returns, whoever did the work. Motions that break down, leave
+        their `limits`, or cannot begin, raise nothing: ``failed`` has their indices, ``counts``
+        their number, ``reasons`` what, where, when and how far.
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument cannot be used; the text names the row.
+    WorkersLost
+        As in `solve_batch`; its ``done`` is the BatchTrajectory of what was simulated.
+    Interrupted
+        After Ctrl-C; its ``table`` is the same.
+    UnknownName, UnsupportedConstraint, StaleModel, UnsupportedBackend
+        As in `solve_batch`.
+
+    Notes
+    -----
+    Cost: that of the steps, divided by the workers, and half a millisecond per motion, or two if
+    contacts have to be anchored. Only `simulate` has events, and can switch effects off.
+    """
+    begun = perf_counter()
+    function = TAU if callable(TAU) else None
+    every = 1 if record is None else record
+    limits = check_limits(limits)
+    motions = Motions(function, jacobian, duration, dt, integrator, drift, solver, every, limits)
+    planned = motions.plan(scene)
+    every = max(planned.steps // _LOOKS, _APART) if record is None else record
+    given: ArrayLike = 0.0 if function is not None else TAU  # type: ignore[assignment]
+    q, v, tau = check_states(scene.robot, Q0, V0, given, suffix="0")
+    applied, of_rows, more = split(scene.robot, forces, len(q), functions=True)
+    motions = replace(motions, every=every, forces=of_rows, contacts=tuple(scene.contacts))
+    most = max(1, int(_SOLVES / planned.steps / max(planned.integrator.solves_per_step, 1)))
+    held = _begun(scene.bilateral)
+    recipe = Recipe(held, solver)
+    if isinstance(executor, Native):  # whose workspace is that of the motions
+        recipe = Recipe(held, solver or default_solver(held), planned.drift.rows)
+    moved: Work = MovedRows(
+        planned.integrator, planned.drift, planned.dt, planned.steps, every, limits
+    )
+    if scene.contacts:
+        moved = SteppedMotions(
+            tuple(scene.contacts), planned.integrator, planned.dt, planned.steps, every, limits
+        )
+    kernel, executor, chunk = workers(
+        executor, moved, motions, reasons=untaken(planned, bool(applied)),
+        untaken=lambda: untaken_by_core(recipe.workspace(), planned), chunk=chunk,
+        most=_MOTIONS,
+    )  # fmt: skip
+    rows = Rows(kernel, recipe, executor, chunk, most, progress)
+    kinds = kinds_of(scene, 0 if record is None else len(range(0, planned.steps, every)) + 1)
+    inputs = {"q0": q, "v0": v, "tau0": tau} | more
+    return rows.fill(len(q), inputs, kinds, partial(_batch, planned, begun))
+
+
+def untaken_by_core(workspace: Workspace, planned: Plan) -> Iterator[str]:
+    """Yield what the compiled core does not take of a workspace that is to move."""
+    yield from compiled.untaken(workspace)
+    if not planned.scene.contacts:  # whose steps have the rows of the scene themselves
+        yield from untaken_rows(workspace, planned.drift)
+
+
+_started = Kept[Scene]()
+
+
+def _begun(scene: Scene) -> Scene:
+    """Return a scene where motions begin: the same one each time, so that its workspace is."""
+    return _started.of(scene, None, lambda: scene.at(0.0)) if scene.is_driven else scene
+
+
+def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:
+    """Return the outputs as a value."""
+    solver = default_solver(planned.scene.bilateral) if planned.solver is None else planned.solver
+    return BatchTrajectory(
+        planned.scene, planned.integrator, planned.drift, solver, planned.duration, planned.dt,
+        planned.steps, planned.limits, **{name: outputs[name] for name in ENDS},
+        reasons=outputs["words"], samples=samples_in(outputs), seconds=perf_counter() - begun,
+    )  # fmt: skip
+
+
+# Motions: what a worker does with its rows of a `simulate_batch`.
+
 
 _CODES: Final = {status: code for code, status in enumerate(RUN_STATUSES)}
 
@@ -149,3 +326,307 @@ def _put_nothing(outputs: Arrays, i: int, q: Array, v: Array) -> None:
             array[i] = nan
     outputs["q"][i], outputs["v"][i], outputs["t"][i] = q, v, 0.0
     outputs["statuses"][i] = _CODES[RunStatus.FAILED]
+
+
+# Motions by the compiled core: which it takes, and what becomes of its samples.
+#
+# It steps, and measures samples; energies are balanced here, for all motions at once. A motion that
+# it gives up, for whatever reason, is made again by Python, which says why.
+
+
+# Integrators by their number there.
+_INTEGRATORS: Final[dict[Integrator, int]] = {
+    SemiImplicitEuler(): 0,
+    SemiImplicitEuler(implicit=False): 1,
+    LinearlyImplicitMidpoint(): 2,
+    ImplicitMidpoint(): 3,
+    RungeKutta4(): 4,
+}
+
+# Numbers of a sample: violation, slip, kinetic and potential energy, that of springs, and what
+# damping takes [m, m/s, J, J, J, W].
+MEASURED: Final = 6
+
+
+def untaken(plan: Plan, forces: bool) -> Iterator[str]:
+    """Yield what the core does not take of a plan, in words."""
+    if plan.tau.constant is None or forces:
+        what = "TAU is a function" if plan.tau.constant is None else "there are forces from outside"
+        yield f"{what}: its motions have constant torques alone"
+    if plan.scene.contacts:
+        yield from untaken_steps(plan.scene, plan.integrator)
+        if not isinstance(plan.drift, NoDrift):
+            yield f"drift = {plan.drift!r}: with contacts it has NoDrift alone"
+        return
+    if plan.integrator not in _INTEGRATORS:
+        known = ", ".join(dict.fromkeys(type(each).__name__ for each in _INTEGRATORS))
+        yield f"integrator = {plan.integrator!r}: it has {known}"
+    if not isinstance(plan.drift, NoDrift | Baumgarte | PostStabilization):
+        yield f"drift = {plan.drift!r}: it has NoDrift, Baumgarte and PostStabilization"
+
+
+def untaken_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
+    """Yield what it does not take of the constraints, beside what no solve by it takes."""
+    found, solver = workspace.pinocchio_constraints, workspace.solver
+    if not isinstance(solver, Proximal):
+        if isinstance(drift, PostStabilization) and drift.metric != "mass":
+            yield f"drift = {drift!r}: it corrects in the metric of M"
+        return
+    for name in found.approximated:
+        yield f"constraint {name!r} stands for two points, which steps leave a little open"
+    if isinstance(drift, PostStabilization) and not (
+        drift.metric == "mass" and uses_the_solver(workspace, solver)
+    ):
+        yield f"drift = {drift!r}: it corrects by the factor of a solve, in the metric of M"
+
+
+@dataclass(frozen=True)
+class MovedRows:
+    """What the core does to some states of a `simulate_batch`."""
+
+    integrator: Integrator
+    drift: Drift
+    dt: float  # [s]
+    steps: int
+    every: int
+    limits: MotionLimits
+
+    def __call__(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Fill the outputs; return the rows that are left to Python, and why others are not ok."""
+        model, count = workspace.model, len(inputs["q0"])
+        kept, nv = len(range(0, self.steps, self.every)) + 1, workspace.model.nv
+        drives = driven_path_of(workspace, self.dt, self.steps)
+        # what a drive does is the work of its forces; that of dampers has accelerations in it
+        damped = is_accurate(self.integrator) and workspace.model.damping.any()
+        answers = kept if "samples_a" in outputs or drives.rows.size or damped else 0
+        q0, v0, tau = states_of(workspace, inputs)
+        found = {
+            "t": np.zeros((count, kept)),
+            "q": np.zeros((count, kept, model.nq)),
+            "v": np.zeros((count, kept, nv)),
+            "a": np.zeros((count, answers, nv)),
+            "lam": np.zeros((count, answers, workspace.scene.rows)),
+            "measures": np.zeros((count, kept, MEASURED)),
+        }
+        done = np.zeros(count, np.int32)
+        corrects = self.drift.every if isinstance(self.drift, PostStabilization) else 0
+        rank = chains_of(workspace.scene).rank if corrects and workspace.scene.rows else 0
+        closed, reach = tolerances.NEARLY_CLOSED / 10, Manifold(model).reach
+        limits = closed, LARGEST, LOST, reach, rank, tolerances.OUT_OF_REACH
+        workspace.compiled.core.simulate(
+            q0, v0, tau, integrator=_INTEGRATORS[self.integrator], dt=self.dt,
+            steps=self.steps, every=self.every, correct_every=corrects, with_answers=answers > 0,
+            limits=np.array(limits, float), driven=drives.rows, path=drives.wanted,
+            **found, done=done, times=outputs["run_times"], threads=threads,
+        )  # fmt: skip
+        if drives.rows.size:
+            found["driven"] = drives.power(found["lam"], self.every)
+        made = Made(workspace.scene, self.integrator, workspace.solver, self.dt, self.limits)
+        words = put_motions(outputs, np.flatnonzero(done), found, tau, made)
+        return np.flatnonzero(done == 0), words
+
+
+@dataclass(frozen=True)
+class Made:
+    """How motions were made that the core has taken: what they are judged by."""
+
+    scene: Scene
+    integrator: Integrator
+    solver: Solver
+    dt: float  # [s]
+    limits: MotionLimits
+
+
+def put_motions(
+    outputs: Arrays, ok: NDArray[np.intp], found: dict[str, Any], tau: Array, made: Made
+) -> Messages:
+    """Put the motions that went to their end into their rows; return why some are not ok.
+
+    `found` has their samples: t, q, v, a, lam and measures, the power of what is driven, and of
+    contacts and drives their work and columns.
+    """
+    if not ok.size:
+        return {}
+    found = {name: its[ok] for name, its in found.items()}
+    t, q, v, measures = (found[name] for name in ("t", "q", "v", "measures"))
+    outputs["t"][ok], outputs["q"][ok], outputs["v"][ok] = t[:, -1], q[:, -1], v[:, -1]
+    violation, slip, *_ = np.moveaxis(measures, 2, 0)
+    outputs["violation"][ok] = violation.max(axis=1)
+    outputs["constraint_velocity"][ok] = slip.max(axis=1)
+    energy = _energies(found, tau[ok], made)
+    outputs["energy_error"][ok] = np.abs(energy.error).max(axis=0)
+    if "samples_t" in outputs:
+        for name in ("t", "q", "v", "a", "lam", "contact"):
+            if name in found:
+                outputs[f"samples_{name}"][ok] = found[name]
+        outputs["samples_tau"][ok] = tau[ok, None]
+    words = {}
+    for k, row in enumerate(ok.tolist()):
+        scene = with_anchors(made.scene, q[k, 0], {})
+        course = Course(
+            (Phase(scene, slice(0, len(t[k])), ()),), t[k], q[k], v[k], violation[k], slip[k],
+            energy.of(k), made.dt, made.integrator, made.solver, made.limits,
+        )  # fmt: skip
+        status, said = judged(course)
+        outputs["statuses"][row] = tuple(RunStatus).index(status)
+        if said:
+            words[row] = said
+    return words
+
+
+def _energies(found: dict[str, Any], tau: Array, made: Made) -> Energy:
+    """Return the energies of motions, each (k, N), work integrated over the samples."""
+    t, q, v = found["t"][0], found["q"], found["v"]
+    _, _, kinetic, potential, springs, damping = np.moveaxis(found["measures"], 2, 0)
+    passive, mean = Passive.of(made.scene.robot), 0.5 * (v[:, 1:] + v[:, :-1])
+    flat = (-1, *q.shape[2:]), (-1, *v.shape[2:])
+    taken = passive.dissipation(q[:, :-1].reshape(flat[0]), mean.reshape(flat[1]))
+    between = np.einsum("ni,nki->kn", tau, mean), -taken.reshape(mean.shape[:2]).T
+    power = np.einsum("ni,nki->kn", tau, v), -damping.T
+    rate = None
+    if is_accurate(made.integrator) and found["a"].shape[1] == v.shape[1]:
+        rate = damping_rate(passive, v, found["a"])
+    done = work(t, power[0]), work(t, power[1], None if rate is None else rate.T)
+    along = v.transpose(1, 0, 2)
+    off = sum(doubt(t, *each, along) for each in zip(power, done, between, strict=True))
+    none = np.zeros_like(power[0])
+    contact, correction, algorithmic, driven = none, none, none, none
+    if "work" in found:
+        contact, correction, algorithmic, driven = found["work"].T[:4]
+    elif "driven" in found:
+        drives = found["driven"].T
+        driven = work(t, drives)
+        off = off + doubt(t, drives, driven, 0.5 * (drives[1:] + drives[:-1]))
+    return Energy(
+        kinetic.T, potential.T, springs.T, *done, none, driven, contact, correction, algorithmic,
+        np.asarray(off),
+    )  # fmt: skip
+
+
+# Motions with contacts by the compiled core, and the steps of them that it leaves to Python.
+
+
+@dataclass(frozen=True)
+class SteppedMotions:
+    """What the core does to some states of a `simulate_batch` with contacts.
+
+    A motion goes on in the core behind a step that Python has taken.
+    """
+
+    contacts: tuple[Contact, ...]
+    integrator: Integrator
+    dt: float  # [s]
+    steps: int
+    every: int
+    limits: MotionLimits
+
+    def __call__(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Fill the outputs; return the rows that are left to Python, and why others are not ok."""
+        q, v, tau = states_of(workspace, inputs)
+        ways = _Ways(self, workspace, outputs, q, v.copy())
+        core = contacts_of(workspace, self.contacts)
+        outputs["run_times"][:] = 0.0
+        ahead = self.steps % self.every > 0  # the last sample is that of a step not taken
+        paths = driven_path_of(workspace, self.dt, self.steps + ahead)
+        python = None
+        while True:
+            core.simulate(
+                step=ways.step, Q=ways.q, V=ways.v, works=ways.works, TAU=tau,
+                plan=step_plan(self.integrator, self.dt), steps=self.steps, every=self.every,
+                closed=tolerances.NEARLY_CLOSED / 10, lost=LOST, **ways.found, done=ways.done,
+                times=outputs["run_times"], driven=paths.rows, path=paths.wanted, threads=threads,
+            )  # fmt: skip
+            stopped = np.flatnonzero((ways.done == 0) & (ways.step >= 0))
+            if not stopped.size:
+                break
+            python = python or _Steps(self, workspace)
+            for i in stopped:
+                python.take(ways, int(i), tau[i])
+        scene = replace(workspace.scene, contacts=self.contacts)
+        made = Made(scene, self.integrator, workspace.solver, self.dt, self.limits)
+        words = put_motions(outputs, np.flatnonzero(ways.done), ways.found, tau, made)
+        return np.flatnonzero(ways.done == 0), words
+
+
+class _Ways:
+    """Motions on their way, as the core has them."""
+
+    def __init__(
+        self, of: SteppedMotions, workspace: Workspace, outputs: Arrays, q: Array, v: Array
+    ) -> None:
+        count, model, kept = len(q), workspace.model, len(range(0, of.steps, of.every)) + 1
+        self.q, self.v, self.works = q, v, np.zeros((count, 4))
+        self.step, self.done = np.zeros((2, count), np.int32)
+        widths = {"q": model.nq, "v": model.nv, "measures": MEASURED, "work": 4}
+        self.found = {name: np.zeros((count, kept, size)) for name, size in widths.items()}
+        self.found["t"] = np.zeros((count, kept))
+        for name in ("a", "lam", "contact"):  # where samples are asked for
+            shape = outputs.get(f"samples_{name}", np.zeros((0, 0, 0))).shape[1:]
+            self.found[name] = np.zeros((count, *shape))
+
+
+class _Steps:
+    """Steps of motions by Python."""
+
+    def __init__(self, of: SteppedMotions, workspace: Workspace) -> None:
+        assert isinstance(of.integrator, ContactScheme)
+        self._of, self._gauge = of, gauge_of(workspace.scene)
+        scene = replace(workspace.scene, contacts=of.contacts)
+        self._system = System(workspace, contacts=scene.contact_bounds)
+        self._steps = ContactSteps(of.integrator, self._system, of.dt)
+        self._slow = self._system.manifold.slow(of.dt)
+        self._is_driven = scene.is_driven
+        self._is_anchored = all(bound.anchored for bound in scene.bounds)
+
+    @one_blas_thread
+    def take(self, ways: _Ways, i: int, tau: Array) -> None:
+        """Take the next step of motion i; it is not to go on where there is none."""
+        of, k = self._of, int(ways.step[i])
+        q, v, work = ways.q[i].copy(), ways.v[i].copy(), ContactWork(*ways.works[i].tolist())
+        ways.step[i] = -1
+        if not self._is_anchored:  # but where its motion has begun, which nobody knows here
+            return
+        self._system.applied.hold(tau, ())
+        self._system.contact_work = work
+        try:
+            with np.errstate(all="ignore"):
+                q1, v1, a = self._steps.step(k * of.dt, q, v)
+                if self._is_driven and k < of.steps:
+                    self._system.check_reach((k + 1) * of.dt, q1, v1)
+        except CondynError:
+            return
+        if is_lost(v1) or (self._slow and v1.dot(v1) > self._slow):
+            return
+        if k == 0:
+            self._keep(ways, i, 0, (0.0, q, v, a), work)
+        if k == of.steps:  # the step of the last sample is not taken
+            self._keep(ways, i, k // of.every + 1, (k * of.dt, q, v, a), work)
+            ways.done[i] = 1
+            return
+        work, end = self._system.contact_work, k + 1
+        ways.q[i], ways.v[i], ways.works[i], ways.step[i] = q1, v1, work, end
+        if end % of.every == 0:
+            self._keep(ways, i, end // of.every, (end * of.dt, q1, v1, a), work)
+            ways.done[i] = end == of.steps
+
+    def _keep(
+        self, ways: _Ways, i: int, row: int, state: tuple[float, Array, Array, Array],
+        work: ContactWork,
+    ) -> None:  # fmt: skip
+        t, q, v, a = state
+        found = ways.found
+        found["t"][i, row], found["q"][i, row], found["v"][i, row] = t, q, v
+        found["work"][i, row] = work
+        measured = self._gauge.measure(np.array([t]), q[None], v[None])
+        passive = self._system.passive
+        acting = passive.energy(q), passive.dissipation(q[None], v[None])[0]
+        found["measures"][i, row] = [*(float(each[0]) for each in measured), *acting]
+        if found["a"].shape[1]:
+            found["a"][i, row], found["lam"][i, row] = a, self._steps.lam()
+            found["contact"][i, row] = touch_of(
+                self._steps.last.natural, work, self._steps.modes(), is_driven=self._is_driven
+            )

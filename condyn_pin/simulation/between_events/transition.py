@@ -12,17 +12,32 @@ taken away. Bounces that grow shorter without end, a ball's or those of a box th
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from itertools import compress
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
+from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
-from condyn_pin.simulation.between_events.contact_terms import ContactTerms
-from condyn_pin.simulation.between_events.load_sharing import AT_ITS_END, let_go, shared
-from condyn_pin.simulation.between_events.mode_dynamics import Held, ModeDynamics
-from condyn_pin.simulation.between_events.next_modes import NextModes
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.attempts import attempt_contact, attempt_near
+from condyn_pin.contact.indeterminacy import Indeterminacy
+from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactProblem, ContactSets, Level, Modes
+from condyn_pin.contact.restitution import RestitutionLaw
+from condyn_pin.contact.solvers.base import ContactSolver
+from condyn_pin.errors import StepFailed
+from condyn_pin.simulation.between_events.modes import (
+    AT_ITS_END,
+    ContactTerms,
+    Held,
+    ModeDynamics,
+    let_go,
+    shared,
+)
 from condyn_pin.simulation.events import ZenoDetected
 from condyn_pin.simulation.remarks import Note, notes_of
-from condyn_pin.simulation.system import System
+from condyn_pin.simulation.system import System, pressed_in
 
 # Velocities of what stands still that are rounding, relative to the speed of the robot.
 _ROUNDED = 1e-14
@@ -137,3 +152,194 @@ class Transition:
         if not back.any() and off <= _ROUNDED * terms.fastest:
             return terms.v
         return terms.held(terms.v, np.concatenate((dynamics.still, normals[back])))
+
+
+# Which contacts press, stick and slide next: a contact problem of accelerations.
+#
+#     sigma' = G lam + J_c a_free + Jdot_c v,    K contains lam,    K* contains d(sigma'),
+#     orthogonal
+#
+# of all that touches. What is still may stick: Coulomb's law says whether it does, and where it
+# begins to slide. What slides goes on: its tangential row of sigma' is that much larger than all
+# accelerations, so that the cone answers with -mu lam_n s. Where it does not, no force lets it
+# slide on (Painlevé), and only an impulse does: a frictional shock,
+#
+#     M (v+ - v) = J_b^T l_b + J_c^T l,    J_b v+ = 0,    sigma+ = J_c v+,    l in K
+#
+# although nothing approaches. Impacts obey a law of restitution (`contact.restitution`); where that
+# is Newton's, or gives the same, they are this problem with
+#
+#     sigma_n+ + e min(sigma_n, 0) >= 0,    orthogonal to l_n.
+#
+# References
+# ----------
+# Pfeiffer, Glocker. Multibody dynamics with unilateral contacts. Wiley, 1996.
+# Génot, Brogliato. New results on Painlevé paradoxes. European Journal of Mechanics A 18, 1999.
+
+
+# What slides has a larger sigma' than accelerations give, by this factor.
+_FAR = 1e4
+
+# Natural residual that is asked for: of what is _FAR larger, 1e-9 of the accelerations.
+_ACCURATE = 1e-13
+
+# Accelerations, and forces by what they accelerate, that are none, relative to the largest.
+_NONE = 1e-8
+
+
+class Choice(NamedTuple):
+    """What contacts do next."""
+
+    dynamics: ModeDynamics | None  # None if no force lets what slides go on
+    natural: float  # residual of the problem [1]
+    guess: Array  # (rows,), impulses that stop what slides [N s]
+
+
+class Struck(NamedTuple):
+    """An impact or a shock."""
+
+    v: Array
+    impulse: Array  # (rows,) [N s]
+    work: float  # [J]
+    driven: float  # work of driven constraints [J]
+    notes: tuple[tuple[str, tuple[str, ...], str], ...] = ()
+
+
+class NextModes:
+    """Finds modes and impulses for the contacts of one system."""
+
+    def __init__(
+        self, candidates: Candidates, solver: ContactSolver, restitution: RestitutionLaw
+    ) -> None:
+        self._candidates, self._solver, self._restitution = candidates, solver, restitution
+        self.several: tuple[Indeterminacy, ...] = ()  # of the last problem
+        k, n = candidates.cones, candidates.half_lines
+        self._all_dry = np.ones(candidates.intervals, dtype=bool)
+        self._parts = slice(0, 3 * k), slice(3 * k, 3 * k + n), slice(3 * k + n, candidates.rows)
+
+    def next(self, terms: ContactTerms) -> Choice:
+        """Return what contacts do from a state on where nothing approaches."""
+        candidates, (cones, lines, dry) = self._candidates, self._parts
+        active = np.concatenate((terms.rests, self._all_dry))
+        rows, lam, rate = candidates.rows_of(active), np.zeros(len(terms.J)), np.zeros(len(terms.J))
+        slides = terms.slides & terms.rests[: candidates.cones] & (candidates.friction > 0)
+        along, sense = np.zeros((candidates.cones, 2)), np.sign(terms.dry)
+        along[slides] = terms.tangent[slides] / terms.speed[slides, None]
+        pushed = np.zeros(len(terms.J))
+        pushed[cones].reshape(-1, 3)[:, :2], pushed[dry] = along, sense
+        now = terms.forced(np.flatnonzero(rows))
+        g = now.contact_velocities + terms.drift[rows]
+        scale = float(np.abs(g).max(initial=0.0)) or tolerances.GRAVITY
+        far = g + _FAR * scale * pushed[rows]
+        problem = self._problem(active, now.G, far, candidates.limits, "acceleration")
+        lam[rows], natural = self._answer(problem, None)
+        rate[rows] = problem.velocities(lam[rows]) / scale
+        unit = problem.scale[0] / scale  # forces as accelerations, relative to the largest
+        stopped = np.einsum("kx,kx->k", rate[cones].reshape(-1, 3)[:, :2], along) < _FAR / 2
+        if (slides & stopped).any() or not natural <= tolerances.CONTACT_SOLVED:
+            fastest = float(terms.speed[slides].max(initial=0.0))
+            return Choice(None, natural, lam * (fastest / (_FAR * scale)))
+        of_cones = self._of_cones(lam[cones] * unit, rate[cones], slides, along)
+        of_lines = np.where(lam[lines] * unit > _NONE, STICK, OPEN)
+        moves = (sense == 0) & (np.abs(rate[dry]) > _NONE)
+        sense[moves] = np.sign(rate[dry][moves])
+        of_dry = np.where(sense == 0, STICK, SLIDE)
+        modes = np.concatenate((of_cones, of_lines, of_dry))
+        return Choice(ModeDynamics(candidates, modes, along, sense, lam), natural, lam)
+
+    def impact(self, terms: ContactTerms) -> Struck:
+        """Return what follows where contacts approach, by the law of restitution."""
+        e = np.zeros(len(terms.gaps))
+        e[: self._candidates.cones] = self._candidates.restitution
+        struck, natural = self._struck(terms, e, None)
+        if not natural <= tolerances.CONTACT_SOLVED:
+            self._check_path(terms)
+            raise StepFailed(
+                f"the impact of {self._named(terms.approaches)} at t = {terms.t:g} s: "
+                f"{self._solver!r} leaves a natural residual of {natural:.1e}; take a stepper, "
+                "such as Moreau()"
+            )
+        return struck
+
+    def _check_path(self, terms: ContactTerms) -> None:
+        """Refuse paths that press bodies into each other, where nothing gives way."""
+        rows = np.asarray(self._candidates.normals)[terms.approaches]
+        now = terms.struck(rows)
+        stuck = (now.G.diagonal() == 0.0) & (now.contact_velocities < 0.0)
+        if terms.path.any() and stuck.any():
+            which = np.zeros(len(terms.gaps), dtype=bool)
+            which[np.flatnonzero(terms.approaches)[stuck]] = True
+            raise pressed_in(self._named(which), terms.t)
+
+    def shock(self, terms: ContactTerms, choice: Choice) -> Struck:
+        """Return the impulse that stops what no force lets slide on."""
+        struck, natural = self._struck(terms, np.zeros(len(terms.gaps)), choice.guess)
+        changed = np.abs(struck.v - terms.v).max(initial=0.0) > _NONE * terms.fastest
+        if not (natural <= tolerances.CONTACT_SOLVED and changed):
+            raise StepFailed(
+                f"contacts {self._named(terms.rests)} at t = {terms.t:g} s: {self._solver!r} finds "
+                f"no forces (natural residual {choice.natural:.1e}), and no impulse that would "
+                "stop them; take a stepper, such as StewartTrinkle()"
+            )
+        return struck
+
+    def _of_cones(
+        self, force: Array, rate: Array, slides: NDArray[np.bool_], along: Array
+    ) -> Modes:
+        """Return the modes of cones; into `along` goes where what begins to slide goes."""
+        S = rate.reshape(-1, 3)[:, :2]
+        slip = np.hypot(*S.T)
+        moves = ~slides & (self._candidates.friction > 0) & (slip > _NONE)
+        along[moves] = S[moves] / slip[moves, None]
+        sticks = ~slides & ~moves & (self._candidates.friction > 0)
+        return np.where(force[2::3] > _NONE, np.where(sticks, STICK, SLIDE), OPEN)
+
+    def _struck(self, terms: ContactTerms, e: Array, guess: Array | None) -> tuple[Struck, float]:
+        """Return what impulses of all that touches do, and their natural residual.
+
+        What the law of restitution answers by itself is thrown off first, and the rest by Newton's.
+        """
+        active = np.concatenate((terms.touches, ~self._all_dry))
+        rows, impulse = self._candidates.rows_of(active), np.zeros(len(terms.J))
+        now = terms.struck(np.flatnonzero(rows))
+        problem = self._problem(active, now.G, now.contact_velocities, np.zeros(0), "impulse")
+        e, first = e[terms.touches], np.zeros(problem.rows)
+        notes: tuple[tuple[str, tuple[str, ...], str], ...] = ()
+        missed = 0.0
+        if e.any():
+            strike = self._restitution.strike(problem, e)
+            first, e, notes = strike.lam, np.where(strike.apart, 0.0, e), strike.notes
+            missed = strike.natural
+        g = problem.velocities(first) if first.any() else problem.g.copy()
+        g[problem.sets.normals] += e * np.minimum(terms.closing[terms.touches], 0.0)
+        begin = None if guess is None else guess[rows]
+        found, natural = self._answer(problem.replaced(g=g), begin)
+        impulse[rows], natural = first + found, max(natural, missed)
+        v = now.velocity(impulse[rows])
+        work = 0.5 * float(impulse.dot(terms.sigma + terms.J.dot(v)))
+        driven = float(now.constraint_impulses(impulse[rows]).dot(terms.path[1]))
+        return Struck(v, impulse, work, driven, notes), natural
+
+    def _answer(self, problem: ContactProblem, guess: Array | None) -> tuple[Array, float]:
+        if guess is None:
+            found, natural = attempt_contact(problem, self._solver, None, _ACCURATE)
+        else:  # no impulse is an answer, and no force goes on from there
+            found, natural = attempt_near(problem, self._solver, guess, _ACCURATE)
+        self.several = found.several
+        return found.lam, natural
+
+    def _problem(
+        self, active: NDArray[np.bool_], G: Array, g: Array, limits: Array, level: Level
+    ) -> ContactProblem:
+        """Return the problem of the candidates that are active, with limits of dry friction."""
+        candidates = self._candidates
+        k, lines = candidates.cones, candidates.cones + candidates.half_lines
+        friction, stops = candidates.friction[active[:k]], int(active[k:lines].sum())
+        return ContactProblem.trusted(
+            G=G, g=g, friction=friction, half_lines=stops, limits=limits, R=None, law="ncp",
+            level=level, names=tuple(compress(candidates.names, active)),
+            sets=ContactSets(friction, stops, limits),
+        )  # fmt: skip
+
+    def _named(self, which: NDArray[np.bool_]) -> str:
+        return ", ".join(compress(self._candidates.names, which))

@@ -10,9 +10,14 @@ import numpy as np
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.linalg import inverse as inverse_of
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
+from condyn_pin.simulation.integrators.base import (
+    Integrator,
+    Order,
+    Residuals,
+    Stepper,
+    fixed_point_iteration,
+)
 from condyn_pin.simulation.integrators.radau import RadauIIA
-from condyn_pin.simulation.newton import Residuals, fixed_point_iteration
 from condyn_pin.simulation.system import System
 
 # Where the derivative of a is taken at the start, as a share of dt.

@@ -12,8 +12,14 @@ from condyn_pin._core.arguments import is_whole
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import inverse
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
-from condyn_pin.simulation.newton import Partials, Residuals, fixed_point_iteration
+from condyn_pin.simulation.integrators.base import (
+    Integrator,
+    Order,
+    Partials,
+    Residuals,
+    Stepper,
+    fixed_point_iteration,
+)
 from condyn_pin.simulation.system import System
 
 _S6 = sqrt(6.0)

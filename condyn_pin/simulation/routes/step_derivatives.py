@@ -5,22 +5,22 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf, isfinite
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg.lapack import dgetrf, dgetri, dlange
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin.contact.problem import MODES, OPEN, ContactProblem, contact_modes
+from condyn_pin._core.arrays import Array, Indices, finite, read_only
+from condyn_pin.contact.indeterminacy import COMPLIANCE, compliance
+from condyn_pin.contact.problem import MODES, OPEN, ContactProblem, Modes, contact_modes
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import AT_REST
-from condyn_pin.simulation.routes.columns import Columns
-from condyn_pin.simulation.routes.law import Law
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-    from condyn_pin.simulation.integrators.posed import Posed
+    from condyn_pin.simulation.integrators.step_problem import Posed
     from condyn_pin.simulation.remarks import Note
     from condyn_pin.simulation.routes.base import Route
     from condyn_pin.simulation.routes.linear_steps import Ended, LinearSteps
@@ -249,3 +249,104 @@ def _margin(steps: LinearSteps, ended: Ended) -> float:
             missed += posed.J[steps.system.contacts.normals[away]] @ posed.velocity(lam)
         off = min(off, float(np.abs(missed).min()))
     return off / max(speed, steps.falls)
+
+
+# Columns: what the end of a step is differentiated by, and where each part stands.
+#
+# Within a step q stands for where its equations are taken, and v and tau are theirs (`Starts`).
+
+
+# What the end of a step may depend on, beside its start and the torques.
+PARAMETERS: Final = ("friction", "restitution", "solref", "inertias")
+
+
+class Columns:
+    """The columns of all derivatives of a step: q, v, tau, and each of `PARAMETERS`.
+
+    Inertias have none, unless there are `inertias` of them that are asked for.
+    """
+
+    def __init__(self, nv: int, cones: int, inertias: int = 0) -> None:
+        self.nv, self.cones = nv, cones
+        self.q, self.v, self.tau = (slice(i * nv, (i + 1) * nv) for i in range(3))
+        self.friction = slice(3 * nv, 3 * nv + cones)
+        self.restitution = slice(3 * nv + cones, 3 * nv + 2 * cones)
+        self.solref = slice(3 * nv + 2 * cones, 3 * nv + 2 * cones + 2)
+        first = 3 * nv + 2 * cones + 2
+        self.inertias, self.size = slice(first, first + inertias), first + inertias
+
+    def of(self, parameter: str) -> slice:
+        """Return the columns of one of `PARAMETERS`, or of tau."""
+        found: slice = getattr(self, parameter)
+        return found
+
+    def of_cones(self, parameter: str, cones: NDArray[np.bool_] | slice) -> slice | Indices:
+        """Return the columns of friction or restitution of some cones, by flags, or of all."""
+        of_all = self.of(parameter)
+        return of_all if isinstance(cones, slice) else np.arange(of_all.start, of_all.stop)[cones]
+
+    def empty(self, rows: int | None = None) -> Array:
+        """Return zeros (rows, columns), nv rows by default."""
+        return np.zeros((self.nv if rows is None else rows, self.size))
+
+
+# Law: what a route takes the law of the contacts for, at one answer.
+#
+#     by_sigma dsigma + by_lam dlam + by_friction dmu + by_size dsize = 0
+#
+# One such row for each of the problem: with sigma = G lam + g it is what a change of g, G and mu
+# asks of lam.
+
+
+# Singular values of a law that redundant contacts leave, relative to the largest.
+_REDUNDANT: Final = 1e-10
+
+
+class Law(NamedTuple):
+    """A linearised law of contacts.
+
+    Attributes
+    ----------
+    lam : (m,) array
+        Impulses that the law holds for [N s].
+    by_sigma, by_lam : (m, m) array
+    by_friction : (m, k) array
+        By the coefficient of each cone of the problem.
+    margin : float
+        How far the nearest contact is from another mode, in units of the problem [1].
+    by_size : (m,) array, optional
+        By (m g dt) (g dt) of the robot and the step, of a law whose smoothness goes with it [1/J].
+    modes : (contacts,) array of int, optional
+        Of a law that is made of them.
+    """
+
+    lam: Array
+    by_sigma: Array
+    by_lam: Array
+    by_friction: Array
+    margin: float
+    by_size: Array | None = None
+    modes: Modes | None = None
+
+    def giving_way(self, problem: ContactProblem) -> Law:
+        """Return the law of contacts that give way alike, a little: of an answer chosen by that."""
+        if self.modes is None:
+            return self
+        R = COMPLIANCE * compliance(problem)
+        return self._replace(by_lam=self.by_lam + self.by_sigma * R)
+
+
+def least(A: Array, b: Array) -> Array:
+    """Return x of A x = b (m,) or (m, columns), the smallest one where contacts are redundant.
+
+    By A^-1 and one step of refinement, which is as exact as LAPACK's solution for each column: of
+    many columns that takes ten times as long as products do.
+    """
+    lu, pivots, info = dgetrf(A)
+    if not info:
+        inverse, info = dgetri(lu, pivots)
+    if info or not dlange("1", A) * dlange("1", inverse) * _REDUNDANT < 1:
+        return np.asarray(np.linalg.lstsq(A, b, rcond=_REDUNDANT)[0])
+    x = inverse.dot(b)
+    x += inverse.dot(b - A.dot(x))
+    return np.asarray(x)

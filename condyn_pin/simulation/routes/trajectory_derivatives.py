@@ -24,11 +24,9 @@ from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.outcome import RunStatus
 from condyn_pin.simulation.remarks import Note, Remarks
 from condyn_pin.simulation.routes.active_set import ActiveSet
-from condyn_pin.simulation.routes.base import Route, check_parameters
-from condyn_pin.simulation.routes.chain import Chain
-from condyn_pin.simulation.routes.columns import PARAMETERS
+from condyn_pin.simulation.routes.base import Chain, Route, check_parameters
 from condyn_pin.simulation.routes.linear_steps import LinearSteps
-from condyn_pin.simulation.routes.step_derivatives import StepDerivatives
+from condyn_pin.simulation.routes.step_derivatives import PARAMETERS, StepDerivatives
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory

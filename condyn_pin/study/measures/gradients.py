@@ -24,8 +24,7 @@ from condyn_pin.simulation.integrators.moreau import Moreau
 from condyn_pin.simulation.outcome import uninterrupted
 from condyn_pin.simulation.plan import check_scheme
 from condyn_pin.simulation.routes import ROUTES, Route
-from condyn_pin.simulation.routes.base import linear_steps
-from condyn_pin.simulation.routes.chain import Chain
+from condyn_pin.simulation.routes.base import Chain, linear_steps
 from condyn_pin.simulation.run import simulate
 from condyn_pin.study.measures.base import Answer, Measure, relative
 from condyn_pin.study.measures.contact import feet_on_the_floor

@@ -8,7 +8,7 @@
 //
 // All are in the coordinates of a step, where bodies that float go straight (`Floating`, `Chart`).
 //
-// Springs and damping at the end of a step are inertia, h D + h^2 K (`condyn_pin/simulation/implicit.py`); of those
+// Springs and damping at the end of a step are inertia, h D + h^2 K (`condyn_pin/simulation/system.py`); of those
 // between frames that is a matrix, which the solver is handed.
 // One Newton step back to the constraints, the least in the metric of M:
 //

@@ -4,7 +4,7 @@
 //   K3 = k n n^T + max(k (1 - l0 / l), 0) (1 - n n^T),    D3 = c n n^T
 //   dt D + dt^2 K = J^T (dt D3 + dt^2 K3) J = U^T w U
 //
-// `condyn_pin/model/springs.py` has the same in Python, and `simulation/implicit.py` says what for.
+// `condyn_pin/model/springs.py` has the same in Python, and `simulation/system.py` says what for.
 #pragma once
 #include "jacobian.hpp"
 

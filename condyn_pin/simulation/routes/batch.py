@@ -1,0 +1,355 @@
+"""The verb step_derivatives_batch: how one step with contacts changes, from many states."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from concurrent.futures import Executor
+from dataclasses import dataclass, replace
+from math import nan
+from time import perf_counter
+from typing import Final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from condyn_pin._core import tolerances
+from condyn_pin._core.arrays import Array, read_only
+from condyn_pin._core.rows import MISSING, Batch, Native, Rows, Some
+from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
+from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.contact.problem import MODES, mode_words
+from condyn_pin.contact.solution import ContactStatus
+from condyn_pin.dynamics.compiled import untaken
+from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.errors import CondynError, InvalidArgument, SolveFailed, WorkersLost
+from condyn_pin.simulation.batch.answers import workers
+from condyn_pin.simulation.batch.inputs import Recipe
+from condyn_pin.simulation.batch.steps import (
+    STATUSES,
+    BatchStep,
+    StepKernel,
+    batch_of_steps,
+    contacts_of,
+    kinds_of_steps,
+    left_to_python,
+    paths_of,
+    rounded_plan,
+    starts_of_steps,
+    states_of,
+    untaken_steps,
+)
+from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
+from condyn_pin.simulation.records import candidates_of
+from condyn_pin.simulation.routes.active_set import ActiveSet
+from condyn_pin.simulation.routes.base import Route, check_parameters
+from condyn_pin.simulation.routes.linear_steps import falls, rows_with_a_place
+from condyn_pin.simulation.routes.step_derivatives import Columns, StepDerivatives, found_parameters
+
+_DEFAULT: Final = StewartTrinkle()
+_ACTIVE_SET: Final = ActiveSet()
+
+# Steps a thread of the compiled core that it is handed at a time.
+_STEPS: Final = 500
+
+
+def step_derivatives_batch(
+    scene: Scene,
+    Q: ArrayLike,
+    V: ArrayLike,
+    TAU: float | ArrayLike = 0.0,
+    *,
+    dt: float,
+    integrator: ContactScheme = _DEFAULT,
+    route: Route = _ACTIVE_SET,
+    wrt: Sequence[str] = (),
+    executor: Executor | Native | None = None,
+    chunk: int | None = None,
+    progress: Progress = silent,
+) -> BatchStepDerivatives:
+    """Return how the ends of one step with contacts change with its start, from many states.
+
+    M dv+ - J_b^T dl_b - J_c^T dlam = df,    J_b dv+ = ds,    the law of the route for dlam
+
+    Parameters
+    ----------
+    scene, Q, V, TAU, dt, integrator
+        As in `step_batch`.
+    route : Route, optional
+        What is made of kinks and jumps: `ActiveSet()` by default, the derivatives within the modes
+        of the step.
+    wrt : sequence of {"friction", "restitution", "solref", "inertias"}
+        As in `StepSolution.derivatives`.
+    executor, progress
+        As in `solve_batch`. The compiled core takes steps of `StewartTrinkle` by `ActiveSet`.
+    chunk : int, optional
+        As in `solve_batch`, but 100 states at most.
+
+    Returns
+    -------
+    BatchStepDerivatives
+        To the bit what ``step(...).derivatives(...)`` returns; by the compiled core to rounding.
+        Its matrices take 48 nv^2 bytes a state and more: 70 kB for Talos.
+
+    Raises
+    ------
+    InvalidArgument
+        If an argument cannot be used; the text names the row. States that have no derivatives
+        raise nothing: ``failed`` has their indices, and ``reasons`` says why.
+    WorkersLost, Interrupted, UnsupportedBackend
+        As in `solve_batch`.
+
+    Notes
+    -----
+    Cost: that of a step and `Route.cost` a state, divided by the workers.
+    """
+    begun = perf_counter()
+    if not isinstance(route, Route):
+        raise InvalidArgument(f"route = {route!r}: a Route is needed, such as ActiveSet()")
+    inputs = starts_of_steps(scene, Q, V, TAU, dt, integrator)
+    names = check_parameters(route, integrator, wrt)
+    about, recipe = (tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral)
+    reasons = (*untaken_steps(scene, integrator), *untaken_route(route, names))
+    kernel, executor, chunk = workers(
+        executor, DifferentiatedRows(*about), DerivativesKernel(StepKernel(*about), route, names),
+        reasons=reasons, untaken=lambda: untaken(recipe.workspace()), chunk=chunk, most=_STEPS,
+    )  # fmt: skip
+    rows = Rows(kernel, recipe, executor, chunk, 100, progress)
+
+    def made(outputs: Arrays) -> BatchStepDerivatives:
+        taken = batch_of_steps(scene, float(dt), integrator, inputs, begun, outputs)
+        return BatchStepDerivatives(
+            taken, route, found_parameters(route, route.scheme(integrator), names),
+            q=outputs["q_end"], v=outputs["v_end"], dq=outputs["dq"], dv=outputs["dv"],
+            codes=outputs["read"], margins=outputs["margins"], reasons=outputs["words"],
+            seconds=taken.seconds,
+        )  # fmt: skip
+
+    return rows.fill(len(inputs["q0"]), inputs, kinds_of(scene, names), made)
+
+
+def kinds_of(scene: Scene, wrt: Sequence[str]) -> dict[str, Kind]:
+    """Return what a row of each output is."""
+    robot, candidates = scene.robot, candidates_of(scene)
+    inertias = 10 * (robot.model.njoints - 1) if "inertias" in wrt else 0
+    matrix = Kind((robot.nv, Columns(robot.nv, candidates.cones, inertias).size))
+    return kinds_of_steps(scene) | {
+        "q_end": Kind((robot.nq,)), "v_end": Kind((robot.nv,)), "dq": matrix, "dv": matrix,
+        "read": Kind((len(candidates.names),), "i1"), "margins": Kind(()),
+    }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class DerivativesKernel:
+    """The kernel: some rows of states in, their steps out, and how those change."""
+
+    steps: StepKernel
+    route: Route
+    wrt: tuple[str, ...]
+
+    def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
+        """Take the steps and differentiate them; return why there is nothing of some states."""
+        reasons = {}
+        for i in range(len(inputs["q0"])):
+            reason = self._row(workspace, inputs, outputs, i)
+            if reason:
+                reasons[i] = reason
+                for name in ("q_end", "v_end", "dq", "dv", "margins"):
+                    outputs[name][i] = nan
+                outputs["read"][i] = 0
+        return reasons
+
+    def _row(self, workspace: Workspace, inputs: Arrays, outputs: Arrays, i: int) -> str:
+        """Fill row i; return why it has no derivatives, if it has none."""
+        taken = self.steps.take(workspace, inputs, outputs, i)
+        if isinstance(taken, CondynError):
+            return str(taken)
+        if not taken.status.ok:
+            why = "; ".join((f"{taken.status}", *taken.notices))
+            return f"the step has no derivatives: {why}"
+        try:
+            of = taken.derivatives(route=self.route, wrt=self.wrt)
+        except CondynError as error:
+            return str(error)
+        outputs["q_end"][i], outputs["v_end"][i], outputs["margins"][i] = of.q, of.v, of.margin
+        outputs["dq"][i], outputs["dv"][i] = of.matrices
+        outputs["read"][i] = [MODES.index(mode) for mode in of.modes.values()]
+        return ""
+
+
+# BatchStepDerivatives: how the ends of steps with contacts change, at many states.
+
+
+# The arrays with a row a state, beside those of the steps.
+ROWS: Final = ("q", "v", "dq", "dv", "codes", "margins", "reasons")
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class BatchStepDerivatives(Batch[StepDerivatives]):
+    """The derivatives of one step from N states; columns and rows of q are tangent.
+
+    Attributes
+    ----------
+    step : BatchStep
+        The steps, with their errors and statuses.
+    route : Route
+    parameters : tuple of str
+        What there are derivatives by, beside q, v and tau.
+    q, v : (N, nq), (N, nv) array
+        The ends of the steps that are differentiated: those of the route's own law of contacts.
+    dq, dv : (N, nv, columns) array
+        q+ and v+ by q, v, tau and `parameters`, as in `StepDerivatives` [mixed].
+    codes : (N, candidates) int8 array
+        Modes that the route has read, as places in ("open", "stick", "slide").
+    margins : (N,) array
+        How far the nearest contact is from another mode, as in `StepDerivatives` [1].
+    reasons : (N,) array of str
+        Why a step has no derivatives, empty where it has.
+    seconds : float
+        Wall time of the whole batch [s].
+
+    Notes
+    -----
+    ``batch[i]`` is the `StepDerivatives` of state i, and ``batch[2:4]`` a batch of some. Where
+    there are none the rows are NaN, and ``failed`` has their indices.
+    """
+
+    step: BatchStep
+    route: Route
+    parameters: tuple[str, ...]
+    q: Array
+    v: Array
+    dq: Array
+    dv: Array
+    codes: NDArray[np.int8]
+    margins: Array
+    reasons: NDArray[np.object_]
+    seconds: float  # [s]
+
+    @property
+    def failed(self) -> NDArray[np.intp]:
+        """Indices of the states without derivatives, missing ones among them."""
+        return np.flatnonzero(np.isnan(self.margins))
+
+    @property
+    def ok(self) -> bool:
+        """Whether all states have derivatives."""
+        return not self.failed.size
+
+    @property
+    def one_sided(self) -> NDArray[np.bool_]:
+        """Which have a contact so near to another mode that they hold on one side (N,)."""
+        return np.asarray(self.margins < tolerances.SWITCHES)
+
+    @property
+    def modes(self) -> dict[str, NDArray[np.object_]]:
+        """Mode of each contact in each step (N,): open, stick or slide."""
+        words = mode_words(self.codes)
+        names = candidates_of(self.step.scene).names
+        return {name: words[:, i] for i, name in enumerate(names)}
+
+    @property
+    def dq_dq(self) -> Array:
+        """q+ by q (N, nv, nv)."""
+        return self.dq[:, :, self.columns.q]
+
+    @property
+    def dq_dv(self) -> Array:
+        """q+ by v (N, nv, nv)."""
+        return self.dq[:, :, self.columns.v]
+
+    @property
+    def dq_dtau(self) -> Array:
+        """q+ by the torques (N, nv, nv)."""
+        return self.dq[:, :, self.columns.tau]
+
+    @property
+    def dv_dq(self) -> Array:
+        """v+ by q (N, nv, nv)."""
+        return self.dv[:, :, self.columns.q]
+
+    @property
+    def dv_dv(self) -> Array:
+        """v+ by v (N, nv, nv)."""
+        return self.dv[:, :, self.columns.v]
+
+    @property
+    def dv_dtau(self) -> Array:
+        """v+ by the torques (N, nv, nv)."""
+        return self.dv[:, :, self.columns.tau]
+
+    @property
+    def columns(self) -> Columns:
+        """Where each part stands in `dq` and `dv`."""
+        n, cones = self.v.shape[1], candidates_of(self.step.scene).cones
+        return Columns(n, cones, self.dv.shape[2] - Columns(n, cones).size)
+
+    def __len__(self) -> int:
+        return len(self.margins)
+
+    def _some(self, rows: Some) -> BatchStepDerivatives:
+        some = {name: read_only(getattr(self, name)[rows]) for name in ROWS}
+        return replace(self, step=self.step[rows], **some)
+
+    def _one(self, i: int) -> StepDerivatives:
+        if self.step.statuses[i] == MISSING:
+            raise WorkersLost(f"no worker got to state {i}; `missing` has all of them", self)
+        if np.isnan(self.margins[i]):
+            raise SolveFailed(f"state {i}: {self.reasons[i]}", None)
+        candidates = candidates_of(self.step.scene)
+        codes = self.codes[i].tolist()
+        modes = dict(zip(candidates.names, (MODES[code] for code in codes), strict=True))
+        return StepDerivatives(
+            self.q[i], self.v[i], modes, float(self.margins[i]), self.route,
+            candidates.names[: candidates.cones], (self.dq[i], self.dv[i]), self.parameters,
+        )  # fmt: skip
+
+    def __repr__(self) -> str:
+        missing = f", {len(self.failed)} without" if self.failed.size else ""
+        sided = int(self.one_sided.sum())
+        sides = f", {sided} one-sided" if sided else ""
+        return f"BatchStepDerivatives({self.route!r}: {len(self)} states{missing}{sides})"
+
+
+# Derivatives of steps with contacts by the compiled core: those of `ActiveSet`.
+#
+# Steps that end elsewhere than along straight paths, and those whose modes or rank leave a doubt,
+# are Python's.
+
+
+def untaken_route(route: Route, wrt: Sequence[str]) -> Iterator[str]:
+    """Yield what the core does not take of a route to derivatives, in words."""
+    if type(route) is not ActiveSet:
+        yield f"route = {route!r}: it has ActiveSet() alone"
+    if "inertias" in wrt:
+        yield "wrt: it has no derivatives by inertias"
+
+
+@dataclass(frozen=True)
+class DifferentiatedRows:
+    """What the core does to some states of a `step_derivatives_batch`."""
+
+    contacts: tuple[Contact, ...]
+    dt: float  # [s]
+    integrator: Integrator
+
+    def __call__(
+        self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
+    ) -> tuple[NDArray[np.intp], Messages]:
+        """Fill the outputs; return the rows that are left to Python, and nothing to say."""
+        count, shape = len(inputs["q0"]), outputs["codes"].shape
+        done, codes, read = np.zeros(count, np.int32), *np.zeros((2, *shape), np.int32)
+        contacts_of(workspace, self.contacts).differentiate(
+            *states_of(workspace, inputs), plan=rounded_plan(self.integrator, self.dt),
+            polished=tolerances.CONTACT_POLISHED, falls=falls(workspace.model, self.dt),
+            placed=rows_with_a_place(workspace.bounds),
+            q=outputs["q"], v=outputs["v"], lam=outputs["lam"], errors=outputs["errors"],
+            modes=codes, done=done, dq=outputs["dq"], dv=outputs["dv"], margins=outputs["margins"],
+            read_modes=read, threads=threads, **paths_of(workspace, self.dt),
+        )  # fmt: skip
+        outputs["codes"][:], outputs["read"][:] = codes, read
+        outputs["q_end"][:], outputs["v_end"][:] = outputs["q"], outputs["v"]
+        outputs["statuses"][:] = STATUSES.index(ContactStatus.OK)
+        return left_to_python(workspace, inputs["v0"], outputs, done, self.dt), {}
