@@ -22,7 +22,7 @@ from shared import central, robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.layers.configurations import Configurations
+from condyn_pin.layers.maps import Configurations
 from condyn_pin.simulation import trajectory_derivatives
 
 CURVED = {

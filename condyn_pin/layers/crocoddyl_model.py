@@ -10,7 +10,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidArgument, InvalidModel, SolveFailed, StepFailed
-from condyn_pin.layers.action import Action
+from condyn_pin.layers.crocoddyl import Action
 
 
 class ActionModel(crocoddyl.ActionModelAbstract):  # type: ignore[misc]

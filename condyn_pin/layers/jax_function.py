@@ -13,9 +13,7 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.layers.layer import Layer
-from condyn_pin.layers.layer_map import LayerMap, Shape
-from condyn_pin.layers.state_map import StateMap
+from condyn_pin.layers.maps import Layer, LayerMap, Shape, StateMap
 
 Arrays = tuple[Any, ...]  # of jax, whose types are not read
 

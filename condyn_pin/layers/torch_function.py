@@ -9,8 +9,7 @@ import torch
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.layers.layer import Layer
-from condyn_pin.layers.layer_map import LayerMap
+from condyn_pin.layers.maps import Layer, LayerMap
 
 Tensor = Any  # a torch.Tensor: whose types are not read, that takes longer than all of ours
 

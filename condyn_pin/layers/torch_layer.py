@@ -9,11 +9,8 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import MissingExtra
-from condyn_pin.layers.layer import Layer
-from condyn_pin.layers.layer_map import LayerMap
-from condyn_pin.layers.run_map import RunMap
-from condyn_pin.layers.solve_map import SolveMap
-from condyn_pin.layers.step_map import StepMap
+from condyn_pin.layers.answers import RunMap, SolveMap, StepMap
+from condyn_pin.layers.maps import Layer, LayerMap
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.routes.active_set import ActiveSet
