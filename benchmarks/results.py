@@ -18,9 +18,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import marks
 
 from condyn_pin.dynamics.solvers.proximal import Proximal
-from condyn_pin.study.bench import BY_HAND, bench
-from condyn_pin.study.bench_compiled import CPP
-from condyn_pin.study.bench_table import BenchRow, BenchTable
+from condyn_pin.study.bench import BY_HAND, CPP, BenchRow, BenchTable, bench
 from condyn_pin.study.plots import save_bench
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -33,7 +33,7 @@ import condyn_pin as cp
 from condyn_pin.cli.output import progress_bar
 from condyn_pin.study.plots import save_trade
 from condyn_pin.study.printing import timed
-from condyn_pin.study.row import ALONE
+from condyn_pin.study.tables import ALONE
 
 ROOT = Path(__file__).resolve().parent.parent
 SHOWN = ("talos contacts", "cassie loops", "cassie loops + contacts", "solo12 contacts",

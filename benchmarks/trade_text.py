@@ -13,7 +13,7 @@ from marks import SOLVERS as PAGE
 
 import condyn_pin as cp
 from condyn_pin.study.printing import timed
-from condyn_pin.study.row import pareto_front
+from condyn_pin.study.tables import pareto_front
 
 
 def pages(

@@ -15,9 +15,16 @@ from condyn_pin._core import timing
 from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.timing import Times, interleaved, machine
 from condyn_pin.dynamics.scene import motor_torque, standard_scenes
-from condyn_pin.study.bench import BY_HAND, Effort, bench, bench_scene
-from condyn_pin.study.bench_table import BenchRow, BenchTable
-from condyn_pin.study.by_hand import METHODS, by_hand
+from condyn_pin.study.bench import (
+    BY_HAND,
+    METHODS,
+    BenchRow,
+    BenchTable,
+    Effort,
+    bench,
+    bench_scene,
+    by_hand,
+)
 
 TINY = Effort(states=2, rounds=4, repeats=1)
 

@@ -393,7 +393,7 @@ OLD = {
 
 @pytest.mark.parametrize("line", OLD)
 def test_a_line_of_the_last_version_says_its_words_of_today(line, condyn, monkeypatch):
-    monkeypatch.setattr("condyn_pin.study.tuning.choose", nothing)
+    monkeypatch.setattr("condyn_pin.study.study.choose", nothing)
     old, new = condyn(line), condyn(OLD[line])
     assert old == (new[0], new[1], f"condyn: this is `condyn {OLD[line]}` now\n{new[2]}")
 
@@ -479,7 +479,7 @@ def test_a_choice_and_what_no_solver_meets_are_json_too(tmp_path, monkeypatch):
     assert "solver=tuned(scene, 1e-06)" in result.stderr
     bar = cp.load_robot("four_bar")
     assert isinstance(cp.study.tuned(cp.Scene(bar, bar.loops), 1e-6), cp.dynamics.NullSpace)
-    monkeypatch.setattr("condyn_pin.study.tuning.choose", nothing)
+    monkeypatch.setattr("condyn_pin.study.study.choose", nothing)
     result = run(line)
     assert result.exit_code == 1
     answer = json.loads(result.stdout)

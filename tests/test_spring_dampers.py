@@ -19,7 +19,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin.model.springs import SpringDampers
 from condyn_pin.simulation.system import System, with_rows
 from condyn_pin.simulation.torques import Passive
-from condyn_pin.study.plan import fingerprint
+from condyn_pin.study.fresh import fingerprint
 
 INTEGRATORS = cp.simulation.INTEGRATORS
 

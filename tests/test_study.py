@@ -20,9 +20,10 @@ from shared import all_scenes, relative
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.arguments import ITERATIONS, WEIGHTS
-from condyn_pin.study import case, clocks, running
-from condyn_pin.study.row import ALONE
-from condyn_pin.study.sweeps import default_sweep
+from condyn_pin.study import case
+from condyn_pin.study import study as running
+from condyn_pin.study.study import default_sweep
+from condyn_pin.study.tables import ALONE
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 
@@ -264,8 +265,8 @@ def test_times_of_a_shared_core_are_taken_again_when_asked(tmp_path, monkeypatch
         return now
 
     def timed_by(share: float, **effort) -> cp.study.Table:
-        monkeypatch.setattr(clocks, "perf_counter", passing)
-        monkeypatch.setattr(clocks, "process_time", lambda: share * now)
+        monkeypatch.setattr(case, "perf_counter", passing)
+        monkeypatch.setattr(case, "process_time", lambda: share * now)
         return brief(effort=cp.study.TimingEffort(rounds=4, repeats=1, **effort)).run(results=path)
 
     shared = timed_by(0.5)

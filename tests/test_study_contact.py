@@ -36,7 +36,7 @@ from condyn_pin.study import (
     TrajectoryMeasure,
     sweep,
 )
-from condyn_pin.study.cheapest import measure_of, measured_as, solver_of
+from condyn_pin.study.fresh import measure_of, measured_as, solver_of
 
 
 @cache

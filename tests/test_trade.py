@@ -19,11 +19,10 @@ from typer.testing import CliRunner
 import condyn_pin as cp
 from condyn_pin.cli.main import app
 from condyn_pin.study.case import parameters_of
-from condyn_pin.study.cheapest import measure_of, solver_of
-from condyn_pin.study.fresh import Fresh, FreshErrors
-from condyn_pin.study.row import ALONE, Row
+from condyn_pin.study.fresh import Fresh, FreshErrors, measure_of, solver_of
 from condyn_pin.study.states import LOADS, NominalStates, SampledStates
 from condyn_pin.study.table import Table
+from condyn_pin.study.tables import ALONE, Row
 
 pytestmark = pytest.mark.once
 

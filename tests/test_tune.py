@@ -19,11 +19,9 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.timing import Times
 from condyn_pin.cli.main import app
-from condyn_pin.study import clocks, tuning
-from condyn_pin.study import plan as plans
-from condyn_pin.study.cheapest import Choice
-from condyn_pin.study.fresh import Fresh, FreshErrors
-from condyn_pin.study.plan import fingerprint
+from condyn_pin.study import case, study
+from condyn_pin.study import fresh as plans
+from condyn_pin.study.fresh import Choice, Fresh, FreshErrors, fingerprint
 
 pytestmark = pytest.mark.once
 
@@ -65,7 +63,7 @@ def test_without_a_plan_the_error_says_tune(scene):
     ],
 )
 def test_what_was_kept_is_found_by_an_equal_scene(scene, solver, cache):
-    tuning.keep(scene, choice(solver))
+    study.keep(scene, choice(solver))
     (path,) = cache.glob("*/*.json")
     saved = json.loads(path.read_text())
     assert (saved["found"], saved["expected"], saved["states"]) == (1e-10, 2e-10, 200)
@@ -77,7 +75,7 @@ def test_what_was_kept_is_found_by_an_equal_scene(scene, solver, cache):
 
 
 def test_another_scene_another_error_and_another_measure_have_no_plan(scene):
-    tuning.keep(scene, choice(cp.Proximal()))
+    study.keep(scene, choice(cp.Proximal()))
     bar = cp.model.four_bar(crank=0.21)
     for other in (cp.Scene(bar, bar.loops), cp.Scene(scene.robot)):
         with pytest.raises(cp.errors.NotTuned):
@@ -89,7 +87,7 @@ def test_another_scene_another_error_and_another_measure_have_no_plan(scene):
 
 
 def test_a_plan_of_another_version_is_not_used_and_is_named(scene, monkeypatch):
-    tuning.keep(scene, choice(cp.Proximal()))
+    study.keep(scene, choice(cp.Proximal()))
     now = plans.machine()
     monkeypatch.setattr(plans, "machine", lambda: now | {"pinocchio": "9.9"})
     with pytest.raises(cp.errors.NotTuned, match=f"1e-08 with pinocchio {now['pinocchio']}"):
@@ -112,7 +110,7 @@ def test_a_plan_of_another_version_is_not_used_and_is_named(scene, monkeypatch):
     ],
 )
 def test_a_broken_plan_is_named_and_made_anew(scene, cache, damage):
-    tuning.keep(scene, choice(cp.Proximal()))
+    study.keep(scene, choice(cp.Proximal()))
     (path,) = cache.glob("*/*.json")
     broken = damage(path.read_text())
     broken = broken if isinstance(broken, bytes) else broken.encode()
@@ -120,14 +118,14 @@ def test_a_broken_plan_is_named_and_made_anew(scene, cache, damage):
     path.write_bytes(broken)
     with pytest.raises(cp.errors.NotTuned, match=r"tune\(scene, 1e-08\) makes a new one"):
         cp.study.tuned(scene, 1e-8)
-    tuning.keep(scene, choice(cp.Proximal()))
+    study.keep(scene, choice(cp.Proximal()))
     assert cp.study.tuned(scene, 1e-8) == cp.Proximal()
 
 
 def test_plans_written_at_the_same_time_are_whole(scene, cache):
     kept = [choice(cp.Proximal(mu=10.0**-i)) for i in range(1, 9)]
     with ThreadPoolExecutor(8) as threads:
-        list(threads.map(lambda one: tuning.keep(scene, one), kept * 5))
+        list(threads.map(lambda one: study.keep(scene, one), kept * 5))
     assert cp.study.tuned(scene, 1e-8) in [one.solver for one in kept]
     assert [path.suffix for path in cache.glob("*/*")] == [".json"]
 
@@ -136,13 +134,13 @@ def test_a_folder_that_cannot_be_written_is_named(scene, tmp_path, monkeypatch):
     (tmp_path / "file").write_text("")
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "file"))
     with pytest.raises(cp.InvalidArgument, match="XDG_CACHE_HOME"):
-        tuning.keep(scene, choice(cp.Proximal()))
+        study.keep(scene, choice(cp.Proximal()))
 
 
 def test_the_fingerprint_is_that_of_the_content(scene):
     known = fingerprint(scene)
     words = (
-        "import condyn_pin as cp; from condyn_pin.study.plan import fingerprint;"
+        "import condyn_pin as cp; from condyn_pin.study.fresh import fingerprint;"
         "bar = cp.model.four_bar(); print(fingerprint(cp.Scene(bar, bar.loops)))"
     )
     other = subprocess.run([sys.executable, "-c", words], capture_output=True, text=True)
@@ -185,7 +183,7 @@ def test_tune_measures_keeps_and_tuned_finds(scene, monkeypatch):
         us = {cp.Proximal: 3.0, cp.dynamics.NullSpace: 30.0}
         return {key: Times((us[type(key[0][1])],)) for key in calls}
 
-    monkeypatch.setattr(clocks, "interleaved", timed)
+    monkeypatch.setattr(case, "interleaved", timed)
     seen: list[str] = []
     solver = cp.study.tune(
         scene, 1e-8, solvers=CANDIDATES, progress=lambda what, done, total: seen.append(what)

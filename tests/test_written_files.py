@@ -22,9 +22,9 @@ from condyn_pin._core.files import check_writable, write_text, written_beside
 from condyn_pin._core.show import write_figure
 from condyn_pin.cli.main import app
 from condyn_pin.lab.extremes.stress_table import write_csv as write_maps
-from condyn_pin.study import plan as plans
+from condyn_pin.study import fresh as plans
 from condyn_pin.study.bench import bench
-from condyn_pin.study.results import Results
+from condyn_pin.study.case import Results
 
 pytestmark = pytest.mark.once
 
@@ -174,7 +174,7 @@ def test_a_plan_without_a_place_is_refused_before_it_is_measured(tmp_path, monke
     blocked = tmp_path / "file"
     blocked.write_text("", encoding="utf-8")
     monkeypatch.setenv("XDG_CACHE_HOME", str(blocked))
-    monkeypatch.setattr("condyn_pin.study.tuning.choose", lambda *a, **k: pytest.fail("measured"))
+    monkeypatch.setattr("condyn_pin.study.study.choose", lambda *a, **k: pytest.fail("measured"))
     scene = cp.Scene(robot("four_bar"), robot("four_bar").loops)
     with pytest.raises(cp.InvalidArgument, match=r"the plan cannot be saved.*XDG_CACHE_HOME"):
         cp.study.tune(scene)

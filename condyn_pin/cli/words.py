@@ -24,8 +24,8 @@ from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.study.measures import Measure
 from condyn_pin.study.measures.base import as_measure
 from condyn_pin.study.measures.trajectory import SCHEMES
-from condyn_pin.study.method import Method
-from condyn_pin.study.sweeps import sweep
+from condyn_pin.study.study import sweep
+from condyn_pin.study.tables import Method
 
 _Kind = TypeVar("_Kind")
 

@@ -1,8 +1,7 @@
 # Every public name of this room, and the file that has it; `__init__.py` reads this file.
 
-from .cheapest import Choice as Choice
-from .clocks import TimingEffort as TimingEffort
-from .comparison import Comparison as Comparison
+from .case import TimingEffort as TimingEffort
+from .fresh import Choice as Choice
 from .measures import MEASURES as MEASURES
 from .measures.acceleration import AccelerationMeasure as AccelerationMeasure
 from .measures.base import Measure as Measure
@@ -11,17 +10,18 @@ from .measures.derivatives import DerivativeMeasure as DerivativeMeasure
 from .measures.forces import ForceMeasure as ForceMeasure
 from .measures.gradients import GradientMeasure as GradientMeasure
 from .measures.trajectory import TrajectoryMeasure as TrajectoryMeasure
-from .mujoco.cross_check import CrossCheck as CrossCheck
-from .mujoco.cross_check import TermCheck as TermCheck
-from .mujoco.mujoco_bridge import MujocoBridge as MujocoBridge
-from .row import Row as Row
-from .scenes import modellings as modellings
+from .mujoco.bridge import MujocoBridge as MujocoBridge
+from .mujoco.compare import CrossCheck as CrossCheck
+from .mujoco.compare import TermCheck as TermCheck
 from .states import GivenStates as GivenStates
 from .states import NominalStates as NominalStates
 from .states import PostureStates as PostureStates
 from .states import SampledStates as SampledStates
+from .states import modellings as modellings
 from .study import Study as Study
-from .sweeps import sweep as sweep
+from .study import sweep as sweep
+from .study import tune as tune
+from .study import tuned as tuned
+from .table import Comparison as Comparison
 from .table import Table as Table
-from .tuning import tune as tune
-from .tuning import tuned as tuned
+from .tables import Row as Row

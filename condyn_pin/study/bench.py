@@ -9,16 +9,24 @@ states, relative to the larger of |a| and gravity, the worst over the states.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf, isfinite, nan
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
+from condyn_pin._core import _pin
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import check_called
+from condyn_pin._core.arrays import Array
+from condyn_pin._core.compiled import compiled_lcaba, constrained_aba
 from condyn_pin._core.timing import Call, Times, interleaved, machine
 from condyn_pin._core.tolerances import SOLVED
+from condyn_pin.constraints.rows.groups import PlainRows
+from condyn_pin.dynamics.at_state import raw_constraints
+from condyn_pin.dynamics.compiled import CompiledMethod
+from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene, standard_scenes
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.constrained_aba import ConstrainedABA
@@ -29,13 +37,11 @@ from condyn_pin.dynamics.solvers.pv import PV
 from condyn_pin.dynamics.workspace import Workspace, untaken
 from condyn_pin.errors import Interrupted
 from condyn_pin.io.load import load_robot
-from condyn_pin.study.bench_compiled import CPP, compiled_by, compiled_methods, fastest_dense
-from condyn_pin.study.bench_table import BenchRow, BenchTable
-from condyn_pin.study.by_hand import by_hand
 from condyn_pin.study.case import Case, measure_errors, prepare
 from condyn_pin.study.measures.acceleration import AccelerationMeasure
 from condyn_pin.study.measures.base import relative
 from condyn_pin.study.states import SampledStates
+from condyn_pin.study.tables import Columns, Measurements, Record, number
 
 BY_HAND = "by hand"  # in place of a status
 
@@ -75,7 +81,7 @@ def bench(
     """Time some methods on the standard scenes of some robots.
 
     On each scene those solvers are timed that take it, by default LCABA, proximal and dense KKT,
-    and the equations written by hand (`condyn_pin.study.by_hand`). With `native` these come beside
+    and the equations written by hand (below). With `native` these come beside
     `ConstrainedABA`, `PV` and what is compiled, timed in C++ in the same rounds; MissingExtra where
     it is not installed. Progress is called with (scene,
     round, rounds). Ctrl-C raises `Interrupted` with the scenes that were measured before.
@@ -217,3 +223,280 @@ def _damping(scene: Scene) -> float:
 
 def _named(method: str, mu: float) -> str:
     return f"{method}, mu {mu:.1e}" if mu else method
+
+
+# What `bench` times in C++: batches of the same states, without Python in between.
+#
+# Each method gets the settings that its solver in Python has on the scene, and is compiled by one
+# compiler with the same flags: from headers of Pinocchio 3.9, or of 4.1 where only that has it.
+
+
+CPP: Final = "C++"  # the origin of such rows
+
+# Names of rows: those of solvers in Python, where there is one of the same equations.
+_OF_SOLVERS: Final[Mapping[str, type[Solver]]] = {
+    "ConstrainedABA": ConstrainedABA,
+    "pinocchio::constrainedABA": ConstrainedABA,
+    "PV": PV,
+    "pinocchio::lcaba": LCABA,
+    "pinocchio::constraintDynamics": Proximal,
+}
+_TITLES: Final = {
+    "ConstrainedABA": ConstrainedABA.title,
+    "PV": PV.title,
+    "pinocchio::lcaba": LCABA.title,
+    "pinocchio::constraintDynamics": Proximal.title,
+    "pinocchio::constrainedABA": "constrainedABA, Pinocchio's driver",
+    "pinocchio::aba": "ABA, unconstrained",
+}
+FREE: Final = "pinocchio::aba"
+
+
+@dataclass(frozen=True)
+class Compiled:
+    """A row without a time, and the call that answers all states of the case."""
+
+    row: BenchRow
+    call: Call
+    states: int
+    is_dense: bool
+
+    def timed(self, times: Times, dense: Times | None) -> BenchRow:
+        """Return the row with the time of one state; `dense` is the fastest that is."""
+        each = Times(tuple(spent / self.states for spent in times.samples))
+        x = dense.ratio(times) if dense and self.row.rows else nan
+        return replace(self.row, bare_us=each.median, bare_p95_us=each.p95, to_dense=x)
+
+
+def compiled_by() -> dict[str, str]:
+    """Return what the machine of a table says besides, where something is compiled."""
+    module = constrained_aba()
+    return {
+        "C++ compiler": module.compiler,
+        "C++ headers": f"Pinocchio {module.pinocchio}, {compiled_lcaba().pinocchio} for LCABA, "
+        f"Eigen {module.eigen} with {module.simd}",
+    }
+
+
+def compiled_methods(case: Case, damping: float) -> list[Compiled]:
+    """Return every method that is compiled and takes the scene; dense ones with a damping [1/kg].
+
+    MissingExtra if none is.
+    """
+    made = [_compiled(case, name, method) for name, method in _methods(case, damping)]
+    return [one for one in made if not one.row.rows or isfinite(one.row.error)]
+
+
+def fastest_dense(methods: list[Compiled], times: Mapping[int, Times]) -> Times | None:
+    """Return the time of the fastest of the dense methods, by their place in the list."""
+    plain = [times[i] for i, method in enumerate(methods) if method.is_dense]
+    return min(plain, key=lambda spent: spent.median, default=None)
+
+
+def _methods(case: Case, damping: float) -> Iterator[tuple[str, CompiledMethod]]:
+    scene, settings = case.scene, {}
+    for name, kind in _OF_SOLVERS.items():
+        if not kind.missing() and not untaken(scene, kind()):
+            settings[name] = _settings(Workspace(scene, kind()))
+    workspace = Workspace(scene)
+    constraints = workspace.pinocchio_constraints.constraints
+    if workspace.pinocchio_constraints.unsupported:
+        return
+    plain = {"mu": damping, "accuracy": 0.0, "limit": 1}
+    for module in (constrained_aba(), compiled_lcaba()):
+        for name in module.methods:
+            solver_is_in_other = module is compiled_lcaba() and name != "pinocchio::lcaba"
+            if solver_is_in_other or (name in _OF_SOLVERS and name not in settings):
+                continue
+            chosen: dict[str, Any] = settings.get(name, plain)
+            model = workspace.model
+            yield name, CompiledMethod(name, model, constraints, None, **chosen, module=module)
+
+
+def _settings(workspace: Workspace) -> dict[str, Any]:
+    """Return what a solver iterates with on its scene: the accuracy is the one that it reads."""
+    found = workspace.proximal_settings
+    relative_one = isinstance(workspace.solver, Proximal)
+    accuracy = found.relative_accuracy if relative_one else found.absolute_accuracy
+    return {"mu": found.mu, "accuracy": accuracy, "limit": found.max_iter}
+
+
+def _compiled(case: Case, name: str, method: CompiledMethod) -> Compiled:
+    """Return a method with its worst error at the states."""
+    states = [np.ascontiguousarray(x) for x in map(np.array, zip(*case.states, strict=True))]
+    answers, scene = method.many(*states), case.scene
+    gravity, error = scene.nominal.estimator.gravity, nan
+    if name != FREE:
+        pairs = zip(answers, case.truth, strict=True)
+        error = max(relative(a, truth, gravity) for a, truth in pairs)
+    row = BenchRow(
+        case.label,
+        _TITLES.get(name, name),
+        rows=0 if name == FREE else scene.rows,
+        rank=0 if name == FREE else scene.nominal.rank,
+        error=error,
+        origin=CPP,
+    )
+    is_dense = name.startswith("Dense")
+    return Compiled(row, lambda *_: method.many(*states), len(answers), is_dense)
+
+
+# BenchTable: the rows of a benchmark, with the machine that they were measured on.
+
+
+@dataclass(frozen=True)
+class BenchRow(Record):
+    """One method on one scene; NaN where something was not measured."""
+
+    scene: str
+    method: str
+    rows: int  # of constraints
+    rank: int  # how many of them are independent
+    bare_us: float = nan  # Pinocchio's own call with the same settings, unguarded [us]
+    bare_p95_us: float = nan
+    acceleration_us: float = nan  # `Workspace.acceleration` [us]
+    acceleration_p95_us: float = nan
+    solve_us: float = nan  # `Workspace.solve`, with its three errors [us]
+    to_bare: float = nan  # `acceleration` over the bare call, median of ratios within one round
+    solve_to_bare: float = nan
+    # The time of the fastest dense method over this method's: how many times faster it is. Dense
+    # are `DenseKKT` and the equations by hand, solved by numpy, by LAPACK's sysv and by Pinocchio's
+    # contact Cholesky; in C++ the whole matrix by Eigen's LDLT and its blocks by LLT.
+    to_dense: float = nan
+    error: float = nan  # worst of a against Reference, relative to the larger of |a| and gravity
+    dynamics_error: float = nan  # worst residual [N, N m]
+    constraint_error: float = nan  # [m/s^2, rad/s^2]
+    iterations: int = 0
+    status: str = ""  # how many states ended with which; "by hand" where nothing says one
+    origin: str = "python"  # or "C++", for what is compiled: then `bare_us` is its time
+
+
+@dataclass(frozen=True)
+class BenchTable(Measurements[BenchRow]):
+    """Rows of a benchmark, scene by scene, and the machine they were measured on."""
+
+    kind: ClassVar[type[BenchRow]] = BenchRow
+    columns: ClassVar[Columns[BenchRow]] = (
+        ("method", lambda r: r.method if r.origin == "python" else f"{r.method} ({r.origin})"),
+        ("bare", lambda r: number(r.bare_us, ".1f")),
+        ("a", lambda r: number(r.acceleration_us, ".1f")),
+        ("p95", lambda r: number(r.acceleration_p95_us, ".1f")),
+        ("solve", lambda r: number(r.solve_us, ".1f")),
+        ("a / bare", lambda r: number(r.to_bare, ".2f")),
+        ("solve / bare", lambda r: number(r.solve_to_bare, ".2f")),
+        ("x dense", lambda r: number(r.to_dense, ".2f")),
+        ("error of a", lambda r: number(r.error, ".0e")),
+        ("it.", lambda r: str(r.iterations or "")),
+        ("status", lambda r: r.status),
+    )
+
+    def of_origin(self, origin: str) -> BenchTable:
+        """Return the rows of Python, or of C++."""
+        return BenchTable(tuple(r for r in self.rows if r.origin == origin), self.machine)
+
+    def by_scene(self) -> dict[str, BenchTable]:
+        """Return the table of each scene, by its title: label, rows and rank."""
+        found = {}
+        for scene in dict.fromkeys(row.scene for row in self.rows):
+            rows = tuple(row for row in self.rows if row.scene == scene)
+            sizes = next((f": {row.rows} rows, rank {row.rank}" for row in rows if row.rows), "")
+            found[scene + sizes] = BenchTable(rows, self.machine)
+        return found
+
+
+# The equations of a scene as one writes them by hand: what `bench` compares every method with.
+#
+#     [ M   J^T  ] [   a  ]   [ tau - h ]
+#     [ J  -mu I ] [ -lam ] = [ -gamma  ]
+#
+# Each is one function of q, v and tau that calls Pinocchio and then one solver of somebody else. No
+# argument is looked at, nothing is scaled, no condition estimated and no error computed.
+
+
+Answer = Callable[[Array, Array, Array], Array]
+
+
+def by_hand(scene: Scene, mu: float = 0.0) -> dict[str, Answer]:
+    """Return ways to a (nv,) by the name of what solves, each called with (q, v, tau).
+
+    Damping mu [1/kg] is needed where rows are redundant. There is none for constraints that
+    Pinocchio does not have, and for welds of two bodies: whoever writes these by hand has written a
+    library.
+    """
+    rows = PlainRows(scene.robot.model, scene.robot.model.createData(), scene.bounds)
+    if not (scene.rows and rows.have_gamma):
+        return {}
+    return {name: method(scene, mu) for name, method in METHODS.items()}
+
+
+def _by_numpy(scene: Scene, mu: float) -> Answer:
+    n, assemble = scene.robot.nv, _assembly(scene, mu)
+
+    def answer(q: Array, v: Array, tau: Array) -> Array:
+        K, y = assemble(q, v, tau)
+        return np.linalg.solve(K, y)[:n]  # type: ignore[return-value]
+
+    return answer
+
+
+def _by_lapack(scene: Scene, mu: float) -> Answer:
+    from scipy.linalg.lapack import dsysv
+
+    n, assemble = scene.robot.nv, _assembly(scene, mu)
+
+    def answer(q: Array, v: Array, tau: Array) -> Array:
+        K, y = assemble(q, v, tau)
+        # K^T is in the order of Fortran
+        return dsysv(K.T, y, lower=1, overwrite_a=1, overwrite_b=1)[2][:n]  # type: ignore[no-any-return]
+
+    return answer
+
+
+def _assembly(scene: Scene, mu: float) -> Callable[[Array, Array, Array], tuple[Array, Array]]:
+    """Return what assembles K and the right side."""
+    model = pin.Model(scene.robot.model)
+    data, n, still = model.createData(), model.nv, np.zeros(model.nv)
+    rows, size = PlainRows(model, data, scene.bounds), model.nv + scene.rows
+    damping = -mu * np.eye(scene.rows)
+
+    def assemble(q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
+        K, y = np.zeros((size, size)), np.zeros(size)
+        K[:n, :n] = pin.crba(model, data, q)
+        y[:n] = tau - pin.nonLinearEffects(model, data, q, v)
+        pin.forwardKinematics(model, data, q, v, still)
+        pin.computeJointJacobians(model, data)
+        rows.gamma(y[n:])
+        y[n:] *= -1.0
+        J = rows.jacobian()
+        K[n:, :n], K[:n, n:] = J, J.T
+        if mu:
+            K[n:, n:] = damping
+        return K, y
+
+    return assemble
+
+
+def _by_contact_cholesky(scene: Scene, mu: float) -> Answer:
+    """Pinocchio's sparse factor of the same matrix, the rows first."""
+    model = pin.Model(scene.robot.model)
+    data, m, still = model.createData(), scene.rows, np.zeros(model.nv)
+    models, datas = raw_constraints(model, pinocchio_constraints_of(scene).constraints, None)
+    _pin.init_constraint_dynamics(model, data, models, datas)
+    rows, y = PlainRows(model, data, scene.bounds), np.zeros(m + model.nv)
+
+    def answer(q: Array, v: Array, tau: Array) -> Array:
+        y[m:] = tau - pin.nonLinearEffects(model, data, q, v)
+        pin.forwardKinematics(model, data, q, v, still)
+        rows.gamma(y[:m])
+        y[:m] *= -1.0
+        factor = _pin.factorise_constraints(model, data, models, datas, q, mu)
+        return factor.solve(y)[m:].ravel()  # type: ignore[no-any-return]
+
+    return answer
+
+
+METHODS: Final = {
+    "numpy.linalg.solve": _by_numpy,
+    "LAPACK sysv": _by_lapack,
+    "Contact Cholesky": _by_contact_cholesky,
+}

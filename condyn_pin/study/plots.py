@@ -22,8 +22,8 @@ from condyn_pin._core.show import (
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.study.bench_table import BenchTable
-from condyn_pin.study.row import ANSWERED, Row, pareto_front
+from condyn_pin.study.bench import BenchTable
+from condyn_pin.study.tables import ANSWERED, Row, pareto_front
 
 if TYPE_CHECKING:
     from condyn_pin.study.table import Table

@@ -2,24 +2,57 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+import pickle
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import Executor
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields, is_dataclass, replace
+from functools import lru_cache, partial
+from itertools import product
 from pathlib import Path
+from typing import Any, Final, TypeVar, cast
 
-from condyn_pin._core.arguments import check_accuracy_of_a
+from condyn_pin._core.arguments import check_accuracy_of_a, check_called
+from condyn_pin._core.timing import machine
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.dynamics.scene import Scene
-from condyn_pin.errors import InvalidArgument
+from condyn_pin._core.work import map_chunks
+from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.solvers.base import Solver
+from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.workspace import untaken
+from condyn_pin.errors import (
+    CondynError,
+    Interrupted,
+    InvalidArgument,
+    NotReached,
+    NotTuned,
+    WorkersLost,
+    unknown_name,
+)
+from condyn_pin.study import fresh as plans
 from condyn_pin.study.bench import Progress, silent
-from condyn_pin.study.clocks import TimingEffort
-from condyn_pin.study.measures import Measure
-from condyn_pin.study.measures.base import as_measure
-from condyn_pin.study.method import Method
-from condyn_pin.study.scenes import Scenes, labelled
-from condyn_pin.study.states import NoisyStates, States, as_states
-from condyn_pin.study.sweeps import default_sweep
+from condyn_pin.study.case import (
+    Candidate,
+    Case,
+    Results,
+    TimingEffort,
+    measure_errors,
+    measure_times,
+    prepare,
+)
+from condyn_pin.study.fresh import (
+    Choice,
+    Plan,
+    check_error,
+    fingerprint,
+    made,
+    promising,
+    solver_of,
+)
+from condyn_pin.study.measures.acceleration import AccelerationMeasure
+from condyn_pin.study.measures.base import Measure, as_measure
+from condyn_pin.study.states import NoisyStates, Scenes, States, as_states, labelled
 from condyn_pin.study.table import Table
+from condyn_pin.study.tables import Method, Row
 
 
 @dataclass(frozen=True, eq=False)
@@ -143,8 +176,6 @@ class Study:
         InvalidArgument
             If `results` is not such a file.
         """
-        from condyn_pin.study.running import Run
-
         return Run(self, executor, progress, timed, results).table()
 
 
@@ -160,3 +191,383 @@ def _methods(given: Sequence[Method], measures: Sequence[Measure]) -> tuple[Meth
     if not several:
         raise InvalidArgument("solvers = []: at least one is needed")
     return tuple(dict.fromkeys(several))
+
+
+# A study at work: cases are prepared, then errors are measured, then times.
+
+
+_T = TypeVar("_T")
+
+# Solvers in a task for a worker: a few milliseconds to some tenths of a second of work.
+_CHUNK = 4
+
+
+class Run:
+    """One run of a study; `Study.run` says what its arguments are."""
+
+    def __init__(
+        self,
+        study: Study,
+        executor: Executor | None,
+        progress: Progress,
+        timed: bool,
+        results: str | Path | None,
+    ) -> None:
+        check_called("progress", progress, "what, done, total")
+        self._study, self._executor = study, executor
+        self._progress, self._timed = progress, timed
+        self._results = Results(results)
+        self._cases: list[tuple[Case, tuple[Method, ...]]] = []
+        self._done, self._total = 0.0, 0
+
+    def table(self) -> Table:
+        """Measure what is missing, and return all rows."""
+        try:
+            self._prepare()
+            self._errors()
+            if self._timed:
+                self._times()
+        except KeyboardInterrupt as stop:
+            raise Interrupted(self._found()) from stop
+        return self._found()
+
+    def _found(self) -> Table:
+        rows = [self._row(case, solver) for case, solvers in self._cases for solver in solvers]
+        floors = {case.label: case.floor for case, _ in self._cases}
+        scenes = {case.label: case.scene for case, _ in self._cases}
+        return Table(tuple(row for row in rows if row is not None), machine(), floors, scenes)
+
+    def _row(self, case: Case, solver: Method) -> Row | None:
+        return self._results.find(case.fingerprint, case.key(solver))
+
+    def _prepare(self) -> None:
+        """Find the states of every scene, and the truth there."""
+        study, scenes = self._study, labelled(self._study.scenes)
+        states, measures = as_states(study.states), study.measures
+        calls = [
+            partial(prepare, label, scene, measure, states, study.accuracy)
+            for label, scene in scenes.items()
+            for measure in measures
+        ]
+        lists = [
+            study.solvers_on(scene, measure) for scene in scenes.values() for measure in measures
+        ]
+        self._total = len(calls) + (1 + self._timed) * sum(map(len, lists))
+        made: dict[int, Case] = {}
+        for number, case in self._each(calls):
+            made[number] = case
+            self._tick("states", 1)
+        self._cases = [(made[k], its) for k, its in enumerate(lists)]
+
+    def _errors(self) -> None:
+        """Measure the errors of the rows that are not known."""
+        calls: list[Callable[[], list[Row]]] = []
+        of: list[Case] = []
+        for case, solvers in self._cases:
+            missing = [solver for solver in solvers if self._row(case, solver) is None]
+            self._tick(f"{case.label}: errors", len(solvers) - len(missing))
+            if self._executor is None:
+                size, measure = 1, partial(_rows, case)
+            else:
+                size, measure = _CHUNK, partial(_rows_of, pickle.dumps(case))
+            for k in range(0, len(missing), size):
+                calls.append(partial(measure, missing[k : k + size]))
+                of.append(case)
+        for number, rows in self._each(calls):
+            for row in rows:
+                self._results.keep(of[number].fingerprint, row)
+            self._tick(f"{of[number].label}: errors", len(rows))
+
+    def _times(self) -> None:
+        """Time the scenes of which a row lacks a time, each with all that compares there."""
+        groups: dict[tuple[str, str], dict[Candidate, Row]] = {}
+        for case, solvers in self._cases:
+            group = groups.setdefault((case.label, case.measure.label), {})
+            for solver in solvers:
+                row = self._row(case, solver)
+                if row is not None:
+                    group[case, solver] = row
+        for (label, _), rows in groups.items():
+            if all(map(self._study.effort.suffices, rows.values())):
+                self._tick(f"{label}: times", len(rows))
+                continue
+            tick = partial(self._tick, f"{label}: times", len(rows) / self._study.effort.rounds)
+            for (case, _), row in measure_times(rows, self._study.effort, tick).items():
+                self._results.keep(case.fingerprint, row)
+
+    def _tick(self, what: str, done: float) -> None:
+        self._done += done
+        self._progress(what, round(self._done), self._total)
+
+    def _each(self, calls: Sequence[Callable[[], _T]]) -> Iterator[tuple[int, _T]]:
+        """Call everything, here or on the executor; give (number, result) as they come."""
+        try:
+            yield from map_chunks(_called, calls, executor=self._executor)
+        except WorkersLost as lost:
+            raise WorkersLost(
+                f"{lost}. Its `done` has what was measured, and with results=PATH the next run "
+                "goes on from there",
+                self._found(),
+            ) from lost
+
+
+def _called(call: Callable[[], _T]) -> _T:
+    return call()
+
+
+def _rows(case: Case, solvers: Sequence[Method]) -> list[Row]:
+    return [measure_errors(case, solver) for solver in solvers]
+
+
+def _rows_of(packed: bytes, solvers: Sequence[Method]) -> list[Row]:
+    """Measure in a worker, which keeps the cases that it has unpacked."""
+    return _rows(_unpacked(packed), solvers)
+
+
+@lru_cache(maxsize=4)
+def _unpacked(packed: bytes) -> Case:
+    return pickle.loads(packed)  # type: ignore[no-any-return]
+
+
+# Sweeps: a solver, or a measure, with its parameters turned.
+
+
+_Knobbed = TypeVar("_Knobbed", bound=Method | Measure)
+
+_ACCELERATION: Final = AccelerationMeasure()
+
+
+def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
+    """Return a solver, or a measure, with every combination of some parameters.
+
+    Parameters
+    ----------
+    one : Solver, ContactSolver or Measure
+        Parameters that are not named keep the values that they have here.
+    **parameters : sequence
+        Values by name: ``sweep(Proximal(), mu=[1e-8, 1e-4], max_iterations=[1, 20])``.
+        Without any, `one` itself and what its class declares to be worth a look.
+
+    Returns
+    -------
+    tuple of what `one` is
+        Each once, the first parameter slowest.
+
+    Raises
+    ------
+    InvalidArgument
+        If a value cannot be used, or is no sequence.
+    UnknownName
+        If there is no such parameter.
+    """
+    if not is_dataclass(one) or not hasattr(one, "sweeps"):
+        raise InvalidArgument(f"{one!r}: a solver such as Proximal(), or a measure, is needed")
+    grids = ({}, *one.sweeps) if not parameters else (parameters,)
+    known = [field.name for field in fields(one)]
+    for name, values in parameters.items():
+        if name not in known:
+            raise unknown_name(f"parameter of {type(one).__name__}", name, known)
+        if isinstance(values, str) or not hasattr(values, "__iter__"):
+            raise InvalidArgument(f"{name} = {values!r}: a list of values is needed")
+    made = [
+        replace(one, **dict(zip(grid, values, strict=True)))
+        for grid in grids
+        for values in product(*grid.values())
+    ]
+    return tuple(dict.fromkeys(made))
+
+
+def default_sweep(scene: Scene, measure: Measure = _ACCELERATION) -> tuple[Method, ...]:
+    """Return all that a measure asks with parameters turned; what does not take the scene once.
+
+    `Reference` is what the others are compared with, and is not among them.
+    """
+    chosen: list[Method] = []
+    for kind in measure.methods.values():
+        method = kind()
+        if not isinstance(method, Reference):
+            chosen += [method] if _refuses(method, scene) else sweep(method)
+    return tuple(chosen)
+
+
+def _refuses(method: Method, scene: Scene) -> bool:
+    """Whether a solver cannot take a scene, or is not there."""
+    if not isinstance(method, Solver):
+        return False
+    return bool(method.missing() or untaken(scene, method))
+
+
+# tune and tuned: a solver chosen by a short study, and the choice looked up again.
+
+
+# All that meet the error are timed at a glance, those near the fastest are looked at.
+_GLANCE: Final = TimingEffort(rounds=10, repeats=2, overhead=False)
+_LOOK: Final = TimingEffort(rounds=100, overhead=False)
+_NEAR: Final = 1.5
+
+
+def tune(
+    scene: Scene,
+    error: float = SOLVED,
+    *,
+    measure: str = "acceleration",
+    solvers: Sequence[Method] | None = None,
+    progress: Progress = silent,
+    save: bool = True,
+) -> Solver:
+    """Return the fastest solver that meets an error on a scene, by a short study.
+
+    Parameters
+    ----------
+    scene : Scene
+    error : float
+        The worst that is good enough, relative, as in `Row.error_worst`.
+    measure : str
+        A name of `MEASURES`: what is timed, and what the error is one of.
+    solvers : sequence of Solver, optional
+        What to choose from; as in `Study` by default: all, with the parameters that are worth a
+        look.
+    progress : callable
+        Called with (what, done, total).
+    save : bool
+        Keep the choice on this machine, where `tuned` finds it.
+
+    Returns
+    -------
+    Solver, or ContactSolver for the measure ``contact``
+        Its `accuracy` is the error that was asked for, so that `solve` says ok to it; 1e-8 where
+        that was less.
+
+    Raises
+    ------
+    NotReached
+        If no solver meets the error; nothing is kept.
+    NotAssembled
+        If the loops of the scene cannot be closed.
+
+    Notes
+    -----
+    Takes from seconds to half a minute. On a machine that is busy with other work, another solver
+    may seem the fastest.
+    """
+    if save:
+        plans.check_folder()
+    choice = choose(scene, error, measure=measure, solvers=solvers, progress=progress)
+    if save:
+        keep(scene, choice)
+    return cast(Solver, choice.solver)  # or a contact solver, where the measure asks those
+
+
+def choose(
+    scene: Scene,
+    error: float,
+    *,
+    measure: str,
+    solvers: Sequence[Method] | None,
+    progress: Progress,
+) -> Choice:
+    """Return what `tune` chooses, with all that was found of it; nothing is kept."""
+    check_scene(scene)
+    check_error(error)
+    check_called("progress", progress, "what, done, total")
+    seen = Study(scene, solvers, measure=measure).run(timed=False, progress=progress)
+    label, asked = seen.rows[0].scene, seen.rows[0].measure
+    meeting = [row for row in seen.rows if row.answered and row.error_worst <= error]
+    if not meeting:
+        return seen.cheapest(error, measure=asked)  # raises, with the best that was found
+    glance = _timed(seen.scenes[label], meeting, _GLANCE, measure, progress)
+    rows = [row for row in glance.rows if row.comparable]
+    near = [row for row in rows if row.us <= _NEAR * min(r.us for r in rows)]
+    looked = _timed(seen.scenes[label], near, _LOOK, measure, progress)
+    try:
+        return looked.cheapest(error, measure=asked)
+    except NotReached:  # all that are near the fastest fail at fresh states: slower ones may not
+        return glance.cheapest(error, measure=asked)
+
+
+def _timed(
+    scene: Scene, rows: Sequence[Row], effort: TimingEffort, measure: str, progress: Progress
+) -> Table:
+    solvers = [solver_of(row) for row in rows]
+    return Study(scene, solvers, measure=measure, effort=effort).run(progress=progress)
+
+
+def tuned(scene: Scene, error: float = SOLVED, *, measure: str = "acceleration") -> Solver:
+    """Return the solver that `tune` chose for this scene, on this machine, with these versions.
+
+    Parameters
+    ----------
+    scene : Scene
+        One with the same content; it need not be the same object.
+    error : float
+        The same that `tune` was asked for.
+    measure : str
+
+    Returns
+    -------
+    Solver
+
+    Raises
+    ------
+    NotTuned
+        If there is no such plan; the text says what there is, and the line that makes one.
+
+    Notes
+    -----
+    Reads a file, and writes the model as text to recognise it, which takes milliseconds: call it
+    once, not in a loop.
+    """
+    check_scene(scene)
+    check_error(error)
+    found = fingerprint(scene)
+    path = plans.path_of(found, measure, error)
+    call = _call(error, measure)
+    if not path.exists():
+        raise NotTuned(f"no plan for this scene to {error:g}{_others(found)}; {call} makes one")
+    try:
+        plan = plans.read(path)
+        return cast(Solver, promising(made(plan.solver, plan.parameters), error))
+    except CondynError as reason:
+        raise NotTuned(f"{reason}; {call} makes a new one") from reason
+
+
+def _call(error: float, measure: str) -> str:
+    more = "" if measure == "acceleration" else f", measure={measure!r}"
+    return f"condyn_pin.study.tune(scene, {error:g}{more})"
+
+
+def _others(found: str) -> str:
+    """Say which plans of the scene there are, and why they are of no use here."""
+    here, said = plans.here(), []
+    for plan in plans.plans_of(found):
+        differs = [
+            f"{key} {plan.where.get(key)}" for key in here if plan.where.get(key) != here[key]
+        ]
+        said.append(
+            f"{plan.measure} to {plan.error:g}" + (f" with {differs[0]}" if differs else "")
+        )
+    return f" (there is one for {', '.join(said)})" if said else ""
+
+
+def keep(scene: Scene, choice: Choice) -> Plan:
+    """Write what was chosen for a scene where `tuned` finds it."""
+    plan = plan_for(scene, choice)
+    plans.keep(plan)
+    return plan
+
+
+def plan_for(scene: Scene, choice: Choice) -> Plan:
+    """Return the plan of what was chosen for a scene."""
+    return Plan(
+        fingerprint=fingerprint(scene),
+        measure=choice.row.measure,
+        error=choice.error,
+        solver=type(choice.solver).__name__,
+        parameters=dict(choice.row.parameters),
+        median_us=choice.row.us,
+        found=choice.fresh.error,
+        expected=choice.fresh.expected,
+        states=choice.fresh.states,
+        where=plans.here(),
+        date=machine()["date"],
+    )

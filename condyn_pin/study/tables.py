@@ -9,16 +9,20 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, fields
+from dataclasses import MISSING, dataclass, field, fields, replace
 from math import inf, isfinite, nan
 from pathlib import Path
-from typing import Any, ClassVar, Final, Generic, Self, TypeVar
+from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
 
 from condyn_pin._core import show
+from condyn_pin._core.arguments import Grid, renamed
 from condyn_pin._core.files import parse_json, read_text, write_text, written_beside
 from condyn_pin._core.show import require_pandas
 from condyn_pin._core.timing import machine
+from condyn_pin.contact.solvers import CONTACT_SOLVERS
+from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.simulation.routes import ROUTES
 
 FORMAT: Final = 1  # of the json file; one more whenever a field changes its meaning
 
@@ -81,12 +85,12 @@ def _refused(kind: str, value: Any, takes_null: bool) -> str:
     return "" if is_number else "a number from 0, or null, is"
 
 
-Row = TypeVar("Row", bound=Record)
-Columns = tuple[tuple[str, Callable[[Row], str]], ...]
+AnyRow = TypeVar("AnyRow", bound=Record)
+Columns = tuple[tuple[str, Callable[[AnyRow], str]], ...]
 
 
 @dataclass(frozen=True)
-class Measurements(Generic[Row]):
+class Measurements(Generic[AnyRow]):
     """Rows, and the machine that they were measured on.
 
     A kind of table says what its rows are (`kind`), which columns people see, each a heading and
@@ -103,7 +107,7 @@ class Measurements(Generic[Row]):
     columns: ClassVar[Columns[Any]]
     parts: ClassVar[tuple[str, ...]] = ("machine",)
 
-    rows: tuple[Row, ...]
+    rows: tuple[AnyRow, ...]
     machine: dict[str, str] = field(default_factory=machine)
 
     def to_csv(self, path: str | Path) -> None:
@@ -212,3 +216,195 @@ def markdown(columns: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     """Return rows of text as a table in Markdown."""
     lines = ["| " + " | ".join(columns) + " |", "|" + "---|" * len(columns)]
     return "\n".join([*lines, *("| " + " | ".join(cells) + " |" for cells in rows)])
+
+
+# Method: what a study measures, a frozen value whose fields are its parameters.
+#
+# Solvers of `SOLVERS`, contact solvers of `CONTACT_SOLVERS` and routes of `ROUTES` are; a measure
+# says which it asks.
+
+
+class Method(Protocol):
+    """A solver, a contact solver, or a route to derivatives through contact."""
+
+    title: ClassVar[str]  # what tables show
+    sweeps: ClassVar[tuple[Grid, ...]]  # values of parameters that are worth a look
+
+
+Methods = Mapping[str, type[Method]]  # a registry
+
+
+def method_named(name: str) -> type[Method] | None:
+    """Return the class of a name in any registry; None if there is none."""
+    lower = name.lower()
+    known: Methods = {**SOLVERS, **CONTACT_SOLVERS, **ROUTES}
+    return known.get(lower)
+
+
+def usual_parameters(kind: type[Method]) -> dict[str, Any]:
+    """Return the parameters of a class with their defaults, but for the accuracy."""
+    return {f.name: f.default for f in fields(kind) if f.name != "accuracy"}  # type: ignore[arg-type]
+
+
+def with_accuracy(method: Method, accuracy: float) -> Method:
+    """Return a method that says ok to an error, where it is its own field that says so."""
+    if not hasattr(method, "accuracy"):
+        return method
+    return replace(method, accuracy=accuracy)  # type: ignore[type-var]
+
+
+# Row: one solver with its parameters on one set of states, its time beside its error.
+
+
+Parameter = float | int | str | bool | None
+Key = tuple[str, str, str, str, str]
+
+# What a row with times says of them.
+ALONE: Final = "timed alone on its core"
+
+# Answers that are what they say: an inaccurate one says by how much it is.
+ANSWERED: Final = {"ok", "inaccurate"}
+
+
+@dataclass(frozen=True)
+class Row(Record):
+    """Time and error of one solver with its parameters on one set of states.
+
+    Attributes
+    ----------
+    scene : str
+        Label of the scene.
+    rows, nv : int
+        Rows of constraints and contacts, and columns.
+    method : str
+        Title of the solver.
+    solver : str
+        The solver as text, with every parameter.
+    parameters : dict of str to float, int, str, bool or None
+        Its parameters by name; None where the solver chooses by itself.
+    measure : str
+        What the error is one of: a name of `MEASURES`, with the parameters that change the
+        question. Rows of the same scene and measure can be compared.
+    states : str
+        Name of the set of states.
+    n : int
+        How many states there are in it.
+    error_median, error_worst : float
+        Over the states, relative: of the accelerations, to the larger of |a|_inf and gravity.
+        Infinite where there is no finite answer.
+    dynamics_error, constraint_error : float
+        Worst residuals [N, N m] and [m/s^2, rad/s^2]; infinite where there is no answer.
+    iterations : int
+        The most that a state took.
+    statuses : dict of str to int
+        How many states ended how; "refused" where the solver does not take the scene.
+    build_us : float or None
+        To build a workspace [us].
+    median_us, p95_us : float or None
+        What the measure calls, once [us]: for accelerations `Workspace.acceleration`.
+    bare_us, solve_us : float or None
+        Pinocchio's own call behind it, unguarded, and `Workspace.solve` with its proof [us].
+    timed : str
+        How the times were taken, or why there are none.
+    note : str
+        What a refusal said.
+    how : dict of str to float, int, str, bool or None
+        Parameters of the measure that belong to the answer, such as the step of an integrator.
+    """
+
+    unknown: ClassVar[float | None] = inf  # the larger an error, the worse, without end
+
+    scene: str
+    rows: int
+    nv: int
+    method: str
+    solver: str
+    parameters: dict[str, Parameter]
+    measure: str
+    states: str
+    n: int
+    error_median: float
+    error_worst: float
+    dynamics_error: float  # [N, N m]
+    constraint_error: float  # [m/s^2, rad/s^2]
+    iterations: int
+    statuses: dict[str, int]
+    build_us: float | None = None
+    median_us: float | None = None
+    p95_us: float | None = None
+    bare_us: float | None = None
+    solve_us: float | None = None
+    timed: str = "not timed"
+    note: str = ""
+    how: dict[str, Parameter] = field(default_factory=dict)
+
+    knobs = renamed("parameters")
+
+    @property
+    def key(self) -> Key:
+        """What was measured: scene, solver, measure, how and states."""
+        return key(self.scene, self.solver, self.measure, self.how, self.states)
+
+    def in_words(self) -> dict[str, Any]:
+        """Return the fields as csv has them: parameters as in a call, statuses as counts."""
+        words = {"parameters": words_of(self.parameters), "how": words_of(self.how)}
+        return super().in_words() | words | {"statuses": self.said}
+
+    @property
+    def ok(self) -> bool:
+        """Whether every state ended with a status of ok."""
+        return set(self.statuses) == {"ok"}
+
+    @property
+    def answered(self) -> bool:
+        """Whether every state got an answer, with an error that is a number."""
+        return bool(self.statuses) and set(self.statuses) <= ANSWERED and isfinite(self.error_worst)
+
+    @property
+    def comparable(self) -> bool:
+        """Whether there is both a time and an error, at every state."""
+        return self.median_us is not None and self.answered
+
+    @property
+    def us(self) -> float:
+        """The median time of a row that was timed [us]."""
+        assert self.median_us is not None
+        return self.median_us
+
+    @property
+    def short(self) -> str:
+        """The solver as one would type it, with what was set, and what `how` says."""
+        name = self.solver.split("(")[0]
+        kind = method_named(name)
+        usual = {} if kind is None else usual_parameters(kind)
+        chosen = {k: value for k, value in self.parameters.items() if value != usual.get(k)}
+        how = f", {words_of(self.how)}" if self.how else ""
+        return f"{name}({words_of(chosen)}){how}"
+
+    @property
+    def said(self) -> str:
+        """How many states ended how: ``18 ok, 2 singular``."""
+        return ", ".join(f"{count} {status}" for status, count in sorted(self.statuses.items()))
+
+
+def key(scene: str, solver: str, measure: str, how: Mapping[str, Parameter], states: str) -> Key:
+    """Return what tells a row from others."""
+    return scene, solver, measure, words_of(how), states
+
+
+def words_of(parameters: Mapping[str, Any]) -> str:
+    """Return parameters as they stand in a call."""
+    return ", ".join(f"{name}={value!r}" for name, value in parameters.items())
+
+
+def pareto_front(rows: Sequence[Row]) -> tuple[Row, ...]:
+    """Return the rows that no other is faster than with at most the same error, fastest first.
+
+    Rows of different scenes or measures do not compare: hand in those of one.
+    """
+    kept: list[Row] = []
+    timed = (row for row in rows if row.comparable)
+    for row in sorted(timed, key=lambda r: (r.us, r.error_worst)):
+        if not kept or row.error_worst < kept[-1].error_worst:
+            kept.append(row)
+    return tuple(kept)

@@ -47,7 +47,7 @@ def compare(
     from condyn_pin.cli.words import names_in, pairs_in, robot_of
     from condyn_pin.io.mjcf_file import compiled
     from condyn_pin.io.xml import place
-    from condyn_pin.study.mujoco.mujoco_bridge import MujocoBridge
+    from condyn_pin.study.mujoco.bridge import MujocoBridge
 
     chosen = robot_of(source)
     names = pairs_in("--name", name, "OURS=THEIRS is needed, such as root_joint=floating_base")

@@ -12,7 +12,7 @@ PANEL = "Look"
 
 def solvers(as_json: arg.AsJson = False) -> None:
     """List the solvers: what each takes, what it costs, when to use it, its parameters."""
-    from condyn_pin.study.solver_table import SolverRow, solver_rows
+    from condyn_pin.study.printing import SolverRow, solver_rows
 
     if as_json:
         print_json(solver_rows())

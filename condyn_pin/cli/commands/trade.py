@@ -26,9 +26,9 @@ if TYPE_CHECKING:
     from rich.console import Console
 
     from condyn_pin.dynamics.scene import Scene
-    from condyn_pin.study.method import Method
     from condyn_pin.study.study import Study
     from condyn_pin.study.table import Table
+    from condyn_pin.study.tables import Method
 
 PANEL = "Measure"
 
@@ -111,8 +111,8 @@ def trade(
     """
     from condyn_pin.cli.words import measures_of, swept_solvers_of
     from condyn_pin.study.bench import ROBOTS
-    from condyn_pin.study.cheapest import check_error
-    from condyn_pin.study.clocks import TimingEffort
+    from condyn_pin.study.case import TimingEffort
+    from condyn_pin.study.fresh import check_error
     from condyn_pin.study.study import Study
 
     _refuse(context, _OF_STUDY if tune else _OF_TUNE, "with" if tune else "without")
@@ -168,8 +168,8 @@ def _tune(
     """Choose the fastest solver of one scene, and keep the choice."""
     from condyn_pin._core.tolerances import SOLVED
     from condyn_pin.errors import NotReached
-    from condyn_pin.study.plan import check_folder, path_of
-    from condyn_pin.study.tuning import choose, keep, plan_for
+    from condyn_pin.study.fresh import check_folder, path_of
+    from condyn_pin.study.study import choose, keep, plan_for
 
     if save:
         check_folder()

@@ -43,8 +43,7 @@ from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import unknown_name
 from condyn_pin.model.robot import Robot
-from condyn_pin.study.method import Methods
-from condyn_pin.study.row import Parameter
+from condyn_pin.study.tables import Methods, Parameter
 
 MEASURES: dict[str, type[Measure]] = {}
 

@@ -27,7 +27,7 @@ from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.step import contact_problem
 from condyn_pin.study.measures.base import Answer, Measure, or_inf
-from condyn_pin.study.method import Methods
+from condyn_pin.study.tables import Methods
 
 _FRICTION = 0.7  # of rubber on a dry floor
 

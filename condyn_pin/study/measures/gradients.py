@@ -29,8 +29,7 @@ from condyn_pin.simulation.run import simulate
 from condyn_pin.study.measures.base import Answer, Measure, relative
 from condyn_pin.study.measures.contact import feet_on_the_floor
 from condyn_pin.study.measures.trajectory import schemes_made
-from condyn_pin.study.method import Methods
-from condyn_pin.study.row import Parameter
+from condyn_pin.study.tables import Methods, Parameter
 
 # Random directions of a start and its torques, and differences along them [m/s, rad/s]. Events are
 # located to 1e-10, and what is left of them is a millionth.

@@ -29,7 +29,7 @@ from condyn_pin.simulation.outcome import uninterrupted
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.study.measures.base import Answer, Measure, relative
-from condyn_pin.study.row import Parameter
+from condyn_pin.study.tables import Parameter
 
 # As far as doubles go: a thousandth of what any integrator with a fixed step reaches.
 _CONVERGED = DormandPrince(relative_tolerance=1e-13, absolute_tolerance=1e-14)
