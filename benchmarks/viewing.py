@@ -38,9 +38,9 @@ import umsgpack
 
 import condyn_pin as cp
 from condyn_pin._core.timing import machine
-from condyn_pin.viewing import chromium, three
-from condyn_pin.viewing.drawing import stage
-from condyn_pin.viewing.page import page
+from condyn_pin.viewing import part
+from condyn_pin.viewing import viewer as chromium
+from condyn_pin.viewing.drawing import page, stage
 
 PLAYED = 5.0  # [s]
 SIZES = ((640, 480), chromium.SIZE, (1920, 1080))  # [px]
@@ -254,8 +254,8 @@ def motion(robot: str) -> cp.Trajectory:
 
 def nothing() -> str:
     """Return a page that plays a motion of nothing: what a picture costs by itself."""
-    still = three.track("position", "vector3", np.zeros((round(30 * PLAYED) + 1, 3)))
-    commands = [*stage(), three.animation({"nothing": [still]}, 30.0)]
+    still = part.track("position", "vector3", np.zeros((round(30 * PLAYED) + 1, 3)))
+    commands = [*stage(), part.animation({"nothing": [still]}, 30.0)]
     eye, middle = np.array([1.0, 0.0, 0.0]), np.zeros(3)
     return page("nothing", (), commands, camera=eye, target=middle)
 

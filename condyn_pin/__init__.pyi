@@ -50,6 +50,6 @@ from .simulation.run import simulate as simulate
 from .simulation.step import step as step
 from .simulation.trajectory import Trajectory as Trajectory
 from .study.study import Study as Study
-from .viewing.verbs import view as view
+from .viewing.viewer import view as view
 
 __version__: str

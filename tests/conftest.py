@@ -71,7 +71,7 @@ def _of_compiled_solver(item):
 
 def _has_chromium():
     from condyn_pin.errors import MissingExtra
-    from condyn_pin.viewing.chromium import find_chromium
+    from condyn_pin.viewing.viewer import find_chromium
 
     try:
         find_chromium()

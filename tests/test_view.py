@@ -16,7 +16,10 @@ from viewed import bent, cassie, drawing, held, parts, standing, swinging
 import condyn_pin as cp
 from condyn_pin.io import meshes
 from condyn_pin.io.shapes import shapes_of
-from condyn_pin.viewing import arrows, bodies, closures, labels, palette
+from condyn_pin.viewing import bodies, labels
+from condyn_pin.viewing import marks as arrows
+from condyn_pin.viewing import marks as closures
+from condyn_pin.viewing import part as palette
 from condyn_pin.viewing.motion import shown, tracks
 from condyn_pin.viewing.part import span
 

@@ -12,7 +12,8 @@ from viewed import drawing, parts
 
 import condyn_pin as cp
 from condyn_pin import constraints as c
-from condyn_pin.viewing import palette, plots_contact, plots_motion
+from condyn_pin.viewing import part as palette
+from condyn_pin.viewing import plots_contact, plots_motion
 from condyn_pin.viewing.motion import tracks
 
 mpl.use("Agg")

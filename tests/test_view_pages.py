@@ -25,7 +25,9 @@ from viewed import bent, drawing, standing, swinging
 
 import condyn_pin as cp
 from condyn_pin.cli.main import app
-from condyn_pin.viewing import chromium, page, palette
+from condyn_pin.viewing import drawing as page
+from condyn_pin.viewing import part as palette
+from condyn_pin.viewing import viewer as chromium
 from condyn_pin.viewing.motion import tracks
 
 pytestmark = pytest.mark.once
@@ -134,7 +136,7 @@ def test_without_chromium_the_remedy_is_named(monkeypatch, tmp_path):
 def test_tests_without_a_browser_are_left_out_aloud_and_fail_in_ci(tmp_path, variables, code):
     test = tmp_path / "test_it.py"
     test.write_text(
-        "import pytest\nfrom condyn_pin.viewing.chromium import find_chromium\n"
+        "import pytest\nfrom condyn_pin.viewing.viewer import find_chromium\n"
         "@pytest.mark.chromium\n@pytest.mark.parametrize('k', range(2))\n"
         "def test_it(k): find_chromium()\ndef test_else(): pass\n"
     )

@@ -8,7 +8,7 @@ import threading
 import pytest
 
 import condyn_pin as cp
-from condyn_pin.viewing import server
+from condyn_pin.viewing import viewer as server
 
 pytestmark = pytest.mark.once
 

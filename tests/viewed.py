@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.viewing.subjects import Look, drawing_of
+from condyn_pin.viewing.drawing import Look, drawing_of
 
 
 def drawing(subject, q=None, *, posture=None, t=None, speed=1.0, **look):

@@ -2,29 +2,59 @@
 
 from __future__ import annotations
 
+import html
+import importlib.util
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field, fields, replace
+from pathlib import Path
 
 import numpy as np
+from numpy.typing import ArrayLike
 
-from condyn_pin._core.arrays import Array
+from condyn_pin._core.arguments import check_flag, normalised
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.rows.bound import ConstraintViolation
+from condyn_pin.control.answer import ControlAnswer
+from condyn_pin.control.balancing import Balance
+from condyn_pin.control.balancing import balance as balance_of
+from condyn_pin.control.inverse import InverseDynamics
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.viewing import three
-from condyn_pin.viewing.arrows import Peak, arrow_parts
-from condyn_pin.viewing.balance_marks import balance_notes, balance_parts
-from condyn_pin.viewing.bodies import body_parts, lighter, with_coarse
-from condyn_pin.viewing.camera import FROM, eye_at, toward_of
-from condyn_pin.viewing.closures import closure_parts, contact_parts
-from condyn_pin.viewing.extent import extent, plane_normal, touched
-from condyn_pin.viewing.instant import Instant
+from condyn_pin.dynamics.solution import Sites, Solution
+from condyn_pin.errors import InvalidArgument, MissingExtra, NotAssembled
+from condyn_pin.mechanism.closing import Assembly
+from condyn_pin.model.robot import Robot
+from condyn_pin.simulation.step import StepSolution
+from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.viewing import part as three
+from condyn_pin.viewing.bodies import body_parts, lighter, touch_parts, with_coarse
+from condyn_pin.viewing.instant import Felt, Instant, extent, instant, plane_normal, touched
 from condyn_pin.viewing.labels import Eye, spread
-from condyn_pin.viewing.legend import legend_of
-from condyn_pin.viewing.marks import floor_part, joint_parts, mass_parts, spacing, spring_parts
-from condyn_pin.viewing.motion import tracks
-from condyn_pin.viewing.page import page
-from condyn_pin.viewing.part import Part
-from condyn_pin.viewing.touches import touch_parts
+from condyn_pin.viewing.marks import (
+    Peak,
+    arrow_parts,
+    balance_notes,
+    balance_parts,
+    closure_parts,
+    contact_parts,
+    floor_part,
+    joint_parts,
+    legend_of,
+    mass_parts,
+    spacing,
+    spring_parts,
+)
+from condyn_pin.viewing.motion import (
+    FROM,
+    eye_at,
+    gaps_of,
+    instants_of,
+    peaks_of,
+    shown,
+    toward_of,
+    tracks,
+)
+from condyn_pin.viewing.part import Command, Part, packed
 
 _SLASH = "\N{DIVISION SLASH}"  # looks like one, and parts nothing
 
@@ -211,3 +241,324 @@ def stage() -> Iterator[three.Command]:
     yield three.delete("/Lights")
     for path in ("/Background", "/Axes", "/Grid"):
         yield three.set_property(path, "visible", False)
+
+
+# What is drawn of each kind of subject: a robot, a scene, an answer, a step, a motion.
+
+
+Subject = (
+    Robot
+    | Scene
+    | Solution
+    | StepSolution
+    | InverseDynamics
+    | ControlAnswer
+    | Trajectory
+    | Assembly
+)
+
+_FPS = 30.0  # [1/s]
+
+
+@dataclass(frozen=True)
+class Look:
+    """What is drawn of a subject, and how; `view` says what each flag means."""
+
+    forces: bool = True
+    light: bool = False
+    cones: bool = False
+    balance: bool = False
+
+    def __post_init__(self) -> None:
+        for flag in fields(self):
+            check_flag(flag.name, getattr(self, flag.name))
+
+
+_USUAL = Look()
+
+
+def drawing_of(
+    subject: Subject,
+    q: ArrayLike | None = None,
+    *,
+    posture: str | None = None,
+    t: float | None = None,
+    speed: float = 1.0,
+    look: Look = _USUAL,
+) -> Drawing:
+    """Return what `view` shows of a subject, without a page."""
+    _check(subject, t, look)
+    if isinstance(subject, Robot):
+        subject = Scene(subject, subject.loops)
+    if isinstance(subject, Scene):
+        return _scene(subject, q, posture, look)
+    if q is not None or posture is not None:
+        given = "q" if q is not None else "posture"
+        raise InvalidArgument(f"{given}: a {type(subject).__name__} has its own configuration")
+    if isinstance(subject, Trajectory):
+        return _motion(subject, speed, look) if t is None else _sample(subject, t, look)
+    if isinstance(subject, StepSolution):
+        return _step(subject, look)
+    return _answer(subject, look)
+
+
+def _check(subject: Subject, t: float | None, look: Look) -> None:
+    """Refuse what cannot be drawn, and what a subject does not have."""
+    if not isinstance(subject, Subject):
+        if isinstance(subject, str):
+            raise InvalidArgument(
+                f"subject = {subject!r}: load_robot makes a Robot of a name or a path, and "
+                "Trajectory.load a motion of a file"
+            )
+        raise InvalidArgument(
+            f"subject = {subject!r}: a Robot, a Scene, a Solution, a StepSolution, an "
+            "InverseDynamics, a ControlAnswer, a Trajectory or an Assembly is needed; of a batch, "
+            "one: batch[i]"
+        )
+    if look.balance and not isinstance(subject, ControlAnswer | Trajectory):
+        raise InvalidArgument(
+            f"balance: a {type(subject).__name__} does not know v and forces; a ControlAnswer "
+            "and a Trajectory do"
+        )
+    if t is not None and not isinstance(subject, Trajectory):
+        raise InvalidArgument(f"t: a {type(subject).__name__} is not a motion, and has no times")
+
+
+def _scene(scene: Scene, q: ArrayLike | None, posture: str | None, look: Look) -> Drawing:
+    """Return the drawing of a scene in a configuration, or in a posture."""
+    at, name = _configuration(scene, q, posture)
+    title = f"{scene.robot.name}, {name}" if name else scene.robot.name
+    return draw([scene], [instant(scene, at)], title=title, light=look.light, cones=look.cones)
+
+
+def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tuple[Array, str]:
+    """Return what is shown of a scene, and how it is called."""
+    if q is not None:
+        if posture is not None:
+            raise InvalidArgument("posture: q is given too; give only one of them")
+        return normalised(scene.robot.model, "q", q), ""
+    name = posture or next(iter(scene.robot.postures), "neutral")
+    try:
+        return scene.state(posture)[0], name
+    except NotAssembled:
+        return described_posture(scene, posture), f"{name}, as described: it cannot be closed"
+
+
+def _answer(subject: Solution | InverseDynamics | ControlAnswer | Assembly, look: Look) -> Drawing:
+    """Return the drawing of an answer at its state, with its forces; of an assembly, its start."""
+    scene, said, before = subject.scene, "inverse dynamics", None
+    acting = subject.forces if look.forces and not isinstance(subject, Assembly) else {}
+    if isinstance(subject, Solution):
+        said = subject.status.name.lower()
+    elif isinstance(subject, ControlAnswer):
+        said = f"control: {subject.status.name.lower()}"
+    elif isinstance(subject, Assembly):
+        said = f"assembled: {subject.status.name.lower().replace('_', ' ')}"
+        before = instant(scene, subject.start)
+    pressing = _balance(subject) if look.balance and isinstance(subject, ControlAnswer) else None
+    at = instant(scene, subject.q, acting, balance=pressing)
+    title = f"{scene.robot.name}, {said}"
+    return draw([scene], [at], title=title, before=before, light=look.light, cones=look.cones)
+
+
+def _balance(answer: ControlAnswer) -> Balance | None:
+    """Return the balance of an answer; None of one that is none."""
+    if not np.isfinite(answer.lam).all():
+        return None
+    return balance_of(answer.scene, answer.q, answer.v, answer.a, answer.lam)
+
+
+def _step(step: StepSolution, look: Look) -> Drawing:
+    """Return the drawing of a step at its end, with the mean forces in it."""
+    scene, q = step.scene, step.q
+    acting = Sites(scene, q).forces(step.lam / step.dt) if look.forces else {}
+    at = instant(scene, q, acting, Felt(step.forces if look.forces else {}, step.modes))
+    title = f"{scene.robot.name}, a step of {step.dt:g} s, {step.status.name.lower()}"
+    return draw([scene], [at], title=title, light=look.light, cones=look.cones)
+
+
+def _sample(trajectory: Trajectory, t: float, look: Look) -> Drawing:
+    """Return the drawing of one sample of a motion."""
+    start, end = trajectory.t[[0, -1]]
+    if not start <= finite("t", t, ()) <= end:
+        raise InvalidArgument(f"t = {t}: the motion goes from {start:g} s to {end:g} s")
+    k = int(np.abs(trajectory.t - t).argmin())
+    instants = instants_of(trajectory, [k], forces=look.forces, balance=look.balance)
+    scenes = [phase.scene for phase in trajectory.phases]
+    title = f"{scenes[0].robot.name} at {trajectory.t[k]:.4g} s"
+    return draw(scenes, instants, title=title, light=look.light, cones=look.cones)
+
+
+def _motion(trajectory: Trajectory, speed: float, look: Look) -> Drawing:
+    """Return the drawing of a whole motion."""
+    scenes = [phase.scene for phase in trajectory.phases]
+    fps = _FPS / speed  # pictures for each second of the motion
+    samples = shown(trajectory, fps)
+    instants = instants_of(trajectory, samples.tolist(), forces=look.forces, balance=look.balance)
+    frames = fps * (trajectory.t[samples] - trajectory.t[0])
+    duration = trajectory.t[-1] - trajectory.t[0]
+    title = f"{scenes[0].robot.name}, {duration:.4g} s"
+    title += f", {speed:g} x speed" if speed != 1.0 else ""
+    return draw(
+        scenes, instants, title=title, frames=frames, gaps=gaps_of(trajectory),
+        peaks=peaks_of(trajectory), fps=_FPS, speed=speed, light=look.light,
+        cones=look.cones,
+    )  # fmt: skip
+
+
+# One page that holds everything: meshcat's viewer, and the commands that draw.
+
+
+# The commands are decoded at once, in order and without a request, so that a page that is loaded
+# is drawn, also from a disk.
+_PAGE = """<!DOCTYPE html>
+<html>
+<head><meta charset="utf-8"><title>{title}</title>
+<style>
+body {{ margin: 0; }}
+#meshcat-pane {{ width: 100vw; height: 100vh; overflow: hidden; }}
+#legend {{ position: absolute; left: 12px; top: 10px; font: 13px sans-serif; color: #222;
+  background: rgba(255, 255, 255, 0.75); padding: 6px 10px; border-radius: 4px; }}
+#legend b {{ display: inline-block; width: 11px; height: 11px; margin-right: 6px; }}
+#labels {{ position: absolute; left: 0; top: 0; width: 100vw; height: 100vh;
+  pointer-events: none; }}
+#player {{ position: absolute; left: 12px; right: 12px; bottom: 10px; display: none; gap: 10px;
+  align-items: center; font: 13px sans-serif; color: #222; background: rgba(255, 255, 255, 0.85);
+  padding: 6px 10px; border-radius: 4px; }}
+#player .play {{ width: 40px; }}
+#player .time {{ flex: 1; }}
+#player .clock, #player .times {{ width: 62px; font-variant-numeric: tabular-nums; }}
+</style></head>
+<body>
+<div id="meshcat-pane"></div>
+<canvas id="labels"></canvas>
+<div id="legend">{legend}</div>
+<div id="player" data-speed="{speed}"><button class="play" aria-label="play or pause"></button>
+<input class="time" type="range" min="0" step="any" value="0" aria-label="time">
+<span class="clock"></span><span>speed</span>
+<input class="speed" type="range" min="-5" max="3" step="any" value="0" aria-label="speed">
+<span class="times">1.0 x</span></div>
+<script>{script}</script>
+<script>
+{lamp}
+{viewer}
+function draw(text) {{
+  viewer.handle_command_bytearray(Uint8Array.from(atob(text), c => c.charCodeAt(0)));
+}}
+{commands}
+viewer.renderer.setClearColor("white", 1);  // cheaper than a background that is drawn
+viewer.camera.fov = 50;
+viewer.camera.position.set(...{position});
+viewer.controls.target.set(...{target});
+viewer.controls.update();
+{scripts}
+</script>
+</body>
+</html>
+"""
+
+# Lambert's law for every face, with a lamp beside the eye:
+#
+#     colour = (0.6 + 0.4 n . l) diffuse
+#
+# with n the normal of the face and l towards the lamp. three.js knows this law for corners only,
+# and its Phong, with the three lamps of meshcat, takes a processor three times as long.
+_LAMP = """
+MeshCat.THREE.ShaderLib.lambert.vertexShader = `
+  varying vec3 point;
+  void main() {
+    vec4 seen = modelViewMatrix * vec4(position, 1.0);
+    point = seen.xyz;
+    gl_Position = projectionMatrix * seen;
+  }`;
+MeshCat.THREE.ShaderLib.lambert.fragmentShader = `
+  uniform vec3 diffuse;
+  uniform float opacity;
+  varying vec3 point;
+  void main() {
+    vec3 n = normalize(cross(dFdx(point), dFdy(point)));
+    gl_FragColor = vec4((0.6 + 0.4 * dot(n, vec3(0.36, 0.48, 0.8))) * diffuse, opacity);
+  }`;
+"""
+
+# A graphics card smooths edges for nothing. On a processor that is half of the time of a picture:
+# there edges are smoothed by more pixels, of what rests.
+_VIEWER = """
+let pane = document.getElementById("meshcat-pane");
+let probe = document.createElement("canvas").getContext("webgl2");
+let known = probe && probe.getExtension("WEBGL_debug_renderer_info");
+let card = known ? probe.getParameter(known.UNMASKED_RENDERER_WEBGL) : "";
+var software = /swiftshader|llvmpipe|softpipe|software|basic render/i.test(card);
+let renderer = new MeshCat.THREE.WebGLRenderer({antialias: !software, alpha: true});
+pane.appendChild(renderer.domElement);
+var viewer = new MeshCat.Viewer(pane, false, renderer);
+"""
+_SCRIPTS = [Path(__file__).with_name(f"{name}.js") for name in ("labels", "player", "pace")]
+
+_MISSING = (
+    'pictures in a browser need meshcat and trimesh: python -m pip install "condyn_pin[view]"'
+)
+
+
+def page(
+    title: str,
+    legend: Iterable[tuple[str, str]],
+    commands: Iterable[Command],
+    *,
+    camera: Array,
+    target: Array,
+    speed: float = 1.0,
+) -> str:
+    """Return the page.
+
+    Parameters
+    ----------
+    title : str
+    legend : iterable of (str, str)
+        Colours, as CSS names them, and what they mean; a text without colour is a line alone.
+    commands : iterable of Command
+    camera, target : (3,) array
+        Where the camera is, and what it looks at and turns about [m].
+    speed : float
+        Seconds of a motion that are played in one second.
+    """
+    lines = [_patch(colour) + html.escape(text) for colour, text in legend]
+    return _PAGE.format(
+        title=html.escape(title),
+        legend="<br>".join(lines),
+        script=_script(),
+        lamp=_LAMP,
+        viewer=_VIEWER,
+        commands="\n".join(f'draw("{packed(command)}");' for command in commands),
+        position=_y_up(camera),
+        target=_y_up(target),
+        speed=speed,
+        scripts="\n".join(path.read_text(encoding="utf-8") for path in _SCRIPTS),
+    )
+
+
+def _y_up(point: Array) -> list[float]:
+    """Return a point in the axes of three.js."""
+    x, y, z = (float(each) for each in point)
+    return [x, z, -y]
+
+
+def _patch(colour: str) -> str:
+    return f"<b style='background: {colour}'></b>" if colour else ""
+
+
+def require_meshcat() -> Path:
+    """Return the folder of meshcat, which is not imported, or raise MissingExtra."""
+    found = importlib.util.find_spec("meshcat")
+    if found is None or not found.submodule_search_locations:
+        raise MissingExtra(_MISSING)
+    for module in ("umsgpack", "PIL", "trimesh", "collada"):
+        if importlib.util.find_spec(module) is None:
+            raise MissingExtra(_MISSING)
+    return Path(found.submodule_search_locations[0])
+
+
+def _script() -> str:
+    """Return meshcat's viewer, of which no text ends the element that it stands in."""
+    path = require_meshcat() / "viewer" / "dist" / "main.min.js"
+    return path.read_text(encoding="utf-8").replace("</script", "<\\/script")

@@ -1,22 +1,27 @@
-"""Instant: what is to be seen of a scene at one configuration."""
+"""Parts at an instant: what they depend on, where contacts touch, how far all extends.
+
+Instant: what is to be seen of a scene at one configuration.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.joints import axes
+from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.rows.bound import AnyBound, ConstraintViolation
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.control.balancing import Balance
 from condyn_pin.dynamics.at_state import gaps
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import ConstraintForce
-from condyn_pin.viewing.touching import Felt, Touching, touching_at
+from condyn_pin.model.robot import Robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,3 +88,144 @@ def instant(
         touching,
         balance,
     )
+
+
+# Touching: where a contact that may let go is now, how it touches, and what it feels.
+
+
+@dataclass(frozen=True, eq=False)
+class Felt:
+    """What an answer knows of contacts, by name.
+
+    Attributes
+    ----------
+    forces : mapping of str to (3,) array
+        On the robot, in the axes t1, t2, n of each [N].
+    modes : mapping of str to str
+        Open, stick or slide.
+    """
+
+    forces: Mapping[str, Array] = field(default_factory=dict)
+    modes: Mapping[str, str] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False)
+class Touching:
+    """A point that may touch a plane, at one configuration.
+
+    Attributes
+    ----------
+    at : (3,) array
+        The contact point [m].
+    axes : (3, 3) array
+        t1, t2 and n in the world, column by column.
+    gap : float
+        Signed distance [m].
+    friction : float
+        Coulomb's coefficient [1].
+    on, by : str
+        Whom the force is on, and what gives it.
+    mode : str
+        Open, stick or slide; empty where nobody has asked.
+    force : (3,) array
+        In the axes t1, t2, n [N]; zero where none is known.
+    """
+
+    at: Array  # [m]
+    axes: Array
+    gap: float  # [m]
+    friction: float
+    on: str
+    by: str
+    mode: str
+    force: Array  # [N]
+
+    def in_world(self) -> Array:
+        """Return the force in the axes of the world (3,) [N]."""
+        return np.asarray(self.axes @ self.force)
+
+    def on_other(self) -> Touching:
+        """Return it with the opposite force, on the other body."""
+        return replace(self, on=self.by, by=self.on, force=-self.force)
+
+    def on_plane(self) -> Array:
+        """Return the point of the plane below it (3,) [m]."""
+        return np.asarray(self.at - self.gap * self.axes[:, 2])
+
+
+def touching_at(scene: Scene, data: Any, q: Array, felt: Felt) -> Iterator[tuple[str, Touching]]:
+    """Yield the cones of a scene by name; reads data.oMi at q (nq,)."""
+    if not scene.contacts:
+        return
+    model = scene.robot.model
+    candidates = Candidates(model, scene.contact_bounds, exact=True)
+    grounds = dict(cone for bound in scene.contact_bounds for cone in bound.cones)
+    gaps, points = candidates.gaps(data, q), candidates.points(data, q)
+    axes = candidates.axes(data, q)
+    for i, name in enumerate(candidates.names[: candidates.cones]):
+        if not np.isfinite(gaps[i]):  # two bodies may meet in fewer places
+            continue
+        yield name, Touching(
+            points[i].copy(), axes[i].copy(), float(gaps[i]), float(candidates.friction[i]),
+            name, model.names[grounds[name]], felt.modes.get(name, ""),
+            np.asarray(felt.forces.get(name, np.zeros(3))),
+        )  # fmt: skip
+
+
+# Extent: where a scene is, and how large, for the camera and for the size of its marks.
+
+
+_ALONG = 1e-6  # of a unit axis: what it may be off a plane, or off its normal, by
+_TINY = 0.05  # [m] a scene is drawn as if it were at least this large
+
+
+def touched(instants: Sequence[Instant]) -> list[Array]:
+    """Return what contacts that may let go pass through: their points, and those of their planes.
+
+    A fall is seen with the ground, and what slides with where it comes to rest.
+    """
+    touching = [each for at in instants for each in at.touching.values()]
+    return [point for each in touching for point in (each.at, each.on_plane())]
+
+
+def extent(
+    robot: Robot, instants: Sequence[Instant], also: Sequence[Array] = ()
+) -> tuple[Array, float]:
+    """Return the middle and the size of what joints, frames and masses span, and points [m].
+
+    A body reaches as far from its centre of mass as a ball of its mass m and inertia I does:
+    r^2 = 5 trace(I) / (6 m).
+    """
+    points = list(also)
+    for at in instants:
+        points += [oMi.translation for oMi in at.joints[1:]]
+        points += [
+            at.joints[frame.parentJoint].act(frame.placement.translation)
+            for frame in robot.model.frames
+            if frame.parentJoint
+        ]
+        for oMi, inertia in zip(at.joints[1:], list(robot.model.inertias)[1:], strict=True):
+            if inertia.mass > 0.0:
+                r = np.sqrt(max(np.trace(inertia.inertia), 0.0) / (1.2 * inertia.mass))
+                points += [oMi.act(inertia.lever) + r, oMi.act(inertia.lever) - r]
+    low, high = np.min(points, axis=0), np.max(points, axis=0)
+    return 0.5 * (low + high), max(float(np.linalg.norm(high - low)), _TINY)
+
+
+def plane_normal(robot: Robot, at: Instant) -> Array | None:
+    """Return the normal of the plane in which all joints move (3,); None if there is none.
+
+    Every axis of turning is along it, and every direction of sliding across it.
+    """
+    still = pin.neutral(robot.model)
+    slides, turns = [], []
+    for joint, oMi in zip(robot.model.joints[1:], at.joints[1:], strict=True):
+        S = axes(joint, still)
+        slides += [oMi.rotation @ column for column in S[:3].T if np.linalg.norm(column) > _ALONG]
+        turns += [oMi.rotation @ column for column in S[3:].T if np.linalg.norm(column) > _ALONG]
+    if not turns:
+        return None
+    normal: Array = turns[0] / np.linalg.norm(turns[0])
+    across = [np.linalg.norm(np.cross(normal, axis)) for axis in turns]
+    along = [abs(normal @ direction) for direction in slides]
+    return normal if max(across + along) < _ALONG else None

@@ -18,8 +18,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.io import meshes
 from condyn_pin.viewing.instant import Instant
-from condyn_pin.viewing.palette import GHOST, Colour
-from condyn_pin.viewing.part import Part, Pose, span, then
+from condyn_pin.viewing.part import GHOST, Colour, Part, Pose, span, then
 
 _PIXELS: Final = 30  # of the font's height
 _MARGIN: Final = 6  # [px]

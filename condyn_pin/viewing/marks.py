@@ -1,4 +1,6 @@
-"""Marks on every scene: joints, spring-dampers, the centre of mass, and the floor.
+"""Marks: arrows, closures, patches, balance, and their legend.
+
+Marks on every scene: joints, spring-dampers, the centre of mass, and the floor.
 
 A hinge is a drum about its axis, a slider a bar along it, any other joint a ball; what has a motor
 is orange. The joint of a floating base is not marked. A spring-damper is bellows from one frame to
@@ -10,18 +12,47 @@ camera.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
-from typing import Any
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from operator import methodcaller
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin.constraints.base import Patch
+from condyn_pin.constraints.rows.bound import ConstraintViolation
+from condyn_pin.control.balancing import Balance
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io import meshes
 from condyn_pin.model.robot import Robot
+from condyn_pin.viewing import part as palette
 from condyn_pin.viewing.instant import Instant
 from condyn_pin.viewing.labels import label
-from condyn_pin.viewing.palette import ACTUATED, GRID, MASS, PASSIVE, SPRING
-from condyn_pin.viewing.part import Part, Pose, at_point, joint_pose, span
+from condyn_pin.viewing.part import (
+    ACTUATED,
+    AXES,
+    CONTACT,
+    FORCE,
+    GRID,
+    MASS,
+    MOMENT,
+    PASSIVE,
+    REACTION,
+    SPRING,
+    Colour,
+    Part,
+    Pose,
+    Tint,
+    at_point,
+    gap_colour,
+    joint_pose,
+    span,
+    then,
+)
 
 _FOLDS = 12  # of bellows
 _HALF = 8  # squares from the middle of the floor to its edge
@@ -103,3 +134,366 @@ def floor_part(middle: Array, size: float) -> Part:
             T[:3, 3] = *(centre + at), height
             lines = lines + line.moved(T)
     return Part("floor", lambda _: np.eye(4), ((lines, GRID),))
+
+
+# Forces of constraints and contacts as arrows, each on the body that feels it.
+#
+# Forces have one scale, moments another: the largest of all moments is a third of the scene.
+
+
+_LARGEST = 0.33  # of the size of the scene
+_LEAST = 1e-3  # of the largest arrow: what is smaller is not drawn
+_ROUNDING = 1e-9  # of the weight, of moments at the size of the scene: no force of what flies
+
+
+class Peak(NamedTuple):
+    """The largest force and moment of a constraint in a motion."""
+
+    force: float  # [N]
+    moment: float  # [N m]
+
+
+class _Acting(Protocol):
+    """A force that knows on whom it acts and where: of a constraint, or of a contact."""
+
+    @property
+    def at(self) -> Array: ...
+
+    @property
+    def on(self) -> str: ...
+
+    def in_world(self) -> Array: ...
+
+    def on_other(self) -> _Acting: ...
+
+
+@dataclass(frozen=True, eq=False)
+class _Arrow:
+    """A vector of a constraint or a contact: the force or the moment on one of its bodies."""
+
+    name: str
+    of: Callable[[Instant], _Acting | None]
+    part: slice  # of the six numbers
+    unit: str
+    colour: Colour
+
+    def vector(self, at: Instant) -> tuple[Array, Array] | None:
+        """Return where it starts, and itself in the axes of the world."""
+        force = self.of(at)
+        if force is None:
+            return None
+        vector = force.in_world()[self.part]
+        return (force.at, vector) if len(vector) else None
+
+    def most(self, instants: Sequence[Instant], peaks: Mapping[str, Peak]) -> tuple[float, str]:
+        """Return its largest length, and the body that it is on; zero if it is never seen."""
+        found = [
+            (float(np.linalg.norm(v[1])), self.of(at)) for at in instants if (v := self.vector(at))
+        ]
+        largest, force = max(found, key=lambda each: each[0], default=(0.0, None))
+        if force is None:
+            return 0.0, ""
+        peak = peaks.get(self.name, Peak(0.0, 0.0))
+        return max(largest, peak.moment if self.unit == "N m" else peak.force), force.on
+
+
+def body_of(robot: Robot, name: str) -> str:
+    """Return the body that carries a frame: its own name, or that of the link it is fixed to.
+
+    Frames of an MJCF name no link; then it is the first body of the joint.
+    """
+    frames = robot.model.frames
+    named = found = next((frame for frame in frames if frame.name == name), None)
+    while found is not None and found.parentFrame:
+        if found.type == pin.FrameType.BODY:
+            return str(found.name)
+        found = frames[found.parentFrame]
+    if named is None or not named.parentJoint:
+        return name
+    bodies = (f for f in frames if f.type == pin.FrameType.BODY)
+    return next((str(f.name) for f in bodies if f.parentJoint == named.parentJoint), name)
+
+
+def arrow_parts(
+    scene: Scene, instants: Sequence[Instant], size: float, peaks: Mapping[str, Peak]
+) -> Iterator[Part]:
+    """Return the arrows of every constraint and contact of a scene, with labels.
+
+    Arrows follow a motion, and labels do not: these say the largest of it, and that they do.
+
+    Parameters
+    ----------
+    scene : Scene
+    instants : sequence of Instant
+    size : float
+        Of the scene [m].
+    peaks : mapping of str to Peak
+        Of a motion: the largest force and moment of each constraint and contact, drawn or not.
+    """
+    arrows = [arrow for c in scene.constraints if c.frames
+              for arrow in _arrows(c.name, between=len(c.frames) == 2)]  # fmt: skip
+    arrows += [arrow for bound in scene.contact_bounds for name, ground in bound.cones
+               for arrow in _touch_arrows(name, between=ground != 0)]  # fmt: skip
+    most = {arrow: arrow.most(instants, peaks) for arrow in arrows}
+    weight = scene.robot.mass * tolerances.GRAVITY  # [N]
+    moves = len(instants) > 1
+    for unit, least in (("N", _ROUNDING * weight), ("N m", _ROUNDING * weight * size)):
+        same = [arrow for arrow in arrows if arrow.unit == unit]
+        largest = max((most[arrow][0] for arrow in same), default=0.0)
+        for arrow in same:
+            length, on = most[arrow]
+            if length > _LEAST * largest and largest > least:
+                body = body_of(scene.robot, on)
+                words = f"{length:.3g} {unit} {'at most ' if moves else ''}on {body}"
+                yield from _drawn(arrow, words, body, _LARGEST * size / largest, size)
+
+
+def _arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
+    def first(at: Instant) -> _Acting | None:
+        return at.forces.get(name)
+
+    linear, angular = slice(0, 3), slice(3, 6)
+    yield _Arrow(name, first, linear, "N", FORCE)
+    yield _Arrow(name, first, angular, "N m", MOMENT)
+    if between:
+        yield _Arrow(name, _other(first), linear, "N", REACTION)
+
+
+def _touch_arrows(name: str, *, between: bool) -> Iterator[_Arrow]:
+    def first(at: Instant) -> _Acting | None:
+        return at.touching.get(name)
+
+    yield _Arrow(name, first, slice(0, 3), "N", FORCE)
+    if between:
+        yield _Arrow(name, _other(first), slice(0, 3), "N", REACTION)
+
+
+def _other(first: Callable[[Instant], _Acting | None]) -> Callable[[Instant], _Acting | None]:
+    def other(at: Instant) -> _Acting | None:
+        force = first(at)
+        return None if force is None else force.on_other()
+
+    return other
+
+
+def _drawn(arrow: _Arrow, words: str, on: str, scale: float, size: float) -> Iterator[Part]:
+    def ends(at: Instant) -> tuple[Array, Array] | None:
+        found = arrow.vector(at)
+        if found is None or np.linalg.norm(found[1]) * scale < _LEAST * size:
+            return None
+        return found[0], found[0] + scale * found[1]
+
+    kind = "moments" if arrow.unit == "N m" else "forces"
+    path = f"{kind}/{arrow.name}/on {on.replace('/', ' ')}"
+    pose, tip = then(ends, lambda both: span(*both)), then(ends, lambda both: at_point(both[1]))
+    yield Part(path, pose, ((_unit_arrow(0.007 * size), arrow.colour),), on_top=True)
+    yield label(f"{path} label", words, arrow.colour, tip, 0.024 * size)
+
+
+def _unit_arrow(radius: float) -> meshes.Mesh:
+    """Return an arrow along z from 0 to 1."""
+    head = 2.2 * radius
+    profile = [(0.0, 0.0), (radius, 0.0), (radius, 0.8), (head, 0.8), (0.0, 1.0)]
+    return meshes.turned(profile, 16)
+
+
+# Constraints: both frames of every loop, the patches of contacts, and gaps coloured by length.
+
+
+def closure_parts(
+    scene: Scene, worst: Mapping[str, ConstraintViolation], size: float
+) -> Iterator[Part]:
+    """Yield the parts of every loop.
+
+    Parameters
+    ----------
+    scene : Scene
+    worst : mapping of str to ConstraintViolation
+        What the labels say: the largest gap of all instants.
+    size : float
+        Of the scene [m].
+    """
+    for constraint in scene.constraints:
+        if len(constraint.frames) == 2:
+            name = constraint.name
+            yield _frame(f"closures/{name}/frame_a", name, 0, 0.045 * size, 0.003 * size)
+            yield _frame(f"closures/{name}/frame_b", name, 1, 0.032 * size, 0.005 * size)
+            yield _gap(f"closures/{name}/gap", name, size)
+            middle = _of_ends(name, lambda a, b: at_point(0.5 * (a.translation + b.translation)))
+            # a ball in the middle of the gap, which also a closed loop shows
+            ball = ((meshes.sphere(0.016 * size), gap_colour(0.0)),)
+            yield Part(f"closures/{name}/state", middle, ball, on_top=True, tint=_tint(name))
+            gap = worst.get(name)
+            if gap is not None:
+                text, colour = f"{name}: {_said(gap)}", gap_colour(gap.length)
+                yield label(f"closures/{name}/label", text, colour, middle, 0.024 * size)
+
+
+def contact_parts(scene: Scene, size: float) -> Iterator[Part]:
+    """Yield the patch of every contact, and the segment from it to its anchor."""
+    for constraint, bound in zip(scene.constraints, scene.bounds, strict=True):
+        patch = constraint.patch(size)
+        if patch is None:
+            continue
+        name = constraint.name
+        pose = then(methodcaller("robot_end", name), _turned if patch.turns else _there)
+        shape = ((patch_mesh(patch), CONTACT),)
+        yield Part(f"contacts/{name}/patch", pose, shape, opacity=0.8, on_top=True)
+        if bound.meets:
+            yield _gap(f"contacts/{name}/gap", name, size)
+
+
+def _turned(end: Any) -> Array:
+    return np.asarray(end.homogeneous)
+
+
+def _there(end: Any) -> Array:
+    return at_point(end.translation)
+
+
+def _gap(path: str, name: str, size: float) -> Part:
+    """Return the segment from c1 to c2 of a constraint."""
+    pose = _of_ends(name, lambda a, b: span(a.translation, b.translation))
+    shape = ((meshes.rod(0.006 * size, 1.0, 12), gap_colour(0.0)),)
+    return Part(path, pose, shape, on_top=True, tint=_tint(name))
+
+
+def _frame(path: str, name: str, which: int, length: float, radius: float) -> Part:
+    """Return the axes of frame c1 or c2: red, green, blue are x, y, z."""
+    T = [span(np.zeros(3), axis) for axis in np.eye(3)]
+    rod = meshes.rod(radius, length, 8)
+    axes = tuple((rod.moved(t), colour) for t, colour in zip(T, AXES, strict=True))
+    return Part(path, _of_ends(name, lambda *ends: _turned(ends[which])), axes, on_top=True)
+
+
+def _of_ends(name: str, place: Callable[[Any, Any], Array]) -> Pose:
+    """Return a pose that follows from the frames c1 and c2 of a constraint."""
+    return then(lambda at: at.ends.get(name), lambda ends: place(*ends))
+
+
+def _tint(name: str) -> Tint:
+    def colour(at: Instant) -> Colour:
+        return gap_colour(at.gaps[name].length if name in at.gaps else 0.0)
+
+    return colour
+
+
+def _said(gap: ConstraintViolation) -> str:
+    return str(gap) if gap.size > tolerances.CLOSED else "closed"
+
+
+# Patches: the meshes of the shapes that contacts are drawn with.
+
+
+def patch_mesh(patch: Patch) -> meshes.Mesh:
+    """Return a shape about the origin."""
+    if patch.shape == "box":
+        return meshes.box(*patch.size)
+    if patch.shape == "rod":
+        return meshes.cylinder(*patch.size).moved(span(np.zeros(3), np.array(patch.along)))
+    if patch.shape == "capsule":
+        return meshes.centred_capsule(*patch.size)
+    return meshes.sphere(*patch.size)
+
+
+# Marks of balance: the edges of the support polygon, and points of pressure and of capture.
+#
+# What they are and where they are valid is said in `control.balancing`. The number of corners may
+# change from instant to instant, and a part is a shape that does not: each edge is a part of its
+# own, which is not to be seen while the polygon has fewer.
+
+
+_THIN = 0.004  # radius of an edge, of the size of the scene
+_POINT = 0.014  # radius of a point, of the size of the scene
+_LABEL = 0.024  # height of its words, of the size of the scene
+
+# What is drawn as a point: the field of `Balance`, its words, its colour.
+POINTS = (
+    ("cop", "centre of pressure", palette.PRESSURE),
+    ("capture_point", "capture point", palette.CAPTURE),
+    ("dcm", "DCM", palette.DIVERGENT),
+)
+
+
+def balance_parts(instants: Sequence[Instant], size: float) -> Iterator[Part]:
+    """Yield the marks of instants that know their balance, in a scene of this size [m]."""
+    known = [at.balance for at in instants if at.balance is not None]
+    corners = max((len(each.polygon.corners) for each in known if each.polygon), default=0)
+    edge = meshes.cylinder(_THIN * size, 1.0).moved(at_point(np.array([0.0, 0.0, 0.5])))
+    for i in range(corners):
+        pose = partial(_edge, i)
+        yield Part(f"balance/support/{i}", pose, ((edge, palette.SUPPORT),), on_top=True)
+    ball = meshes.sphere(_POINT * size)
+    for name, words, colour in POINTS:
+        pose = partial(_point, name)
+        if all(pose(at) is None for at in instants):
+            continue
+        path = f"balance/{name}"
+        yield Part(f"{path}/point", pose, ((ball, colour),), opacity=0.9, on_top=True)
+        yield label(f"{path}/label", words, colour, pose, _LABEL * size)
+
+
+def balance_notes(instants: Sequence[Instant]) -> tuple[str, ...]:
+    """Return why nothing of the balance is drawn of instants that know it, if so."""
+    known = [at.balance for at in instants if at.balance is not None]
+    if not known or any(each.polygon for each in known):
+        return ()
+    return (
+        "no balance: no contacts press on one plane, so there is no support polygon, centre of "
+        "pressure or capture point",
+    )
+
+
+def _edge(i: int, at: Instant) -> Array | None:
+    """Return the pose of edge i of the polygon; a line has one edge, and a point none."""
+    polygon = None if at.balance is None else at.balance.polygon
+    if polygon is None or i >= len(polygon.corners) - (len(polygon.corners) < 3):
+        return None
+    corners = polygon.in_world
+    return span(corners[i], corners[(i + 1) % len(corners)])
+
+
+def _point(name: str, at: Instant) -> Array | None:
+    balance: Balance | None = at.balance
+    point = None if balance is None else getattr(balance, name)
+    return None if point is None or not np.isfinite(point).all() else at_point(point)
+
+
+# The legend of a picture: what its colours mean, and what could not be drawn.
+
+
+# What the legend says, if all these parts are there.
+_LEGEND = (
+    (("joints/actuated",), palette.ACTUATED, "joint with a motor"),
+    (("joints/passive",), palette.PASSIVE, "passive joint"),
+    (("springs",), palette.SPRING, "spring-damper"),
+    (("closures",), palette.CLOSED, "closed"),
+    (("closures",), palette.OPEN, "open by 1 cm or more (yellow: by less)"),
+    (("contacts",), palette.CONTACT, "contact"),
+    (("candidates",), palette.CONTACT, "may touch"),
+    (("touching",), palette.AWAY, "contact that is open"),
+    (("touching",), palette.STICKS, "contact that sticks"),
+    (("touching",), palette.SLIDES, "contact that slides"),
+    (("grounds",), palette.GROUND, "what may be touched"),
+    (("cones",), palette.CONE, "forces that friction can give"),
+    (("forces",), palette.FORCE, "force on the first-named body"),
+    (("forces", "closures"), palette.REACTION, "force on the other body"),
+    (("moments",), palette.MOMENT, "moment"),
+    (("balance/support",), palette.SUPPORT, "support polygon"),
+    *(((f"balance/{name}",), colour, words) for name, words, colour in POINTS),
+)
+
+
+def legend_of(
+    title: str, parts: Iterable[Part], squares: float, notes: Iterable[str]
+) -> Iterator[tuple[str, str]]:
+    """Yield colour and text of each line; `squares` are those of the floor [m]."""
+    yield "", title
+    paths = [part.path for part in parts]
+    seen = {path.removeprefix("before/").split("/")[0] for path in paths}
+    seen |= {"/".join(path.split("/")[:2]) for path in paths}
+    for needed, colour, text in _LEGEND:
+        if seen.issuperset(needed):
+            yield f"#{palette.number(colour):06x}", text
+    yield "", f"squares of {squares:g} m"
+    yield from (("", note) for note in notes)

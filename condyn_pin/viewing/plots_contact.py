@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.show import axes, finished
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.viewing.palette import mode_colour
+from condyn_pin.viewing.part import mode_colour
 from condyn_pin.viewing.plots_motion import TIME, mark_events, over_time, title_of
 
 _MODES: Final = ("open", "stick", "slide")

@@ -5,20 +5,25 @@ from __future__ import annotations
 import atexit
 import html as markup
 import os
+import shutil
 import subprocess
 import sys
+import tempfile
 import threading
+from contextlib import suppress
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from pathlib import Path
-from typing import Final
+from typing import Any, Final
+from urllib.parse import urlsplit
 
-from condyn_pin._core.arguments import is_whole
-from condyn_pin._core.arrays import shown
-from condyn_pin._core.files import check_format, check_writable, write_text
-from condyn_pin.errors import InvalidArgument
-from condyn_pin.viewing.chromium import screenshot
-from condyn_pin.viewing.drawing import Drawing
+from numpy.typing import ArrayLike
+
+from condyn_pin._core.arguments import check_flag, is_whole
+from condyn_pin._core.arrays import finite, shown
+from condyn_pin._core.files import check_format, check_writable, write_text, written_beside
+from condyn_pin.errors import BrowserFailed, InvalidArgument, MissingExtra
+from condyn_pin.viewing.drawing import Drawing, Look, Subject, drawing_of, require_meshcat
 from condyn_pin.viewing.part import Part
-from condyn_pin.viewing.server import HOST, Server
 
 _PORTS: Final = 2**16
 # What the names of a page and of a picture may end with.
@@ -176,3 +181,299 @@ def _close_all() -> None:
         if viewer._opened and viewer._server is not None:
             viewer._server.fetched.wait(_PATIENCE)
         viewer.close()
+
+
+# Server: one page, for browsers of this machine only.
+#
+# That it listens at 127.0.0.1 is not enough: a page of somebody else, in a browser of this machine,
+# may have its own name resolved to that address (DNS rebinding), and would read what is served
+# under it. So a request has to name this machine as its host, and as its origin if it has one. A
+# few connections are served at a time, none of them for long: who opens many, or says nothing on
+# them, takes no more of the process.
+
+
+HOST: Final = "127.0.0.1"
+
+_LOCAL: Final = (HOST, "localhost", "::1")
+_CONNECTIONS: Final = 16  # at a time: a browser opens six
+_SERVER_PATIENCE: Final = 10.0  # [s] for the next bytes of a request, or of an answer to be taken
+
+
+class Server(ThreadingHTTPServer):
+    """Serves one page, to this machine only.
+
+    Parameters
+    ----------
+    page : bytes
+    port : int
+        A free one if it is 0.
+    """
+
+    daemon_threads = True
+    request_queue_size = 4 * _CONNECTIONS
+
+    def __init__(self, page: bytes, port: int) -> None:
+        self.page, self.fetched = page, threading.Event()
+        self._free = threading.BoundedSemaphore(_CONNECTIONS)
+        super().__init__((HOST, port), _Handler)
+
+    def process_request(self, request: Any, client_address: Any) -> None:
+        """Serve a connection in a thread of its own, or hang up if there are too many."""
+        if not self._free.acquire(blocking=False):
+            self.shutdown_request(request)
+            return
+        try:
+            super().process_request(request, client_address)
+        except BaseException:  # no thread could be started
+            self._free.release()
+            raise
+
+    def process_request_thread(self, request: Any, client_address: Any) -> None:
+        """Serve a connection, and make room for another one."""
+        try:
+            super().process_request_thread(request, client_address)
+        finally:
+            self._free.release()
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """Say nothing of a connection that broke: the terminal is the user's."""
+
+
+class _Handler(BaseHTTPRequestHandler):
+    server: Server
+    timeout = _SERVER_PATIENCE
+
+    def do_GET(self) -> None:
+        """Send the page."""
+        if not self._is_local():
+            self.send_error(403, "Only this machine is served")
+            return
+        if self.path != "/":
+            self.send_error(404)
+            return
+        self.send_response(200)
+        self.send_header("Content-Type", "text/html; charset=utf-8")
+        self.send_header("Content-Length", str(len(self.server.page)))
+        self.send_header("X-Content-Type-Options", "nosniff")
+        self.end_headers()
+        with suppress(OSError):  # who reads no further has seen enough
+            self.wfile.write(self.server.page)
+            self.server.fetched.set()
+
+    def _is_local(self) -> bool:
+        """Whether a request names this machine, once, and comes from no page of another one."""
+        hosts, origins = (self.headers.get_all(name, []) for name in ("Host", "Origin"))
+        if len(hosts) != 1 or not _local(f"//{hosts[0]}"):
+            return False
+        return all(_local(origin) for origin in origins)
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """Say nothing."""
+
+
+def _local(address: str) -> bool:
+    """Whether an address is of this machine, whatever its port: it may be forwarded."""
+    try:
+        return urlsplit(address).hostname in _LOCAL
+    except ValueError:
+        return False
+
+
+# A picture without a screen: headless Chromium draws a page into a PNG.
+
+
+_NAMES: Final = (
+    "chromium", "chromium-browser", "google-chrome", "google-chrome-stable", "chrome",
+    "microsoft-edge", "/Applications/Google Chrome.app/Contents/MacOS/Google Chrome",
+)  # fmt: skip
+
+# As without a graphics card: SwiftShader draws WebGL on the processor, and Chromium all else.
+_SOFTWARE: Final = (
+    "--use-gl=angle", "--use-angle=swiftshader-webgl", "--enable-unsafe-swiftshader"
+)  # fmt: skip
+
+_VIRTUAL: Final = 100  # [ms] of the page's own clock, which runs as fast as the work is done
+# A picture takes some seconds. On a machine with other work Chromium hangs once in 25 starts, and
+# the next one does not.
+_LIMIT: Final = 60.0  # [s]
+_STARTS: Final = 2
+
+SIZE: Final = (1280, 960)  # [px]
+
+
+def find_chromium() -> str:
+    """Return the path of Chromium or one of its relatives, or raise MissingExtra."""
+    for name in _NAMES:
+        if path := shutil.which(name):
+            return path
+    raise MissingExtra(
+        "a PNG needs Chromium, and none is on the PATH: apt-get install chromium (Debian, Ubuntu "
+        "from its own archive), or brew install --cask chromium; or write html=..., which any "
+        "browser shows"
+    )
+
+
+def command(chromium: str, profile: str) -> list[str]:
+    """Return the words that start Chromium without a screen, with a profile of its own."""
+    words = [chromium, "--headless", *_SOFTWARE, "--hide-scrollbars", "--no-first-run",
+             "--disable-extensions", "--disable-dev-shm-usage"]  # fmt: skip
+    words.append(f"--user-data-dir={profile}")
+    if hasattr(os, "geteuid") and os.geteuid() == 0:
+        words.append("--no-sandbox")  # as root it starts in no other way
+    return words
+
+
+def screenshot(html: str, png: Path) -> None:
+    """Draw a page into a file.
+
+    Raises
+    ------
+    MissingExtra
+        If there is no Chromium.
+    BrowserFailed
+        If it made no picture; the text has its last words.
+    """
+    chromium, said = find_chromium(), ""
+    for _ in range(_STARTS):
+        # a folder that is not empty when it is removed: Chromium's last processes still write there
+        with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+            picture, said, hung = _start(chromium, html, Path(folder))
+            if picture.is_file():
+                with written_beside(png) as new:
+                    shutil.copyfile(picture, new)
+                return
+        if not hung:
+            break
+    raise BrowserFailed(f"{chromium} made no picture: {said or 'no reason'}")
+
+
+def _start(chromium: str, html: str, folder: Path) -> tuple[Path, str, bool]:
+    """Return where the picture should be, the last words of Chromium, and whether it hung."""
+    page, picture = folder / "page.html", folder / "picture.png"
+    page.write_text(html, encoding="utf-8")
+    words = [
+        *command(chromium, str(folder / "profile")),
+        f"--window-size={SIZE[0]},{SIZE[1]}",
+        f"--virtual-time-budget={_VIRTUAL}",
+        f"--screenshot={picture}",
+        page.as_uri(),
+    ]
+    try:
+        done = subprocess.run(words, capture_output=True, timeout=_LIMIT, check=False)
+    except subprocess.TimeoutExpired:
+        return picture, f"it did not end within {_LIMIT:g} s", True
+    lines = done.stderr.decode(errors="replace").strip().splitlines()
+    return picture, lines[-1] if lines else "", False
+
+
+# view: look at a robot, a scene, an answer, a motion or an assembly.
+
+
+def view(
+    subject: Subject,
+    q: ArrayLike | None = None,
+    *,
+    posture: str | None = None,
+    t: float | None = None,
+    forces: bool = True,
+    speed: float = 1.0,
+    light: bool = False,
+    cones: bool = False,
+    balance: bool = False,
+    html: str | Path | None = None,
+    png: str | Path | None = None,
+    browser: bool = True,
+    port: int = 0,
+) -> Viewer:
+    """Show a robot, an answer or a motion in meshcat's viewer: in a browser, a notebook, or a file.
+
+    It shows the robot as its description draws it, or else rods between its joints and the
+    ellipsoids of its inertias; driven joints in orange, passive ones dark; both frames of every
+    loop, and the gap between them coloured by its length and labelled in mm; contacts, and for
+    those that may open the planes that they may touch, coloured by whether they stick or slide; the
+    forces of an answer or of a motion on the bodies that feel them; and the centre of mass. A
+    motion has buttons to play and pause, with sliders for time and speed. A planar linkage is
+    viewed along the normal of its plane. An assembly is shown next to a pale robot in the
+    configuration where it started.
+
+    Parameters
+    ----------
+    subject : Robot, Scene, Solution, StepSolution, InverseDynamics, ControlAnswer, Trajectory, \
+            Assembly
+        A robot is shown with all its loops, a step at its end.
+    q : (nq,) array_like, optional
+        For a robot or a scene: its configuration, taken as it is, loops open or not.
+    posture : str, optional
+        For a robot or a scene, in place of q: a posture, its loops closed if they can be. The first
+        one by default.
+    t : float, optional
+        For a motion: only its sample nearest to this time [s]. All of it is played by default.
+    forces : bool
+        Draw the forces of an answer, a step or a motion.
+    speed : float
+        Seconds of a motion that are played in one second; 30 pictures in each.
+    light : bool
+        Draw the robot with at most 30 000 triangles, for a small page.
+    cones : bool
+        Draw the friction cones of contacts that may let go, unless they are open.
+    balance : bool
+        Draw the support polygon, the centre of pressure, the capture point and the DCM of a
+        `ControlAnswer` or a `Trajectory`, where they exist; `control.Balance` says what they are.
+    html, png : path, optional
+        Write a page that opens from disk without a network; a picture, of a motion its first
+        instant or that of `t`, for which headless Chromium has to be there. With one of them
+        nothing is opened, and no server is started.
+    browser : bool
+        Open the browser of the user, where there is a screen. A notebook shows the picture itself.
+    port : int
+        For the server; a free one by default.
+
+    Returns
+    -------
+    Viewer
+        With `url`, `save_html`, `save_png` and `close`.
+
+    Raises
+    ------
+    MissingExtra
+        If meshcat is not installed, or Chromium is not, for a PNG.
+    InvalidArgument
+        If the subject is none of these, or an argument does not fit it.
+    UnknownName
+        If there is no such posture.
+
+    Notes
+    -----
+    A page of Talos has 3.8 MB, and 1.6 MB if it is light; 0.9 MB of them are meshcat's viewer.
+
+    Without a graphics card, moving parts are drawn with at most 10 000 triangles, and with as many
+    pixels as 30 frames per second allow; at rest everything is drawn in full detail.
+    """
+    if not finite("speed", speed, ()) > 0:
+        raise InvalidArgument(f"speed = {speed!r}: a positive number is needed")
+    require_meshcat()
+    check_port(port)
+    check_flag("browser", browser)
+    for path, endings in ((html, HTML), (png, PNG)):
+        if path is not None:
+            check_format(path, *endings)
+            check_writable(path)
+    viewer = Viewer(
+        drawing_of(
+            subject,
+            q,
+            posture=posture,
+            t=t,
+            speed=float(speed),
+            look=Look(forces, light, cones, balance),
+        )
+    )
+    if html is not None:
+        viewer.save_html(html)
+    if png is not None:
+        viewer.save_png(png)
+    if html is None and png is None:
+        viewer.serve(port)
+        if browser and "ipykernel" not in sys.modules:
+            viewer.open()
+    return viewer

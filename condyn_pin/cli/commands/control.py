@@ -235,7 +235,7 @@ def _facts(before: ControlAnswer, after: ControlAnswer | None) -> dict[str, obje
 
 
 def _draw(answer: ControlAnswer, html: Path | None, png: Path | None) -> None:
-    from condyn_pin.viewing.verbs import view
+    from condyn_pin.viewing.viewer import view
 
     if not (html or png):
         return

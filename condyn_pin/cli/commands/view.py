@@ -12,7 +12,7 @@ from condyn_pin.cli.output import check_ending, check_written, say
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
-    from condyn_pin.viewing.subjects import Subject
+    from condyn_pin.viewing.drawing import Subject
     from condyn_pin.viewing.viewer import Viewer
 
 PANEL = "Look"
@@ -55,7 +55,7 @@ def view(
     ] = None,
 ) -> None:
     """Look at a robot or a motion in a browser until Ctrl-C, or write it to a file."""
-    from condyn_pin.viewing.verbs import view as view_subject
+    from condyn_pin.viewing.viewer import view as view_subject
 
     check_ending(html, ".html", ".htm")
     check_ending(png, ".png")
