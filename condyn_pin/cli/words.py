@@ -4,25 +4,42 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
+from math import inf
 from typing import Any, TypeVar, cast
 
+import numpy as np
+
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import read_call
+from condyn_pin._core.arrays import Array
 from condyn_pin.cli.arguments import Source
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
+from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.constraints.kinds import worded
-from condyn_pin.control.qp import QPS, QPSolver
+from condyn_pin.contact.cones import Cone, FrictionCone, WrenchCone
+from condyn_pin.control.answer import ControlAnswer
+from condyn_pin.control.controller import Controller
+from condyn_pin.control.qp import QPS
+from condyn_pin.control.qp.base import QPSolver
+from condyn_pin.control.tasks.base import Task
+from condyn_pin.control.tasks.center_of_mass import CenterOfMass
+from condyn_pin.control.tasks.frame_task import FrameTask
+from condyn_pin.control.tasks.orientation import Orientation
+from condyn_pin.control.tasks.posture import Posture
+from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solvers import SOLVERS, Solver
-from condyn_pin.dynamics.solvers.base import parameter_fields
-from condyn_pin.errors import CondynError, InvalidArgument, unknown_name
+from condyn_pin.dynamics.solvers import SOLVERS
+from condyn_pin.dynamics.solvers.base import Solver, parameter_fields
+from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled, unknown_name
 from condyn_pin.io.load import available_robots, load_robot
+from condyn_pin.mechanism.reduction import without
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.drift import DRIFTS, Drift
-from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
-from condyn_pin.study.measures import Measure
-from condyn_pin.study.measures.base import as_measure
+from condyn_pin.simulation.integrators import INTEGRATORS
+from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.study.measures.base import Measure, as_measure
 from condyn_pin.study.measures.trajectory import SCHEMES
 from condyn_pin.study.study import sweep
 from condyn_pin.study.tables import Method
@@ -206,3 +223,137 @@ def swept_solvers_of(names: str, measure: Measure) -> tuple[Method, ...] | None:
         kind = f"solver of {measure.name}"
         chosen = [_named(kind, name, measure.methods)() for name in names_in(names)]
     return tuple(one for method in chosen for one in sweep(method)) or None
+
+
+# What a line gives by name: values of joints, and forces on frames.
+
+
+Texts = Sequence[str] | None
+
+
+def values_in(option: str, texts: Texts) -> dict[str, list[float]]:
+    """Return the numbers of texts NAME=NUMBER or NAME=NUMBER,NUMBER,... by name."""
+    example = {"--q": "knee=0.3", "--tau": "knee=60"}.get(option, "foot=0,0,100")
+    pairs = pairs_in(option, texts, f"NAME=NUMBER is needed, such as {example}")
+    return {name: _numbers(f"{option} {name}", value) for name, value in pairs.items()}
+
+
+def posture_of(scene: Scene, posture: str | None, q: Texts) -> tuple[Array, list[str]]:
+    """Return a posture with the joints of `--q` set, loops as they are, and those joints."""
+    values = values_in("--q", q)
+    start = described_posture(scene, posture)
+    return scene.robot.configuration(_by_joint(values), start=start), list(values)
+
+
+def state_of(scene: Scene, posture: str | None, q: Texts) -> tuple[Array, Array]:
+    """Return (q, v) at a posture with the joints of `--q` set: closed, and at rest."""
+    if not q:
+        return scene.state(posture)
+    start, fixed = posture_of(scene, posture, q)
+    try:
+        closed = scene.assemble(start, fixed=fixed)
+    except NotAssembled as error:
+        raise NotAssembled(f"--q {' '.join(q)}: {error}", error.assembly) from error
+    return closed.q, np.zeros(scene.robot.nv)
+
+
+def torque_of(scene: Scene, tau: Texts) -> Array:
+    """Return the torques of `--tau`, zero for the other joints."""
+    return scene.robot.joint_vector(_by_joint(values_in("--tau", tau)))
+
+
+def forces_of(scene: Scene, forces: Texts) -> list[AppliedForce]:
+    """Return the forces of `--force`, in the axes of the world."""
+    values = values_in("--force", forces)
+    for frame in values:
+        scene.robot.frame(frame)  # a name that is unknown is said with those that are near
+    return [AppliedForce(frame, numbers) for frame, numbers in values.items()]
+
+
+def _by_joint(values: dict[str, list[float]]) -> dict[str, float | list[float]]:
+    return {name: x[0] if len(x) == 1 else x for name, x in values.items()}
+
+
+def _numbers(where: str, text: str) -> list[float]:
+    try:
+        return [float(word) for word in text.split(",")]
+    except ValueError as error:
+        raise InvalidArgument(f"{where}={text}: numbers with commas between are needed") from error
+
+
+# A robot that stands: the question that `condyn control` asks a controller.
+
+
+def ready_contacts(robot: Robot) -> str:
+    """Return the names of all contacts of a robot that stands; none of one that is bolted down."""
+    return ",".join(contact.name for contact in robot.contacts) if _trunk(robot) else ""
+
+
+def pressing(scene: Scene) -> list[Constraint]:
+    """Return the contacts with a floor."""
+    return [each for each in scene.constraints if each.presses]
+
+
+def stand_and_lift(
+    scene: Scene,
+    posture: str | None,
+    lift: Sequence[str],
+    up: float,
+    com: tuple[float, ...] | None,
+    friction: float,
+    qp: str,
+) -> tuple[ControlAnswer, ControlAnswer | None]:
+    """Return the answer on all contacts, and that after some of them were lifted."""
+    q, v = scene.state(posture)
+    passive = scene.robot.passive_torque(q, v)
+    names, frames = _lifted(scene, lift)
+    cones = {each.name: _cone(each, friction) for each in pressing(scene)}
+    wanted = _tasks(scene, q, com)
+    first = Controller(scene, _tasks(scene, q, None) if lift else wanted, cones=cones, qp=qp_of(qp))
+    before = first.solve(q, v, passive=passive)
+    if not lift:
+        return before, None
+    rising = [FrameTask(frame, a=(0.0, 0.0, up), weight=20.0) for frame in frames]
+    second = first.use(without(scene, names), [*wanted, *rising])
+    return before, second.solve(q, v, passive=passive)
+
+
+def _lifted(scene: Scene, lift: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Return the contacts of names or frames, and their frames."""
+    found: dict[str, str] = {}
+    for name in lift:
+        its = {c.name: c.frames[0] for c in pressing(scene) if name in (c.name, c.frames[0])}
+        if not its:
+            raise unknown_name("contact", name, [each.name for each in pressing(scene)])
+        found |= its
+    return list(found), list(dict.fromkeys(found.values()))
+
+
+def _cone(contact: Constraint, friction: float) -> Cone:
+    """Return the cone of a point, or that of a sole or an edge."""
+    support = contact.support
+    is_point = support is not None and support.is_point
+    return FrictionCone(friction, sides=8) if is_point else WrenchCone(friction)
+
+
+def _tasks(scene: Scene, q: Array, com: tuple[float, ...] | None) -> list[Task]:
+    """Return what a robot that stands is to do; one that is bolted down has its posture alone."""
+    tasks: list[Task] = [Posture(tuple(q), weight=0.1)]
+    trunk = _trunk(scene.robot)
+    if trunk:
+        tasks.append(Orientation(trunk, a=(0.0, 0.0, 0.0), weight=50.0))
+    if com is not None:
+        tasks.append(CenterOfMass(a=com, weight=inf))
+    elif trunk:
+        tasks.append(CenterOfMass(a=(0.0, 0.0, 0.0), weight=100.0))
+    return tasks
+
+
+def _trunk(robot: Robot) -> str:
+    """Return the body that floats; empty where the robot is bolted down."""
+    model = robot.model
+    if model.njoints < 2 or model.joints[1].nv != 6:
+        return ""
+    at_trunk = [each for each in model.frames if each.parentJoint == 1]
+    bodies = [each for each in at_trunk if each.type == pin.FrameType.BODY]
+    return str((bodies or at_trunk)[0].name)

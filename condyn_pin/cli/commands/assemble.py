@@ -28,8 +28,7 @@ def assemble(
     as_json: arg.AsJson = False,
 ) -> None:
     """Close the loops, starting from a posture; exits with 1 if they cannot be closed."""
-    from condyn_pin.cli.by_name import posture_of
-    from condyn_pin.cli.words import names_in, scene_of
+    from condyn_pin.cli.words import names_in, posture_of, scene_of
 
     scene = scene_of(source, "", loops)
     start, kept = posture_of(scene, posture, q)

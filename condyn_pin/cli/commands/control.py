@@ -71,8 +71,7 @@ def control(
     One tick at rest keeps the centre of mass and the trunk, and then the posture. If that fails,
     the contradicting rows are named, with the least amount by which they have to be relaxed.
     """
-    from condyn_pin.cli.standing import ready_contacts, stand_and_lift
-    from condyn_pin.cli.words import robot_of, scene_of
+    from condyn_pin.cli.words import ready_contacts, robot_of, scene_of, stand_and_lift
 
     check_ending(html, ".html", ".htm")
     check_ending(png, ".png")

@@ -43,8 +43,7 @@ def solve(
     as_json: arg.AsJson = False,
 ) -> None:
     """Solve for accelerations and forces at rest; exits with 1 if the status is not ok."""
-    from condyn_pin.cli.by_name import forces_of, state_of, torque_of
-    from condyn_pin.cli.words import scene_of, solver_of
+    from condyn_pin.cli.words import forces_of, scene_of, solver_of, state_of, torque_of
     from condyn_pin.dynamics.verbs import solve as solve_scene
     from condyn_pin.dynamics.workspace import default_solver
 
