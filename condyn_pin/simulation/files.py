@@ -30,9 +30,9 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.model_words import model_of, model_words
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.springs import Spring, SpringDamper
+from condyn_pin.simulation import integrators
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.events import Happened
-from condyn_pin.simulation.integrators import INTEGRATORS
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.outcome import Effects, MotionLimits, Run, RunStatus, check_limits
 from condyn_pin.simulation.records import (
@@ -198,7 +198,7 @@ _KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
         *(Effects, Happened, MotionLimits, Remark, Spring, SpringDamper, Plane),
-        *(INTEGRATORS | DRIFTS | SOLVERS).values(),
+        *(integrators.INTEGRATORS | DRIFTS | SOLVERS).values(),
     )
 }
 
@@ -232,7 +232,9 @@ def decode(coded: dict[str, Any]) -> Any:
         _KINDS.get(name)
         or named(name)
         or (CONTACTS | SHAPES | PATHS).get(name)
-        or (INTEGRATORS | DRIFTS | SOLVERS | CONTACT_SOLVERS | RESTITUTION_LAWS).get(name.lower())
+        or (integrators.INTEGRATORS | DRIFTS | SOLVERS | CONTACT_SOLVERS | RESTITUTION_LAWS).get(
+            name.lower()
+        )
     )
     if kind is None:
         raise LookupError(f"{name} is unknown: import the module that defines it")

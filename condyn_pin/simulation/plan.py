@@ -27,10 +27,10 @@ from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.errors import InvalidArgument, NotAssembled, UnsupportedConstraint
 from condyn_pin.mechanism.rank import Check
+from condyn_pin.simulation import integrators
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.events import Event, checked_events
-from condyn_pin.simulation.integrators import INTEGRATORS
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import PUSHES, ContactScheme
 from condyn_pin.simulation.integrators.explicit import RungeKutta4
@@ -138,7 +138,9 @@ def _check_jacobian(tau: object, jacobian: object, integrator: Integrator) -> No
     if not callable(tau):
         raise InvalidArgument("jacobian: tau is no function, and its derivatives are zero")
     if not integrator.takes_jacobian:
-        can = ", ".join(sorted(k.__name__ for k in INTEGRATORS.values() if k().takes_jacobian))
+        can = ", ".join(
+            sorted(k.__name__ for k in integrators.INTEGRATORS.values() if k().takes_jacobian)
+        )
         raise InvalidArgument(f"jacobian: {integrator.title} does not use it; {can} do")
 
 

@@ -1,15 +1,33 @@
-"""Integrators: frozen values whose fields are their parameters, a family a file.
+"""Ways from one time to the next, by name.
 
-Every module of this folder is imported once, and each integrator in it registers itself, so that to
-add an integrator is to add one file (`base.py` says what it must contain).
+Each integrator registers itself where its module is imported, and `INTEGRATORS`, when it is first
+asked for, imports every module of these folders: to add an integrator is to add one file (`base.py`
+says what it must contain), and a run imports no integrator but its own.
 """
+
+from __future__ import annotations
 
 from importlib import import_module
 from pkgutil import iter_modules
+from typing import TYPE_CHECKING, Final
 
-from condyn_pin.simulation.integrators.base import INTEGRATORS, Integrator, Order, Stepper
+from condyn_pin.simulation.integrators import base
+from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 
-for _module in iter_modules(__path__):
-    import_module(f"{__name__}.{_module.name}")
+if TYPE_CHECKING:
+    from condyn_pin.simulation.integrators.base import INTEGRATORS
 
 __all__ = ["INTEGRATORS", "Integrator", "Order", "Stepper"]
+
+# Folders of integrators.
+_FOLDERS: Final = (__name__,)
+
+
+def __getattr__(name: str) -> dict[str, type[Integrator]]:
+    if name != "INTEGRATORS":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    for folder in _FOLDERS:
+        for module in iter_modules(import_module(folder).__path__):
+            import_module(f"{folder}.{module.name}")
+    globals()[name] = base.INTEGRATORS  # asked for once
+    return base.INTEGRATORS
