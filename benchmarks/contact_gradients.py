@@ -35,7 +35,7 @@ import condyn_pin as cp
 from condyn_pin._core.show import finished, line
 from condyn_pin._core.timing import machine
 from condyn_pin.constraints import Ball, Point
-from condyn_pin.simulation import (
+from condyn_pin.gradients import (
     ActiveSet,
     EventLocated,
     Kappa,

@@ -35,8 +35,9 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled
 from condyn_pin.constraints import Ball, Plane
 from condyn_pin.contact import SemismoothNewton
+from condyn_pin.gradients import BatchStepDerivatives, step_derivatives_batch
 from condyn_pin.model.smaller import lock_joints
-from condyn_pin.simulation import BatchStepDerivatives, step_batch, step_derivatives_batch
+from condyn_pin.simulation import step_batch
 from condyn_pin.simulation.records import candidates_of
 
 JSON = marks.ROOT / "benchmarks" / "results" / "native_gradients.json"
@@ -159,7 +160,7 @@ def error(found: BatchStepDerivatives, wanted: BatchStepDerivatives) -> float:
 def left_to_python(at: States) -> int:
     """Return how many steps the core leaves."""
     from condyn_pin.dynamics.verbs import workspace_for
-    from condyn_pin.simulation.routes.batch import DifferentiatedRows, kinds_of
+    from condyn_pin.gradients.routes.batch import DifferentiatedRows, kinds_of
 
     count = len(at.Q)
     kinds = {name: kind.times(count) for name, kind in kinds_of(at.scene, ()).items()}

@@ -6,6 +6,7 @@ from . import contact as contact
 from . import control as control
 from . import dynamics as dynamics
 from . import errors as errors
+from . import gradients as gradients
 from . import io as io
 from . import lab as lab
 from . import layers as layers

@@ -48,7 +48,7 @@ _AREAS = {
         "control.support",
     ),
     "Motors and impacts": ("control", "dynamics.impacts", "simulation.events"),
-    "Simulation": ("simulation", "constraints.baumgarte", "constraints.drift"),
+    "Simulation": ("simulation", "gradients", "constraints.baumgarte", "constraints.drift"),
     "Benchmark problems": ("lab.problems",),
     "Many states at once": ("simulation.batch", "_core.rows", "_core.work"),
     "Layers for torch and jax": ("layers",),

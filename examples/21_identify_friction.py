@@ -9,7 +9,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin.constraints import Ball, Box
-from condyn_pin.simulation import ActiveSet, EventLocated, trajectory_derivatives
+from condyn_pin.gradients import ActiveSet, EventLocated, trajectory_derivatives
 
 quick, show = "--quick" in sys.argv, "--no-view" not in sys.argv
 rng, sigma, every, g = np.random.default_rng(0), 5e-4, 0.02, 9.81  # noise [m], samples [s]

@@ -13,9 +13,10 @@ from test_native_contact import CORE, DT, EXACT, MOVED, ROUNDED
 from test_native_step_derivatives import ROUNDED as OF_SLOPES
 
 import condyn_pin as cp
-from condyn_pin.simulation import BatchStep, step_batch, step_derivatives_batch
+from condyn_pin.gradients import step_derivatives_batch
+from condyn_pin.gradients.routes import batch
+from condyn_pin.simulation import BatchStep, step_batch
 from condyn_pin.simulation.batch import motions, steps
-from condyn_pin.simulation.routes import batch
 
 
 class Start(NamedTuple):

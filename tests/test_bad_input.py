@@ -1098,7 +1098,7 @@ STEP_VERBS = {
     "step": lambda s, q, v, dt: cp.step(s, q, v, dt=dt),
     "contact_problem": lambda s, q, v, dt: cp.simulation.contact_problem(s, q, v, dt=dt),
     "step_batch": lambda s, q, v, dt: cp.simulation.step_batch(s, [q], [v], dt=dt),
-    "derivatives": lambda s, q, v, dt: cp.simulation.step_derivatives_batch(s, [q], [v], dt=dt),
+    "derivatives": lambda s, q, v, dt: cp.gradients.step_derivatives_batch(s, [q], [v], dt=dt),
     "simulate": lambda s, q, v, dt: cp.simulate(s, q, v, duration=1.0, dt=dt),
     "a motion as long": lambda s, q, v, dt: cp.simulate(s, q, v, duration=dt, dt=dt),
     "action": lambda s, q, v, dt: cp.layers.Action(s, dt, motors=["floating"]),

@@ -13,9 +13,10 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints import FrictionalContact, Plane, Polynomial, Sine
 from condyn_pin.contact import ADMM
-from condyn_pin.simulation import SoftStep, step_derivatives_batch, trajectory_derivatives
-from condyn_pin.simulation.routes import ActiveSet, EventLocated, Kappa, Randomised, Softened
-from condyn_pin.simulation.routes.base import linear_steps
+from condyn_pin.gradients import step_derivatives_batch, trajectory_derivatives
+from condyn_pin.gradients.routes import ActiveSet, EventLocated, Kappa, Randomised, Softened
+from condyn_pin.gradients.routes.base import linear_steps
+from condyn_pin.simulation import SoftStep
 
 T, DT = 0.1, 1e-3
 TO_ROUNDING = ADMM(polish=True)

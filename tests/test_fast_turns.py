@@ -109,7 +109,7 @@ def test_every_verb_of_steps_refuses_what_simulate_refuses(scheme, spin):
     assert taken.notices[0] == said
     with pytest.raises(cp.SolveFailed, match="turns by"):
         cp.step(scene, q, v, **asked)
-    routes = [cp.simulation.ActiveSet(), cp.simulation.Kappa(), cp.simulation.EventLocated()]
+    routes = [cp.gradients.ActiveSet(), cp.gradients.Kappa(), cp.gradients.EventLocated()]
     for route in routes:
         with pytest.raises(cp.errors.StepFailed, match="turns by"):
             taken.derivatives(route=route)
@@ -120,7 +120,7 @@ def test_every_verb_of_steps_refuses_what_simulate_refuses(scheme, spin):
     calm = np.zeros_like(v)
     batch = cp.simulation.step_batch(scene, np.array([q, q]), np.array([v, calm]), **asked)
     assert list(batch.failed) == [0]
-    many = cp.simulation.step_derivatives_batch(
+    many = cp.gradients.step_derivatives_batch(
         scene, np.array([q, q]), np.array([v, calm]), **asked
     )
     assert list(many.failed) == [0]

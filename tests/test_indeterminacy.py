@@ -18,7 +18,8 @@ from condyn_pin.contact import (
     natural_residual,
     solve_contact,
 )
-from condyn_pin.simulation import EventDriven, Softened, contact_problem, trajectory_derivatives
+from condyn_pin.gradients import Softened, trajectory_derivatives
+from condyn_pin.simulation import EventDriven, contact_problem
 from condyn_pin.simulation.integrators import contact_steps
 
 GRAVITY, CUBE = 9.81, Box(0.1, 0.1, 0.1)

@@ -22,8 +22,8 @@ from shared import central, robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
+from condyn_pin.gradients import trajectory_derivatives
 from condyn_pin.layers.maps import Configurations
-from condyn_pin.simulation import trajectory_derivatives
 
 CURVED = {
     "free flyer": pin.JointModelFreeFlyer,
@@ -48,7 +48,7 @@ def once(monkeypatch):
     Checks of gradients ask for the same derivatives for every number of the answers and of the
     inputs, in both modes and twice, and for the same differences in each mode.
     """
-    for route in cp.simulation.ROUTES.values():
+    for route in cp.gradients.ROUTES.values():
         for verb in ("step", "at"):
             monkeypatch.setattr(route, verb, remembered(getattr(route, verb)))
 
@@ -325,7 +325,7 @@ def stepping() -> tuple[cp.Scene, tuple[np.ndarray, ...]]:
 def test_steps_in_torch_and_jax():
     """Of both libraries, and two steps in a row: what `step` finds, and its derivatives."""
     (scene, (q, v, tau)), rng = stepping(), np.random.default_rng(2)
-    dt, route = 1e-3, cp.simulation.ActiveSet()
+    dt, route = 1e-3, cp.gradients.ActiveSet()
     g_q, g_v = rng.normal(size=19), rng.normal(size=18)
     one = cp.step(scene, q, v, tau, dt=dt).derivatives(route=route)
     two = cp.step(scene, one.q, one.v, tau, dt=dt).derivatives(route=route)
@@ -392,7 +392,7 @@ def test_torch_gradients_of_steps_are_those_of_differences(kind, name):
     """Of each route, in both modes; noise finds the slope of a smooth step."""
     scene, inputs = sliding(kind)
     noisy, above = name == "randomised", kind == "ball above it"
-    route = cp.simulation.Randomised(20, 1e-6) if noisy else cp.simulation.ROUTES[name]()
+    route = cp.gradients.Randomised(20, 1e-6) if noisy else cp.gradients.ROUTES[name]()
     scheme, dt = (cp.Moreau(), 5e-3) if above else (cp.StewartTrinkle(), 1e-3)
     step = cp.layers.torch_step(scene, dt=dt, integrator=scheme, route=route)
     closed, given = tensors(inputs), slice(0, 3)
@@ -568,16 +568,16 @@ def motions() -> dict:
                   (np.array([0.1]), np.array([0.4]))),
         "sinks": (sinks, {"integrator": cp.simulation.SoftStep(), "wrt": ["solref", "inertias"]},
                   (below, v), (np.array([0.02, 1.0]), weights(ball))),
-        "smooth": (sinks, {"route": cp.simulation.Kappa(1e-2), "wrt": ["friction"]}, (below, v),
+        "smooth": (sinks, {"route": cp.gradients.Kappa(1e-2), "wrt": ["friction"]}, (below, v),
                    (np.array([0.3]),)),
-        "slides": (sinks, {"route": cp.simulation.ActiveSet(), "wrt": ["friction", "inertias"]},
+        "slides": (sinks, {"route": cp.gradients.ActiveSet(), "wrt": ["friction", "inertias"]},
                    (below, v), (np.array([0.3]), weights(ball))),
-        "softened": (sinks, {"route": cp.simulation.Softened(), "wrt": ["friction", "solref"]},
+        "softened": (sinks, {"route": cp.gradients.Softened(), "wrt": ["friction", "solref"]},
                      (below, v), (np.array([0.3]), np.array([0.02, 1.0]))),
-        "located": (lands, {"integrator": cp.Moreau(), "route": cp.simulation.EventLocated(),
+        "located": (lands, {"integrator": cp.Moreau(), "route": cp.gradients.EventLocated(),
                             "wrt": ["friction", "restitution"]},
                     (q, v), (np.array([0.1]), np.array([0.4]))),
-        "noisy": (sinks, {"route": cp.simulation.Randomised(20, 1e-6), "wrt": ["friction"]},
+        "noisy": (sinks, {"route": cp.gradients.Randomised(20, 1e-6), "wrt": ["friction"]},
                   (below, v), (np.array([0.3]),)),
     }  # fmt: skip
 
@@ -735,7 +735,7 @@ def of_every_map() -> dict:
     """Layers' arguments and inputs: of solves, steps and motions, with what may vary."""
     bar, tau = scenes()["four-bar"], np.zeros(6)
     scene, how, (q, v), p = motions()["sinks"]
-    rough = {"route": cp.simulation.Randomised(12, 1e-6, seed=5), "wrt": ["inertias"]}
+    rough = {"route": cp.gradients.Randomised(12, 1e-6, seed=5), "wrt": ["inertias"]}
     return {
         "solve": ((bar,), {"solver": cp.dynamics.NullSpace(), "drift": cp.Baumgarte(20.0, 1.0),
                            "wrt": ["inertias"]}, (*state(bar), weights(bar.robot))),

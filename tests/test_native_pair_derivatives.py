@@ -29,8 +29,8 @@ from test_native_step_derivatives import ROUNDED, assert_same
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Capsule
-from condyn_pin.simulation import step_derivatives_batch
-from condyn_pin.simulation.routes import batch
+from condyn_pin.gradients import step_derivatives_batch
+from condyn_pin.gradients.routes import batch
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
 pytestmark = [pytest.mark.native, pytest.mark.once]

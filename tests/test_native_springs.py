@@ -32,10 +32,11 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled
 from condyn_pin.dynamics import compiled as arrays
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
+from condyn_pin.gradients import step_derivatives_batch
+from condyn_pin.gradients.routes import batch
 from condyn_pin.model import SpringDamper, free_box, together
-from condyn_pin.simulation import step_batch, step_derivatives_batch
+from condyn_pin.simulation import step_batch
 from condyn_pin.simulation.batch import motions
-from condyn_pin.simulation.routes import batch
 
 pytestmark = pytest.mark.native
 

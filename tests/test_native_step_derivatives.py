@@ -19,8 +19,8 @@ from condyn_pin._core.work import Arrays
 from condyn_pin.constraints import Ball, FrictionalContact, Plane
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import UnsupportedBackend
-from condyn_pin.simulation import BatchStepDerivatives, Kappa, step_derivatives_batch
-from condyn_pin.simulation.routes import batch
+from condyn_pin.gradients import BatchStepDerivatives, Kappa, step_derivatives_batch
+from condyn_pin.gradients.routes import batch
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
 pytestmark = [pytest.mark.native, pytest.mark.once]

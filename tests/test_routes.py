@@ -15,7 +15,7 @@ from shared import robot
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.contact import ContactProblem
-from condyn_pin.simulation import (
+from condyn_pin.gradients import (
     ROUTES,
     ActiveSet,
     EventLocated,
@@ -24,7 +24,7 @@ from condyn_pin.simulation import (
     Softened,
     trajectory_derivatives,
 )
-from condyn_pin.simulation.routes.base import linear_steps
+from condyn_pin.gradients.routes.base import linear_steps
 
 DT = 1e-3
 DEEP = 9e-5  # of feet in the floor, less than a motion is refused at [m]
@@ -252,7 +252,7 @@ def test_kappa_has_an_answer_where_feet_hit_the_floor_fast():
         assert np.abs(smooth.step(x, u) - hard.step(x, u)).max() < 1e-3 * np.abs(v).max()
 
 
-def pushed(force: float, route, **contact) -> cp.simulation.StepDerivatives:
+def pushed(force: float, route, **contact) -> cp.gradients.StepDerivatives:
     """A point mass of 1 kg on a floor with mu 0.5, pushed: it slips at 4.905 N."""
     ball = cp.model.free_ball(mass=1.0, radius=0.05)
     floor = cp.FrictionalContact("ball", cp.constraints.Point(), friction=0.5, **contact)
@@ -279,7 +279,7 @@ def test_stick_and_slip_in_closed_form():
     assert near[3] == pytest.approx(1e-2, rel=0.1)
 
 
-@pytest.mark.parametrize("route", [ActiveSet(), cp.simulation.EventLocated()])
+@pytest.mark.parametrize("route", [ActiveSet(), cp.gradients.EventLocated()])
 def test_corners_that_strike_at_once_have_slopes_of_one_way_and_a_sentence(route):
     half = cp.constraints.Box(0.1, 0.1, 0.05)
     floor = cp.constraints.FrictionalContact("box", half, friction=0.3, restitution=0.5)

@@ -18,12 +18,12 @@ from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed
+from condyn_pin.gradients.routes.base import Chain, Route
+from condyn_pin.gradients.routes.step_derivatives import StepDerivatives
 from condyn_pin.layers.maps import Configurations, LayerMap, Made, Pair, Parameters, Shape, StateMap
 from condyn_pin.model.smaller import weighing
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.plan import check_scheme
-from condyn_pin.simulation.routes.base import Chain, Route
-from condyn_pin.simulation.routes.step_derivatives import StepDerivatives
 
 
 class SolveChange:

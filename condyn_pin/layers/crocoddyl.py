@@ -15,11 +15,11 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, MissingExtra
+from condyn_pin.gradients.routes.active_set import ActiveSet
+from condyn_pin.gradients.routes.base import Route
 from condyn_pin.layers.answers import StepMap
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
-from condyn_pin.simulation.routes.active_set import ActiveSet
-from condyn_pin.simulation.routes.base import Route
 
 
 def crocoddyl_action(action: Action, costs: Any) -> Any:

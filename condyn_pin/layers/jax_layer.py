@@ -9,12 +9,12 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import MissingExtra
+from condyn_pin.gradients.routes.active_set import ActiveSet
+from condyn_pin.gradients.routes.base import Route
 from condyn_pin.layers.answers import RunMap, SolveMap, StepMap
 from condyn_pin.layers.maps import Layer, LayerMap
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
-from condyn_pin.simulation.routes.active_set import ActiveSet
-from condyn_pin.simulation.routes.base import Route
 
 _STEWART_TRINKLE: Final = StewartTrinkle()
 _ACTIVE_SET: Final = ActiveSet()

@@ -42,12 +42,12 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.gradients.routes.base import Route, check_parameters, linear_steps
+from condyn_pin.gradients.routes.linear_steps import LinearSteps
+from condyn_pin.gradients.routes.step_derivatives import Columns
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller import weighing
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.routes.base import Route, check_parameters, linear_steps
-from condyn_pin.simulation.routes.linear_steps import LinearSteps
-from condyn_pin.simulation.routes.step_derivatives import Columns
 
 
 class Layer(Protocol):

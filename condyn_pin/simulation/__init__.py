@@ -6,6 +6,34 @@ Nouns: `Integrator`, a family a file in `integrators/`; the drift schemes in `dr
 It must not know how motions are viewed, nor how they are compared.
 """
 
+from importlib import import_module
+from typing import Any
+from warnings import warn
+
 import lazy_loader
 
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+# Names of the last version that other rooms have now; they go with the next.
+_MOVED: dict[str, str] = {
+    "ActiveSet": "gradients",
+    "BatchStepDerivatives": "gradients",
+    "EventLocated": "gradients",
+    "Kappa": "gradients",
+    "ROUTES": "gradients",
+    "Randomised": "gradients",
+    "Route": "gradients",
+    "Softened": "gradients",
+    "StepDerivatives": "gradients",
+    "TrajectoryDerivatives": "gradients",
+    "step_derivatives_batch": "gradients",
+    "trajectory_derivatives": "gradients",
+}
+
+
+def __getattr__(name: str) -> Any:
+    if room := _MOVED.get(name):
+        now = f"condyn_pin.{room}.{name}"
+        warn(f"{__name__}.{name} is {now} now", DeprecationWarning, stacklevel=2)
+        return getattr(import_module(f"condyn_pin.{room}"), name)
+    return _public(name)

@@ -35,8 +35,8 @@ from condyn_pin.simulation.records import forces_of
 from condyn_pin.simulation.system import System
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.routes.base import Route
-    from condyn_pin.simulation.routes.step_derivatives import StepDerivatives
+    from condyn_pin.gradients.routes.base import Route
+    from condyn_pin.gradients.routes.step_derivatives import StepDerivatives
 
 
 # StepSolution: a step with contacts that carries its own proof.
@@ -157,8 +157,8 @@ class StepSolution:
         A route that takes other steps, such as `Softened`, takes this one again. Cost:
         `Route.cost`.
         """
-        from condyn_pin.simulation.routes import ActiveSet
-        from condyn_pin.simulation.routes.base import Route  # they are made of steps
+        from condyn_pin.gradients.routes import ActiveSet
+        from condyn_pin.gradients.routes.base import Route  # they are made of steps
 
         chosen = ActiveSet() if route is None else route
         if not isinstance(chosen, Route):

@@ -22,7 +22,7 @@ from condyn_pin._core.timing import machine
 from condyn_pin.contact.solvers import CONTACT_SOLVERS
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.simulation.routes import ROUTES
+from condyn_pin.gradients.routes import ROUTES
 
 FORMAT: Final = 1  # of the json file; one more whenever a field changes its meaning
 

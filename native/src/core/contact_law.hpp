@@ -6,7 +6,7 @@
 //
 //   by_sigma dsigma + by_lam dlam + by_friction dmu = 0,    dsigma = G dlam + dg
 //
-// `ActiveSet` of Python is this law (`condyn_pin/simulation/routes/active_set.py`).
+// `ActiveSet` of Python is this law (`condyn_pin/gradients/routes/active_set.py`).
 #pragma once
 #include "contact_problem.hpp"
 

@@ -4,7 +4,7 @@
 //   u+ = exp(-dt w) u:              du+ = E (du + dt u x Jr(-dt w) dw)
 //
 // with x and y the two halves of the move of a body that floats, and E the rotation that belongs to it. Joints
-// with one coordinate go on by their move. `condyn_pin/simulation/routes/partials.py` has the same.
+// with one coordinate go on by their move. `condyn_pin/gradients/routes/partials.py` has the same.
 #pragma once
 #include "pinocchio.hpp"
 #include <cmath>

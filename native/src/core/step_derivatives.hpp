@@ -11,7 +11,7 @@
 //   P = M^-1 - Z Z^T + Y R Y^T = dv+/dp,    V h(ds) the least velocity with J_b v = ds
 //
 // df is zero where a coordinate neither carries a row nor is carried by it (`Carried`).
-// `condyn_pin/simulation/routes/linear_steps.py` derives each.
+// `condyn_pin/gradients/routes/linear_steps.py` derives each.
 #pragma once
 #include "carried.hpp"
 #include "contact_law.hpp"

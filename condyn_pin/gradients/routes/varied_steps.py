@@ -11,10 +11,10 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.gradients.routes.linear_steps import LinearSteps
 from condyn_pin.model.smaller import weighing
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
-from condyn_pin.simulation.routes.linear_steps import LinearSteps
 from condyn_pin.simulation.system import System
 
 # (t, q, v) -> q+, v+

@@ -15,11 +15,11 @@ from condyn_pin._core.arrays import Array, Indices, finite
 from condyn_pin._core.joints import difference
 from condyn_pin.contact.problem import MODES
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.gradients.routes.base import Route
+from condyn_pin.gradients.routes.linear_steps import LinearSteps
+from condyn_pin.gradients.routes.step_derivatives import PARAMETERS, StepDerivatives, made
+from condyn_pin.gradients.routes.varied_steps import VariedSteps
 from condyn_pin.simulation.integrators.step_problem import Taken
-from condyn_pin.simulation.routes.base import Route
-from condyn_pin.simulation.routes.linear_steps import LinearSteps
-from condyn_pin.simulation.routes.step_derivatives import PARAMETERS, StepDerivatives, made
-from condyn_pin.simulation.routes.varied_steps import VariedSteps
 
 
 @dataclass(frozen=True)

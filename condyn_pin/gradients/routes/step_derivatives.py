@@ -19,11 +19,11 @@ from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import AT_REST
 
 if TYPE_CHECKING:
+    from condyn_pin.gradients.routes.base import Route
+    from condyn_pin.gradients.routes.linear_steps import Ended, LinearSteps
     from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
     from condyn_pin.simulation.integrators.step_problem import Posed
     from condyn_pin.simulation.remarks import Note
-    from condyn_pin.simulation.routes.base import Route
-    from condyn_pin.simulation.routes.linear_steps import Ended, LinearSteps
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -5,12 +5,12 @@ Nouns: `Route`, a way over kinks and jumps; `StepDerivatives`, what it finds, an
 through all steps of a motion.
 """
 
-from condyn_pin.simulation.routes.active_set import ActiveSet
-from condyn_pin.simulation.routes.base import ROUTES, Route
-from condyn_pin.simulation.routes.event_located import EventLocated
-from condyn_pin.simulation.routes.kappa import Kappa
-from condyn_pin.simulation.routes.randomised import Randomised
-from condyn_pin.simulation.routes.softened import Softened
+from condyn_pin.gradients.routes.active_set import ActiveSet
+from condyn_pin.gradients.routes.base import ROUTES, Route
+from condyn_pin.gradients.routes.event_located import EventLocated
+from condyn_pin.gradients.routes.kappa import Kappa
+from condyn_pin.gradients.routes.randomised import Randomised
+from condyn_pin.gradients.routes.softened import Softened
 
 __all__ = [
     "ROUTES", "ActiveSet", "EventLocated", "Kappa", "Randomised", "Route", "Softened",

@@ -33,11 +33,7 @@ from condyn_pin.dynamics.at_state import weightless
 from condyn_pin.dynamics.derivatives.kkt import Linearisation
 from condyn_pin.dynamics.scene import Scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.contact_steps import ContactSteps
-from condyn_pin.simulation.integrators.step_problem import Posed, Taken, kept_paths, next_path
-from condyn_pin.simulation.remarks import Note
-from condyn_pin.simulation.routes.partials import (
+from condyn_pin.gradients.routes.partials import (
     FloatingPartials,
     InertiaPartials,
     add_asked,
@@ -52,7 +48,11 @@ from condyn_pin.simulation.routes.partials import (
     torque_partials,
     untouched,
 )
-from condyn_pin.simulation.routes.step_derivatives import Columns, Law, least
+from condyn_pin.gradients.routes.step_derivatives import Columns, Law, least
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.contact_steps import ContactSteps
+from condyn_pin.simulation.integrators.step_problem import Posed, Taken, kept_paths, next_path
+from condyn_pin.simulation.remarks import Note
 from condyn_pin.simulation.system import System
 
 

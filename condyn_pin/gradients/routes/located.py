@@ -16,19 +16,13 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import difference
 from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactProblem, InModes, Modes
+from condyn_pin.gradients.routes.active_set import ActiveSet
+from condyn_pin.gradients.routes.base import Route
+from condyn_pin.gradients.routes.linear_steps import Ended, LinearSteps
+from condyn_pin.gradients.routes.step_derivatives import Law, StepDerivatives, least, made, modes_of
 from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.step_problem import Chosen, Posed
 from condyn_pin.simulation.remarks import Note
-from condyn_pin.simulation.routes.active_set import ActiveSet
-from condyn_pin.simulation.routes.base import Route
-from condyn_pin.simulation.routes.linear_steps import Ended, LinearSteps
-from condyn_pin.simulation.routes.step_derivatives import (
-    Law,
-    StepDerivatives,
-    least,
-    made,
-    modes_of,
-)
 
 # An impact is a step so short that no force has time to do anything [s].
 _INSTANT: Final = 1e-15

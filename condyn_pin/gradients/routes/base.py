@@ -34,15 +34,15 @@ from condyn_pin._core.threads import Kept
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.step_problem import Taken
-from condyn_pin.simulation.routes.linear_steps import LinearSteps
-from condyn_pin.simulation.routes.step_derivatives import (
+from condyn_pin.gradients.routes.linear_steps import LinearSteps
+from condyn_pin.gradients.routes.step_derivatives import (
     PARAMETERS,
     Law,
     StepDerivatives,
     differentiated,
 )
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.integrators.step_problem import Taken
 from condyn_pin.simulation.step import StepStart
 
 ROUTES: dict[str, type[Route]] = {}

@@ -23,6 +23,10 @@ from condyn_pin.dynamics.compiled import untaken
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument, SolveFailed, WorkersLost
+from condyn_pin.gradients.routes.active_set import ActiveSet
+from condyn_pin.gradients.routes.base import Route, check_parameters
+from condyn_pin.gradients.routes.linear_steps import falls, rows_with_a_place
+from condyn_pin.gradients.routes.step_derivatives import Columns, StepDerivatives, found_parameters
 from condyn_pin.simulation.batch.answers import workers
 from condyn_pin.simulation.batch.inputs import Recipe
 from condyn_pin.simulation.batch.steps import (
@@ -43,10 +47,6 @@ from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.records import candidates_of
-from condyn_pin.simulation.routes.active_set import ActiveSet
-from condyn_pin.simulation.routes.base import Route, check_parameters
-from condyn_pin.simulation.routes.linear_steps import falls, rows_with_a_place
-from condyn_pin.simulation.routes.step_derivatives import Columns, StepDerivatives, found_parameters
 
 _DEFAULT: Final = StewartTrinkle()
 _ACTIVE_SET: Final = ActiveSet()

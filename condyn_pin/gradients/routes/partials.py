@@ -26,14 +26,14 @@ from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.at_state import weightless
 from condyn_pin.dynamics.derivatives.base import slope
 from condyn_pin.dynamics.derivatives.kkt import Linearised
+from condyn_pin.gradients.routes.step_derivatives import Law
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy
 from condyn_pin.simulation.integrators.contact_steps import Closing
 from condyn_pin.simulation.integrators.step_problem import Posed
-from condyn_pin.simulation.routes.step_derivatives import Law
 from condyn_pin.simulation.system import System
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.routes.linear_steps import LinearSteps
+    from condyn_pin.gradients.routes.linear_steps import LinearSteps
 
 
 def linearised(steps: LinearSteps, posed: Posed, v1: Array, l_b: Array) -> Linearised:

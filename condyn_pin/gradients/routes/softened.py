@@ -16,11 +16,11 @@ from condyn_pin.dynamics.solvers.soft import (
     SolRef,
     check_softness,
 )
+from condyn_pin.gradients.routes.active_set import margin, polished
+from condyn_pin.gradients.routes.base import LawRoute
+from condyn_pin.gradients.routes.step_derivatives import Law
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.soft_step import SoftStep
-from condyn_pin.simulation.routes.active_set import margin, polished
-from condyn_pin.simulation.routes.base import LawRoute
-from condyn_pin.simulation.routes.step_derivatives import Law
 
 
 @dataclass(frozen=True)

@@ -20,13 +20,13 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.gradients.routes.active_set import ActiveSet
+from condyn_pin.gradients.routes.base import Chain, Route, check_parameters
+from condyn_pin.gradients.routes.linear_steps import LinearSteps
+from condyn_pin.gradients.routes.step_derivatives import PARAMETERS, StepDerivatives
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.outcome import RunStatus
 from condyn_pin.simulation.remarks import Note, Remarks
-from condyn_pin.simulation.routes.active_set import ActiveSet
-from condyn_pin.simulation.routes.base import Chain, Route, check_parameters
-from condyn_pin.simulation.routes.linear_steps import LinearSteps
-from condyn_pin.simulation.routes.step_derivatives import PARAMETERS, StepDerivatives
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory

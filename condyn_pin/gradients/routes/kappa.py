@@ -12,11 +12,11 @@ from condyn_pin._core.arguments import Grid, quoted
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin.contact.problem import ContactProblem, normalised
 from condyn_pin.errors import InvalidArgument, SolveFailed
+from condyn_pin.gradients.routes.active_set import ActiveSet
+from condyn_pin.gradients.routes.base import LawRoute
+from condyn_pin.gradients.routes.step_derivatives import Law
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
 from condyn_pin.simulation.integrators.moreau import Moreau
-from condyn_pin.simulation.routes.active_set import ActiveSet
-from condyn_pin.simulation.routes.base import LawRoute
-from condyn_pin.simulation.routes.step_derivatives import Law
 
 # How far above the floor contacts of `Moreau` take part, in kappa g dt^2. What rests on one contact
 # hovers at one of these, on n of them at n; at a hundred a contact has 1 % of the weight to push.

@@ -9,13 +9,13 @@ import numpy as np
 
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidArgument
+from condyn_pin.gradients.routes.base import Route
+from condyn_pin.gradients.routes.linear_steps import LinearSteps
+from condyn_pin.gradients.routes.located import LocatedStep
+from condyn_pin.gradients.routes.step_derivatives import StepDerivatives
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.integrators.moreau import Moreau
 from condyn_pin.simulation.integrators.step_problem import Taken
-from condyn_pin.simulation.routes.base import Route
-from condyn_pin.simulation.routes.linear_steps import LinearSteps
-from condyn_pin.simulation.routes.located import LocatedStep
-from condyn_pin.simulation.routes.step_derivatives import StepDerivatives
 
 
 @dataclass(frozen=True)
