@@ -37,9 +37,9 @@ SAMPLED = 1e-2  # [s]
 SCHEMES = (
     cp.StewartTrinkle(),
     cp.Moreau(),
-    cp.simulation.Anitescu(),
-    cp.simulation.SoftStep(),
-    cp.simulation.EventDriven(),
+    cp.stepping.Anitescu(),
+    cp.stepping.SoftStep(),
+    cp.stepping.EventDriven(),
 )
 EXACT = 1e-11  # errors below are rounding [m]
 

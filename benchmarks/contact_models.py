@@ -25,7 +25,7 @@ import condyn_pin as cp
 from condyn_pin._core.timing import machine
 from condyn_pin.constraints import Box
 from condyn_pin.contact import ADMM, SAP
-from condyn_pin.simulation import Anitescu, SoftStep
+from condyn_pin.stepping import Anitescu, SoftStep
 
 RESULTS = Path(__file__).resolve().parent / "results" / "contact_models.json"
 PAGE = "docs/contact-models.md"

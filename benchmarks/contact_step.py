@@ -40,10 +40,10 @@ from condyn_pin.contact.condense import condense
 from condyn_pin.contact.problem import normalised, padded
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.model import together
-from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import HybridPhase
 from condyn_pin.simulation.system import System
+from condyn_pin.stepping.contact_steps import ContactSteps
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results" / "contact_step.json"

@@ -37,8 +37,8 @@ from condyn_pin.constraints import Ball, Plane
 from condyn_pin.contact import SemismoothNewton
 from condyn_pin.gradients import BatchStepDerivatives, step_derivatives_batch
 from condyn_pin.model.smaller import lock_joints
-from condyn_pin.simulation import step_batch
 from condyn_pin.simulation.records import candidates_of
+from condyn_pin.stepping import step_batch
 
 JSON = marks.ROOT / "benchmarks" / "results" / "native_gradients.json"
 PAGE = "docs/how-to-run-at-scale.md"

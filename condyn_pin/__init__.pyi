@@ -13,6 +13,7 @@ from . import layers as layers
 from . import mechanism as mechanism
 from . import model as model
 from . import simulation as simulation
+from . import stepping as stepping
 from . import study as study
 from . import viewing as viewing
 from ._core.rows import Native as Native
@@ -45,11 +46,11 @@ from .simulation.batch.motions import simulate_batch as simulate_batch
 from .simulation.events import Event as Event
 from .simulation.integrators.explicit import RungeKutta4 as RungeKutta4
 from .simulation.integrators.explicit import SemiImplicitEuler as SemiImplicitEuler
-from .simulation.integrators.moreau import Moreau as Moreau
-from .simulation.integrators.stewart_trinkle import StewartTrinkle as StewartTrinkle
 from .simulation.run import simulate as simulate
-from .simulation.step import step as step
 from .simulation.trajectory import Trajectory as Trajectory
+from .stepping.schemes.moreau import Moreau as Moreau
+from .stepping.schemes.stewart_trinkle import StewartTrinkle as StewartTrinkle
+from .stepping.single_step import step as step
 from .study.study import Study as Study
 from .viewing.viewer import view as view
 

@@ -26,7 +26,7 @@ rest, way = speed / (friction * g), speed**2 / (2 * friction * g)
 print(f"it has to stop after {rest:.6f} s and {way:.6f} m")
 
 exact = ADMM(polish=True)
-schemes = (cp.StewartTrinkle(exact), cp.Moreau(exact), cp.simulation.Anitescu(exact))
+schemes = (cp.StewartTrinkle(exact), cp.Moreau(exact), cp.stepping.Anitescu(exact))
 for scheme in schemes[1:2] if quick else schemes:
     run = cp.simulate(scene, q, v, duration=0.3, dt=1e-3, integrator=scheme)
     slid = run.q[-1, :2] - q[:2]

@@ -15,8 +15,9 @@ from test_native_step_derivatives import ROUNDED as OF_SLOPES
 import condyn_pin as cp
 from condyn_pin.gradients import step_derivatives_batch
 from condyn_pin.gradients.routes import batch
-from condyn_pin.simulation import BatchStep, step_batch
-from condyn_pin.simulation.batch import motions, steps
+from condyn_pin.simulation.batch import motions
+from condyn_pin.stepping import BatchStep, step_batch
+from condyn_pin.stepping import batch as steps
 
 
 class Start(NamedTuple):

@@ -1067,8 +1067,8 @@ STATE_VERBS = {
     "solve_batch": lambda s, q, v: cp.solve_batch(s.bilateral, [q], [v], v),
     "derivatives": lambda s, q, v: cp.derivatives(s.bilateral, q, v, v),
     "step": lambda s, q, v: cp.step(s, q, v, dt=1e-3),
-    "contact_problem": lambda s, q, v: cp.simulation.contact_problem(s, q, v, dt=1e-3),
-    "step_batch": lambda s, q, v: cp.simulation.step_batch(s, [q], [v], dt=1e-3),
+    "contact_problem": lambda s, q, v: cp.stepping.contact_problem(s, q, v, dt=1e-3),
+    "step_batch": lambda s, q, v: cp.stepping.step_batch(s, [q], [v], dt=1e-3),
     "simulate": lambda s, q, v: cp.simulate(s, q, v, duration=2e-3),
     "simulate_batch": lambda s, q, v: cp.simulate_batch(s, [q], [v], duration=2e-3),
     "action": lambda s, q, v: cp.layers.Action(s, 1e-3, motors=["floating"]).step([*q, *v], v),
@@ -1096,8 +1096,8 @@ def test_one_rule_for_the_quaternion_of_a_state(verb):
 
 STEP_VERBS = {
     "step": lambda s, q, v, dt: cp.step(s, q, v, dt=dt),
-    "contact_problem": lambda s, q, v, dt: cp.simulation.contact_problem(s, q, v, dt=dt),
-    "step_batch": lambda s, q, v, dt: cp.simulation.step_batch(s, [q], [v], dt=dt),
+    "contact_problem": lambda s, q, v, dt: cp.stepping.contact_problem(s, q, v, dt=dt),
+    "step_batch": lambda s, q, v, dt: cp.stepping.step_batch(s, [q], [v], dt=dt),
     "derivatives": lambda s, q, v, dt: cp.gradients.step_derivatives_batch(s, [q], [v], dt=dt),
     "simulate": lambda s, q, v, dt: cp.simulate(s, q, v, duration=1.0, dt=dt),
     "a motion as long": lambda s, q, v, dt: cp.simulate(s, q, v, duration=dt, dt=dt),

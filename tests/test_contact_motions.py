@@ -16,7 +16,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints import Ball, Box, FrictionalContact, JointFriction, JointLimit, Plane
 from condyn_pin.contact import Lemke, SemismoothNewton, solve_contact
 from condyn_pin.model import free_ball, free_box, together
-from condyn_pin.simulation import (
+from condyn_pin.stepping import (
     Anitescu,
     EventDriven,
     Moreau,

@@ -546,7 +546,7 @@ def test_nothing_that_is_not_finite_is_ok():
 @pytest.mark.parametrize("name", ["solo12", "talos"])
 def test_feet_on_a_rough_floor_stick_at_once(name, friction):
     """Those that close, as if they were held."""
-    problem = cp.simulation.contact_problem(*on_a_rough_floor(name, friction), dt=1e-3)
+    problem = cp.stepping.contact_problem(*on_a_rough_floor(name, friction), dt=1e-3)
     found, held = solve_contact(problem), np.zeros(problem.rows)
     closing = np.flatnonzero(np.repeat(problem.g[2::3] < 0, 3))
     G = problem.G[closing[:, None], closing]
@@ -722,7 +722,7 @@ def foot_in_the_floor() -> ContactProblem:
         "tip", Box(0.1, 0.1, 0.05), friction=3.0, on=Plane(height=-0.3), name="foot"
     )
     scene = cp.Scene(cp.Robot("leg", model), contacts=[foot])
-    return cp.simulation.contact_problem(scene, np.array([0.6]), np.ones(1), dt=1e-3)
+    return cp.stepping.contact_problem(scene, np.array([0.6]), np.ones(1), dt=1e-3)
 
 
 @pytest.mark.parametrize("solver", [ADMM, SemismoothNewton])

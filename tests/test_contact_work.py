@@ -18,7 +18,7 @@ from condyn_pin.constraints import Ball, Plane
 from condyn_pin.contact import SemismoothNewton
 from condyn_pin.dynamics import contact_gaps
 from condyn_pin.model import free_ball, free_box
-from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
+from condyn_pin.stepping import Anitescu, Moreau, SoftStep, StewartTrinkle
 from condyn_pin.viewing import plots_motion
 
 G = 9.81  # [m/s^2]
@@ -247,7 +247,7 @@ def test_files_and_tables_have_every_part(tmp_path: Path) -> None:
     run.to_csv(tmp_path / "run.csv")
     heading = (tmp_path / "run.csv").read_text().partition("\n")[0]
     assert heading.endswith("contact [J],correction [J],algorithmic [J],doubt [J]")
-    steps = cp.simulation.step_batch(scene, [lying(1e-3)], np.zeros((1, 6)), dt=1e-3)
+    steps = cp.stepping.step_batch(scene, [lying(1e-3)], np.zeros((1, 6)), dt=1e-3)
     one = steps[0]
     lost = [one.energy_lost, one.correction_work, one.algorithmic_work]
     assert np.array_equal(steps.errors[0, 5:], lost)

@@ -19,7 +19,7 @@ from condyn_pin.constraints import (
     Sine,
 )
 from condyn_pin.contact import ADMM
-from condyn_pin.simulation import EventDriven
+from condyn_pin.stepping import EventDriven
 
 GRAVITY, FRICTION = 9.81, 0.4
 PLATE, BOX, SLIDE = 1.0, 2.0, 1e-3  # [kg]

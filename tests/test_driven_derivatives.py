@@ -16,7 +16,7 @@ from condyn_pin.contact import ADMM
 from condyn_pin.gradients import step_derivatives_batch, trajectory_derivatives
 from condyn_pin.gradients.routes import ActiveSet, EventLocated, Kappa, Randomised, Softened
 from condyn_pin.gradients.routes.base import linear_steps
-from condyn_pin.simulation import SoftStep
+from condyn_pin.stepping import SoftStep
 
 T, DT = 0.1, 1e-3
 TO_ROUNDING = ADMM(polish=True)

@@ -28,8 +28,8 @@ from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact import Lemke
 from condyn_pin.dynamics import contact_gaps
 from condyn_pin.model import free_ball, free_box, painleve_rod
-from condyn_pin.simulation import EventDriven
 from condyn_pin.simulation.events import Happened
+from condyn_pin.stepping import EventDriven
 
 G = 9.81
 LOCATED = EventDriven()

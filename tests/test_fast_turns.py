@@ -118,7 +118,7 @@ def test_every_verb_of_steps_refuses_what_simulate_refuses(scheme, spin):
             with pytest.raises(cp.errors.StepFailed, match="turns by"):
                 verb(np.concatenate([q, v]), np.zeros(6))
     calm = np.zeros_like(v)
-    batch = cp.simulation.step_batch(scene, np.array([q, q]), np.array([v, calm]), **asked)
+    batch = cp.stepping.step_batch(scene, np.array([q, q]), np.array([v, calm]), **asked)
     assert list(batch.failed) == [0]
     many = cp.gradients.step_derivatives_batch(
         scene, np.array([q, q]), np.array([v, calm]), **asked

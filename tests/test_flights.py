@@ -13,8 +13,9 @@ from hypothesis import strategies as st
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Ball, Plane
-from condyn_pin.simulation import INTEGRATORS, EventDriven
+from condyn_pin.simulation import INTEGRATORS
 from condyn_pin.simulation.manifold import Manifold
+from condyn_pin.stepping import EventDriven
 
 G = 9.81
 

@@ -356,7 +356,7 @@ def test_restitution():
     scene = cp.Scene(ball, contacts=[floor])
     q, v = scene.state()
     q[2] = 0.55  # half a metre below it
-    run = cp.simulate(scene, q, v, duration=1.2, dt=1e-3, integrator=cp.simulation.EventDriven())
+    run = cp.simulate(scene, q, v, duration=1.2, dt=1e-3, integrator=cp.stepping.EventDriven())
     first = run.run.happened[0].t
     later = run.t > first
     assert run.gaps["ball"][later].max() == pytest.approx(0.5 * e**2, abs=1e-5)

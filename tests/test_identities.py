@@ -18,7 +18,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints import FrictionalContact, HeldJoint, Plane
 from condyn_pin.model import together
-from condyn_pin.simulation import step_batch
+from condyn_pin.stepping import step_batch
 
 EXACT = cp.StewartTrinkle(contact=cp.contact.SemismoothNewton())
 DT = 1e-3

@@ -19,8 +19,7 @@ from condyn_pin.contact import (
     solve_contact,
 )
 from condyn_pin.gradients import Softened, trajectory_derivatives
-from condyn_pin.simulation import EventDriven, contact_problem
-from condyn_pin.simulation.integrators import contact_steps
+from condyn_pin.stepping import EventDriven, contact_problem, contact_steps
 
 GRAVITY, CUBE = 9.81, Box(0.1, 0.1, 0.1)
 SOLVERS = [ADMM(), ADMM(polish=True), SemismoothNewton(), PGS()]

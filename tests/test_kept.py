@@ -16,7 +16,7 @@ import condyn_pin as cp
 from condyn_pin._core.threads import Kept
 from condyn_pin.constraints import Driven, HeldJoint, Sine
 from condyn_pin.dynamics.compiled import CompiledCore
-from condyn_pin.simulation.step import ProvedSteps
+from condyn_pin.stepping.single_step import ProvedSteps
 
 FOUR_BAR, SOLO = "four_bar loops", "solo12 contacts"
 
@@ -140,7 +140,7 @@ def test_steps_that_take_turns_have_a_memory_each(built):
     for _ in range(3):
         for scene in bodies:
             q, v = scene.state()
-            cp.simulation.step_batch(scene, q[None], v[None], dt=1e-3)
+            cp.stepping.step_batch(scene, q[None], v[None], dt=1e-3)
     assert built["ProvedSteps"] == 4
 
 

@@ -566,7 +566,7 @@ def motions() -> dict:
                   (*swing.sample(np.random.default_rng(0)),), (weights(bar),)),
         "lands": (lands, {"integrator": cp.Moreau(), "wrt": ["friction", "restitution"]}, (q, v),
                   (np.array([0.1]), np.array([0.4]))),
-        "sinks": (sinks, {"integrator": cp.simulation.SoftStep(), "wrt": ["solref", "inertias"]},
+        "sinks": (sinks, {"integrator": cp.stepping.SoftStep(), "wrt": ["solref", "inertias"]},
                   (below, v), (np.array([0.02, 1.0]), weights(ball))),
         "smooth": (sinks, {"route": cp.gradients.Kappa(1e-2), "wrt": ["friction"]}, (below, v),
                    (np.array([0.3]),)),

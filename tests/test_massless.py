@@ -246,7 +246,7 @@ def test_whatever_needs_M_is_refused_there_and_nowhere_else(name):
         lambda q: cp.derivatives(scene, q, v, tau).da_dq,
         lambda q: cp.mechanism.project_velocity(scene, q, v, metric="mass"),
         lambda q: cp.simulate(scene, q, v, duration=0.01, dt=1e-3).q,
-        lambda q: cp.simulation.step(floor, q, v, tau, dt=1e-3).v,
+        lambda q: cp.stepping.step(floor, q, v, tau, dt=1e-3).v,
     )
     for ask in asked:
         assert np.isfinite(ask(good)).all()

@@ -21,7 +21,7 @@ from condyn_pin.constraints.partials.contacts import (
 )
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.gradients import step_derivatives_batch
-from condyn_pin.simulation import step_batch
+from condyn_pin.stepping import step_batch
 
 ABOUT = {"dt": 1e-3, "integrator": cp.StewartTrinkle(contact=SemismoothNewton())}
 H = 3e-8  # [rad, m, rad/s, m/s]: slips of 1 mm/s turn soon; rounding leaves 3e-9 of dv+

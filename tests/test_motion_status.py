@@ -14,7 +14,6 @@ from condyn_pin.model import Spring
 from condyn_pin.simulation import (
     DormandPrince,
     ImplicitMidpoint,
-    Moreau,
     MotionLimits,
     NoDrift,
     Rattle,
@@ -23,6 +22,7 @@ from condyn_pin.simulation import (
     simulate_batch,
 )
 from condyn_pin.simulation.measures import hermite_weights, work
+from condyn_pin.stepping import Moreau
 
 ONE = pin.SE3.Identity()
 

@@ -20,9 +20,10 @@ from condyn_pin.constraints import Ball, Box, Capsule, FrictionalContact, Plane
 from condyn_pin.contact import ADMM, PGS, Lemke, SemismoothNewton
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.model import free_box, together
-from condyn_pin.simulation import step_batch
-from condyn_pin.simulation.batch import motions, steps
-from condyn_pin.simulation.batch.steps import ERRORS
+from condyn_pin.simulation.batch import motions
+from condyn_pin.stepping import batch as steps
+from condyn_pin.stepping import step_batch
+from condyn_pin.stepping.batch import ERRORS
 
 pytestmark = pytest.mark.native
 
@@ -86,7 +87,7 @@ def only_the_core(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def assert_same_steps(
-    found: cp.simulation.BatchStep, wanted: cp.simulation.BatchStep, rounded: float = ROUNDED
+    found: cp.stepping.BatchStep, wanted: cp.stepping.BatchStep, rounded: float = ROUNDED
 ) -> None:
     assert_array_equal(found.statuses, wanted.statuses)
     assert_array_equal(found.codes, wanted.codes)
@@ -223,7 +224,7 @@ def test_a_tolerance_of_zero_is_as_good_as_any() -> None:
 
 
 def assert_as_near_as_residuals(
-    found: cp.simulation.BatchStep, wanted: cp.simulation.BatchStep
+    found: cp.stepping.BatchStep, wanted: cp.stepping.BatchStep
 ) -> None:
     assert wanted.ok
     assert_array_equal(found.statuses, wanted.statuses)

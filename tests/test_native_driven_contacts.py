@@ -37,9 +37,9 @@ from condyn_pin.constraints import (
     Sine,
 )
 from condyn_pin.model import free_box
-from condyn_pin.simulation import step_batch
 from condyn_pin.simulation.batch import motions
-from condyn_pin.simulation.batch.steps import contacts_of, paths_of, step_plan
+from condyn_pin.stepping import step_batch
+from condyn_pin.stepping.batch import contacts_of, paths_of, step_plan
 
 # The core has Pinocchio's headers in it; that scenes cross from either version: test_native.py.
 pytestmark = [pytest.mark.native, pytest.mark.once]

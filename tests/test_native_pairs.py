@@ -28,8 +28,7 @@ from condyn_pin.constraints import Ball, Box, Capsule, Convex, FrictionalContact
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.model import free_box, together
-from condyn_pin.simulation import contact_problem, step_batch
-from condyn_pin.simulation.batch import steps
+from condyn_pin.stepping import batch, contact_problem, step_batch
 
 pytestmark = pytest.mark.native
 
@@ -56,7 +55,7 @@ def test_steps_of_two_bodies_in_the_air_are_those_of_python(one, two, order, mon
     Q = np.array([near(one, two, rng, gap) for gap in gaps for _ in range(5)])
     V = rng.normal(scale=0.5, size=(len(Q), 12))
     wanted = step_batch(scene, Q, V, dt=DT, integrator=EXACT)
-    with by_python(monkeypatch, steps, "step") as asked:
+    with by_python(monkeypatch, batch, "step") as asked:
         found = step_batch(scene, Q, V, dt=DT, integrator=EXACT, **CORE)
     assert len(asked) <= 1  # Newton's method has no answer of one rod that is in a box
     assert_same_steps(found, wanted)
@@ -197,7 +196,7 @@ def test_steps_answer_the_contact_problems_of_python(make, monkeypatch):
     """Where redundant contacts slide and turn, Coulomb's law has several answers: Python's rule."""
     duration, modes, _ = SCENES[make]
     (group,) = along(make(), duration)
-    with by_python(monkeypatch, steps, "step") as asked:
+    with by_python(monkeypatch, batch, "step") as asked:
         found = step_batch(*group, dt=DT, **CORE)
     several = 0
     for q, v in zip(group.q, group.v, strict=True):

@@ -35,8 +35,8 @@ from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.gradients import step_derivatives_batch
 from condyn_pin.gradients.routes import batch
 from condyn_pin.model import SpringDamper, free_box, together
-from condyn_pin.simulation import step_batch
 from condyn_pin.simulation.batch import motions
+from condyn_pin.stepping import step_batch
 
 pytestmark = pytest.mark.native
 

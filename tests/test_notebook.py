@@ -240,7 +240,7 @@ def test_steps_are_a_data_frame_with_their_modes():
         pytest.importorskip("pandas")
     fall = falling()
     scene = fall.scene
-    batch = cp.simulation.step_batch(scene, fall.q[:3], fall.v[:3], dt=1e-3)
+    batch = cp.stepping.step_batch(scene, fall.q[:3], fall.v[:3], dt=1e-3)
     frame = batch.to_pandas()
     name = scene.contacts[0].name
     assert frame[f"mode {name}"].tolist() == batch.modes[name].tolist()

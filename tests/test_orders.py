@@ -41,11 +41,11 @@ VARIANTS = [
     *(cp.simulation.DormandPrince(**LOOSE, method=method) for method in (5, 8)),
     cp.StewartTrinkle(),
     cp.Moreau(),
-    cp.simulation.Anitescu(),
-    cp.simulation.SoftStep(),
-    cp.simulation.EventDriven(),
-    cp.simulation.EventDriven(cp.simulation.StormerVerlet()),
-    cp.simulation.EventDriven(cp.simulation.ExplicitEuler()),
+    cp.stepping.Anitescu(),
+    cp.stepping.SoftStep(),
+    cp.stepping.EventDriven(),
+    cp.stepping.EventDriven(cp.simulation.StormerVerlet()),
+    cp.stepping.EventDriven(cp.simulation.ExplicitEuler()),
 ]
 
 

@@ -22,8 +22,8 @@ from condyn_pin.simulation import (
     PostStabilization,
     Projection,
     RungeKutta4,
-    StewartTrinkle,
 )
+from condyn_pin.stepping import StewartTrinkle
 
 Array = np.ndarray
 

@@ -17,7 +17,7 @@ from condyn_pin.constraints import Ball, Box, Driven, HeldJoint, Plane, Polynomi
 from condyn_pin.contact import ContactProblem, Energetic, Newton, Poisson, RestitutionLaw
 from condyn_pin.contact.normal_path import normal_path
 from condyn_pin.model import Spring, free_ball, free_box, together
-from condyn_pin.simulation import EventDriven
+from condyn_pin.stepping import EventDriven
 
 LEAN = 0.6  # [rad]
 

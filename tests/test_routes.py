@@ -30,7 +30,7 @@ DT = 1e-3
 DEEP = 9e-5  # of feet in the floor, less than a motion is refused at [m]
 NEWTON = cp.contact.SemismoothNewton()
 HARD = (cp.StewartTrinkle(contact=NEWTON), cp.Moreau(contact=NEWTON))
-CONVEX = (cp.simulation.Anitescu(contact=NEWTON), cp.simulation.SoftStep(contact=NEWTON))
+CONVEX = (cp.stepping.Anitescu(contact=NEWTON), cp.stepping.SoftStep(contact=NEWTON))
 STATES = {
     "stick": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
     "slide": (0.4, 0.15, 0.0, 0.1, 0.2, 0.3),
@@ -739,7 +739,7 @@ def test_what_a_step_does_not_depend_on_is_refused():
         pushed(8.0, Randomised(samples=2))
     scene, q, v = bounce()
     falls = cp.simulate(scene, q, v, duration=0.01, dt=1e-3, integrator=cp.Moreau())
-    soft = cp.simulation.SoftStep()
+    soft = cp.stepping.SoftStep()
     scene = cp.Scene(scene.robot, contacts=[replace(scene.contacts[0], restitution=0.0)])
     with pytest.raises(cp.InvalidArgument, match="mass"):
         trajectory_derivatives(falls, wrt=["mass"])
@@ -1079,7 +1079,7 @@ def changed(scene, scheme, route, parameter: str, s: np.ndarray):
         return weighing(scene, s), scheme, route
     if parameter == "solref":
         solref = (0.02 + s[0], 1.0 + s[1])
-        if isinstance(scheme, cp.simulation.SoftStep):
+        if isinstance(scheme, cp.stepping.SoftStep):
             return scene, replace(scheme, solref=solref), route
         return scene, scheme, replace(route, solref=solref)
     (contact,) = scene.contacts
@@ -1104,7 +1104,7 @@ def test_every_route_by_every_parameter(name, scheme, parameter):
         "friction": True,
         "restitution": name == "eventlocated"
         or (isinstance(scheme, cp.Moreau) and name != "softened"),
-        "solref": isinstance(scheme, cp.simulation.SoftStep) or name == "softened",
+        "solref": isinstance(scheme, cp.stepping.SoftStep) or name == "softened",
         "inertias": True,
     }
     if not has[parameter]:
@@ -1243,7 +1243,7 @@ def test_one_foot_stays_and_the_other_rebounds(friction):
         ])  # fmt: skip
 
     def moved(e):
-        driven = cp.simulation.EventDriven(cp.RungeKutta4(), restitution_law=law)
+        driven = cp.stepping.EventDriven(cp.RungeKutta4(), restitution_law=law)
         motion = cp.simulate(on_corners(e), q, v, duration=dt, dt=dt / 10, integrator=driven)
         return motion.q[-1], motion.v[-1]
 

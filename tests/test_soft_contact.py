@@ -20,7 +20,7 @@ from condyn_pin.contact import (
 from condyn_pin.dynamics.solvers.soft import DEFAULT_SOLIMP
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model import free_box
-from condyn_pin.simulation import SoftStep
+from condyn_pin.stepping import SoftStep
 
 BOX_IN_MUJOCO = """<mujoco>
 <option timestep="2e-3" cone="elliptic" solver="Newton" tolerance="1e-16" iterations="200"
@@ -95,7 +95,7 @@ def test_a_box_rests_as_deep_as_in_mujoco_with_the_same_compliance():
     corners = FrictionalContact("box", Box(0.1, 0.08, 0.05), friction=0.5)
     scene = cp.Scene(free_box(size=(0.2, 0.16, 0.1), mass=1.0), contacts=[corners])
     q, v = np.array([0, 0, 0.05, 0, 0, 0, 1.0]), np.zeros(6)
-    G_nn = cp.simulation.contact_problem(scene, q, v, dt=1e-3).G[2, 2]
+    G_nn = cp.stepping.contact_problem(scene, q, v, dt=1e-3).G[2, 2]
     share = model.body_invweight0[1, 0] / G_nn
     stiffer = tuple(d / (d + (1 - d) * share) for d in DEFAULT_SOLIMP[:2])
     for solimp, times in ((DEFAULT_SOLIMP, 4.25), ((*stiffer, *DEFAULT_SOLIMP[2:]), 1.0)):

@@ -16,7 +16,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin.constraints import Ball, FrictionalContact, JointFriction, Plane
 from condyn_pin.gradients import step_derivatives_batch
 from condyn_pin.mechanism import project_velocity
-from condyn_pin.simulation import step_batch
+from condyn_pin.stepping import step_batch
 
 Array = NDArray[np.float64]
 Start = tuple[cp.Scene, Array, Array]

@@ -10,7 +10,7 @@ from shared import robot
 import condyn_pin as cp
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.gradients import BatchStepDerivatives, Kappa, Softened, step_derivatives_batch
-from condyn_pin.simulation import step_batch
+from condyn_pin.stepping import step_batch
 
 DT = 1e-3
 

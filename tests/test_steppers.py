@@ -35,8 +35,7 @@ from condyn_pin.contact.solvers.base import Attempt
 from condyn_pin.dynamics import contact_gaps
 from condyn_pin.errors import StepFailed
 from condyn_pin.model import free_ball, free_box, painleve_rod, pendulum, together
-from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle
-from condyn_pin.simulation.integrators import step_problem
+from condyn_pin.stepping import Anitescu, Moreau, SoftStep, StewartTrinkle, step_problem
 
 G = 9.81
 SCHEMES = (StewartTrinkle(), Moreau(), Anitescu(), SoftStep())
@@ -388,7 +387,7 @@ def test_a_batch_of_steps_is_what_step_returns_to_the_bit() -> None:
     q, v = standing(scene)
     rng = np.random.default_rng(4)
     V = rng.normal(scale=0.3, size=(5, len(v)))
-    batch = cp.simulation.step_batch(scene, np.tile(q, (5, 1)), V, dt=1e-3)
+    batch = cp.stepping.step_batch(scene, np.tile(q, (5, 1)), V, dt=1e-3)
     assert batch.ok
     for i, start in enumerate(V):
         now = cp.step(scene, q, start, dt=1e-3)
@@ -681,7 +680,7 @@ def test_impulses_that_rounding_balances_are_not_ok(r: float, is_right: bool) ->
     assert (now.dynamics_error <= now.dynamics_limit) == is_right
     assert any("M (v+ - v) is off by" in notice for notice in now.notices) != is_right
     assert ("note: M (v+ - v)" in str(now)) != is_right
-    batch = cp.simulation.step_batch(scene, [q, q], [v, v], dt=1e-3)
+    batch = cp.stepping.step_batch(scene, [q, q], [v, v], dt=1e-3)
     assert (not len(batch.failed)) == is_right
     if not is_right:
         with pytest.raises(cp.errors.SolveFailed, match=r"inaccurate: .*; M .v. - v. is off by"):
@@ -714,7 +713,7 @@ def test_corners_of_a_sole_that_constraints_hold_move_nothing(soles, scheme) -> 
     rng = np.random.default_rng(0)
     for size in (0.0, 0.3, 3.0):
         v = cp.mechanism.project_velocity(scene, q, size * rng.normal(size=talos.nv))
-        taken = cp.simulation.step(scene, q, v, dt=1e-3, integrator=scheme)
+        taken = cp.stepping.step(scene, q, v, dt=1e-3, integrator=scheme)
         assert taken.dynamics_error < 1e-10
         assert taken.constraint_error < 1e-10
         assert np.abs(taken.v).max() < 10 * max(np.abs(v).max(), 1.0)

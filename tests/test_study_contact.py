@@ -15,7 +15,7 @@ from condyn_pin.cli.main import app
 from condyn_pin.contact import ADMM, PGS, SAP, Lemke, SemismoothNewton
 from condyn_pin.dynamics import Proximal
 from condyn_pin.gradients import ActiveSet, EventLocated, Kappa, Randomised, Softened
-from condyn_pin.simulation import Anitescu, Moreau, SoftStep, StewartTrinkle, contact_problem
+from condyn_pin.stepping import Anitescu, Moreau, SoftStep, StewartTrinkle, contact_problem
 from condyn_pin.study import (
     ContactMeasure,
     GivenStates,

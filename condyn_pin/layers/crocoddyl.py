@@ -19,7 +19,7 @@ from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.base import Route
 from condyn_pin.layers.answers import StepMap
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
+from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 
 
 def crocoddyl_action(action: Action, costs: Any) -> Any:

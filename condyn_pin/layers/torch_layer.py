@@ -14,7 +14,7 @@ from condyn_pin.gradients.routes.base import Route
 from condyn_pin.layers.answers import RunMap, SolveMap, StepMap
 from condyn_pin.layers.maps import Layer, LayerMap
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
+from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 
 _STEWART_TRINKLE: Final = StewartTrinkle()
 _ACTIVE_SET: Final = ActiveSet()

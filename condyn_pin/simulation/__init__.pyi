@@ -6,8 +6,6 @@ from .batch.answers import solve_batch as solve_batch
 from .batch.motions import simulate_batch as simulate_batch
 from .batch.solution import BatchDerivatives as BatchDerivatives
 from .batch.solution import BatchSolution as BatchSolution
-from .batch.steps import BatchStep as BatchStep
-from .batch.steps import step_batch as step_batch
 from .batch.trajectory import BatchTrajectory as BatchTrajectory
 from .drift import DRIFTS as DRIFTS
 from .drift import Drift as Drift
@@ -20,11 +18,9 @@ from .events import Switch as Switch
 from .events import switch as switch
 from .integrators import INTEGRATORS as INTEGRATORS
 from .integrators import Integrator as Integrator
-from .integrators.anitescu import Anitescu as Anitescu
 from .integrators.contact_scheme import ContactScheme as ContactScheme
 from .integrators.coordinate_partitioning import CoordinatePartitioning as CoordinatePartitioning
 from .integrators.dormand_prince import DormandPrince as DormandPrince
-from .integrators.event_driven import EventDriven as EventDriven
 from .integrators.explicit import ExplicitEuler as ExplicitEuler
 from .integrators.explicit import Leapfrog as Leapfrog
 from .integrators.explicit import RungeKutta4 as RungeKutta4
@@ -35,13 +31,10 @@ from .integrators.midpoint import ImplicitMidpoint as ImplicitMidpoint
 from .integrators.midpoint import (
     LinearlyImplicitMidpoint as LinearlyImplicitMidpoint,
 )
-from .integrators.moreau import Moreau as Moreau
 from .integrators.radau import GearGuptaLeimkuhler as GearGuptaLeimkuhler
 from .integrators.radau import RadauIIA as RadauIIA
 from .integrators.rattle import Rattle as Rattle
 from .integrators.rattle import Shake as Shake
-from .integrators.soft_step import SoftStep as SoftStep
-from .integrators.stewart_trinkle import StewartTrinkle as StewartTrinkle
 from .measures import Energy as Energy
 from .motion_balance import MotionBalance as MotionBalance
 from .motion_balance import motion_balance as motion_balance
@@ -50,7 +43,4 @@ from .outcome import MotionLimits as MotionLimits
 from .outcome import RunStatus as RunStatus
 from .records import ContactRecord as ContactRecord
 from .run import simulate as simulate
-from .step import StepSolution as StepSolution
-from .step import contact_problem as contact_problem
-from .step import step as step
 from .trajectory import Trajectory as Trajectory

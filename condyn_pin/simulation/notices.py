@@ -43,8 +43,8 @@ from condyn_pin.simulation.motion_status import (
     unexplained,
 )
 from condyn_pin.simulation.plan import default_solver
-from condyn_pin.simulation.step import ProvedSteps
 from condyn_pin.simulation.torques import Passive
+from condyn_pin.stepping.single_step import ProvedSteps
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.records import Phase

@@ -34,12 +34,12 @@ from condyn_pin.simulation.events import Event, checked_events
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import PUSHES, ContactScheme
 from condyn_pin.simulation.integrators.explicit import RungeKutta4
-from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.outcome import Effects, MotionLimits, check_limits
 from condyn_pin.simulation.records import candidates_of
 from condyn_pin.simulation.stability import check_stability_limit
 from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian
+from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 
 # More samples do not fit into a memory.
 _MOST_STEPS = 10**9

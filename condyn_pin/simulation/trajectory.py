@@ -42,8 +42,8 @@ from condyn_pin.simulation.records import (
 from condyn_pin.simulation.torques import Passive
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.batch.steps import BatchStep
     from condyn_pin.simulation.batch.trajectory import BatchTrajectory
+    from condyn_pin.stepping.batch import BatchStep
 
 
 @dataclass(frozen=True, eq=False, repr=False)

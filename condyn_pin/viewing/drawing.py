@@ -24,8 +24,8 @@ from condyn_pin.dynamics.solution import Sites, Solution
 from condyn_pin.errors import InvalidArgument, MissingExtra, NotAssembled
 from condyn_pin.mechanism.closing import Assembly
 from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.step import StepSolution
 from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.stepping.single_step import StepSolution
 from condyn_pin.viewing import part as three
 from condyn_pin.viewing.bodies import body_parts, lighter, touch_parts, with_coarse
 from condyn_pin.viewing.instant import Felt, Instant, extent, instant, plane_normal, touched

@@ -8,10 +8,10 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin.contact import ADMM
-from condyn_pin.simulation import Anitescu, SoftStep
 from condyn_pin.simulation.outcome import Effects
 from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import follow
+from condyn_pin.stepping import Anitescu, SoftStep
 from peers.contact import export
 from peers.contact.harness import Played, Way, main
 from peers.contact.scene import ContactScene

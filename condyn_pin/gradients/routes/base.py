@@ -42,8 +42,8 @@ from condyn_pin.gradients.routes.step_derivatives import (
     differentiated,
 )
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.step_problem import Taken
-from condyn_pin.simulation.step import StepStart
+from condyn_pin.stepping.single_step import StepStart
+from condyn_pin.stepping.step_problem import Taken
 
 ROUTES: dict[str, type[Route]] = {}
 

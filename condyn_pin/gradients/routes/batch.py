@@ -29,7 +29,10 @@ from condyn_pin.gradients.routes.linear_steps import falls, rows_with_a_place
 from condyn_pin.gradients.routes.step_derivatives import Columns, StepDerivatives, found_parameters
 from condyn_pin.simulation.batch.answers import workers
 from condyn_pin.simulation.batch.inputs import Recipe
-from condyn_pin.simulation.batch.steps import (
+from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
+from condyn_pin.simulation.records import candidates_of
+from condyn_pin.stepping.batch import (
     STATUSES,
     BatchStep,
     StepKernel,
@@ -43,10 +46,7 @@ from condyn_pin.simulation.batch.steps import (
     states_of,
     untaken_steps,
 )
-from condyn_pin.simulation.integrators.base import Integrator
-from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
-from condyn_pin.simulation.records import candidates_of
+from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 
 _DEFAULT: Final = StewartTrinkle()
 _ACTIVE_SET: Final = ActiveSet()

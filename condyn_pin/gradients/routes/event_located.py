@@ -14,8 +14,8 @@ from condyn_pin.gradients.routes.linear_steps import LinearSteps
 from condyn_pin.gradients.routes.located import LocatedStep
 from condyn_pin.gradients.routes.step_derivatives import StepDerivatives
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.moreau import Moreau
-from condyn_pin.simulation.integrators.step_problem import Taken
+from condyn_pin.stepping.schemes.moreau import Moreau
+from condyn_pin.stepping.step_problem import Taken
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,7 @@ from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.base import LawRoute
 from condyn_pin.gradients.routes.step_derivatives import Law
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
-from condyn_pin.simulation.integrators.moreau import Moreau
+from condyn_pin.stepping.schemes.moreau import Moreau
 
 # How far above the floor contacts of `Moreau` take part, in kappa g dt^2. What rests on one contact
 # hovers at one of these, on n of them at n; at a hundred a contact has 1 % of the weight to push.

@@ -50,10 +50,10 @@ from condyn_pin.gradients.routes.partials import (
 )
 from condyn_pin.gradients.routes.step_derivatives import Columns, Law, least
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.contact_steps import ContactSteps
-from condyn_pin.simulation.integrators.step_problem import Posed, Taken, kept_paths, next_path
 from condyn_pin.simulation.remarks import Note
 from condyn_pin.simulation.system import System
+from condyn_pin.stepping.contact_steps import ContactSteps
+from condyn_pin.stepping.step_problem import Posed, Taken, kept_paths, next_path
 
 
 def falls(model: Any, dt: float) -> float:

@@ -20,9 +20,9 @@ from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.base import Route
 from condyn_pin.gradients.routes.linear_steps import Ended, LinearSteps
 from condyn_pin.gradients.routes.step_derivatives import Law, StepDerivatives, least, made, modes_of
-from condyn_pin.simulation.integrators.contact_steps import ContactSteps
-from condyn_pin.simulation.integrators.step_problem import Chosen, Posed
 from condyn_pin.simulation.remarks import Note
+from condyn_pin.stepping.contact_steps import ContactSteps
+from condyn_pin.stepping.step_problem import Chosen, Posed
 
 # An impact is a step so short that no force has time to do anything [s].
 _INSTANT: Final = 1e-15

@@ -28,9 +28,9 @@ from condyn_pin.dynamics.derivatives.base import slope
 from condyn_pin.dynamics.derivatives.kkt import Linearised
 from condyn_pin.gradients.routes.step_derivatives import Law
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy
-from condyn_pin.simulation.integrators.contact_steps import Closing
-from condyn_pin.simulation.integrators.step_problem import Posed
 from condyn_pin.simulation.system import System
+from condyn_pin.stepping.contact_steps import Closing
+from condyn_pin.stepping.step_problem import Posed
 
 if TYPE_CHECKING:
     from condyn_pin.gradients.routes.linear_steps import LinearSteps

@@ -19,7 +19,7 @@ from condyn_pin.gradients.routes.base import Route
 from condyn_pin.gradients.routes.linear_steps import LinearSteps
 from condyn_pin.gradients.routes.step_derivatives import PARAMETERS, StepDerivatives, made
 from condyn_pin.gradients.routes.varied_steps import VariedSteps
-from condyn_pin.simulation.integrators.step_problem import Taken
+from condyn_pin.stepping.step_problem import Taken
 
 
 @dataclass(frozen=True)

@@ -20,7 +20,7 @@ from condyn_pin.gradients.routes.active_set import margin, polished
 from condyn_pin.gradients.routes.base import LawRoute
 from condyn_pin.gradients.routes.step_derivatives import Law
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.soft_step import SoftStep
+from condyn_pin.stepping.schemes.soft_step import SoftStep
 
 
 @dataclass(frozen=True)

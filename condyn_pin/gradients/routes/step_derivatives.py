@@ -22,8 +22,8 @@ if TYPE_CHECKING:
     from condyn_pin.gradients.routes.base import Route
     from condyn_pin.gradients.routes.linear_steps import Ended, LinearSteps
     from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-    from condyn_pin.simulation.integrators.step_problem import Posed
     from condyn_pin.simulation.remarks import Note
+    from condyn_pin.stepping.step_problem import Posed
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -14,8 +14,8 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes.linear_steps import LinearSteps
 from condyn_pin.model.smaller import weighing
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.system import System
+from condyn_pin.stepping.contact_steps import ContactSteps
 
 # (t, q, v) -> q+, v+
 Step = Callable[[float, Array, Array], tuple[Array, Array]]

@@ -24,7 +24,7 @@ from condyn_pin.constraints.contacts.shapes import Box, Plane
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.mechanisms.free_bodies import free_box
-from condyn_pin.simulation.step import contact_problem
+from condyn_pin.stepping.single_step import contact_problem
 
 Rng = np.random.Generator
 Make = Callable[[float, Rng], ContactProblem]

@@ -40,7 +40,6 @@ from condyn_pin.simulation.batch.inputs import (
     driven_path_of,
     split,
 )
-from condyn_pin.simulation.batch.steps import contacts_of, states_of, step_plan, untaken_steps
 from condyn_pin.simulation.batch.trajectory import (
     ENDS,
     RUN_STATUSES,
@@ -53,7 +52,6 @@ from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.gaps import uses_the_solver
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.contact_steps import ContactSteps
 from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
 from condyn_pin.simulation.integrators.midpoint import ImplicitMidpoint, LinearlyImplicitMidpoint
 from condyn_pin.simulation.manifold import Manifold
@@ -66,6 +64,8 @@ from condyn_pin.simulation.run import LOST, HybridPhase, follow, is_lost, start
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Passive, Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.stepping.batch import contacts_of, states_of, step_plan, untaken_steps
+from condyn_pin.stepping.contact_steps import ContactSteps
 
 # Samples that are checked where none is to be kept, at most, and how many steps are between two
 # of them, at least: gaps and energies change slowly, and a look costs half a step.

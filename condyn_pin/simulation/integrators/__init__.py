@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 __all__ = ["INTEGRATORS", "Integrator", "Order", "Stepper"]
 
 # Folders of integrators.
-_FOLDERS: Final = (__name__,)
+_FOLDERS: Final = (__name__, "condyn_pin.stepping.schemes")
 
 
 def __getattr__(name: str) -> dict[str, type[Integrator]]:

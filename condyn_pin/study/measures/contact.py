@@ -24,8 +24,8 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
-from condyn_pin.simulation.step import contact_problem
+from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
+from condyn_pin.stepping.single_step import contact_problem
 from condyn_pin.study.measures.base import Answer, Measure, or_inf
 from condyn_pin.study.tables import Methods
 

@@ -24,10 +24,10 @@ from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
-from condyn_pin.simulation.integrators.moreau import Moreau
 from condyn_pin.simulation.outcome import uninterrupted
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.stepping.schemes.moreau import Moreau
 from condyn_pin.study.measures.base import Answer, Measure, relative
 from condyn_pin.study.tables import Parameter
 

@@ -2,7 +2,7 @@
 //
 //   gap(q (+) dt v+)  ~  gap_e + dt J_e (v+ - u),    gap_e and J_e at q (+) dt u
 //
-// `condyn_pin/simulation/integrators/step_problem.py` has the same in Python.
+// `condyn_pin/stepping/step_problem.py` has the same in Python.
 #include "contact_steps.hpp"
 #include "islands.hpp"
 #include <algorithm>

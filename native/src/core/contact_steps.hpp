@@ -5,7 +5,7 @@
 //   q+ = q (+) dt v+,     s = gap(q (+) dt v) - gap - dt J_n v
 //
 // `FreeStep` is the step without contacts, `Touching` what it asks of those that take part.
-// `condyn_pin/simulation/integrators/contact_steps.py` derives each. What it answers in another way than by a
+// `condyn_pin/stepping/contact_steps.py` derives each. What it answers in another way than by a
 // first attempt of its contact solver is left to it.
 #pragma once
 #include "chart.hpp"

@@ -1,4 +1,4 @@
-// How steps with contacts are taken, as Python says it; its file `simulation/batch/steps.py` names
+// How steps with contacts are taken, as Python says it; its file `stepping/batch.py` names
 // where each number comes from.
 #pragma once
 #include "contact_solve.hpp"

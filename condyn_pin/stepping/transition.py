@@ -27,17 +27,10 @@ from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactProblem, Conta
 from condyn_pin.contact.restitution import RestitutionLaw
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.errors import StepFailed
-from condyn_pin.simulation.between_events.modes import (
-    AT_ITS_END,
-    ContactTerms,
-    Held,
-    ModeDynamics,
-    let_go,
-    shared,
-)
 from condyn_pin.simulation.events import ZenoDetected
 from condyn_pin.simulation.remarks import Note, notes_of
 from condyn_pin.simulation.system import System, pressed_in
+from condyn_pin.stepping.modes import AT_ITS_END, ContactTerms, Held, ModeDynamics, let_go, shared
 
 # Velocities of what stands still that are rounding, relative to the speed of the robot.
 _ROUNDED = 1e-14

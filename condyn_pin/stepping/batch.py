@@ -35,13 +35,13 @@ from condyn_pin.errors import CondynError, WorkersLost
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.simulation.batch.answers import workers
 from condyn_pin.simulation.batch.inputs import DrivenPath, Recipe, check_states, loose
-from condyn_pin.simulation.integrators import contact_steps, step_problem
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, sizes_of_gaps
-from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.records import candidates_of, row_names
-from condyn_pin.simulation.step import StepSolution, contact_problem, step
+from condyn_pin.stepping import contact_steps, step_problem
+from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
+from condyn_pin.stepping.single_step import StepSolution, contact_problem, step
 
 _DEFAULT: Final = StewartTrinkle()
 

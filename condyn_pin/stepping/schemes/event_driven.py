@@ -11,12 +11,12 @@ from condyn_pin.contact.restitution import Energetic, RestitutionLaw, check_law
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
-from condyn_pin.simulation.between_events.steps import EventSteps
-from condyn_pin.simulation.between_events.transition import NextModes
 from condyn_pin.simulation.integrators.base import Integrator, Order, Stepper
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.simulation.integrators.explicit import ExplicitEuler, RungeKutta4, StormerVerlet
 from condyn_pin.simulation.system import System
+from condyn_pin.stepping.event_steps import EventSteps
+from condyn_pin.stepping.transition import NextModes
 
 # What needs nothing but accelerations at states of its own, and remembers nothing.
 _INNER = (RungeKutta4, DormandPrince, StormerVerlet, ExplicitEuler)

@@ -26,13 +26,13 @@ from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.integrators.contact_steps import ContactSteps
-from condyn_pin.simulation.integrators.step_problem import Posed, Taken
-from condyn_pin.simulation.integrators.stewart_trinkle import StewartTrinkle
 from condyn_pin.simulation.measures import gauge_of
 from condyn_pin.simulation.plan import check_scheme
 from condyn_pin.simulation.records import forces_of
 from condyn_pin.simulation.system import System
+from condyn_pin.stepping.contact_steps import ContactSteps
+from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
+from condyn_pin.stepping.step_problem import Posed, Taken
 
 if TYPE_CHECKING:
     from condyn_pin.gradients.routes.base import Route

@@ -23,19 +23,12 @@ from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.problem import OPEN, SLIDE
 from condyn_pin.model.soundness import singular_mass
-from condyn_pin.simulation.between_events.modes import (
-    ContactTerms,
-    Held,
-    Margins,
-    ModeDynamics,
-    fallen,
-    margins,
-)
-from condyn_pin.simulation.between_events.transition import Begun, NextModes, Transition
 from condyn_pin.simulation.events import ContactEvent, ZenoDetected
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.records import ContactWork, Row, touch_of
 from condyn_pin.simulation.system import System
+from condyn_pin.stepping.modes import ContactTerms, Held, Margins, ModeDynamics, fallen, margins
+from condyn_pin.stepping.transition import Begun, NextModes, Transition
 
 # Legs of one step, at most. A ball that comes to rest in it makes some hundred.
 _MOST = 1000

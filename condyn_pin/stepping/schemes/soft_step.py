@@ -23,8 +23,8 @@ from condyn_pin.dynamics.solvers.soft import (
 )
 from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
-from condyn_pin.simulation.integrators.contact_steps import contact_stepper
 from condyn_pin.simulation.system import System
+from condyn_pin.stepping.contact_steps import contact_stepper
 
 
 @dataclass(frozen=True)

@@ -15,8 +15,8 @@ from condyn_pin.simulation.integrators.contact_scheme import (
     closing_by,
     closing_velocities,
 )
-from condyn_pin.simulation.integrators.contact_steps import contact_stepper
 from condyn_pin.simulation.system import System
+from condyn_pin.stepping.contact_steps import contact_stepper
 
 
 @dataclass(frozen=True)

@@ -46,7 +46,10 @@ from condyn_pin.simulation.integrators.contact_scheme import (
     fastest,
     yielding_gaps,
 )
-from condyn_pin.simulation.integrators.step_problem import (
+from condyn_pin.simulation.records import Row, touch_of
+from condyn_pin.simulation.remarks import notes_of
+from condyn_pin.simulation.system import System, pressed_in, total_torque
+from condyn_pin.stepping.step_problem import (
     MISSED,
     Chosen,
     CurvedPaths,
@@ -61,9 +64,6 @@ from condyn_pin.simulation.integrators.step_problem import (
     next_path,
     step_work,
 )
-from condyn_pin.simulation.records import Row, touch_of
-from condyn_pin.simulation.remarks import notes_of
-from condyn_pin.simulation.system import System, pressed_in, total_torque
 
 # PosedSteps: the contact problem of a step, from a state; `contact_steps` has the equations.
 #

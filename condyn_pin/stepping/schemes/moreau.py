@@ -12,8 +12,8 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.contact.restitution import Energetic, RestitutionLaw, check_law
 from condyn_pin.simulation.integrators.base import Order, Stepper
 from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
-from condyn_pin.simulation.integrators.contact_steps import contact_stepper
 from condyn_pin.simulation.system import System
+from condyn_pin.stepping.contact_steps import contact_stepper
 
 
 @dataclass(frozen=True)

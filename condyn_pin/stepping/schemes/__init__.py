@@ -1,0 +1,1 @@
+"""Schemes of steps with contacts, a file each; `INTEGRATORS` has them by name beside all others."""
