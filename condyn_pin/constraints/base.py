@@ -44,7 +44,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from numbers import Real
 from typing import (
@@ -69,8 +69,6 @@ from condyn_pin._core.joints import rotation_fault, z_along
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from condyn_pin.constraints.rows.bound import AnyBound
 
 

@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Final, Literal, NamedTuple, get_args
+from typing import Any, Final, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,12 +22,8 @@ from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import turning
 from condyn_pin._core.trees import algorithms
-from condyn_pin.constraints.base import check_size, text
+from condyn_pin.constraints.base import Machine, check_size, text
 from condyn_pin.errors import InvalidArgument
-
-if TYPE_CHECKING:
-    from condyn_pin.constraints.base import Machine
-
 
 Axes = Literal["world", "body"]
 ForceFunction = Callable[[float, Array, Array], ArrayLike]  # (t, q, v) -> (3,) or (6,) [N, N m]

@@ -11,7 +11,7 @@ numbers that are not finite. Hard cases are looked at in one place.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -19,22 +19,17 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled_tick
 from condyn_pin.constraints.rows.bound import STILL, placement
-from condyn_pin.contact.cones import FrictionCone, WrenchCone
+from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.contact.cones import Cones, FrictionCone, WrenchCone
+from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.answer import ControlAnswer, ControlResiduals, ControlStatus, active_rows
 from condyn_pin.control.hierarchy import DECIDED, SLACK, STRICTLY
-from condyn_pin.control.tasks.base import CompiledTask
+from condyn_pin.control.program import Program
+from condyn_pin.control.qp.base import Polished
+from condyn_pin.control.tasks.base import BoundTask, CompiledTask, Task
 from condyn_pin.dynamics.compiled import of_model, of_rows, untaken_rows
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import UnsupportedBackend
-
-if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.equations import Equations
-    from condyn_pin.contact.cones import Cones
-    from condyn_pin.control.actuation import Actuation
-    from condyn_pin.control.program import Program
-    from condyn_pin.control.qp.base import Polished
-    from condyn_pin.control.tasks.base import BoundTask, Task
-    from condyn_pin.dynamics.scene import Scene
-
 
 # What a controller's tick is made of as plain arrays, and what of it the compiled core has not.
 #

@@ -27,29 +27,25 @@ from condyn_pin._core.trees import is_forest
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts.candidates import pieces_of
 from condyn_pin.constraints.contacts.shapes import Core
-from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.constraints.rows.bound import PinocchioConstraint, placement
+from condyn_pin.constraints.forces import AppliedForce, Loads
+from condyn_pin.constraints.rows.bound import AnyBound, PinocchioConstraint, placement
+from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
-from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
-from condyn_pin.dynamics.residuals import Residuals
+from condyn_pin.dynamics.derivatives.kkt import KktDerivatives, Linearisation
+from condyn_pin.dynamics.residuals import ErrorEstimator, Residuals
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Question, Solution, Status
 from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.errors import UnsupportedBackend
+from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.forces import Loads
-    from condyn_pin.constraints.rows.bound import AnyBound
-    from condyn_pin.constraints.rows.equations import Equations
-    from condyn_pin.dynamics.derivatives.kkt import Linearisation
-    from condyn_pin.dynamics.residuals import ErrorEstimator
-    from condyn_pin.dynamics.scene import Scene
     from condyn_pin.dynamics.workspace import Workspace
-    from condyn_pin.model.robot import Robot
 
 
 # A scene as plain arrays, and what of it the compiled core does not take.

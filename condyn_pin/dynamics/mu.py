@@ -27,13 +27,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from condyn_pin._core import _pin, tolerances
+from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.errors import NotAssembled
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.nominal import NominalAnalysis, NominalState
     from condyn_pin.dynamics.recursion import ArticulatedSolver
-    from condyn_pin.dynamics.solvers.base import BoundSolver
     from condyn_pin.dynamics.workspace import Workspace
 
 

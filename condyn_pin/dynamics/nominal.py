@@ -39,6 +39,7 @@ from condyn_pin.constraints.rows.equations import (
 )
 from condyn_pin.constraints.rows.pinocchio import PinocchioConstraints, pinocchio_constraints
 from condyn_pin.dynamics.residuals import ErrorEstimator
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.errors import (
     BranchChanged,
@@ -53,7 +54,6 @@ if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import Redundancy
     from condyn_pin.dynamics.digits import Digits
     from condyn_pin.dynamics.scene import Scene
-    from condyn_pin.dynamics.solvers.base import Solver
     from condyn_pin.model.robot import Robot
 
 

@@ -26,13 +26,13 @@ from condyn_pin.dynamics.nominal import (
     described_posture,
     placed_in_time,
 )
+from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
 from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.base import Contact, Mode
     from condyn_pin.constraints.contacts.touches import BoundContact
-    from condyn_pin.dynamics.solvers.base import Solver
     from condyn_pin.mechanism.closing import Assembly
     from condyn_pin.mechanism.minimal_scene import Minimal
     from condyn_pin.mechanism.rank import Check, Rank

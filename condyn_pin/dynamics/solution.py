@@ -14,6 +14,7 @@ from condyn_pin._core import show, tolerances
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array, AsArray, read_only
 from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.residuals import Residuals
@@ -22,7 +23,6 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.joints import coordinate_names
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.baumgarte import Baumgarte
     from condyn_pin.constraints.rows.redundancy import LeftOut
 
 

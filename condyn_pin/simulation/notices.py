@@ -43,11 +43,11 @@ from condyn_pin.simulation.motion_status import (
     unexplained,
 )
 from condyn_pin.simulation.plan import default_solver
+from condyn_pin.simulation.records import Phase
 from condyn_pin.simulation.torques import Passive
 from condyn_pin.stepping.single_step import ProvedSteps
 
 if TYPE_CHECKING:
-    from condyn_pin.simulation.records import Phase
     from condyn_pin.simulation.trajectory import Trajectory
 
 # Samples of a phase that are checked. A solver that does not converge misses at most of them.

@@ -36,6 +36,7 @@ from condyn_pin._core.arguments import (
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import lapack
 from condyn_pin.dynamics.mu import FEW, MuAtState, default_accuracy, default_mu
+from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.dynamics.proof import (
     OPEN_SQUARED,
     Refinement,
@@ -46,7 +47,6 @@ from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import KeptRows
-    from condyn_pin.dynamics.nominal import NominalAnalysis
     from condyn_pin.dynamics.workspace import Workspace
 
 _EPS = float(np.finfo(float).eps)

@@ -16,13 +16,12 @@ from condyn_pin._core.arrays import Array, Indices, finite, read_only
 from condyn_pin.contact.indeterminacy import COMPLIANCE, compliance
 from condyn_pin.contact.problem import MODES, OPEN, ContactProblem, Modes, contact_modes
 from condyn_pin.errors import InvalidArgument, SolveFailed
-from condyn_pin.simulation.integrators.contact_scheme import AT_REST
+from condyn_pin.simulation.integrators.contact_scheme import AT_REST, ContactScheme
+from condyn_pin.simulation.remarks import Note
 
 if TYPE_CHECKING:
     from condyn_pin.gradients.routes.base import Route
     from condyn_pin.gradients.routes.linear_steps import Ended, LinearSteps
-    from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-    from condyn_pin.simulation.remarks import Note
     from condyn_pin.stepping.step_problem import Posed
 
 

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -33,11 +33,15 @@ from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.mjcf import Transmissions
 from condyn_pin.io.mjcf_file import body_names, disabled
 from condyn_pin.io.mjcf_write import scalar_axis
-from condyn_pin.study.mujoco.bridge import LoopRows, MujocoTerms, Pair, axes, equalities_of, holder
-
-if TYPE_CHECKING:
-    from condyn_pin.study.mujoco.bridge import MujocoBridge
-
+from condyn_pin.study.mujoco.bridge import (
+    LoopRows,
+    MujocoBridge,
+    MujocoTerms,
+    Pair,
+    axes,
+    equalities_of,
+    holder,
+)
 
 # Where nothing acts and nothing moves, forces are compared with those of 1 m/s^2 or 1 rad/s^2 on
 # the heaviest joint: rounding is no difference.
