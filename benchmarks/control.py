@@ -47,7 +47,7 @@ from condyn_pin.control import (
 )
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.base import QuadraticProgram
-from condyn_pin.control.qp.chain import Chain, _independent
+from condyn_pin.control.qp.chain import SolverLadder, _independent
 from condyn_pin.mechanism import project_velocity
 from condyn_pin.study.tables import write_csv
 
@@ -178,7 +178,7 @@ def _loops_kept(controller: Controller, states: list[tuple[np.ndarray, np.ndarra
         solved = np.isfinite(ratios)
         ratio = round(float(np.median(np.array(ratios)[solved])), 3) if solved.any() else np.nan
         found[f"{type(solver).__name__}, loops out"] = ratio
-    whole = Chain(ProxQP()).solve(pairs[-1][1], lambda: (np.zeros(0), np.zeros(0))).answer
+    whole = SolverLadder(ProxQP()).solve(pairs[-1][1], lambda: (np.zeros(0), np.zeros(0))).answer
     a = controller.solve(*states[len(pairs) - 1]).a
     assert whole is not None
     differs = np.abs(whole.x[: len(a)] - a).max() / max(1.0, np.abs(a).max())

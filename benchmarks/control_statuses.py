@@ -29,7 +29,7 @@ from condyn_pin._core.tolerances import KKT
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.control import QPS, CenterOfMass, Controller, Orientation, Posture
 from condyn_pin.control.qp.base import QuadraticProgram
-from condyn_pin.control.qp.chain import Chain
+from condyn_pin.control.qp.chain import SolverLadder
 from condyn_pin.study.tables import write_csv
 
 RESULTS = Path(__file__).resolve().parent / "results" / "control_statuses.csv"
@@ -70,7 +70,7 @@ class Count:
         if slack is not None and abs(slack) < EDGE:
             self.edge += 1
             return
-        chain = Chain(QPS[self.solver]())
+        chain = SolverLadder(QPS[self.solver]())
         found = chain.solve(program, lambda: (hard, np.ones(len(program.lower))))
         if slack is None or slack < 0:
             self.infeasible += 1

@@ -36,7 +36,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound
-from condyn_pin.constraints.rows.special import Rolled
+from condyn_pin.constraints.rows.special import BoundRolling
 
 DIGITS = 50
 mp = mpmath.mp.clone()
@@ -179,7 +179,7 @@ class Oracle:
         """J v and J a + gamma."""
         velocity, acceleration = np.full((2, self.m), mp.mpf(0))
         for b in self.bounds:
-            if isinstance(b, Rolled):
+            if isinstance(b, BoundRolling):
                 raise NotImplementedError(f"{b.name}: the oracle knows nothing that rolls")
             if not isinstance(b, Bound):
                 assert not b.bends

@@ -28,7 +28,7 @@ from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact import Lemke
 from condyn_pin.dynamics import contact_gaps
 from condyn_pin.model import free_ball, free_box, painleve_rod
-from condyn_pin.simulation.events import Happened
+from condyn_pin.simulation.events import EventRecord
 from condyn_pin.stepping import EventDriven
 
 G = 9.81
@@ -59,7 +59,7 @@ def slider(*, limits: tuple[float, float] = (-1.0, 1.0)) -> cp.Robot:
     return cp.Robot("slider", model)
 
 
-def named(run: cp.Trajectory, what: str) -> list[Happened]:
+def named(run: cp.Trajectory, what: str) -> list[EventRecord]:
     return [event for event in run.run.happened if event.name.startswith(what)]
 
 

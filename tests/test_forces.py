@@ -13,7 +13,7 @@ from test_traps import two_boxes
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.special import Coupled
+from condyn_pin.constraints.rows.special import BoundCoupling
 
 GRAVITY = 9.81
 
@@ -108,7 +108,7 @@ def test_force_and_opposite_do_the_work_of_the_rows(label):
     for bound, force in zip(scene.bounds, solution.forces.values(), strict=True):
         work = np.zeros(scene.robot.nv)
         for side in (force, force.on_other()):
-            if isinstance(bound, Coupled):
+            if isinstance(bound, BoundCoupling):
                 joint = model.joints[model.getJointId(side.on)]
                 work[joint.idx_v] += side[0]
                 continue

@@ -13,7 +13,7 @@ import pytest
 from shared import all_scenes, robot
 
 import condyn_pin as cp
-from condyn_pin._core.threads import Kept
+from condyn_pin._core.threads import ThreadCache
 from condyn_pin.constraints import Driven, HeldJoint, Sine
 from condyn_pin.dynamics.compiled import CompiledCore
 from condyn_pin.stepping.single_step import ProvedSteps
@@ -33,7 +33,7 @@ class Made:
 
 
 def test_each_of_a_few_is_made_once_and_the_oldest_goes_first():
-    kept, things = Kept[Made](most=2), [Thing() for _ in range(3)]
+    kept, things = ThreadCache[Made](most=2), [Thing() for _ in range(3)]
     one, two, three = things
     first, second = (kept.of(x, 0, lambda x=x: Made(x)) for x in (one, two))
     for _ in range(3):
@@ -50,7 +50,7 @@ def test_each_of_a_few_is_made_once_and_the_oldest_goes_first():
 
 
 def test_it_goes_with_its_owner_although_it_refers_to_it():
-    kept, owners = Kept[Made](), [Thing()]
+    kept, owners = ThreadCache[Made](), [Thing()]
     gone = ref(owners[0])
     made = ref(kept.of(owners[0], "like this", lambda: Made(owners[0])))
     assert made() is not None
@@ -61,7 +61,7 @@ def test_it_goes_with_its_owner_although_it_refers_to_it():
 
 
 def test_each_thread_has_its_own_and_takes_it_along():
-    kept, thing = Kept[Made](), Thing()
+    kept, thing = ThreadCache[Made](), Thing()
     mine = kept.of(thing, 0, lambda: Made(thing))
     theirs: list[ref[Made]] = []
 
@@ -80,7 +80,7 @@ def test_each_thread_has_its_own_and_takes_it_along():
 
 
 def test_what_fails_is_not_kept():
-    kept, thing = Kept[Thing](), Thing()
+    kept, thing = ThreadCache[Thing](), Thing()
     with pytest.raises(ZeroDivisionError):
         kept.of(thing, 0, lambda: 1 / 0)
     assert isinstance(kept.of(thing, 0, Thing), Thing)

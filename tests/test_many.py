@@ -7,7 +7,7 @@ import pytest
 from shared import all_scenes
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.equations import MANY, Equations, ManyGaps
+from condyn_pin.constraints.rows.equations import MANY, BatchedGaps, Equations
 
 ROUNDING = 1e-12  # of gaps and slips of a few units; measured: 2e-15
 
@@ -17,7 +17,7 @@ def test_gaps_of_many_states_are_those_of_each(name):
     scene = all_scenes()[name]
     model, rng = scene.robot.model, np.random.default_rng(4)
     equations = Equations(model, scene.bounds)
-    many = ManyGaps(equations)
+    many = BatchedGaps(equations)
     for count in (MANY, 3):  # what the first have left behind is not in the way of others
         home = pin.neutral(model)
         states = [

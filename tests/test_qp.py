@@ -13,7 +13,7 @@ from condyn_pin._core import tolerances
 from condyn_pin.control import DAQP, QPS, AnyQP, ProxQP, Quadprog
 from condyn_pin.control.qp import base
 from condyn_pin.control.qp.base import QPResult, QuadraticProgram, Saddle, elastic, polish, start
-from condyn_pin.control.qp.chain import Chain
+from condyn_pin.control.qp.chain import SolverLadder
 
 pytest.importorskip("proxsuite")
 pytest.importorskip("daqp")
@@ -38,7 +38,7 @@ def test_a_program_by_hand():
     A, b, C = np.ones((1, 2)), np.ones(1), np.array([[1.0, 0.0]])
     program = QuadraticProgram(H, g, A, b, C, np.array([-np.inf]), np.array([1.0]))
     for solver in SOLVERS:
-        found = Chain(solver).solve(program, soft(program))
+        found = SolverLadder(solver).solve(program, soft(program))
         assert found.solved
         assert found.path == (repr(solver),)
         assert np.allclose(found.answer.x, [1.0, 0.0], atol=1e-12)
@@ -55,7 +55,7 @@ def test_statuses_agree_with_highs_and_answers_are_proved(solver):
         slack = largest_slack(program)
         if slack is not None and abs(slack) < 1e-5:
             continue  # at the edge, where tolerances decide
-        found = Chain(solver).solve(program, any_row(program))
+        found = SolverLadder(solver).solve(program, any_row(program))
         feasible = slack is not None and slack > 0
         seen[feasible] += 1
         assert found.solved == feasible
@@ -73,7 +73,7 @@ def test_solvers_agree():
     rng = np.random.default_rng(2)
     for _ in range(40):
         program = random_program(rng)
-        answers = [Chain(solver).solve(program, any_row(program)) for solver in SOLVERS]
+        answers = [SolverLadder(solver).solve(program, any_row(program)) for solver in SOLVERS]
         assert len({found.solved for found in answers}) == 1
         if answers[0].solved:
             first, *others = (found.answer.x for found in answers)
@@ -86,12 +86,12 @@ def test_the_last_active_set_answers_the_next_program():
     program = next(
         p for p in iter(lambda: random_program(rng), None) if (largest_slack(p) or 0) > 0.1
     )
-    chain = Chain(DAQP())
+    chain = SolverLadder(DAQP())
     chain.solve(program, soft(program))
     again = chain.solve(program, soft(program))
     assert again.path == ("last active set",)
     assert again.iterations == 0
-    fresh = Chain(DAQP()).solve(program, soft(program))
+    fresh = SolverLadder(DAQP()).solve(program, soft(program))
     assert np.abs(again.answer.x - fresh.answer.x).max() < 1e-12
 
 
@@ -110,7 +110,7 @@ def test_a_solver_that_says_infeasible_by_mistake_is_not_believed(monkeypatch):
     for _ in range(40):
         program = random_program(rng)
         slack = largest_slack(program)
-        found = Chain(Quadprog()).solve(program, any_row(program))
+        found = SolverLadder(Quadprog()).solve(program, any_row(program))
         if slack is not None and slack > 1e-5:
             assert found.elastic is None
             solved += found.solved
@@ -124,7 +124,7 @@ def test_a_polish_takes_a_rough_answer_to_rounding():
     polished = 0
     for _ in range(60):
         program = random_program(rng)
-        exact = Chain(DAQP()).solve(program, any_row(program))
+        exact = SolverLadder(DAQP()).solve(program, any_row(program))
         if not exact.solved:
             continue
         noise = 1e-7 * rng.normal(size=len(program.g))
@@ -144,7 +144,7 @@ def test_dependent_rows_have_an_answer():
     program = QuadraticProgram(
         np.eye(8), rng.normal(size=8), A, b, np.eye(8), np.full(8, -3.0), np.full(8, 3.0)
     )
-    answers = [Chain(solver).solve(program, soft(program)).answer for solver in SOLVERS]
+    answers = [SolverLadder(solver).solve(program, soft(program)).answer for solver in SOLVERS]
     assert all(np.abs(program.A @ found.x - b).max() < 1e-12 for found in answers)
     assert all(np.abs(found.x - answers[0].x).max() < 1e-10 for found in answers)
 
@@ -160,7 +160,7 @@ def test_what_gives_and_what_stands_against_it():
     crossed = QuadraticProgram(
         np.eye(1), np.zeros(1), none, np.zeros(0), C[:1], np.array([1.0]), np.array([-1.0])
     )
-    answer = Chain(DAQP()).solve(crossed, soft(crossed))
+    answer = SolverLadder(DAQP()).solve(crossed, soft(crossed))
     assert not answer.solved
     assert answer.elastic.of_inequalities[0] == pytest.approx(1.0)  # either bound by one
 
@@ -209,7 +209,7 @@ def test_a_solver_alone_calls_no_answer_solved_that_is_not_finite(solver):
 def test_a_missing_package_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "proxsuite", None)
     with pytest.raises(cp.errors.MissingExtra, match=r'pip install "condyn_pin\[control\]"'):
-        Chain(ProxQP())
+        SolverLadder(ProxQP())
 
 
 def test_bad_parameters_are_refused():
@@ -232,13 +232,13 @@ def test_equations_are_independent_whatever_their_sizes(qp):
     b, C, one = A @ (0.5, 70.0, 30.0), np.eye(3)[1:2], np.ones(1)
     H = np.diag((1.0, 1e-5, 1e-5))  # what no task cares for
     program = QuadraticProgram(H, np.zeros(3), A, b, C, -one, 40.0 * one)
-    found = Chain(qp).solve(program, soft(program))
+    found = SolverLadder(qp).solve(program, soft(program))
     assert found.solved
     assert found.path == (repr(qp),)
     assert found.answer.x == pytest.approx([0.5, 40.0, 60.0], rel=1e-9)
     other = b + np.array([1.0, 0.0, 0.0, 0.0])
     apart = QuadraticProgram(H, np.zeros(3), A, other, C, -one, one)
-    assert not Chain(qp).solve(apart, any_row(apart)).solved
+    assert not SolverLadder(qp).solve(apart, any_row(apart)).solved
 
 
 def test_a_program_without_unknowns_is_a_question_of_its_bounds():
@@ -247,7 +247,7 @@ def test_a_program_without_unknowns_is_a_question_of_its_bounds():
         program = QuadraticProgram(
             none, np.zeros(0), none, np.zeros(0), rows, np.array([-np.inf]), np.array([upper])
         )
-        found = Chain(DAQP()).solve(program, soft(program))
+        found = SolverLadder(DAQP()).solve(program, soft(program))
         assert found.solved == fine
         assert (found.elastic is None) == fine
 
@@ -260,7 +260,7 @@ def test_bounds_that_are_crossed_are_no_answer_of_the_last_active_set():
         bounds = np.array([least]), np.ones(1)
         return QuadraticProgram(np.eye(1), np.array([-3.0]), *none, np.eye(1), *bounds)
 
-    chain = Chain(ProxQP())
+    chain = SolverLadder(ProxQP())
     first, crossed = asked(0.0), asked(2.0)
     found = chain.solve(first, soft(first))
     assert found.answer.x == pytest.approx([1.0])
@@ -281,9 +281,11 @@ def test_a_budget_ends_the_search_and_is_named(monkeypatch):
     for solver in (DAQP, ProxQP, Quadprog):
         monkeypatch.setattr(solver, "_start", silent)
     program = random_program(np.random.default_rng(3))
-    tried = [Chain(DAQP(budget=budget)).solve(program, any_row(program)) for budget in (1, 3, 100)]
+    tried = [
+        SolverLadder(DAQP(budget=budget)).solve(program, any_row(program)) for budget in (1, 3, 100)
+    ]
     assert [found.stopped for found in tried] == [True, True, False]
     assert [len(found.path) for found in tried[:2]] == [1, 2]
     assert tried[2].path[-1] == "elastic program"
     with pytest.raises(cp.InvalidArgument, match="budget"):
-        Chain(DAQP(budget=0))
+        SolverLadder(DAQP(budget=0))

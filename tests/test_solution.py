@@ -13,7 +13,7 @@ from test_massless import LOCKED, arm
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.rows.special import Coupled, Rolled
+from condyn_pin.constraints.rows.special import BoundCoupling, BoundRolling
 
 
 @each_scene
@@ -24,9 +24,9 @@ def test_forces_are_the_rows_of_lam_by_name(label):
     assert list(solution.forces) == list(scene.names)
     for bound in scene.bounds:
         force, lam = solution.forces[bound.name], solution.lam[bound.rows]
-        if isinstance(bound, Coupled):
+        if isinstance(bound, BoundCoupling):
             assert np.array_equal(force, lam)
-        elif isinstance(bound, Rolled):
+        elif isinstance(bound, BoundRolling):
             assert np.array_equal(force, bound.whole(lam))
         elif bound.is_rod:
             assert abs(abs(lam[0]) - np.linalg.norm(force)) <= 1e-14 * abs(lam[0])

@@ -289,7 +289,7 @@ def test_a_robot_that_is_drawn_in_part_is_seen_whole_and_above_the_floor(tmp_pat
 @pytest.mark.parametrize("name", ["cassie", "talos", "stewart", "delta", "five_bar"])
 def test_labels_do_not_cover_one_another(name):
     found = drawing(held(name))
-    at, eye = found.instants[0], labels.Eye(np.array([1.0, 0.0, 0.0]), np.zeros(3))
+    at, eye = found.instants[0], labels.Camera(np.array([1.0, 0.0, 0.0]), np.zeros(3))
     assert np.allclose(eye.axes, [[0, 1, 0], [0, 0, 1], [1, 0, 0]])  # right, up, backward
     eye = found.eye
     boxes = {p.path: eye.box(p.place(at), np.zeros(2)) for p in found.parts if p.picture}

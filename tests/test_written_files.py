@@ -18,7 +18,7 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin._core import files
-from condyn_pin._core.files import check_writable, write_text, written_beside
+from condyn_pin._core.files import atomic_write, check_writable, write_text
 from condyn_pin._core.show import write_figure
 from condyn_pin.cli.main import app
 from condyn_pin.lab.extremes.stress_table import write_csv as write_maps
@@ -113,7 +113,7 @@ def test_what_stops_in_the_middle_leaves_nothing(tmp_path):
     path.write_text("old", encoding="utf-8")
 
     def stopped() -> None:
-        with written_beside(path) as new:
+        with atomic_write(path) as new:
             new.write_text("half", encoding="utf-8")
             raise KeyboardInterrupt
 
@@ -249,7 +249,7 @@ def test_what_a_killed_writer_leaves_goes_with_the_next(tmp_path):
     (left,) = tmp_path.iterdir()
     assert left.read_text() == "half of it"
     (tmp_path / ".condyn-notes").mkdir()  # somebody else's
-    with written_beside(path) as new, written_beside(tmp_path / "b.txt") as other:
+    with atomic_write(path) as new, atomic_write(tmp_path / "b.txt") as other:
         assert not left.exists()
         assert new.exists()  # nobody removes what is being written
         new.write_text("one")

@@ -33,8 +33,8 @@ HIGH: Final = 1.0 + 2 * tolerances.QUATERNION
 
 # | |quaternion| - 1 | from which on a quaternion is normalised before it is used. Accelerations of
 # light bodies are off by hundreds of times as much; float32 leaves 1e-8, integration 1e-16.
-LOOSE: Final = 1e-12
-NOT_LOOSE: Final = (1.0 - 2 * LOOSE, 1.0 + 2 * LOOSE)
+QUATERNION_TOLERANCE: Final = 1e-12
+NOT_LOOSE: Final = (1.0 - 2 * QUATERNION_TOLERANCE, 1.0 + 2 * QUATERNION_TOLERANCE)
 
 # | |quaternion| - 1 | that normalising a quaternion leaves.
 NORMALISED: Final = 4 * float(np.finfo(float).eps)

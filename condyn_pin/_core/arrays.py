@@ -140,7 +140,7 @@ def finite_rows(name: str, value: ArrayLike, size: int) -> Array:
 # AsArray: a value that works as the array of its components.
 
 
-class AsArray(NDArrayOperatorsMixin):
+class ArrayValue(NDArrayOperatorsMixin):
     """What has `components`, and can stand wherever NumPy takes an array of them."""
 
     components: Array
@@ -150,7 +150,7 @@ class AsArray(NDArrayOperatorsMixin):
         return array.copy() if copy else array
 
     def __array_ufunc__(self, ufunc: Any, method: str, *inputs: Any, **options: Any) -> Any:
-        plain = [x.components if isinstance(x, AsArray) else x for x in inputs]
+        plain = [x.components if isinstance(x, ArrayValue) else x for x in inputs]
         return getattr(ufunc, method)(*plain, **options)
 
     def __len__(self) -> int:
@@ -189,7 +189,7 @@ _Arguments = ParamSpec("_Arguments")
 _Answer = TypeVar("_Answer")
 
 
-def quietly(function: Callable[_Arguments, _Answer]) -> Callable[_Arguments, _Answer]:
+def ignore_float_errors(function: Callable[_Arguments, _Answer]) -> Callable[_Arguments, _Answer]:
     """Return `function`, called where numpy is silent: the status of an answer says it.
 
     numpy keeps its settings in the context of Python. `np.errstate` changes them before a call and

@@ -37,7 +37,7 @@ _MARK = ".condyn-"  # of all files that are being written
 
 
 @contextmanager
-def written_beside(path: str | PathLike[str]) -> Iterator[Path]:
+def atomic_write(path: str | PathLike[str]) -> Iterator[Path]:
     """Give the path of a new file in the same folder, which takes the place of `path` at the end.
 
     A file that was there keeps its permissions, a link stays a link. What is no file, such as
@@ -77,8 +77,8 @@ def check_format(path: str | PathLike[str], *endings: str) -> None:
 
 
 def write_text(path: str | PathLike[str], text: str) -> None:
-    """Write a text as UTF-8; see `written_beside`."""
-    with written_beside(path) as new:
+    """Write a text as UTF-8; see `atomic_write`."""
+    with atomic_write(path) as new:
         new.write_text(text, encoding="utf-8")
 
 
@@ -179,9 +179,9 @@ _RATIO: Final = 30
 
 
 def write_npz(path: str | PathLike[str], arrays: Mapping[str, NDArray[Any]]) -> None:
-    """Write arrays; see `written_beside`."""
+    """Write arrays; see `atomic_write`."""
     # compressed, Cassie's motions take three quarters of the space and forty times the time
-    with written_beside(path) as new, new.open("wb") as file:  # a name without .npz stays as it is
+    with atomic_write(path) as new, new.open("wb") as file:  # a name without .npz stays as it is
         np.savez(file, allow_pickle=False, **arrays)
 
 

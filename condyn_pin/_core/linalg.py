@@ -402,7 +402,7 @@ def whiten(M: Array, J: Array) -> tuple[Array, Array, Array] | None:
 _BLOCK: Final = 32
 
 
-class HeldAndFree(NamedTuple):
+class ConstraintBasis(NamedTuple):
     """The motions of one M and J.
 
     Attributes
@@ -454,7 +454,7 @@ class HeldAndFree(NamedTuple):
         return np.asarray(-self.K.dot(self.B[: self.K.shape[1]]))
 
 
-def held_and_free(L_inv: Array, J: Array, share: float, most: int | None = None) -> HeldAndFree:
+def held_and_free(L_inv: Array, J: Array, share: float, most: int | None = None) -> ConstraintBasis:
     """Return the motions of M = L L^T and J (m, nv).
 
     Rows count as independent whose part of J L^-T is more than a share of the largest, and no more
@@ -478,7 +478,7 @@ def held_and_free(L_inv: Array, J: Array, share: float, most: int | None = None)
         T, turns, _ = of.dtzrzf(T[:rank])
         ZP_T = of.dormrz(T, turns, ZP_T, "L", "N", m, 1)[0]
     K_T = of.dtrtrs(T[:rank, :rank], ZP_T[:rank], 0, 1)[0]
-    return HeldAndFree(B, K_T.T, ZP_T[rank:].T)
+    return ConstraintBasis(B, K_T.T, ZP_T[rank:].T)
 
 
 @cache
@@ -487,8 +487,8 @@ def _numbered(m: int) -> Array:
     return read_only(np.eye(m, m + 1, 1))
 
 
-def _all_free(L_inv: Array, m: int) -> HeldAndFree:
-    return HeldAndFree(L_inv, np.zeros((m, 0)), np.eye(m))
+def _all_free(L_inv: Array, m: int) -> ConstraintBasis:
+    return ConstraintBasis(L_inv, np.zeros((m, 0)), np.eye(m))
 
 
 # The factor of one mass matrix, M = L L^T, and what it says whatever is constrained.

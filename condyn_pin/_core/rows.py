@@ -25,14 +25,14 @@ from condyn_pin._core.show import facts, notes, page
 from condyn_pin._core.work import (
     CAN_SHARE,
     Arrays,
-    ByCopies,
-    ByMemory,
     InPlace,
     Kernel,
     Kinds,
+    PickleTransport,
     Processes,
     Progress,
     Recipe,
+    SharedMemoryTransport,
     Transport,
     cores,
     in_flight,
@@ -105,18 +105,18 @@ class Rows:
             return InPlace(self.kernel, self.recipe, inputs, outputs)
         recipe = self.recipe.pickled()
         if not isinstance(self.executor, ProcessPoolExecutor | Processes):
-            return ByCopies(self.kernel, recipe, inputs, outputs)
+            return PickleTransport(self.kernel, recipe, inputs, outputs)
         self._check_travels()
         if CAN_SHARE:
             try:
-                return ByMemory(
+                return SharedMemoryTransport(
                     self.kernel, recipe, inputs, outputs,
                     most=max((rows.stop - rows.start for rows in chunks), default=0),
                     places=min(2 * workers_of(self.executor) + 1, len(chunks)),
                 )  # fmt: skip
             except OSError:  # not so much memory at once: copies, then
                 pass
-        return ByCopies(self.kernel, recipe, inputs, outputs)
+        return PickleTransport(self.kernel, recipe, inputs, outputs)
 
     def _check_travels(self) -> None:
         """Refuse what cannot be sent to a process: its chunks would only be called lost."""
@@ -216,7 +216,7 @@ class Batch(ABC, Generic[One]):
         return (self[i] for i in range(len(self)))
 
 
-class Outcome:
+class BatchResult:
     """What a batch says of its rows; `statuses` are places in `_endings`, and 0 is ok."""
 
     _endings: ClassVar[Sequence[Enum]]

@@ -19,7 +19,7 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._core.arrays import Array, shown
-from condyn_pin._core.files import written_beside
+from condyn_pin._core.files import atomic_write
 from condyn_pin.errors import InvalidArgument, MissingExtra
 
 _GOOD: Final = "#009e73"  # green and vermillion of Okabe and Ito: told apart by all eyes
@@ -259,5 +259,5 @@ def finished(ax: Any, *, title: str, x: str, y: str) -> Any:
 def write_figure(figure: Any, path: str | Path, *, dpi: int = 150) -> None:
     """Write a figure of matplotlib; the ending of `path` says which format, PNG if it has none."""
     path = Path(path)
-    with written_beside(path if path.suffix else path.with_name(f"{path.name}.png")) as new:
+    with atomic_write(path if path.suffix else path.with_name(f"{path.name}.png")) as new:
         figure.savefig(new, dpi=dpi)

@@ -87,7 +87,7 @@ def of_workspace(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatena
 T = TypeVar("T")
 
 
-class Kept(Generic[T]):
+class ThreadCache(Generic[T]):
     """What each thread has made last, of one kind.
 
     Parameters

@@ -524,7 +524,7 @@ class InPlace(Transport):
         return found
 
 
-class ByMemory(Transport):
+class SharedMemoryTransport(Transport):
     """To processes of this machine, in memory that they share with this one.
 
     It has room for so many chunks (`places`) of so many rows (`most`); OSError if there is not.
@@ -572,7 +572,7 @@ class ByMemory(Transport):
         self._memory.close()
 
 
-class ByCopies(Transport):
+class PickleTransport(Transport):
     """To workers anywhere, as pickled copies."""
 
     def __init__(self, kernel: Kernel, recipe: Maker, inputs: Arrays, outputs: Arrays) -> None:

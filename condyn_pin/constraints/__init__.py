@@ -3,7 +3,7 @@
 External forces, which act on the same frames, are here too.
 
 Nouns: `Constraint` and its kinds, a file each, of which `base` has the contract; `AppliedForce`;
-`AnyBound`, a constraint on joints and columns; `Equations`, which has their M, h, J and gamma;
+`BoundConstraint`, one on joints and columns; `Equations`, which has their M, h, J and gamma;
 `ConstraintPartials`, how these change; `Drift` and `Baumgarte`, which say what a_ref is.
 
     J(q) a + gamma(q, v) = a_ref

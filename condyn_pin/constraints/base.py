@@ -3,8 +3,8 @@
     J(q) v = 0,        J a + gamma = a_ref,        c(q) = 0 where the kind has a position
 
 A constraint is seen from two sides. The user holds a `Constraint`, a frozen value that names frames
-or joints. `bind` makes a `AnyBound` of it (`condyn_pin.constraints.rows.bound`): joints, placements
-and rows of one model, which has its equations.
+or joints. `bind` makes a `BoundConstraint` of it (`condyn_pin.constraints.rows.bound`): joints,
+placements and rows of one model, which has its equations.
 
     question                                       who answers                     by default
     ---------------------------------------------  ------------------------------  -------------
@@ -69,7 +69,7 @@ from condyn_pin._core.joints import rotation_fault, z_along
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.bound import AnyBound
+    from condyn_pin.constraints.rows.bound import BoundConstraint
 
 
 WORLD = ("world", "universe")
@@ -112,10 +112,10 @@ class Constraint(ABC):
         """Number of rows of the constraint."""
 
     @abstractmethod
-    def bind(self, machine: Machine, rows: slice) -> AnyBound:
+    def bind(self, machine: Machine, rows: slice) -> BoundConstraint:
         """Return it on the joints and columns of a machine, at some rows."""
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> AnyBound:
+    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundConstraint:
         """Return it bound so that J v is the rate of c wherever c is, as `Driven` needs, or raise.
 
         InvalidConstraint where that is so at c = 0 alone. `machine` and `rows` are those of `bind`.

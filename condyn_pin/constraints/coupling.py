@@ -15,7 +15,7 @@ from numpy.polynomial import Polynomial
 from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import finite, shown
 from condyn_pin.constraints.base import Constraint, Machine, MjcfWriter, check_size, floats, text
-from condyn_pin.constraints.rows.special import Coupled
+from condyn_pin.constraints.rows.special import BoundCoupling
 from condyn_pin.errors import InvalidArgument, InvalidConstraint, unknown_name
 
 _MJCF_DEGREE = 4  # of its polynomials
@@ -101,12 +101,12 @@ class Coupling(Constraint):
         """All its joints."""
         return (self.joint_a, self.joint_b) if isinstance(self.joint_a, str) else (*self.weights,)
 
-    def bind(self, machine: Machine, rows: slice) -> Coupled:
+    def bind(self, machine: Machine, rows: slice) -> BoundCoupling:
         """Return it on the coordinates of its joints."""
         if self.joint_a == self.joint_b:
             raise InvalidConstraint(f"{self.name}: both joints are {self.joint_a!r}")
         joints = [one_coordinate(machine, joint, self.name) for joint in self.joints]
-        return Coupled(
+        return BoundCoupling(
             self.name,
             rows,
             tuple(int(joint.idx_q) for joint in joints),
@@ -116,7 +116,7 @@ class Coupling(Constraint):
             ((), tuple(-k for k in self.higher)) if any(self.higher) else (),
         )
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> Coupled:
+    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundCoupling:
         """Return it as it is."""
         return self.bind(machine, rows)
 

@@ -20,7 +20,7 @@ from typing import Any, ClassVar, Self
 from condyn_pin._core.arrays import finite
 from condyn_pin.constraints.base import Constraint, Machine
 from condyn_pin.constraints.path import Along, check_along
-from condyn_pin.constraints.rows.bound import AnyBound, Drive
+from condyn_pin.constraints.rows.bound import BoundConstraint, Drive
 from condyn_pin.errors import InvalidArgument, InvalidConstraint
 
 
@@ -89,7 +89,7 @@ class Driven(Constraint):
         """Number of rows of the constraint."""
         return self.constraint.rows
 
-    def bind(self, machine: Machine, rows: slice) -> AnyBound:
+    def bind(self, machine: Machine, rows: slice) -> BoundConstraint:
         """Return the constraint bound, its rows driven."""
         bound: Any = self.constraint.bind_to_drive(machine, rows)
         return replace(bound, name=self.name, drive=Drive(self.along, self.time))  # type: ignore[no-any-return]

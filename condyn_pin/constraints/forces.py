@@ -184,17 +184,17 @@ def _of_another_shape(name: str, shape: tuple[int, ...]) -> InvalidArgument:
 ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
-class Place(NamedTuple):
+class ForceSite(NamedTuple):
     """Where a frame is: on which joint, and how."""
 
     joint: int
     placement: Any
 
 
-class Push(NamedTuple):
+class PointForce(NamedTuple):
     """A force bound to a model."""
 
-    place: Place
+    place: ForceSite
     in_world: bool  # whether it keeps its direction in the world, or turns with the frame
     wrench: Array  # (6,), at the origin of the frame [N, N m]
 
@@ -232,14 +232,14 @@ class Loads:
 
     def __init__(self, robot: Machine, model: Any, data: Any) -> None:
         self._robot, self.model, self.data = robot, model, data
-        self._places: dict[str, Place] = {}  # to look through all frames takes its time
+        self._places: dict[str, ForceSite] = {}  # to look through all frames takes its time
 
     @cached_property
     def turning(self) -> frozenset[int]:
         """The joints whose axes turn with their own q."""
         return frozenset(turning(self.model))
 
-    def place(self, name: str) -> Place:
+    def place(self, name: str) -> ForceSite:
         """Return where a frame is that can be pushed."""
         if name not in self._places:
             joint, placement = self._robot.frame(name)
@@ -248,13 +248,13 @@ class Loads:
                     f"force on {name!r}: this frame belongs to the world, which does not move; a "
                     "frame of a body is needed"
                 )
-            self._places[name] = Place(joint, placement)
+            self._places[name] = ForceSite(joint, placement)
         return self._places[name]
 
-    def bind(self, forces: Sequence[AppliedForce]) -> tuple[Push, ...]:
+    def bind(self, forces: Sequence[AppliedForce]) -> tuple[PointForce, ...]:
         """Return forces, all constant, bound to the model."""
         return tuple(
-            Push(self.place(each.frame), each.frame_of == "world", _six(each.numbers))
+            PointForce(self.place(each.frame), each.frame_of == "world", _six(each.numbers))
             for each in forces
         )
 

@@ -9,7 +9,7 @@ from typing import ClassVar
 from condyn_pin._core.arrays import finite
 from condyn_pin.constraints.base import Constraint, Machine, MjcfWriter, check_size, text
 from condyn_pin.constraints.coupling import one_coordinate
-from condyn_pin.constraints.rows.special import Coupled
+from condyn_pin.constraints.rows.special import BoundCoupling
 from condyn_pin.errors import unknown_name
 
 
@@ -60,13 +60,13 @@ class HeldJoint(Constraint):
         """The joint."""
         return (self.joint,)
 
-    def bind(self, machine: Machine, rows: slice) -> Coupled:
+    def bind(self, machine: Machine, rows: slice) -> BoundCoupling:
         """Return it on the coordinate of its joint."""
         joint = one_coordinate(machine, self.joint, self.name)
         q, v = int(joint.idx_q), int(joint.idx_v)
-        return Coupled(self.name, rows, (q,), (v,), (1.0,), self.value)
+        return BoundCoupling(self.name, rows, (q,), (v,), (1.0,), self.value)
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> Coupled:
+    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundCoupling:
         """Return it as it is."""
         return self.bind(machine, rows)
 

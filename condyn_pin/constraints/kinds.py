@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from condyn_pin.constraints.base import KINDS, Constraint, Machine
-from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.errors import InvalidConstraint
 
 # ruff: isort: off
@@ -43,7 +43,7 @@ def worded(*, closes: bool) -> dict[str, type[Constraint]]:
     return {kind.word: kind for kind in own if kind.closes == closes}
 
 
-def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[AnyBound, ...]:
+def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[BoundConstraint, ...]:
     """Bind constraints to a robot, rows in the order given.
 
     Where Pinocchio takes part, every constraint is solved in the LOCAL frame with a moving joint
@@ -57,7 +57,7 @@ def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[AnyBound, .
     UnknownName
         If a frame or a joint does not exist.
     """
-    bound: list[AnyBound] = []
+    bound: list[BoundConstraint] = []
     start = 0
     for constraint in constraints:
         if not isinstance(constraint, Constraint):

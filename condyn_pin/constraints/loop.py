@@ -37,8 +37,8 @@ from condyn_pin.constraints.base import (
     text,
 )
 from condyn_pin.constraints.driven import not_to_drive
-from condyn_pin.constraints.rows.bound import FRAME, POINT, AnyBound, Bound
-from condyn_pin.constraints.rows.special import Apart, Related
+from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound, BoundConstraint
+from condyn_pin.constraints.rows.special import BoundRelation, RelativePosition
 from condyn_pin.errors import InvalidArgument
 
 LoopKind = Literal["ball", "weld", "hinge", "slider", "planar", "rod"]
@@ -179,14 +179,16 @@ class Loop(BetweenFrames):
             lever=lever(machine, one[1], two[1]),
         )  # fmt: skip
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> AnyBound:
+    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundConstraint:
         """Return a rod as it is, and of pins where frame a is in the axes of frame b."""
         if self.kind == "rod":
             return self.bind(machine, rows)
         if not self.is_pin:
             raise not_to_drive(self)
         one, two = machine.frame(self.frame_b), machine.frame(self.frame_a)
-        return Related(self.name, rows, *one, *two, Apart(self._selected), sign=-1.0)
+        return BoundRelation(
+            self.name, rows, *one, *two, RelativePosition(self._selected), sign=-1.0
+        )
 
     @property
     def title(self) -> str:

@@ -29,8 +29,8 @@ from condyn_pin.constraints.base import (
     plane,
     text,
 )
-from condyn_pin.constraints.rows.bound import AnyBound
-from condyn_pin.constraints.rows.special import Rolled
+from condyn_pin.constraints.rows.bound import BoundConstraint
+from condyn_pin.constraints.rows.special import BoundRolling
 
 Direction = Literal["rolling", "lateral", "normal"]
 
@@ -45,7 +45,7 @@ class Nonholonomic(WithWorld, ABC):
         """True."""
         return True
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> AnyBound:
+    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundConstraint:
         """Return it as it is: its rows are driven by the rate of a path."""
         return self.bind(machine, rows)
 
@@ -71,9 +71,9 @@ class OnPlane(Nonholonomic, ABC):
 
     def _rolled(
         self, machine: Machine, rows: slice, holds: tuple[int, ...], axle: int | None
-    ) -> Rolled:
+    ) -> BoundRolling:
         ground = plane(self.normal, self.height)
-        return Rolled(
+        return BoundRolling(
             self.name, rows, *machine.frame(self.frame), ground, holds, self.radius, axle,
             anchored=self.height is not None,
         )  # fmt: skip

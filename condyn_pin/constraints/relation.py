@@ -23,7 +23,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import BetweenFrames, Machine
-from condyn_pin.constraints.rows.special import Related
+from condyn_pin.constraints.rows.special import BoundRelation
 
 # Step of the differences of W' [m and rad], and their weights: they are off by h^4 and by eps / h.
 _STEP: Final = 1e-3
@@ -70,11 +70,11 @@ class FrameRelation(BetweenFrames, ABC):
         """Which of its rows are angles, not lengths."""
         return (False,) * self.rows
 
-    def bind(self, machine: Machine, rows: slice) -> Related:
+    def bind(self, machine: Machine, rows: slice) -> BoundRelation:
         """Return it with c1 its first frame and c2 its second one."""
         one, two = machine.frame(self.frame_a), machine.frame(self.frame_b)
-        return Related(self.name, rows, *one, *two, self)
+        return BoundRelation(self.name, rows, *one, *two, self)
 
-    def bind_to_drive(self, machine: Machine, rows: slice) -> Related:
+    def bind_to_drive(self, machine: Machine, rows: slice) -> BoundRelation:
         """Return it as it is: W is the derivative of c everywhere."""
         return self.bind(machine, rows)

@@ -7,7 +7,7 @@ from typing import ClassVar
 
 from condyn_pin.constraints.base import Foot, Machine, Support, Vector3
 from condyn_pin.constraints.on_velocity import OnPlane
-from condyn_pin.constraints.rows.special import Rolled
+from condyn_pin.constraints.rows.special import BoundRolling
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class RollingBall(OnPlane):
         self._check()
         self._set_name(self.frame)
 
-    def bind(self, machine: Machine, rows: slice) -> Rolled:
+    def bind(self, machine: Machine, rows: slice) -> BoundRolling:
         """Return it with c1 its frame, and c2 the plane."""
         return self._rolled(machine, rows, (0, 1, 2), axle=None)
 

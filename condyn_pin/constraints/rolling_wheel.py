@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from condyn_pin.constraints.base import Axis, Machine, Support, Vector3, check_axis
 from condyn_pin.constraints.on_velocity import EVERY, Direction, OnPlane
-from condyn_pin.constraints.rows.special import Rolled
+from condyn_pin.constraints.rows.special import BoundRolling
 from condyn_pin.errors import InvalidArgument
 
 
@@ -69,7 +69,7 @@ class RollingWheel(OnPlane):
         """Number of rows: one for each direction."""
         return len(self.holds)
 
-    def bind(self, machine: Machine, rows: slice) -> Rolled:
+    def bind(self, machine: Machine, rows: slice) -> BoundRolling:
         """Return it with c1 its frame, and c2 the plane."""
         holds = tuple(EVERY.index(each) for each in self.holds)
         return self._rolled(machine, rows, holds, axle="xyz".index(self.axis))

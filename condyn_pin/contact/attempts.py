@@ -22,7 +22,7 @@ from condyn_pin._core.arrays import Array, finite, read_only, shown
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.contact.indeterminacy import Indeterminacy, by_rule
 from condyn_pin.contact.problem import ContactProblem, islands
-from condyn_pin.contact.residuals import natural_residual, unmet_contacts
+from condyn_pin.contact.residuals import infeasible_contacts, natural_residual
 from condyn_pin.contact.solution import ContactSolution, ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
@@ -85,7 +85,7 @@ def first_attempt(
 
 
 @one_blas_thread
-def other_attempts(
+def fallbacks(
     problem: ContactProblem, solver: ContactSolver, found: Attempt, accuracy: float
 ) -> tuple[Attempt, float]:
     """Return the best of a first attempt that was not accurate enough and of what else there is."""
@@ -288,7 +288,7 @@ def judged(
     unmet: tuple[str, ...] = ()
     if natural <= accuracy:
         status = ContactStatus.OK
-    elif unmet := unmet_contacts(problem):
+    elif unmet := infeasible_contacts(problem):
         status = ContactStatus.INFEASIBLE
     elif np.isfinite(found.lam).all() and isfinite(natural):
         status = ContactStatus.OUT_OF_BUDGET if found.stopped else ContactStatus.INACCURATE

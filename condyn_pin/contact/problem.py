@@ -664,7 +664,7 @@ def _power_of_two(x: float) -> float:
 # is one of the answers.
 
 
-class Padded(NamedTuple):
+class PinocchioContactProblem(NamedTuple):
     """Rows of cones, stops among them, then of intervals."""
 
     G: Array
@@ -682,11 +682,11 @@ class Padded(NamedTuple):
         return whole
 
 
-def padded(problem: ContactProblem) -> Padded:
+def padded(problem: ContactProblem) -> PinocchioContactProblem:
     """Return the problem with three rows for each half-line; itself if no row has to be added."""
     h, mu = problem.half_lines, problem.friction
     if not h and np.count_nonzero(problem.G.diagonal()) == len(problem.g):
-        return Padded(problem.G, problem.g, mu, problem.limits, slice(None))
+        return PinocchioContactProblem(problem.G, problem.g, mu, problem.limits, slice(None))
     cones, lines, _ = problem.sets.parts
     stops = cones.stop + 2 + 3 * np.arange(h)
     size = problem.rows + 2 * h
@@ -700,4 +700,4 @@ def padded(problem: ContactProblem) -> Padded:
     empty[:, 2] = False  # what nothing moves along the normal stays as it is
     largest = diagonal.max(axis=1, keepdims=True)
     G[three, three] = np.where(empty, np.where(largest > 0, largest, 1.0), diagonal)
-    return Padded(G, g, np.concatenate([mu, np.zeros(h)]), problem.limits, kept)
+    return PinocchioContactProblem(G, g, np.concatenate([mu, np.zeros(h)]), problem.limits, kept)

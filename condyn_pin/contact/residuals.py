@@ -230,7 +230,7 @@ def _largest(*sizes: Array) -> float:
 _EDGES = 16  # of a cone: the certificates of a polygon inside of it are certificates
 
 
-def unmet_contacts(
+def infeasible_contacts(
     problem: ContactProblem, by: float = tolerances.CONTACT_SOLVED
 ) -> tuple[str, ...]:
     """Return the names of contacts that no impulse can meet together; none if none is proved.

@@ -45,7 +45,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_count, enter, listed
 from condyn_pin._core.arrays import Array
-from condyn_pin.contact.attempts import first_attempt, other_attempts
+from condyn_pin.contact.attempts import fallbacks, first_attempt
 from condyn_pin.contact.normal_path import End, normal_path
 from condyn_pin.contact.problem import ContactProblem, Island, island_of, islands
 from condyn_pin.contact.solvers.newton import SemismoothNewton
@@ -439,7 +439,7 @@ def _coulomb(problem: ContactProblem) -> tuple[Array, float]:
     solver, enough = SemismoothNewton(), tolerances.CONTACT_SOLVED
     found, natural = first_attempt(problem, solver, None, tolerances.CONTACT_POLISHED)
     if not natural <= enough:
-        found, natural = other_attempts(problem, solver, found, enough)
+        found, natural = fallbacks(problem, solver, found, enough)
     return found.lam, natural * problem.scale[1]
 
 

@@ -20,7 +20,7 @@ from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.forces import Load
 from condyn_pin.contact.indeterminacy import Indeterminacy, is_determined
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.contact.residuals import ContactResiduals, contact_residuals, unmet_contacts
+from condyn_pin.contact.residuals import ContactResiduals, contact_residuals, infeasible_contacts
 
 # Why an answer is not ok, and its cure; a status names all cures, an error those not tried.
 _INACCURATE: Final = (
@@ -194,7 +194,7 @@ class ContactSolution:
         if self.status not in missed or self.problem.law != "ncp":
             return ()
         with np.errstate(all="ignore"):
-            return unmet_contacts(self.problem.replaced(law="ccp"))
+            return infeasible_contacts(self.problem.replaced(law="ccp"))
 
     def __repr__(self) -> str:
         return (
@@ -272,7 +272,7 @@ _SMALL: Final = 1e-6
 _FELT: Final = 0.01 * tolerances.CONTACT_SOLVED
 
 
-def without_contradiction(problem: ContactProblem, lam: Array) -> ContactProblem | None:
+def drop_inconsistent_rows(problem: ContactProblem, lam: Array) -> ContactProblem | None:
     """Return the problem without the part of g that no motion of what touches has.
 
     g_A - Z Z^T g_A,    Z an orthonormal basis of G_AA z = 0

@@ -35,8 +35,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices, entries
 from condyn_pin._core.linalg import null_space, rank_of
 from condyn_pin.control.qp.base import Constraints, QPSolver, QuadraticProgram, peak
-from condyn_pin.control.qp.chain import Chain, ChainAnswer
-from condyn_pin.control.tasks.base import Home, Motion, Task
+from condyn_pin.control.qp.chain import ChainAnswer, SolverLadder
+from condyn_pin.control.tasks.base import DefaultReference, Motion, Task
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 
@@ -115,8 +115,8 @@ class Cascade:
     """The programs of the levels, each with the memory of its own last answer."""
 
     def __init__(self, qp: QPSolver, levels: int, regularisation: float) -> None:
-        self._chains = [Chain(qp) for _ in range(levels)]
-        self._rest = Chain(qp)
+        self._chains = [SolverLadder(qp) for _ in range(levels)]
+        self._rest = SolverLadder(qp)
         self._regularisation = regularisation
 
     def solve(
@@ -153,7 +153,7 @@ class Cascade:
         return x, answers
 
     def _answer(
-        self, chain: Chain, level: QuadraticProgram, centre: Array, costs: Costs
+        self, chain: SolverLadder, level: QuadraticProgram, centre: Array, costs: Costs
     ) -> ChainAnswer:
         """Return the answer of a level over s, of many that nearest to a centre, but for digits."""
         size = peak(level.H.diagonal())
@@ -333,7 +333,7 @@ class Stack:
         The tasks at work, in the order of the rows.
     """
 
-    def __init__(self, scene: Scene, tasks: Sequence[Task], home: Home) -> None:
+    def __init__(self, scene: Scene, tasks: Sequence[Task], home: DefaultReference) -> None:
         bound = [(task, task.bind(scene, home)) for task in tasks]
         self.bound = [each for each in bound if each[1].over == "accelerations"]
         self.bound += [each for each in bound if each[1].over == "forces"]

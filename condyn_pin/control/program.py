@@ -39,7 +39,7 @@ from condyn_pin.control.cones import ContactCones
 from condyn_pin.control.hierarchy import FLOOR, JOINT, LAW, MOTOR, Level, Row, Rows, Stack
 from condyn_pin.control.limits import AccelerationBounds, ControlLimits, locked, torque_limits
 from condyn_pin.control.qp.base import Constraints, Elastic, peak
-from condyn_pin.control.tasks.base import Home, Motion, Task
+from condyn_pin.control.tasks.base import DefaultReference, Motion, Task
 from condyn_pin.dynamics.at_state import told
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -94,7 +94,7 @@ class Program:
         limits: ControlLimits,
         actuation: Actuation,
         equations: Equations,
-        home: Home,
+        home: DefaultReference,
         rigid: Sequence[str],
         regularisation: float,
     ) -> None:

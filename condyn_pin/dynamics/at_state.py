@@ -18,7 +18,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import State as Given
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import MinimumNorm, factorise
-from condyn_pin._core.threads import Kept
+from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints import forces as loads
 from condyn_pin.constraints.baumgarte import Baumgarte
@@ -49,7 +49,7 @@ _STEPS = 8
 _CLOSED = 1e-15
 
 # Their memory takes longer to make than to use.
-_equations = Kept[Equations]()
+_equations = ThreadCache[Equations]()
 
 
 def equations_of(scene: Scene) -> Equations:
@@ -312,7 +312,7 @@ def raw_constraints(
     return models, datas
 
 
-def weightless(model: Any) -> Any:
+def without_gravity(model: Any) -> Any:
     """Return a copy of a model without gravity."""
     copy = pin.Model(model)
     copy.gravity = pin.Motion.Zero()

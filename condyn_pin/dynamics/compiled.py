@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import LOOSE, State, listed
+from condyn_pin._core.arguments import QUATERNION_TOLERANCE, State, listed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled, constrained_aba
 from condyn_pin._core.joints import axes, indices
@@ -28,7 +28,7 @@ from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts.candidates import pieces_of
 from condyn_pin.constraints.contacts.shapes import Core
 from condyn_pin.constraints.forces import AppliedForce, Loads
-from condyn_pin.constraints.rows.bound import AnyBound, PinocchioConstraint, placement
+from condyn_pin.constraints.rows.bound import BoundConstraint, PinocchioConstraint, placement
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import Redundancy
 from condyn_pin.dynamics.derivatives.base import Derivatives
@@ -85,7 +85,7 @@ def untaken(workspace: Workspace) -> Iterator[str]:
     yield from untaken_rows(workspace.model, workspace.bounds)
 
 
-def untaken_rows(model: Any, bounds: Sequence[AnyBound]) -> Iterator[str]:
+def untaken_rows(model: Any, bounds: Sequence[BoundConstraint]) -> Iterator[str]:
     """Yield what the core does not take of a model and its constraints, in words."""
     if is_forest(model):
         yield f"{model.nv} degrees of freedom of many trees: it keeps no memory for each of them"
@@ -142,7 +142,7 @@ def of_springs(robot: Robot) -> dict[str, Any]:
     }
 
 
-def of_rows(bounds: Sequence[AnyBound], drift: Baumgarte | None) -> dict[str, Any]:
+def of_rows(bounds: Sequence[BoundConstraint], drift: Baumgarte | None) -> dict[str, Any]:
     """Return the rows of a scene, and the gains that draw them back."""
     rows = [made for bound in bounds if (made := bound.compiled())]
     return {
@@ -214,7 +214,7 @@ def of_verdict(by: ErrorEstimator) -> Array:
         by.plausible_force,
         by.negligible_dynamics_error,
     )
-    return np.array([*of_residuals, *of_doubts, tolerances.SOLVED, LOOSE, _LARGEST])
+    return np.array([*of_residuals, *of_doubts, tolerances.SOLVED, QUATERNION_TOLERANCE, _LARGEST])
 
 
 def of_forces(loads: Loads, forces: Sequence[AppliedForce], count: int) -> dict[str, Any]:

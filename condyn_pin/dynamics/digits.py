@@ -29,7 +29,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import counted
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import rank_of
-from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.redundancy import (
     TIMES_THE_PRECISION,
@@ -233,7 +233,7 @@ def _note(
     )
 
 
-def _off(rows: Equations, bound: AnyBound, frames: Sequence[str], gap: float) -> _Off | None:
+def _off(rows: Equations, bound: BoundConstraint, frames: Sequence[str], gap: float) -> _Off | None:
     """Axes of a loop that are off parallel or square as its gap says, or a gap off its plane."""
     ends = bound.ends(rows.data.oMi)
     if bound.joints is None or ends is None:

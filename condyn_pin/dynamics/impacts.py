@@ -21,7 +21,7 @@ from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.rows.bound import worst
 from condyn_pin.constraints.rows.redundancy import LeftOut
-from condyn_pin.dynamics.at_state import at_state, equations_of, gaps, rounding, weightless
+from condyn_pin.dynamics.at_state import at_state, equations_of, gaps, rounding, without_gravity
 from condyn_pin.dynamics.derivatives.kkt import Linearisation, TurningRows, turning_null_space
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import ConstraintForce, Sites, pulling
@@ -245,7 +245,7 @@ def _derivatives(found: Impact) -> tuple[Array, Array]:
     M a + h = M a for any a, also one that is a velocity.
     """
     scene, q, e, n = found.scene, found.q, found.restitution[:, None], found.scene.robot.nv
-    linearisation = Linearisation(weightless(scene.robot.model), scene.bounds)
+    linearisation = Linearisation(without_gravity(scene.robot.model), scene.bounds)
     still, no_force = np.zeros(n), np.zeros_like(found.lam)
     r_q = linearisation.at(q, still, found.v - found.v_before, found.lam).r_q
     s_q = linearisation.at(q, still, found.v, no_force).s_q

@@ -33,7 +33,7 @@ from condyn_pin.constraints.rows.bound import Terms, largest_torque
 from condyn_pin.constraints.rows.equations import (
     ROUNDED,
     Equations,
-    MassPivots,
+    MassConditioning,
     least_of,
     more_than,
 )
@@ -72,7 +72,7 @@ _OF = "_at_any_time"  # where a scene at a time has the one that it is at all ti
 _DIGITS = "_digits"  # where a scene has what the digits of its file make up, once that is known
 
 
-def at_any_time(scene: Scene) -> Scene:
+def scene_without_time(scene: Scene) -> Scene:
     """Return the scene that a scene is at a time, if that closes: J, and what J says, is its."""
     of: Scene = vars(scene).get(_OF, scene)
     return of if of is scene or of.nominal.closed else scene
@@ -80,7 +80,7 @@ def at_any_time(scene: Scene) -> Scene:
 
 def digits_of(scene: Scene) -> Digits | None:
     """What digits of the file make up in a scene, as far as it has been looked at."""
-    found: Digits | None = vars(at_any_time(scene).bilateral).get(_DIGITS)
+    found: Digits | None = vars(scene_without_time(scene).bilateral).get(_DIGITS)
     return found
 
 
@@ -90,13 +90,13 @@ def look_at_digits(
     """Look once at what digits of the file make up in a scene, at a state of it (`digits_at`)."""
     from condyn_pin.dynamics.digits import digits_at  # most scenes have clear values
 
-    known = vars(at_any_time(scene).bilateral)
+    known = vars(scene_without_time(scene).bilateral)
     if _DIGITS not in known:
         known[_DIGITS] = digits_at(scene, rows, q, J=J)
     return digits_of(scene)
 
 
-def placed_in_time(scene: Scene, of: Scene) -> Scene:
+def scene_at(scene: Scene, of: Scene) -> Scene:
     """Return a scene, which is another one at a time."""
     vars(scene)[_OF] = vars(of).get(_OF, of)
     return scene
@@ -256,9 +256,9 @@ class NominalAnalysis:
         return ErrorEstimator(self.factors, self.cancellation, self.gravity, self.weight, leaning)
 
     @cached_property
-    def pivots(self) -> MassPivots:
+    def pivots(self) -> MassConditioning:
         """Those of M that may be far less elsewhere."""
-        return MassPivots(self._scene.robot.least_pivots, self.factors.mass.pivots)
+        return MassConditioning(self._scene.robot.least_pivots, self.factors.mass.pivots)
 
     @cached_property
     @one_blas_thread
@@ -354,7 +354,7 @@ def _least_share(robot: Robot, mass: MassFactor) -> float:
     Over what it feels with all else locked. Joints whose own body has inertia enough feel as much
     at any state, and are not looked at.
     """
-    watched = MassPivots(robot.least_pivots, mass.pivots).watched
+    watched = MassConditioning(robot.least_pivots, mass.pivots).watched
     shares = mass.pivots[watched] / mass.M.diagonal()[watched]
     return float(np.nan_to_num(shares).min(initial=1.0))
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core.arguments import State
-from condyn_pin._core.arrays import Array, quietly
+from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise
 from condyn_pin.constraints.forces import Load
@@ -316,7 +316,9 @@ def consistent_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSol
     exact = cache(lambda: NullSpace(tolerances.REFERENCE_RANK).start(workspace))
     rounded = workspace.scene.nominal.rounded_file is not None
     method, moving_at = closed, np.zeros(0)
-    open_by = quietly(workspace.equations.open_by)  # of numbers that are none the status says it
+    open_by = ignore_float_errors(
+        workspace.equations.open_by
+    )  # of numbers that are none the status says it
 
     def acceleration(q: Array, v: Array, tau: Array) -> Array:
         nonlocal method, moving_at
@@ -325,7 +327,7 @@ def consistent_where_open(workspace: Workspace, closed: BoundSolver) -> BoundSol
         moving_at = q.copy() if method is closed and rate > tolerances.OPEN else np.zeros(0)
         return method.acceleration(q, v, tau)
 
-    @quietly
+    @ignore_float_errors
     def lam() -> Array:
         lam = method.lam()
         if not moving_at.size:
@@ -354,10 +356,12 @@ def without_idle_rows(method: BoundSolver, idle: NDArray[np.bool_]) -> BoundSolv
 
 def exact_where_slipping(workspace: Workspace, method: BoundSolver) -> BoundSolver:
     """A method with the scene's own rows where J v is far from 0, and Pinocchio's differ by it."""
-    return replace(exact_where_open(workspace, method, slips=True), open_rows=method.open_rows)
+    return replace(fallback_off_manifold(workspace, method, slips=True), open_rows=method.open_rows)
 
 
-def exact_where_open(workspace: Workspace, closed: BoundSolver, slips: bool = False) -> BoundSolver:
+def fallback_off_manifold(
+    workspace: Workspace, closed: BoundSolver, slips: bool = False
+) -> BoundSolver:
     """A method with the scene's own rows where Pinocchio's, which stand for them, differ.
 
     With `slips`, only where rows slip by more than SLIPPING, whatever is open.

@@ -18,13 +18,13 @@ from condyn_pin._core.arguments import counted, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import bind
-from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import (
     NominalAnalysis,
-    at_any_time,
     described_posture,
-    placed_in_time,
+    scene_at,
+    scene_without_time,
 )
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import InvalidArgument, UnsupportedConstraint
@@ -96,7 +96,7 @@ class Scene:
         return bind_contacts(self.robot, self.contacts, taken=self.names)
 
     @property
-    def bounds(self) -> tuple[AnyBound, ...]:
+    def bounds(self) -> tuple[BoundConstraint, ...]:
         """The constraints bound to joints, placements and columns."""
         return self._bounds  # type: ignore[attr-defined, no-any-return]
 
@@ -111,8 +111,8 @@ class Scene:
         if not self.contacts:
             return self
         bare = replace(self, contacts=())
-        of = at_any_time(self)
-        return bare if of is self else placed_in_time(bare, of.bilateral)
+        of = scene_without_time(self)
+        return bare if of is self else scene_at(bare, of.bilateral)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -134,7 +134,7 @@ class Scene:
         """Rank, redundant rows and scales at the nominal state, each computed on first use."""
         if self.contacts:
             return self.bilateral.nominal
-        of = at_any_time(self)
+        of = scene_without_time(self)
         if of is not self:
             return of.nominal
         self.robot.check_unedited()
@@ -153,7 +153,7 @@ class Scene:
         if not self.is_driven:
             return self
         placed = replace(self, constraints=tuple(each.at(t) for each in self.constraints))
-        return placed_in_time(placed, self)
+        return scene_at(placed, self)
 
     def closed(self, modes: Mapping[str, Mode] | None = None) -> Scene:
         """Return the scene with its contacts as constraints, which never let go.

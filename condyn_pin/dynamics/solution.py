@@ -12,7 +12,7 @@ import numpy as np
 
 from condyn_pin._core import show, tolerances
 from condyn_pin._core.arguments import renamed
-from condyn_pin._core.arrays import Array, AsArray, read_only
+from condyn_pin._core.arrays import Array, ArrayValue, read_only
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
@@ -450,7 +450,7 @@ class Sites:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class ConstraintForce(AsArray):
+class ConstraintForce(ArrayValue):
     """The force of one constraint on one of its two bodies; it works as the array of its numbers.
 
     Attributes

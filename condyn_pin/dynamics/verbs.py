@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 from numpy.typing import ArrayLike
 
-from condyn_pin._core.threads import Kept
+from condyn_pin._core.threads import ThreadCache
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.scene import Scene, check_scene
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from condyn_pin.dynamics.derivatives.base import Derivatives
 
 # A loop over `solve` with one scene, or with some in turn, builds a workspace for each.
-_workspaces = Kept[Workspace]()
+_workspaces = ThreadCache[Workspace]()
 
 
 def solve(

@@ -18,9 +18,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import (
     FLOAT,
     HIGH,
-    LOOSE,
     LOW,
     NOT_LOOSE,
+    QUATERNION_TOLERANCE,
     Given,
     State,
     check_accuracy_of_a,
@@ -31,10 +31,14 @@ from condyn_pin._core.threads import OneThread, alone, in_use
 from condyn_pin._core.trees import Forest, is_forest, whole_data
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce, Loads, applied_forces
-from condyn_pin.constraints.rows.bound import AnyBound, Terms, finite_terms
+from condyn_pin.constraints.rows.bound import BoundConstraint, Terms, finite_terms
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import ConstraintDatas, ConstraintModels, raw_constraints
-from condyn_pin.dynamics.nominal import NominalAnalysis, at_any_time, pinocchio_constraints_of
+from condyn_pin.dynamics.nominal import (
+    NominalAnalysis,
+    pinocchio_constraints_of,
+    scene_without_time,
+)
 from condyn_pin.dynamics.proof import Verifier, consistent_where_open, failure, without_idle_rows
 from condyn_pin.dynamics.scene import Scene, check_bilateral, check_scene, check_time
 from condyn_pin.dynamics.solution import Solution, Status
@@ -148,7 +152,7 @@ class Memory(OneThread):
 
     def analysed(self, scene: Scene) -> Equations | None:
         """Analyse a scene, unless it was; return the equations made for that, to be used again."""
-        if "nominal" in vars(scene) or at_any_time(scene) is not scene:
+        if "nominal" in vars(scene) or scene_without_time(scene) is not scene:
             return None
         equations = Equations(self.model, scene.bounds)
         vars(scene)["nominal"] = NominalAnalysis(scene, equations)
@@ -159,7 +163,7 @@ class Memory(OneThread):
         """Take another scene of the same model; nothing of the old one is left."""
         self.scene = scene
         self.check_unedited = scene.robot.check_unedited
-        self.bounds: tuple[AnyBound, ...] = scene.bounds
+        self.bounds: tuple[BoundConstraint, ...] = scene.bounds
         self.pinocchio_constraints = pinocchio_constraints_of(scene)
         self.proximal_settings: Any = None
         for made_on_demand in ("_made", "equations", "linearisation", "loads", "compiled"):
@@ -498,7 +502,7 @@ class Workspace(Memory):
 
     def _tightened(self, q: Array) -> Array:
         """A configuration whose quaternions and (cos, sin) have norm 1, or q if they do."""
-        if pin.isNormalized(self.model, q, LOOSE):
+        if pin.isNormalized(self.model, q, QUATERNION_TOLERANCE):
             return q
         return np.array(pin.normalize(self.model, q))
 

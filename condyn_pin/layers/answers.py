@@ -20,7 +20,15 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.gradients.routes.base import Chain, Route
 from condyn_pin.gradients.routes.step_derivatives import StepDerivatives
-from condyn_pin.layers.maps import Configurations, LayerMap, Made, Pair, Parameters, Shape, StateMap
+from condyn_pin.layers.maps import (
+    Configurations,
+    LayerMap,
+    Pair,
+    Parameters,
+    ParametrisedScene,
+    Shape,
+    StateMap,
+)
 from condyn_pin.model.smaller import weighing
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.plan import check_scheme
@@ -128,7 +136,7 @@ class StepMap(StateMap):
         wrt: Sequence[str] = (),
     ) -> None:  # fmt: skip
         check_steps(scene, dt, integrator, route)
-        self.parameters = Parameters(Made(scene, integrator, route), wrt)
+        self.parameters = Parameters(ParametrisedScene(scene, integrator, route), wrt)
         super().__init__(scene.robot, self.parameters.shapes)
         self._dt = float(dt)
         self.x_size, self.y_size = self.nq, self.nv
@@ -196,7 +204,7 @@ class RunMap(LayerMap):
             raise InvalidArgument(f"every = {every!r}: a whole number of steps > 0, or None")
         self._dt, self._every = float(dt), every
         self._space = Configurations(scene.robot)
-        self._parameters = Parameters(Made(scene, integrator, route), wrt)
+        self._parameters = Parameters(ParametrisedScene(scene, integrator, route), wrt)
         nq, nv = self._space.nq, self._space.nv
         start = {"q": (nq,), "v": (nv,), "tau": (None, nv)}
         super().__init__({**start, **self._parameters.shapes})

@@ -43,7 +43,7 @@ from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes.base import Route, check_parameters, linear_steps
-from condyn_pin.gradients.routes.linear_steps import LinearSteps
+from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 from condyn_pin.gradients.routes.step_derivatives import Columns
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller import weighing
@@ -203,7 +203,7 @@ class LayerMap(ABC):
 # Parameters: what a scene is made of, as arrays that a layer is a function of.
 
 
-class Made(NamedTuple):
+class ParametrisedScene(NamedTuple):
     """A scene with its parameters, and how its steps are taken."""
 
     scene: Scene
@@ -223,7 +223,7 @@ class Parameters:
         inertias ten for each joint.
     """
 
-    def __init__(self, made: Made, names: Sequence[str]) -> None:
+    def __init__(self, made: ParametrisedScene, names: Sequence[str]) -> None:
         self.made = self._last = made
         self._values: tuple[bytes, ...] = ()
         self._contacts = [
@@ -239,7 +239,7 @@ class Parameters:
             raise InvalidArgument(f"wrt = {list(names)}: each name once")
         self.shapes = {name: known[name] for name in names}
 
-    def steps(self, values: Sequence[Array], dt: float) -> tuple[LinearSteps, Route]:
+    def steps(self, values: Sequence[Array], dt: float) -> tuple[LinearizedStep, Route]:
         """Return the steps of the scene with these values, and their route."""
         key = tuple(each.tobytes() for each in values)
         if key != self._values:
@@ -255,7 +255,7 @@ class Parameters:
             found.append(block @ self._owners if name in ("friction", "restitution") else block)
         return found
 
-    def _with(self, values: Sequence[Array]) -> Made:
+    def _with(self, values: Sequence[Array]) -> ParametrisedScene:
         scene, scheme, route = self.made
         contacts = list(scene.contacts)
         for name, value in zip(self.shapes, values, strict=True):
@@ -270,7 +270,7 @@ class Parameters:
                     route = replace(route, **solref)
             else:
                 scene = replace(scene, robot=weighing(scene.robot, value))
-        return Made(replace(scene, contacts=tuple(contacts)), scheme, route)
+        return ParametrisedScene(replace(scene, contacts=tuple(contacts)), scheme, route)
 
 
 def _owners(scene: Scene, contacts: Sequence[int]) -> Array:

@@ -29,10 +29,10 @@ from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import Indices, indices
 from condyn_pin._core.linalg import MinimumNorm, counted, factorise, pivots, redundant_rows
-from condyn_pin.constraints.rows.bound import AnyBound, Terms
+from condyn_pin.constraints.rows.bound import BoundConstraint, Terms
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.at_state import by_digits
-from condyn_pin.dynamics.nominal import at_any_time, described_posture, look_at_digits
+from condyn_pin.dynamics.nominal import described_posture, look_at_digits, scene_without_time
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidModel
 from condyn_pin.mechanism.closing import Closer
@@ -78,7 +78,7 @@ class ClosedChains:
 
 def chains_of(scene: Scene) -> ClosedChains:
     """Return the closed chains of a scene; they are found once."""
-    of = at_any_time(scene)
+    of = scene_without_time(scene)
     known = vars(of)
     if "_chains" not in known:
         known["_chains"] = read_only(_chains(of))
@@ -250,7 +250,7 @@ def _groups(
     scene: Scene, J: Array, rows: Indices, columns: Indices
 ) -> Iterator[tuple[str, Indices, Indices]]:
     """Yield the names of loops that share joints, their rows, and the velocity indices of these."""
-    groups: list[tuple[list[AnyBound], set[int]]] = []
+    groups: list[tuple[list[BoundConstraint], set[int]]] = []
     scale = np.abs(J[rows]).max(initial=0.0)
     for bound in scene.bounds:
         if not bound.positioned:

@@ -210,7 +210,7 @@ def _check_rows(scene: Scene, q: Array, left: Array, sizes: Sequence[Array], per
 #     v = G v_A + ( 0 on A,  J_D^+ s' on D,  0 on the rest ).
 #
 # The rest is what neither motors nor loops determine, such as a floating base, springs, or the spin
-# of a rod: it stays where it is. `Follower` moves the motors.
+# of a rod: it stays where it is. `ContinuationSolver` moves the motors.
 
 
 @dataclass(frozen=True, eq=False)
@@ -321,7 +321,7 @@ def complete_state(
         )
     v_A = None if v_actuated is None else finite("v_actuated", v_actuated, A.size)
     start = nominal_configuration(scene) if near is None else normalised(model, "near", near)
-    follower = Follower(scene)
+    follower = ContinuationSolver(scene)
     target = with_motors(follower, start, q_actuated)
     if within_limits:
         check_held("q_actuated", chains.limits, target, A)
@@ -343,7 +343,9 @@ def complete_state(
     )
 
 
-def _velocity(scene: Scene, follower: Follower, q: Array, G: Array, v_A: Array | None) -> Array:
+def _velocity(
+    scene: Scene, follower: ContinuationSolver, q: Array, G: Array, v_A: Array | None
+) -> Array:
     """Return v (nv,) of the motors' v_A, or of the least that driven rows leave to them."""
     if not scene.is_driven:
         return np.zeros(len(G)) if v_A is None else G @ v_A
@@ -409,7 +411,7 @@ _CORRECTIONS = 10
 _FARTHEST = 100.0  # that a motor is followed [rad, m]
 
 
-class Follower:
+class ContinuationSolver:
     """What moves the motors of one scene, the dependent joints following.
 
     `actuated` and `dependent` are velocity indices; `motors` is where q holds the motors.
@@ -491,7 +493,7 @@ class Follower:
         return float(np.linalg.norm(change, 2)) if change.size else 0.0
 
 
-def with_motors(follower: Follower, start: Array, q_actuated: ArrayLike) -> Array:
+def with_motors(follower: ContinuationSolver, start: Array, q_actuated: ArrayLike) -> Array:
     """Return the start with the motors where they are to be."""
     model, motors = follower.closer.equations.model, follower.motors
     target = start.copy()
@@ -506,7 +508,7 @@ def with_motors(follower: Follower, start: Array, q_actuated: ArrayLike) -> Arra
     return target
 
 
-def drive(scene: Scene, follower: Follower, start: Array, target: Array) -> Assembly:
+def drive(scene: Scene, follower: ContinuationSolver, start: Array, target: Array) -> Assembly:
     """Close the start, and move the motors from there."""
     moving, motors = follower.closer.moving, follower.motors
     first = assemble_from(scene, start, moving, within_limits=False)

@@ -263,7 +263,7 @@ _SMALL = 1e-6  # a component of a unit vector, or a distance [m], that counts as
 Points = Sequence[tuple[str, Array]]
 
 
-def base_freedom(scene: Scene, q: Array) -> Iterator[str]:
+def base_mobility(scene: Scene, q: Array) -> Iterator[str]:
     """Say for every floating base that the constraints hold how it can still move."""
     model, equations = scene.robot.model, equations_of(scene)
     J = equations.jacobian(q)

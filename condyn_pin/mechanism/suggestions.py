@@ -21,7 +21,7 @@ from condyn_pin._core.linalg import factorise, first_of_largest, rank_of
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.line_contact import LineContact
 from condyn_pin.constraints.loop import Loop
-from condyn_pin.constraints.rows.bound import AnyBound, Terms
+from condyn_pin.constraints.rows.bound import BoundConstraint, Terms
 from condyn_pin.constraints.rows.frames import rows_of
 from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.at_state import equations_of
@@ -283,7 +283,7 @@ def as_planar(scene: Scene, name: str) -> ReducedScene:
     return reduced(scene, robot, constraints, described_posture(scene), (words,))
 
 
-def _in_axes_of_first(scene: Scene, bound: AnyBound, direction: Array) -> Array:
+def _in_axes_of_first(scene: Scene, bound: BoundConstraint, direction: Array) -> Array:
     """Return a direction in the axes of the rows in those of the frame that was named first.
 
     The two differ where that frame is the world's, which no row is written in.

@@ -19,7 +19,7 @@ from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.mechanism.classification import Classification, classification
 from condyn_pin.mechanism.closed_chains import chains_of
-from condyn_pin.mechanism.rank import Rank, base_freedom
+from condyn_pin.mechanism.rank import Rank, base_mobility
 from condyn_pin.model.robot import Robot
 
 _ROWS_SHOWN = 12
@@ -240,7 +240,7 @@ def _notes(scene: Scene, at: Rank) -> Iterator[str]:
         yield "mobility 0: what is driven says how everything moves"
     elif at.mobility == 0:
         yield "mobility 0: nothing can move; a weld in place of a hinge does this"
-    yield from base_freedom(scene, at.q)
+    yield from base_mobility(scene, at.q)
     if at.redundant and not at.singular:
         rows = counted(len(at.redundant), "redundant row")
         yield f"{rows}: a is unique, lam is the smallest of many; DenseKKT needs mu > 0"

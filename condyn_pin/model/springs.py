@@ -13,7 +13,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.threads import Kept
+from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.base import check_size, text
 from condyn_pin.constraints.forces import frame_jacobian
@@ -232,7 +232,7 @@ class SpringDampers:
 
 
 # Their memory takes longer to make than to use.
-_kept = Kept[SpringDampers]()
+_kept = ThreadCache[SpringDampers]()
 
 
 def spring_dampers_of(robot: Any) -> SpringDampers:

@@ -143,7 +143,7 @@ class Event:
 
 
 @dataclass(frozen=True)
-class Happened:
+class EventRecord:
     """An event that happened.
 
     Attributes
@@ -187,7 +187,7 @@ class Happened:
         return bool(self.modes or self.impulses)
 
 
-class Ended(Exception):
+class RunEnd(Exception):
     """An event has ended the run."""
 
 
@@ -244,7 +244,7 @@ class ContactEvent:
         """Return the same at a time that differs by rounding."""
         return replace(self, before=(t, *self.before[1:]), after=(t, *self.after[1:]))
 
-    def happened(self, sample: int) -> Happened:
+    def happened(self, sample: int) -> EventRecord:
         """Return it as a trajectory keeps it, with the place of the sample after it."""
         rows, names = contact_rows(self.candidates), self.candidates.names
         impulses = {name: self.impulse[rows[name]] for name in names}
@@ -255,7 +255,7 @@ class ContactEvent:
             (names[i], MODES[before[i]], MODES[after[i]])
             for i in np.flatnonzero((before != after) | self.back)
         )
-        return Happened(
+        return EventRecord(
             self._called([name for name, *_ in struck]), self.t, sample, self.energy_lost,
             modes=changed, impulses=struck, driven=self.driven,
         )  # fmt: skip

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import VERSION_TEXT, pin
 from condyn_pin._core.arrays import finite
-from condyn_pin._core.files import LARGEST, parse_json, read_npz, write_npz, written_beside
+from condyn_pin._core.files import LARGEST, atomic_write, parse_json, read_npz, write_npz
 from condyn_pin.constraints.contacts.kinds import CONTACTS
 from condyn_pin.constraints.contacts.shapes import SHAPES, Plane
 from condyn_pin.constraints.kinds import named
@@ -32,7 +32,7 @@ from condyn_pin.model.robot import Robot
 from condyn_pin.model.springs import Spring, SpringDamper
 from condyn_pin.simulation import integrators
 from condyn_pin.simulation.drift import DRIFTS, Drift
-from condyn_pin.simulation.events import Happened
+from condyn_pin.simulation.events import EventRecord
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.outcome import Effects, MotionLimits, Run, RunStatus, check_limits
 from condyn_pin.simulation.records import (
@@ -197,7 +197,7 @@ def limits_of(words: dict[str, Any]) -> MotionLimits:
 _KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        *(Effects, Happened, MotionLimits, Remark, Spring, SpringDamper, Plane),
+        *(Effects, EventRecord, MotionLimits, Remark, Spring, SpringDamper, Plane),
         *(integrators.INTEGRATORS | DRIFTS | SOLVERS).values(),
     )
 }
@@ -378,11 +378,11 @@ def _check_run(run: Run, count: int) -> None:
             raise TypeError(f"remarks = {run.remarks!r}")
         check_times(t=remark.t, steps=remark.steps)
     for event in run.happened:
-        if not isinstance(event, Happened) or not _fits(event, count):
+        if not isinstance(event, EventRecord) or not _fits(event, count):
             raise ValueError(f"event {event!r} of {count} samples")
 
 
-def _fits(event: Happened, count: int) -> bool:
+def _fits(event: EventRecord, count: int) -> bool:
     """Return whether an event is one of a run of so many samples."""
     struck = event.impulses
     words = (event.name, *event.added, *event.dropped, *(name for name, *_ in struck))
@@ -402,5 +402,5 @@ def to_csv(trajectory: Trajectory, path: Path_) -> None:
     """Write a trajectory as a table; see `Trajectory.to_csv`."""
     table = columns(trajectory)
     samples, header = np.column_stack(list(table.values())), ",".join(table)
-    with written_beside(path) as new:
+    with atomic_write(path) as new:
         np.savetxt(new, samples, fmt="%.17g", delimiter=",", header=header, comments="")

@@ -20,10 +20,10 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.threads import Kept
+from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.path import along_at
-from condyn_pin.constraints.rows.equations import MANY, Equations, ManyGaps
+from condyn_pin.constraints.rows.equations import MANY, BatchedGaps, Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.torques import Passive
@@ -152,8 +152,8 @@ class Gauge:
         self._links.armature[:] = 0.0
 
     @cached_property
-    def _states(self) -> ManyGaps:
-        return ManyGaps(self.equations)
+    def _states(self) -> BatchedGaps:
+        return BatchedGaps(self.equations)
 
     def measure(self, t: Array, q: Array, v: Array) -> Kinematics:
         """Return what forward kinematics says at times t (k,), states q (k, nq), v (k, nv)."""
@@ -187,7 +187,7 @@ class Gauge:
 
 
 # One of a scene as it was written, one of it with contacts anchored, and those of others.
-_gauges = Kept[Gauge]()
+_gauges = ThreadCache[Gauge]()
 
 
 def gauge_of(scene: Scene) -> Gauge:

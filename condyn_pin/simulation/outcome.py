@@ -13,13 +13,13 @@ from typing import TYPE_CHECKING, Any
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import shown
-from condyn_pin._core.threads import Kept
+from condyn_pin._core.threads import ThreadCache
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.events import Happened
+from condyn_pin.simulation.events import EventRecord
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.remarks import Remark
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 
 
 # Every motion of a batch is judged by it.
-_gaps = Kept[float]()
+_gaps = ThreadCache[float]()
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -235,7 +235,7 @@ class Run:
     limits: MotionLimits = field(default_factory=MotionLimits)
     status: RunStatus = RunStatus.FINISHED
     reason: str = ""
-    happened: tuple[Happened, ...] = ()
+    happened: tuple[EventRecord, ...] = ()
     missed: tuple[str, ...] = ()
     differenced: int = 0
     remarks: tuple[Remark, ...] = ()

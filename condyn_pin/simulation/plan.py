@@ -211,7 +211,9 @@ def default_solver(scene: Scene) -> Solver:
 # Where a scene takes up a state: its loops have to be closed, and its contacts apart.
 
 
-def check_fit(scene: Scene, q: Array, v: Array, *, allowed: float = 0.0, what: str = "") -> None:
+def check_initial_state(
+    scene: Scene, q: Array, v: Array, *, allowed: float = 0.0, what: str = ""
+) -> None:
     """Raise NotAssembled, said after `what`, if a loop or an anchored contact is open or opening.
 
     A |J v| of `allowed` [m/s, rad/s] is added to what is tolerated.

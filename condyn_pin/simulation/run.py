@@ -24,9 +24,9 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled, UnsupportedConstraint
 from condyn_pin.mechanism.closing import with_anchors
 from condyn_pin.simulation.events import (
-    Ended,
     Event,
-    Happened,
+    EventRecord,
+    RunEnd,
     Snapshot,
     Switch,
     Watch,
@@ -39,7 +39,7 @@ from condyn_pin.simulation.plan import (
     Plan,
     check_closing,
     check_deeper,
-    check_fit,
+    check_initial_state,
     check_penetration,
     check_velocity,
     default_solver,
@@ -189,7 +189,9 @@ def simulate(
 def _is_closed(scene: Scene, q: Array, v: Array, plan: Plan) -> bool:
     """Return whether loops are closed at a state, and their velocities."""
     try:
-        check_fit(scene, q, v, allowed=velocity_of_steps(scene, q, v, plan.integrator, plan.dt))
+        check_initial_state(
+            scene, q, v, allowed=velocity_of_steps(scene, q, v, plan.integrator, plan.dt)
+        )
     except NotAssembled:
         return False
     return True
@@ -239,7 +241,7 @@ def _run(
 
     try:
         simulator.run(tick if progress else None)
-    except Ended as end:
+    except RunEnd as end:
         return RunStatus.ENDED, str(end)
     except ZenoDetected as end:
         return RunStatus.PILED_UP, str(end)
@@ -276,7 +278,9 @@ def start(
     v_ = np.array(finite("v", v, scene.robot.nv))
     scene.robot.check_unedited()
     if closed:
-        check_fit(scene, q_, v_, allowed=velocity_of_steps(scene, q_, v_, plan.integrator, plan.dt))
+        check_initial_state(
+            scene, q_, v_, allowed=velocity_of_steps(scene, q_, v_, plan.integrator, plan.dt)
+        )
     return q_, v_
 
 
@@ -325,7 +329,7 @@ class HybridSimulator:
         self._remarks = self.phase.system.remarks
         self._remarks.clear()
         self.recorders = [self.phase.begin(self.t, q, v)]
-        self.happened: list[Happened] = []
+        self.happened: list[EventRecord] = []
         self._watch = Watch(plan.events)
         if plan.events:
             self._watch.values = self._look(self.t, q, v)
@@ -474,8 +478,8 @@ class HybridSimulator:
         self.phase.end(self.t, self.q, self.v)
         sample = sum(recorder.count for recorder in self.recorders)
         if event.ends:
-            self.happened.append(Happened(event.name, self.t, sample - 1))
-            raise Ended(f"event {event.name!r} at t = {self.t:g} s")
+            self.happened.append(EventRecord(event.name, self.t, sample - 1))
+            raise RunEnd(f"event {event.name!r} at t = {self.t:g} s")
         before, left = self.phase.scene, self._asked
         # a contact that was lifted has its place wherever it touches again
         self._places = {c: self._places[c] for c in self._asked.constraints if c in self._places}
@@ -494,7 +498,7 @@ class HybridSimulator:
             what = f"event {event.name!r}: its scene does not fit the state: "
             now = after.at(self.t)
             allowed = velocity_of_steps(now, self.q, self.v, self.plan.integrator, self.plan.dt)
-            check_fit(now, self.q, self.v, allowed=allowed, what=what)
+            check_initial_state(now, self.q, self.v, allowed=allowed, what=what)
             check_deeper(after, before, self.q, self.plan.integrator, what=what)
             self._asked = event.scene
             self.phase = HybridPhase(after, self.plan)
@@ -511,9 +515,9 @@ class HybridSimulator:
 
 def _happened(
     event: Event, t: float, sample: int, before: Scene, after: Scene, change: Switch
-) -> Happened:
+) -> EventRecord:
     old, new = set(before.names), set(after.names)
-    return Happened(
+    return EventRecord(
         event.name,
         t,
         sample,

@@ -577,7 +577,7 @@ class _WithSlopes(System):
 # Dead ends: paths of driven rows that lead into what nothing moves.
 
 
-def pressed_in(contacts: str, t: float, depth: float = 0.0) -> StepFailed:
+def blocked_path_error(contacts: str, t: float, depth: float = 0.0) -> StepFailed:
     """Return the error of contacts that driven rows press into each other at t, a `depth` [m]."""
     by = f"{depth:.2g} m or rad " if depth else ""
     return StepFailed(

@@ -18,8 +18,8 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import NORMALISED, normalised
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.compiled import compiled
-from condyn_pin._core.rows import MISSING, Batch, Native, Outcome, Rows, Some
-from condyn_pin._core.threads import Kept
+from condyn_pin._core.rows import MISSING, Batch, BatchResult, Native, Rows, Some
+from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact import problem
@@ -144,7 +144,7 @@ def batch_of_steps(
     return BatchStep(scene=scene, dt=dt, integrator=integrator, seconds=seconds, **arrays)
 
 
-_scenes = Kept[Scene]()
+_scenes = ThreadCache[Scene]()
 
 
 @dataclass(frozen=True)
@@ -216,7 +216,7 @@ ROWS: Final = ("q", "v", "lam", "codes", "errors", "statuses", "q0", "v0", "tau0
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchStep(Outcome, Batch[StepSolution]):
+class BatchStep(BatchResult, Batch[StepSolution]):
     """The states after one step from N states, with the errors of each.
 
     Attributes
@@ -416,7 +416,7 @@ def left_to_python(
     return np.flatnonzero((done == 0) | doubtful)
 
 
-_contacts = Kept[Any]()
+_contacts = ThreadCache[Any]()
 
 
 def contacts_of(workspace: Workspace, contacts: tuple[Contact, ...]) -> Any:

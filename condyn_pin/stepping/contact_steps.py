@@ -48,16 +48,16 @@ from condyn_pin.simulation.integrators.contact_scheme import (
 )
 from condyn_pin.simulation.records import Row, touch_of
 from condyn_pin.simulation.remarks import notes_of
-from condyn_pin.simulation.system import System, pressed_in, total_torque
+from condyn_pin.simulation.system import System, blocked_path_error, total_torque
 from condyn_pin.stepping.step_problem import (
     MISSED,
-    Chosen,
-    CurvedPaths,
+    AcceptedStep,
+    ActiveCandidates,
+    CurvatureCorrection,
+    EndsOfPaths,
     Kept,
-    PathEnds,
-    Posed,
-    Taken,
-    Tried,
+    StepAttempt,
+    StepProblem,
     answered,
     drive_work,
     kept_paths,
@@ -78,7 +78,7 @@ _SLOW = 1e-9
 _LIKE = 2.0
 
 
-class PosedSteps:
+class StepProblemBuilder:
     """The steps of one system with one scheme and one dt, posed and not yet answered.
 
     Attributes
@@ -97,8 +97,8 @@ class PosedSteps:
         self._scheme, self._system, self._dt = scheme, system, dt
         self._equations, self._candidates = system.equations, system.contacts
         self.floating = system.manifold
-        self.paths = CurvedPaths(system, self.floating, dt)
-        self.ends = PathEnds(system, self.floating, dt)
+        self.paths = CurvatureCorrection(system, self.floating, dt)
+        self.ends = EndsOfPaths(system, self.floating, dt)
         self._applied, passive = system.applied, system.passive
         # springs and damping by how far ahead of where they are evaluated they act [s]
         self._torques = {x: total_torque(self._applied, passive, x) for x in (0.0, 0.5 * dt, dt)}
@@ -106,7 +106,7 @@ class PosedSteps:
         self._between = passive.between
         self._is_implicit = not passive.is_nothing
         self._span = dt
-        self._chosen: tuple[bytes, Chosen] | None = None
+        self._chosen: tuple[bytes, ActiveCandidates] | None = None
         self._is_driven = system.scene.is_driven
         self._share = 0.5 if scheme.at_midpoint else 1.0  # of dt, from `at` to the end
 
@@ -114,7 +114,9 @@ class PosedSteps:
         """Return the time at which the equations of a step from t are evaluated [s]."""
         return t + (1.0 - self._share) * self._dt
 
-    def pose(self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None) -> Posed:
+    def pose(
+        self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None
+    ) -> StepProblem:
         """Return the step from a state with its contact problem, not yet solved.
 
         The gaps that take part are those that are near, or those that are `active`.
@@ -177,7 +179,7 @@ class PosedSteps:
             near = near.behind(strike)
         problem = chosen.problem(scheme, near)
         J_n = J_c[chosen.normals]
-        return Posed(
+        return StepProblem(
             at, v, mean, turning, tau, gaps, J, end, None, J_c, J_n, chosen, now, near, problem,
             strike, self._span, looks_at,
         )  # fmt: skip
@@ -226,7 +228,7 @@ class PosedSteps:
             size += float(weights.dot(np.einsum("ri,ij,rj->r", rows, M_inv, rows)))
         return size <= 1.0
 
-    def _struck(self, chosen: Chosen, near: Near) -> Strike | None:
+    def _struck(self, chosen: ActiveCandidates, near: Near) -> Strike | None:
         """Return the impact with which a step begins, None if nothing strikes."""
         law, e = self._scheme.impacts, near.restitution
         if law is None or not e.any():
@@ -237,7 +239,9 @@ class PosedSteps:
         strike = law.strike(chosen.impact(near), e, always=self.always_strikes)
         return strike if strike.notes or strike.apart.any() else None
 
-    def impact_at(self, chosen: Chosen, near: Near, at: Array, v: Array) -> ContactProblem:
+    def impact_at(
+        self, chosen: ActiveCandidates, near: Near, at: Array, v: Array
+    ) -> ContactProblem:
         """Return the same contacts before an impact at another state, the placements taken there.
 
         `near` is what they are in the step.
@@ -249,7 +253,7 @@ class PosedSteps:
         there = condense(factors, J_c, v, 0.0 * v, J_b.dot(v))
         return chosen.impact(near._replace(G=there.G, before=J_c.dot(v)))
 
-    def pose_along(self, posed: Posed, u: Array, kept: Kept | None = None) -> Posed:
+    def pose_along(self, posed: StepProblem, u: Array, kept: Kept | None = None) -> StepProblem:
         """Return a step again, with its contacts as they are where a path along u ends.
 
         Those that are `kept` at the beginning bend as they did there.
@@ -279,13 +283,13 @@ class PosedSteps:
             problem=chosen.problem(self._scheme, near), kept=kept,
         )  # fmt: skip
 
-    def _choose(self, near: NDArray[np.bool_]) -> Chosen:
+    def _choose(self, near: NDArray[np.bool_]) -> ActiveCandidates:
         """Return the candidates that take part; most often they are those of the step before."""
         key = near.tobytes()
         if self._chosen is None or self._chosen[0] != key:
             dry = np.ones(self._candidates.intervals, dtype=bool)
             active = np.concatenate((near, dry))
-            self._chosen = key, Chosen(self._candidates, active, self._dt)
+            self._chosen = key, ActiveCandidates(self._candidates, active, self._dt)
         return self._chosen[1]
 
     def _factors(self, M: Array, J_b: Array, q: Array) -> MinimumNorm:
@@ -311,7 +315,7 @@ _AGAIN = 6
 _LOOKS = 64
 
 
-class ContactSteps(PosedSteps):
+class ContactSteps(StepProblemBuilder):
     """The steps of one system with one scheme and one dt.
 
     Attributes
@@ -321,11 +325,11 @@ class ContactSteps(PosedSteps):
         The step that was taken last.
     """
 
-    last: Taken
+    last: AcceptedStep
 
     def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
         super().__init__(scheme, system, dt)
-        self.closings = Closings(system, self._factors)
+        self.closings = LoopProjection(system, self._factors)
         self._normals = self._candidates.normals
         self._driven = system.equations.driven
         self._furthest: tuple[str, float] | None = None
@@ -379,7 +383,7 @@ class ContactSteps(PosedSteps):
         gaps = self._candidates.gaps(data, q1)
         for place in np.flatnonzero(posed.chosen.near)[stuck]:
             if gaps[place] < min(-MISSED, posed.gaps[place]):
-                raise pressed_in(self._candidates.names[place], t + self._dt, -gaps[place])
+                raise blocked_path_error(self._candidates.names[place], t + self._dt, -gaps[place])
 
     def _check_answer(self, t: float) -> None:
         """Refuse the last step, unless it has all that its contact solver promises."""
@@ -424,12 +428,12 @@ class ContactSteps(PosedSteps):
         self._system.contact_work = self._system.contact_work.plus(work)
         if not isfinite(q1.dot(q1).item() + v1.dot(v1).item() + work.total):
             natural = nan  # also where no contact takes part
-        self.last = Taken(
+        self.last = AcceptedStep(
             posed, v1, found, natural, work, tuple(tried), self._furthest, self._through(posed, v1)
         )
         return q1, turned, a
 
-    def _through(self, posed: Posed, v1: Array) -> tuple[str, ...]:
+    def _through(self, posed: StepProblem, v1: Array) -> tuple[str, ...]:
         """Return the pairs of shapes that meet on the way to the next step, and not at its end."""
         candidates, dt = self._candidates, self._dt
         k, cones = candidates.contact_points, candidates.cones
@@ -497,13 +501,13 @@ class ContactSteps(PosedSteps):
         system.contact_work = work
         return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), self.touch()
 
-    def _answered(self, t: float, q: Array, v: Array) -> list[Tried]:
+    def _answered(self, t: float, q: Array, v: Array) -> list[StepAttempt]:
         """Return a step as it was tried, each time along the path before; the last one is taken."""
         tried, self._furthest = [self._first(t, q, v)], None
         off = self._off(tried[0])
         return tried if off is None else self._along_paths(tried, off)
 
-    def _along_paths(self, tried: list[Tried], off: Array) -> list[Tried]:
+    def _along_paths(self, tried: list[StepAttempt], off: Array) -> list[StepAttempt]:
         """Return a step as it was tried again along its paths, until each ends where it should.
 
         Contacts that do not feel each other end by themselves: each group keeps the best of its
@@ -516,7 +520,7 @@ class ContactSteps(PosedSteps):
         def by_group(off: Array | None) -> Array:
             return np.array([0.0 if off is None else off[of_gaps == i].max() for i in groups])
 
-        def again(of_groups: NDArray[np.int_]) -> Tried:
+        def again(of_groups: NDArray[np.int_]) -> StepAttempt:
             """Return the next attempt, of each group along its path in an attempt, or the next."""
             last, of, kept = tried[-1], np.append(of_groups, -1)[of_velocities], None
             path = last.posed.v if last.posed.path is None else last.posed.path
@@ -548,7 +552,7 @@ class ContactSteps(PosedSteps):
             tried.append(again(best))
         return tried
 
-    def _first(self, t: float, q: Array, v: Array) -> Tried:
+    def _first(self, t: float, q: Array, v: Array) -> StepAttempt:
         """Return a step with all contacts that it closes, as they are where it begins."""
         solver = self._scheme.contact
         tried = answered(self.pose(t, q, v), solver)
@@ -560,13 +564,13 @@ class ContactSteps(PosedSteps):
             tried = answered(posed, solver)
         return tried
 
-    def _off(self, tried: Tried) -> Array | None:
+    def _off(self, tried: StepAttempt) -> Array | None:
         """Return how far from where they should contacts end (k,) [m, rad]; None if near enough."""
         if not self._scheme.closes_gaps or not tried.is_answer_of(self._scheme.contact):
             return None
         return self.ends.off(tried.posed, tried.attempt.lam, tried.v)
 
-    def _missed(self, posed: Posed, v1: Array) -> NDArray[np.bool_] | None:
+    def _missed(self, posed: StepProblem, v1: Array) -> NDArray[np.bool_] | None:
         """Return a flag for each gap that the step closes and that takes no part, None for none.
 
         Where a step is long, or an impulse turns a body, what was far away goes through.
@@ -609,7 +613,7 @@ class Closing(NamedTuple):
     end: Array
 
 
-class Closings:
+class LoopProjection:
     """The closing of the loops of one system.
 
     Parameters

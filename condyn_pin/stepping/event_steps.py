@@ -27,8 +27,15 @@ from condyn_pin.simulation.events import ContactEvent, ZenoDetected
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.records import ContactWork, Row, touch_of
 from condyn_pin.simulation.system import System
-from condyn_pin.stepping.modes import ContactTerms, Held, Margins, ModeDynamics, fallen, margins
-from condyn_pin.stepping.transition import Begun, NextModes, Transition
+from condyn_pin.stepping.modes import (
+    ContactTerms,
+    FixedModes,
+    Margins,
+    ModeDynamics,
+    fallen,
+    margins,
+)
+from condyn_pin.stepping.transition import NextModes, PhaseStart, Transition
 
 # Legs of one step, at most. A ball that comes to rest in it makes some hundred.
 _MOST = 1000
@@ -50,7 +57,7 @@ class EventSteps:
         self._system, self._dt = system, dt
         self._begin = Transition(system, choice, shortest)
         self._segment = Segments(system, inner)
-        self._begun: tuple[float, Begun] | None = None
+        self._begun: tuple[float, PhaseStart] | None = None
         self._v: Array | None = None  # as the state that has begun was handed in
         self._ended: tuple[Array, ModeDynamics] | None = None  # q at the end of the last step
 
@@ -85,7 +92,7 @@ class EventSteps:
         now = self._at(t, q, v)
         return self._row(t, q, v, now.dynamics, now.held, now.natural)
 
-    def _at(self, t: float, q: Array, v: Array) -> Begun:
+    def _at(self, t: float, q: Array, v: Array) -> PhaseStart:
         """Return how motion goes on from a state; that of the last one asked for is known."""
         if self._begun is not None:
             at, begun = self._begun
@@ -95,7 +102,7 @@ class EventSteps:
         self._keep(t, q, v, begun)
         return begun
 
-    def _keep(self, t: float, q: Array, v: Array, begun: Begun) -> None:
+    def _keep(self, t: float, q: Array, v: Array, begun: PhaseStart) -> None:
         self._begun, self._v = (t, begun), v
 
     def _dynamics_before(self, q: Array) -> ModeDynamics | None:
@@ -103,7 +110,7 @@ class EventSteps:
         return self._ended[1] if self._ended is not None and self._ended[0] is q else None
 
     def _count(
-        self, events: list[ContactEvent], dynamics: ModeDynamics, v: Array, now: Begun
+        self, events: list[ContactEvent], dynamics: ModeDynamics, v: Array, now: PhaseStart
     ) -> None:
         """Count what happens in the instant in which modes change, with the velocity v."""
         system = self._system
@@ -114,7 +121,7 @@ class EventSteps:
             events.append(self._event(dynamics, terms, now, back))
 
     def _event(
-        self, dynamics: ModeDynamics, terms: ContactTerms, now: Begun, back: NDArray[np.bool_]
+        self, dynamics: ModeDynamics, terms: ContactTerms, now: PhaseStart, back: NDArray[np.bool_]
     ) -> ContactEvent:
         """Return what happened between the old modes and the new ones, and what slides `back`."""
         t, work = terms.t, self._system.contact_work
@@ -136,8 +143,8 @@ class EventSteps:
         )  # fmt: skip
 
     def _row(
-        self, t: float, q: Array, v: Array, dynamics: ModeDynamics, held: Held, natural: float,
-        work: ContactWork | None = None,
+        self, t: float, q: Array, v: Array, dynamics: ModeDynamics, held: FixedModes,
+        natural: float, work: ContactWork | None = None,
     ) -> Row:  # fmt: skip
         work = self._system.contact_work if work is None else work
         lam = np.concatenate((held.of_constraints, held.lam))
@@ -224,7 +231,7 @@ class _Try(NamedTuple):
 
     h: float
     terms: ContactTerms
-    held: Held
+    held: FixedModes
     margins: Margins
 
 
@@ -235,7 +242,7 @@ class Segments:
         self._system, self._inner, self._candidates = system, inner, system.contacts
         self._guide = SlipGuide(system.contacts)
 
-    def take(self, now: Begun, end: float) -> Segment:
+    def take(self, now: PhaseStart, end: float) -> Segment:
         """Return the end of a segment from a state to the first event, or to a time."""
         left = end - now.terms.t
         bent = np.zeros(self._candidates.cones, dtype=bool)
@@ -260,7 +267,9 @@ class Segments:
             work = self._work(now, dynamics, made)
             return Segment(t1, made.terms.q, made.terms.v, work, bool(fell), part in (1, 2, 3))
 
-    def _guided(self, now: Begun, guide: Guide) -> tuple[ModeDynamics, _Try, NDArray[np.bool_]]:
+    def _guided(
+        self, now: PhaseStart, guide: Guide
+    ) -> tuple[ModeDynamics, _Try, NDArray[np.bool_]]:
         """Return a segment whose guided slips turn as they have to, and which of them are off.
 
         By Newton's method on the rates; how speeds across slips depend on them is found at once.
@@ -280,7 +289,9 @@ class Segments:
             dynamics, made, across = self._turned(now, guide, turning)
         return dynamics, made, self._guide.is_off(guide, across, made.terms)
 
-    def _turned(self, now: Begun, guide: Guide, turning: Array) -> tuple[ModeDynamics, _Try, Array]:
+    def _turned(
+        self, now: PhaseStart, guide: Guide, turning: Array
+    ) -> tuple[ModeDynamics, _Try, Array]:
         """Return a segment whose guided slips turn at some rates, and how fast they end across."""
         dynamics = now.dynamics
         if guide.guided.any():
@@ -288,7 +299,7 @@ class Segments:
         made = self._moved(now, dynamics, guide.h, 1.0)
         return dynamics, made, self._guide.across(dynamics, made.terms)
 
-    def _moved(self, now: Begun, dynamics: ModeDynamics, h: float, share: float) -> _Try:
+    def _moved(self, now: PhaseStart, dynamics: ModeDynamics, h: float, share: float) -> _Try:
         """Return where a share of a segment leads to."""
         terms, size = now.terms, share * h
         if size:
@@ -301,7 +312,7 @@ class Segments:
         )
 
     def _share(
-        self, now: Begun, dynamics: ModeDynamics, made: _Try, part: int, i: int
+        self, now: PhaseStart, dynamics: ModeDynamics, made: _Try, part: int, i: int
     ) -> tuple[float, int]:
         """Return at which share of a segment a margin is zero, and which one it is."""
         from scipy.optimize import brentq
@@ -320,7 +331,7 @@ class Segments:
 
         return float(brentq(value, 0.0, 1.0, xtol=_FOUND, rtol=_FOUND)), part
 
-    def _work(self, now: Begun, dynamics: ModeDynamics, made: _Try) -> float:
+    def _work(self, now: PhaseStart, dynamics: ModeDynamics, made: _Try) -> float:
         """Return the work of friction on a segment [J], by Simpson's rule.
 
         The state in the middle is that of the cubic through both ends and their slopes.
@@ -427,7 +438,7 @@ class SlipGuide:
     def __init__(self, candidates: Candidates) -> None:
         self._candidates = candidates
 
-    def before(self, now: Begun, left: float, bent: NDArray[np.bool_]) -> Guide:
+    def before(self, now: PhaseStart, left: float, bent: NDArray[np.bool_]) -> Guide:
         """Return what to do in a segment of `left` seconds at most.
 
         `bent` are those that were taken to end along a line, and do not.
@@ -474,7 +485,7 @@ class SlipGuide:
     def _rough(self, dynamics: ModeDynamics) -> NDArray[np.bool_]:
         return np.asarray((dynamics.of_cones == SLIDE) & (self._candidates.friction > 0))
 
-    def _pulls(self, held: Held) -> Array:
+    def _pulls(self, held: FixedModes) -> Array:
         """Return what friction at its limit accelerates each cone by (cones,) [m/s^2]."""
         cones = 3 * self._candidates.cones
         normal, ease = held.lam[2:cones:3], held.ease[:cones].reshape(-1, 3)[:, :2]

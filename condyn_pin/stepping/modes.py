@@ -40,7 +40,7 @@ from condyn_pin.simulation.system import System
 _REDUNDANT = 1e-10
 
 
-class Held(NamedTuple):
+class FixedModes(NamedTuple):
     """Accelerations and forces at a state."""
 
     a: Array  # (nv,)
@@ -139,7 +139,7 @@ class ModeDynamics:
         size = np.where(turns, terms.speed, 1.0)[:, None]
         return np.where(turns[:, None], terms.tangent / size, ahead)
 
-    def solve(self, terms: ContactTerms) -> Held:
+    def solve(self, terms: ContactTerms) -> FixedModes:
         """Return accelerations and forces at a state."""
         now, lam, ease = terms.forced(self.rows), np.zeros(len(terms.J)), np.zeros(len(terms.J))
         G = now.G
@@ -147,7 +147,7 @@ class ModeDynamics:
         lam[self.rows], ease[self.rows] = found, G.diagonal()
         a = now.velocity(found)
         rate = terms.J.dot(a) + terms.drift
-        return Held(a, lam, now.constraint_impulses(found), rate, ease)
+        return FixedModes(a, lam, now.constraint_impulses(found), rate, ease)
 
     def free_forces(self, terms: ContactTerms) -> Array:
         """Return forces (rows, k) that redundant contacts have among themselves."""
@@ -338,15 +338,15 @@ AT_ITS_END = 1e-6
 _SIDES, _MORE = 8, 12
 
 
-class Shares(NamedTuple):
+class LoadSharing(NamedTuple):
     """The modes of a scene with the forces that redundant contacts stay near to."""
 
     dynamics: ModeDynamics
-    held: Held
+    held: FixedModes
     least: float  # the least margin, relative to the largest force
 
 
-def shared(candidates: Candidates, dynamics: ModeDynamics, terms: ContactTerms) -> Shares:
+def shared(candidates: Candidates, dynamics: ModeDynamics, terms: ContactTerms) -> LoadSharing:
     """Return the same modes with forces of contacts within their limits, if there are any."""
     even = _with(candidates, dynamics, terms, np.zeros(len(terms.J)))
     if even.least > AT_ITS_END:
@@ -358,21 +358,23 @@ def shared(candidates: Candidates, dynamics: ModeDynamics, terms: ContactTerms) 
     return found if lam is None else max(found, _with(candidates, dynamics, terms, lam), key=_least)
 
 
-def _least(shares: Shares) -> float:
+def _least(shares: LoadSharing) -> float:
     return shares.least
 
 
 def _with(
     candidates: Candidates, dynamics: ModeDynamics, terms: ContactTerms, lam: Array
-) -> Shares:
+) -> LoadSharing:
     dynamics = dynamics.with_forces(lam)
     held = dynamics.solve(terms)
     parts = margins(candidates, dynamics, terms, terms, held, 0.0)[1:4]
     largest = float(np.abs(held.lam).max(initial=0.0)) or 1.0
-    return Shares(dynamics, held, min(float(part.min(initial=np.inf)) for part in parts) / largest)
+    return LoadSharing(
+        dynamics, held, min(float(part.min(initial=np.inf)) for part in parts) / largest
+    )
 
 
-def _centred(candidates: Candidates, found: Shares, terms: ContactTerms) -> Array | None:
+def _centred(candidates: Candidates, found: LoadSharing, terms: ContactTerms) -> Array | None:
     """Return forces (rows,) as far within their limits as any; None if there is no choice."""
     from scipy.optimize import linprog
 
@@ -424,7 +426,7 @@ def _limits(
     return np.array(rows).reshape(-1, candidates.rows), np.array(b)
 
 
-def let_go(candidates: Candidates, shares: Shares) -> ModeDynamics:
+def let_go(candidates: Candidates, shares: LoadSharing) -> ModeDynamics:
     """Return the modes in which what has come to its end lets go, or slips."""
     dynamics, lam = shares.dynamics, shares.held.lam
     k, lines, first = (
@@ -490,7 +492,7 @@ def margins(
     dynamics: ModeDynamics,
     begun: ContactTerms,
     terms: ContactTerms,
-    held: Held,
+    held: FixedModes,
     share: float,
 ) -> Margins:
     """Return the margins at a state that a share of a step leads to from where it began."""
@@ -514,7 +516,7 @@ def margins(
 
 
 def fallen(
-    now: Margins, held: Held, terms: ContactTerms, begun: ContactTerms
+    now: Margins, held: FixedModes, terms: ContactTerms, begun: ContactTerms
 ) -> list[tuple[int, int]]:
     """Return which margins have fallen below zero, by more than rounding: part and place in it."""
     force = _FORCE * float(np.abs(held.lam).max(initial=0.0))

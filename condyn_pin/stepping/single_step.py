@@ -16,7 +16,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import joint_torques, step_size
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
-from condyn_pin._core.threads import Kept
+from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.forces import AppliedForce, Load, applied_forces
 from condyn_pin.contact.attempts import judged
@@ -32,7 +32,7 @@ from condyn_pin.simulation.records import forces_of
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import ContactSteps
 from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
-from condyn_pin.stepping.step_problem import Posed, Taken
+from condyn_pin.stepping.step_problem import AcceptedStep, StepProblem
 
 if TYPE_CHECKING:
     from condyn_pin.gradients.routes.base import Route
@@ -121,7 +121,7 @@ class StepSolution:
     scene: Scene
     integrator: ContactScheme
     start: StepStart
-    _taken: Taken  # the step as it was posed and answered, for its derivatives
+    _taken: AcceptedStep  # the step as it was posed and answered, for its derivatives
     _turns: str  # which body turns further than a step follows, if one does
 
     @one_blas_thread
@@ -293,7 +293,7 @@ class ProvedSteps:
     @one_blas_thread
     def pose(
         self, q: Array, v: Array, tau: float | ArrayLike, forces: Sequence[AppliedForce]
-    ) -> Posed:
+    ) -> StepProblem:
         """Return the step from a state as it was posed."""
         self._hold(tau, forces)
         with np.errstate(all="ignore"):
@@ -346,7 +346,9 @@ class ProvedSteps:
         self._system.applied.hold(torques, applied_forces(forces))
         return np.array(torques)
 
-    def _errors(self, posed: Posed, ended: Array, a: Array, lam: Array) -> tuple[float, float]:
+    def _errors(
+        self, posed: StepProblem, ended: Array, a: Array, lam: Array
+    ) -> tuple[float, float]:
         """Return what is left of the balance of momentum [N s], and of J_b v+ [m/s]."""
         equations, passive = self._system.equations, self._system.passive
         self._system.at(self._steps.looks_at(self._t))
@@ -365,7 +367,7 @@ class ProvedSteps:
         missed = without.kept(missed) if without else missed
         return self._dt * float(np.abs(left).max()), float(np.abs(missed).max(initial=0.0))
 
-    def _dynamics_limit(self, posed: Posed, ended: Array, a: Array) -> float:
+    def _dynamics_limit(self, posed: StepProblem, ended: Array, a: Array) -> float:
         """Return the largest error of the balance of momentum that is right [N s, N m s]."""
         model, data, L = self._system.model, self._system.equations.data, posed.condensed.factors.L
         M, h = L.dot(L.T), algorithms(data).nonLinearEffects(model, data, posed.at, posed.mean)
@@ -401,7 +403,7 @@ class ProvedSteps:
         lifted = tolerances.ENERGY_KEPT * float(np.abs(potential).max())
         return abs(error), limit + lifted + self._weight * tolerances.ENERGY_KEPT
 
-    def _push(self, posed: Posed, lam: Array) -> Load:
+    def _push(self, posed: StepProblem, lam: Array) -> Load:
         """Return what contacts do to the robot, where the step has taken them."""
         model, data = self._system.model, self._system.equations.data
         bounds, floating, path = self._scene.contact_bounds, self._steps.floating, posed.path
@@ -557,7 +559,7 @@ def contact_problem(
 
 
 # A loop over `step` with one scene, or with some in turn, makes ProvedSteps for each.
-_kept = Kept[ProvedSteps]()
+_kept = ThreadCache[ProvedSteps]()
 
 
 def _steps(scene: Scene, dt: float, integrator: ContactScheme) -> ProvedSteps:

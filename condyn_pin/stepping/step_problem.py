@@ -19,7 +19,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.attempts import attempt_contact, first_attempt, other_attempts
+from condyn_pin.contact.attempts import attempt_contact, fallbacks, first_attempt
 from condyn_pin.contact.condense import Condensed
 from condyn_pin.contact.problem import (
     ContactProblem,
@@ -29,7 +29,7 @@ from condyn_pin.contact.problem import (
     stiffness_of,
 )
 from condyn_pin.contact.restitution import Strike
-from condyn_pin.contact.solution import without_contradiction
+from condyn_pin.contact.solution import drop_inconsistent_rows
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.simulation.integrators.contact_scheme import (
     AT_REST,
@@ -44,7 +44,7 @@ from condyn_pin.simulation.remarks import Note
 from condyn_pin.simulation.system import System
 
 
-class Posed(NamedTuple):
+class StepProblem(NamedTuple):
     """A step before its contact problem is solved; floating bodies in their axes at `at`."""
 
     at: Array  # (nq,), where M and h are taken, and J of the constraints
@@ -60,7 +60,7 @@ class Posed(NamedTuple):
     )  # (nv,), the velocity along which contacts are taken to its end; None: at `at`
     J_c: Array  # (m, nv), of those that take part, where they are taken
     J_n: Array  # (k, nv), the rates of their gaps at `at`
-    chosen: Chosen
+    chosen: ActiveCandidates
     condensed: Condensed
     near: Near
     problem: ContactProblem
@@ -87,13 +87,13 @@ class Kept(NamedTuple):
 
     of: NDArray[np.int_]  # (nv,), the attempt whose path each velocity has; -1 for the next one
     gaps: NDArray[np.bool_]  # of all candidates, which are taken at the beginning
-    first: Posed  # as they were there
+    first: StepProblem  # as they were there
 
 
 # Chosen: the contacts that take part in a step.
 
 
-class Chosen:
+class ActiveCandidates:
     """The candidates that take part in a step, and what a contact problem says of them."""
 
     def __init__(self, candidates: Candidates, active: NDArray[np.bool_], dt: float) -> None:
@@ -171,14 +171,14 @@ STRAIGHT = 1e-2
 MISSED = 1e-4
 
 
-class There(NamedTuple):
+class EndOfStep(NamedTuple):
     """All candidates where a path ends."""
 
     gaps: Array  # of cones and half-lines [m, rad]
     J: Array  # (rows, nv), for velocities in the axes of where the path begins
 
 
-class PathEnds:
+class EndsOfPaths:
     """The ends of the paths of one system in steps of one size."""
 
     def __init__(self, system: System, floating: Manifold, dt: float) -> None:
@@ -187,7 +187,7 @@ class PathEnds:
         self._run = algorithms(self._data)
         self._pairs = self._contacts.several
 
-    def off(self, posed: Posed, lam: Array, v1: Array) -> Array | None:
+    def off(self, posed: StepProblem, lam: Array, v1: Array) -> Array | None:
         """Return how far from where they should contacts end (k,) [m, rad]; None if near enough.
 
         Too deep, or pressed on before it touches; or pressed on along J at the beginning where its
@@ -217,7 +217,7 @@ class PathEnds:
             off[its] = np.maximum(off[its], np.maximum(early, lifted))
         return off if off.max(initial=0.0) > MISSED else None
 
-    def alone(self, posed: Posed) -> tuple[Array, Array]:
+    def alone(self, posed: StepProblem) -> tuple[Array, Array]:
         """Return to which group each gap and each velocity belongs that feel each other.
 
         Gaps that nothing moves, and velocities that move none, are in no group: -1.
@@ -235,7 +235,7 @@ class PathEnds:
         gaps[(X[:, contacts.normals] == 0.0).all(axis=0)] = -1
         return gaps, velocities
 
-    def begun(self, posed: Posed) -> tuple[Array, Array]:
+    def begun(self, posed: StepProblem) -> tuple[Array, Array]:
         """Return gaps at the beginning, and their rates, for the places of candidates at the end.
 
         Of two shapes that meet in several points: the deepest in all places, or zero.
@@ -251,14 +251,16 @@ class PathEnds:
             J_n[places] = J_n[deepest] if into else 0.0
         return gaps, J_n
 
-    def there(self, at: Array, u: Array) -> There:
+    def there(self, at: Array, u: Array) -> EndOfStep:
         """Return all candidates at the end of a path along u (nv,)."""
         q1 = self._floating.integrate(at, self._dt * u)
         self._run.computeJointJacobians(self._system.model, self._data, q1)
         gaps, J = self._contacts.evaluate(self._data, q1)
-        return There(gaps, self._floating.rows_before(J, u, self._dt))
+        return EndOfStep(gaps, self._floating.rows_before(J, u, self._dt))
 
-    def takes_part(self, posed: Posed, there: There, near: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    def takes_part(
+        self, posed: StepProblem, there: EndOfStep, near: NDArray[np.bool_]
+    ) -> NDArray[np.bool_]:
         """Return which gaps take part: those that did, those that go through, pairs as they meet.
 
         `near` says which are near at the end.
@@ -269,7 +271,7 @@ class PathEnds:
         return active
 
 
-def next_path(posed: Posed, path: Array, v1: Array) -> Array:
+def next_path(posed: StepProblem, path: Array, v1: Array) -> Array:
     """Return the path after one that has led to v+: for velocities, and how they change.
 
     The first of them is along v, and with an impact nothing goes on as it did.
@@ -295,18 +297,18 @@ def kept_paths(of: NDArray[np.int_], paths: Sequence[Array], after: Array) -> Ar
 # The tip of a limb of 0.2 m at 200 rad/s is 1 mm off its tangent after 0.5 ms.
 
 
-class CurvedPaths:
+class CurvatureCorrection:
     """The paths of what is over planes, in steps of one size.
 
     Pairs of bodies count as straight at first, for they meet in other points at the end of a long
-    step (`PathEnds`). Stops of joints are linear in q.
+    step (`EndsOfPaths`). Stops of joints are linear in q.
     """
 
     def __init__(self, system: System, floating: Manifold, dt: float) -> None:
         self._system, self._floating, self._dt = system, floating, dt
 
     def bends(
-        self, q: Array, v: Array, gaps: Array, speeds: Array, chosen: Chosen
+        self, q: Array, v: Array, gaps: Array, speeds: Array, chosen: ActiveCandidates
     ) -> tuple[Array, Array | None]:
         """Return s of the cones and half-lines that take part (k,) [m], and q (+) dt v.
 
@@ -353,7 +355,7 @@ class CurvedPaths:
 # where several contacts meet with friction is in it too, and does not.
 
 
-def step_work(scheme: ContactScheme, posed: Posed, lam: Array, v1: Array) -> ContactWork:
+def step_work(scheme: ContactScheme, posed: StepProblem, lam: Array, v1: Array) -> ContactWork:
     """Return what impulses lam (m,) did in a step that has led to v+ (nv,).
 
     Contacts that give way do work of either sign, as springs: all of it is `contact`.
@@ -369,7 +371,7 @@ def step_work(scheme: ContactScheme, posed: Posed, lam: Array, v1: Array) -> Con
     return ContactWork(min(rest, 0.0), correction, max(rest, 0.0))
 
 
-def drive_work(posed: Posed, lam: Array, rows: Indices) -> float:
+def drive_work(posed: StepProblem, lam: Array, rows: Indices) -> float:
     """Return what driven `rows` of the constraints did in a step with impulses lam (m,) [J].
 
     l_b . (J_b v + J_b v+) / 2,    J_b = U S V^T L^T
@@ -403,10 +405,10 @@ _SEEN: Final = 1e-6
 _HALF: Final = 0.5
 
 
-class Tried(NamedTuple):
+class StepAttempt(NamedTuple):
     """A step with an answer of its contact solver."""
 
-    posed: Posed
+    posed: StepProblem
     v: Array  # (nv,), the velocity after it, in the axes of `posed` [m/s, rad/s]
     attempt: Attempt
     natural: float  # residual of the contact problem
@@ -418,15 +420,15 @@ class Tried(NamedTuple):
         return self.attempt.answered and isfinite(self.natural)
 
 
-class Taken(NamedTuple):
+class AcceptedStep(NamedTuple):
     """A step that was taken."""
 
-    posed: Posed
+    posed: StepProblem
     v: Array
     attempt: Attempt
     natural: float
     work: ContactWork
-    tried: tuple[Tried, ...]  # what it came from, in turn, and itself
+    tried: tuple[StepAttempt, ...]  # what it came from, in turn, and itself
     missed: tuple[str, float] | None = None  # a contact, and how far off it ends [m, rad]
     through: tuple[str, ...] = ()  # contacts that it has gone past, from one side to the other
 
@@ -463,7 +465,7 @@ class Taken(NamedTuple):
         return notes
 
 
-def answered(posed: Posed, solver: ContactSolver) -> Tried:
+def answered(posed: StepProblem, solver: ContactSolver) -> StepAttempt:
     """Return a step with impulses that meet its contact problem, or the best that were found.
 
     Redundant contacts are checked before the solver tries all else that it has, which may take a
@@ -477,16 +479,16 @@ def answered(posed: Posed, solver: ContactSolver) -> Tried:
         if natural <= accuracy:
             break
         # what is not finite contradicts nothing
-        consistent = without_contradiction(problem, found.lam) if isfinite(natural) else None
+        consistent = drop_inconsistent_rows(problem, found.lam) if isfinite(natural) else None
         if consistent is not None:
             problem, posed = consistent, posed._replace(problem=consistent)
             found, natural = attempt_contact(problem, solver, found.lam, accuracy)
         elif not is_best:
-            found, natural = other_attempts(problem, solver, found, accuracy)
+            found, natural = fallbacks(problem, solver, found, accuracy)
     return _with(posed, found, natural)
 
 
-def _with(posed: Posed, found: Attempt, natural: float) -> Tried:
+def _with(posed: StepProblem, found: Attempt, natural: float) -> StepAttempt:
     if posed.strike is not None and not posed.strike.natural <= natural:
         natural = posed.strike.natural
-    return Tried(posed, posed.velocity(found.lam), found, natural)
+    return StepAttempt(posed, posed.velocity(found.lam), found, natural)

@@ -29,8 +29,15 @@ from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.events import ZenoDetected
 from condyn_pin.simulation.remarks import Note, notes_of
-from condyn_pin.simulation.system import System, pressed_in
-from condyn_pin.stepping.modes import AT_ITS_END, ContactTerms, Held, ModeDynamics, let_go, shared
+from condyn_pin.simulation.system import System, blocked_path_error
+from condyn_pin.stepping.modes import (
+    AT_ITS_END,
+    ContactTerms,
+    FixedModes,
+    ModeDynamics,
+    let_go,
+    shared,
+)
 
 # Velocities of what stands still that are rounding, relative to the speed of the robot.
 _ROUNDED = 1e-14
@@ -40,7 +47,7 @@ _MOST = 100
 
 
 @dataclass(frozen=True, eq=False)
-class Begun:
+class PhaseStart:
     """A state from which motion goes on smoothly.
 
     Attributes
@@ -63,14 +70,14 @@ class Begun:
 
     terms: ContactTerms
     dynamics: ModeDynamics
-    held: Held
+    held: FixedModes
     natural: float
     impulse: Array
     work: float = 0.0
     driven: float = 0.0
     what: str = ""
 
-    def without_impulse(self) -> Begun:
+    def without_impulse(self) -> PhaseStart:
         """Return the same once its impulse is counted."""
         return replace(self, impulse=np.zeros_like(self.impulse), work=0.0, driven=0.0, what="")
 
@@ -90,7 +97,7 @@ class Transition:
         self._system, self._shortest = system, shortest
         self._choice = choice
 
-    def at(self, t: float, q: Array, v: Array, *, at_end: bool = False) -> Begun:
+    def at(self, t: float, q: Array, v: Array, *, at_end: bool = False) -> PhaseStart:
         """Return how motion goes on from a state.
 
         `at_end` says that a force has just come to the end of what its contact can give.
@@ -110,7 +117,7 @@ class Transition:
                     dynamics, held = self._shared(terms, choice.dynamics, at_end)
                     settled = self._settled(terms, dynamics, held)
                     if settled is v:
-                        return Begun(
+                        return PhaseStart(
                             terms, dynamics, held, choice.natural, impulse, work, driven, what
                         )
                     v = settled
@@ -128,7 +135,7 @@ class Transition:
 
     def _shared(
         self, terms: ContactTerms, dynamics: ModeDynamics, at_end: bool
-    ) -> tuple[ModeDynamics, Held]:
+    ) -> tuple[ModeDynamics, FixedModes]:
         """Return the modes with which motion goes on, the load shared; what has to lets go."""
         shares = shared(self._system.contacts, dynamics, terms)
         if not at_end or shares.least > AT_ITS_END:
@@ -136,7 +143,7 @@ class Transition:
         dynamics = let_go(self._system.contacts, shares)
         return dynamics, dynamics.solve(terms)
 
-    def _settled(self, terms: ContactTerms, dynamics: ModeDynamics, held: Held) -> Array:
+    def _settled(self, terms: ContactTerms, dynamics: ModeDynamics, held: FixedModes) -> Array:
         """Return v without what returns at once, and without what is left of what stands still."""
         normals = self._system.contacts.normals
         rate, leaving = held.rate[normals], terms.touches & ~terms.rests
@@ -188,7 +195,7 @@ class Choice(NamedTuple):
     guess: Array  # (rows,), impulses that stop what slides [N s]
 
 
-class Struck(NamedTuple):
+class ImpactResult(NamedTuple):
     """An impact or a shock."""
 
     v: Array
@@ -240,7 +247,7 @@ class NextModes:
         modes = np.concatenate((of_cones, of_lines, of_dry))
         return Choice(ModeDynamics(candidates, modes, along, sense, lam), natural, lam)
 
-    def impact(self, terms: ContactTerms) -> Struck:
+    def impact(self, terms: ContactTerms) -> ImpactResult:
         """Return what follows where contacts approach, by the law of restitution."""
         e = np.zeros(len(terms.gaps))
         e[: self._candidates.cones] = self._candidates.restitution
@@ -262,9 +269,9 @@ class NextModes:
         if terms.path.any() and stuck.any():
             which = np.zeros(len(terms.gaps), dtype=bool)
             which[np.flatnonzero(terms.approaches)[stuck]] = True
-            raise pressed_in(self._named(which), terms.t)
+            raise blocked_path_error(self._named(which), terms.t)
 
-    def shock(self, terms: ContactTerms, choice: Choice) -> Struck:
+    def shock(self, terms: ContactTerms, choice: Choice) -> ImpactResult:
         """Return the impulse that stops what no force lets slide on."""
         struck, natural = self._struck(terms, np.zeros(len(terms.gaps)), choice.guess)
         changed = np.abs(struck.v - terms.v).max(initial=0.0) > _NONE * terms.fastest
@@ -287,7 +294,9 @@ class NextModes:
         sticks = ~slides & ~moves & (self._candidates.friction > 0)
         return np.where(force[2::3] > _NONE, np.where(sticks, STICK, SLIDE), OPEN)
 
-    def _struck(self, terms: ContactTerms, e: Array, guess: Array | None) -> tuple[Struck, float]:
+    def _struck(
+        self, terms: ContactTerms, e: Array, guess: Array | None
+    ) -> tuple[ImpactResult, float]:
         """Return what impulses of all that touches do, and their natural residual.
 
         What the law of restitution answers by itself is thrown off first, and the rest by Newton's.
@@ -311,7 +320,7 @@ class NextModes:
         v = now.velocity(impulse[rows])
         work = 0.5 * float(impulse.dot(terms.sigma + terms.J.dot(v)))
         driven = float(now.constraint_impulses(impulse[rows]).dot(terms.path[1]))
-        return Struck(v, impulse, work, driven, notes), natural
+        return ImpactResult(v, impulse, work, driven, notes), natural
 
     def _answer(self, problem: ContactProblem, guess: Array | None) -> tuple[Array, float]:
         if guess is None:

@@ -23,7 +23,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled_lcaba, constrained_aba
 from condyn_pin._core.timing import Call, Times, interleaved, machine
 from condyn_pin._core.tolerances import SOLVED
-from condyn_pin.constraints.rows.groups import PlainRows
+from condyn_pin.constraints.rows.groups import PinocchioRows
 from condyn_pin.dynamics.at_state import raw_constraints
 from condyn_pin.dynamics.compiled import CompiledMethod
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
@@ -423,7 +423,7 @@ def by_hand(scene: Scene, mu: float = 0.0) -> dict[str, Answer]:
     Pinocchio does not have, and for welds of two bodies: whoever writes these by hand has written a
     library.
     """
-    rows = PlainRows(scene.robot.model, scene.robot.model.createData(), scene.bounds)
+    rows = PinocchioRows(scene.robot.model, scene.robot.model.createData(), scene.bounds)
     if not (scene.rows and rows.have_gamma):
         return {}
     return {name: method(scene, mu) for name, method in METHODS.items()}
@@ -456,7 +456,7 @@ def _assembly(scene: Scene, mu: float) -> Callable[[Array, Array, Array], tuple[
     """Return what assembles K and the right side."""
     model = pin.Model(scene.robot.model)
     data, n, still = model.createData(), model.nv, np.zeros(model.nv)
-    rows, size = PlainRows(model, data, scene.bounds), model.nv + scene.rows
+    rows, size = PinocchioRows(model, data, scene.bounds), model.nv + scene.rows
     damping = -mu * np.eye(scene.rows)
 
     def assemble(q: Array, v: Array, tau: Array) -> tuple[Array, Array]:
@@ -482,7 +482,7 @@ def _by_contact_cholesky(scene: Scene, mu: float) -> Answer:
     data, m, still = model.createData(), scene.rows, np.zeros(model.nv)
     models, datas = raw_constraints(model, pinocchio_constraints_of(scene).constraints, None)
     _pin.init_constraint_dynamics(model, data, models, datas)
-    rows, y = PlainRows(model, data, scene.bounds), np.zeros(m + model.nv)
+    rows, y = PinocchioRows(model, data, scene.bounds), np.zeros(m + model.nv)
 
     def answer(q: Array, v: Array, tau: Array) -> Array:
         y[m:] = tau - pin.nonLinearEffects(model, data, q, v)

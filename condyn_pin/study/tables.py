@@ -16,7 +16,7 @@ from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
 
 from condyn_pin._core import show
 from condyn_pin._core.arguments import Grid, renamed
-from condyn_pin._core.files import parse_json, read_text, write_text, written_beside
+from condyn_pin._core.files import atomic_write, parse_json, read_text, write_text
 from condyn_pin._core.show import require_pandas
 from condyn_pin._core.timing import machine
 from condyn_pin.contact.solvers import CONTACT_SOLVERS
@@ -204,7 +204,7 @@ def write_csv(
     rows: Iterable[Mapping[str, Any]],
 ) -> None:
     """Write rows, after comment lines with the machine."""
-    with written_beside(path) as new, new.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as new, new.open("w", newline="", encoding="utf-8") as file:
         for key, value in machine.items():
             file.write(f"# {key}: {value}\n")
         writer = csv.DictWriter(file, columns)

@@ -21,13 +21,13 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.contacts.touches import BoundContact, Touch
+from condyn_pin.constraints.contacts.touches import BoundContact, PlaneContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.io import meshes
 from condyn_pin.io.meshes import Mesh
 from condyn_pin.io.shapes import WORLD, shapes_of
 from condyn_pin.model.robot import Robot
-from condyn_pin.viewing.instant import Instant, Touching
+from condyn_pin.viewing.instant import ContactView, Instant
 from condyn_pin.viewing.marks import patch_mesh
 from condyn_pin.viewing.part import (
     BODY,
@@ -208,7 +208,7 @@ def _modes(bound: BoundContact, at: Instant) -> set[str]:
     return {at.touching[name].mode for name, _ in bound.cones if name in at.touching}
 
 
-def _of(name: str) -> Callable[[Instant], Touching | None]:
+def _of(name: str) -> Callable[[Instant], ContactView | None]:
     return lambda at: at.touching.get(name)
 
 
@@ -240,7 +240,7 @@ def _cone_part(name: str, size: float) -> Part:
 
 def _ground_parts(scene: Scene, instants: Sequence[Instant], size: float) -> Iterator[Part]:
     """Yield a square in each plane, below all points that may touch it."""
-    above: dict[tuple[int, bytes], list[Touch]] = {}
+    above: dict[tuple[int, bytes], list[PlaneContact]] = {}
     for bound in scene.contact_bounds:
         for touch in bound.touches:
             above.setdefault((touch.ground, touch.plane.homogeneous.tobytes()), []).append(touch)

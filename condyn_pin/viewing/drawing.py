@@ -28,10 +28,10 @@ from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.stepping.single_step import StepSolution
 from condyn_pin.viewing import part as three
 from condyn_pin.viewing.bodies import body_parts, lighter, touch_parts, with_coarse
-from condyn_pin.viewing.instant import Felt, Instant, extent, instant, plane_normal, touched
-from condyn_pin.viewing.labels import Eye, spread
+from condyn_pin.viewing.instant import Instant, PlottedForce, extent, instant, plane_normal, touched
+from condyn_pin.viewing.labels import Camera, spread
 from condyn_pin.viewing.marks import (
-    Peak,
+    Maximum,
     arrow_parts,
     balance_notes,
     balance_parts,
@@ -105,7 +105,7 @@ class Drawing:
             yield three.animation(tracks(self.parts, self.instants, self.frames), self.fps)
 
     @property
-    def eye(self) -> Eye:
+    def eye(self) -> Camera:
         """Where the camera is at first."""
         return eye_at(self.middle, self.size, self.toward)
 
@@ -131,7 +131,7 @@ def draw(
     before: Instant | None = None,
     frames: Array | None = None,
     gaps: Iterable[Mapping[str, ConstraintViolation]] | None = None,
-    peaks: Mapping[str, Peak] | None = None,
+    peaks: Mapping[str, Maximum] | None = None,
     fps: float = 30.0,
     speed: float = 1.0,
     light: bool = False,
@@ -189,8 +189,8 @@ def draw(
 
 
 def _constraint_parts(
-    scenes: Sequence[Scene], instants: Sequence[Instant],
-    worst: Mapping[str, ConstraintViolation], peaks: Mapping[str, Peak], size: float, cones: bool,
+    scenes: Sequence[Scene], instants: Sequence[Instant], worst: Mapping[str, ConstraintViolation],
+    peaks: Mapping[str, Maximum], size: float, cones: bool,
 ) -> Iterator[Part]:  # fmt: skip
     """Yield the loops of all scenes, then each one's contacts and the forces of both."""
     for scene in scenes:
@@ -372,7 +372,7 @@ def _step(step: StepSolution, look: Look) -> Drawing:
     """Return the drawing of a step at its end, with the mean forces in it."""
     scene, q = step.scene, step.q
     acting = Sites(scene, q).forces(step.lam / step.dt) if look.forces else {}
-    at = instant(scene, q, acting, Felt(step.forces if look.forces else {}, step.modes))
+    at = instant(scene, q, acting, PlottedForce(step.forces if look.forces else {}, step.modes))
     title = f"{scene.robot.name}, a step of {step.dt:g} s, {step.status.name.lower()}"
     return draw([scene], [at], title=title, light=look.light, cones=look.cones)
 

@@ -15,7 +15,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import axes
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.constraints.rows.bound import AnyBound, ConstraintViolation
+from condyn_pin.constraints.rows.bound import BoundConstraint, ConstraintViolation
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.control.balancing import Balance
 from condyn_pin.dynamics.at_state import gaps
@@ -52,9 +52,9 @@ class Instant:
     com: Array  # [m]
     ends: Mapping[str, tuple[Any, Any]]
     gaps: Mapping[str, ConstraintViolation]
-    bounds: Mapping[str, AnyBound]
+    bounds: Mapping[str, BoundConstraint]
     forces: Mapping[str, ConstraintForce] = field(default_factory=dict)
-    touching: Mapping[str, Touching] = field(default_factory=dict)
+    touching: Mapping[str, ContactView] = field(default_factory=dict)
     balance: Balance | None = None
 
     def robot_end(self, name: str) -> Any | None:
@@ -68,7 +68,7 @@ def instant(
     scene: Scene,
     q: Array,
     forces: Mapping[str, ConstraintForce] | None = None,
-    felt: Felt | None = None,
+    felt: PlottedForce | None = None,
     balance: Balance | None = None,
 ) -> Instant:
     """Return what is to be seen of a scene at q (nq,)."""
@@ -76,7 +76,7 @@ def instant(
     opening = gaps(scene, equations.violation(q))
     placed = zip(scene.names, equations.placements(q), strict=True)
     oMi = [pin.SE3(each) for each in equations.data.oMi]
-    touching = dict(touching_at(scene, equations.data, q, felt or Felt()))
+    touching = dict(touching_at(scene, equations.data, q, felt or PlottedForce()))
     com = np.array(pin.centerOfMass(scene.robot.model, equations.data, q))
     return Instant(
         oMi,
@@ -94,7 +94,7 @@ def instant(
 
 
 @dataclass(frozen=True, eq=False)
-class Felt:
+class PlottedForce:
     """What an answer knows of contacts, by name.
 
     Attributes
@@ -110,7 +110,7 @@ class Felt:
 
 
 @dataclass(frozen=True, eq=False)
-class Touching:
+class ContactView:
     """A point that may touch a plane, at one configuration.
 
     Attributes
@@ -144,7 +144,7 @@ class Touching:
         """Return the force in the axes of the world (3,) [N]."""
         return np.asarray(self.axes @ self.force)
 
-    def on_other(self) -> Touching:
+    def on_other(self) -> ContactView:
         """Return it with the opposite force, on the other body."""
         return replace(self, on=self.by, by=self.on, force=-self.force)
 
@@ -153,7 +153,9 @@ class Touching:
         return np.asarray(self.at - self.gap * self.axes[:, 2])
 
 
-def touching_at(scene: Scene, data: Any, q: Array, felt: Felt) -> Iterator[tuple[str, Touching]]:
+def touching_at(
+    scene: Scene, data: Any, q: Array, felt: PlottedForce
+) -> Iterator[tuple[str, ContactView]]:
     """Yield the cones of a scene by name; reads data.oMi at q (nq,)."""
     if not scene.contacts:
         return
@@ -165,7 +167,7 @@ def touching_at(scene: Scene, data: Any, q: Array, felt: Felt) -> Iterator[tuple
     for i, name in enumerate(candidates.names[: candidates.cones]):
         if not np.isfinite(gaps[i]):  # two bodies may meet in fewer places
             continue
-        yield name, Touching(
+        yield name, ContactView(
             points[i].copy(), axes[i].copy(), float(gaps[i]), float(candidates.friction[i]),
             name, model.names[grounds[name]], felt.modes.get(name, ""),
             np.asarray(felt.forces.get(name, np.zeros(3))),

@@ -67,7 +67,7 @@ def _written(text: str, colour: tuple[int, ...]) -> tuple[bytes, float]:
 
 
 @dataclass(frozen=True, eq=False)
-class Eye:
+class Camera:
     """Where the camera is.
 
     Attributes
@@ -96,7 +96,7 @@ class Eye:
         return box
 
 
-def spread(parts: Sequence[Part], first: Instant, eye: Eye) -> Iterator[Part]:
+def spread(parts: Sequence[Part], first: Instant, eye: Camera) -> Iterator[Part]:
     """Yield the parts with all labels where they do not cover one another at an instant."""
     taken: list[Array] = []
     for part in parts:
@@ -116,7 +116,7 @@ def spread(parts: Sequence[Part], first: Instant, eye: Eye) -> Iterator[Part]:
             yield _leader(part, by, _LINE * T[1, 1])
 
 
-def _free(eye: Eye, T: Array, taken: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
+def _free(eye: Camera, T: Array, taken: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
     """Yield shifts [m] at which a label covers none, the nearest first, and its box there."""
     width, height = T[0, 0], _INK * T[1, 1]
     sides = np.array([0.0, 0.35, -0.35, 0.7, -0.7]) * width

@@ -146,7 +146,7 @@ _LEAST = 1e-3  # of the largest arrow: what is smaller is not drawn
 _ROUNDING = 1e-9  # of the weight, of moments at the size of the scene: no force of what flies
 
 
-class Peak(NamedTuple):
+class Maximum(NamedTuple):
     """The largest force and moment of a constraint in a motion."""
 
     force: float  # [N]
@@ -185,7 +185,7 @@ class _Arrow:
         vector = force.in_world()[self.part]
         return (force.at, vector) if len(vector) else None
 
-    def most(self, instants: Sequence[Instant], peaks: Mapping[str, Peak]) -> tuple[float, str]:
+    def most(self, instants: Sequence[Instant], peaks: Mapping[str, Maximum]) -> tuple[float, str]:
         """Return its largest length, and the body that it is on; zero if it is never seen."""
         found = [
             (float(np.linalg.norm(v[1])), self.of(at)) for at in instants if (v := self.vector(at))
@@ -193,7 +193,7 @@ class _Arrow:
         largest, force = max(found, key=lambda each: each[0], default=(0.0, None))
         if force is None:
             return 0.0, ""
-        peak = peaks.get(self.name, Peak(0.0, 0.0))
+        peak = peaks.get(self.name, Maximum(0.0, 0.0))
         return max(largest, peak.moment if self.unit == "N m" else peak.force), force.on
 
 
@@ -215,7 +215,7 @@ def body_of(robot: Robot, name: str) -> str:
 
 
 def arrow_parts(
-    scene: Scene, instants: Sequence[Instant], size: float, peaks: Mapping[str, Peak]
+    scene: Scene, instants: Sequence[Instant], size: float, peaks: Mapping[str, Maximum]
 ) -> Iterator[Part]:
     """Return the arrows of every constraint and contact of a scene, with labels.
 

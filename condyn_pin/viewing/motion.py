@@ -19,9 +19,9 @@ from condyn_pin.simulation.motion_balance import balances
 from condyn_pin.simulation.records import Phase
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.viewing import part as three
-from condyn_pin.viewing.instant import Felt, Instant, instant
-from condyn_pin.viewing.labels import Eye
-from condyn_pin.viewing.marks import Peak
+from condyn_pin.viewing.instant import Instant, PlottedForce, instant
+from condyn_pin.viewing.labels import Camera
+from condyn_pin.viewing.marks import Maximum
 from condyn_pin.viewing.part import Part
 
 
@@ -92,7 +92,7 @@ def instants_of(
         q, phase = trajectory.q[k], _phase(trajectory, k)
         lam = trajectory.lam[k, list(phase.columns)]
         acting = Sites(phase.scene, q).forces(lam) if forces else {}
-        contact = Felt(
+        contact = PlottedForce(
             {name: force[k] for name, force in felt.items()},
             {name: str(mode[k]) for name, mode in modes.items()},
         )
@@ -110,10 +110,10 @@ def gaps_of(trajectory: Trajectory) -> Iterator[dict[str, ConstraintViolation]]:
             yield gaps(phase.scene, equations.violation(q))
 
 
-def peaks_of(trajectory: Trajectory) -> dict[str, Peak]:
+def peaks_of(trajectory: Trajectory) -> dict[str, Maximum]:
     """Return the largest forces and moments of all samples by name, drawn or not."""
     return {
-        name: Peak(*(float(np.linalg.norm(part, axis=1).max()) for part in (f[:, :3], f[:, 3:])))
+        name: Maximum(*(float(np.linalg.norm(part, axis=1).max()) for part in (f[:, :3], f[:, 3:])))
         for name, f in trajectory.forces.items()
     }
 
@@ -131,9 +131,9 @@ _FLAT = 0.9  # of the normal's z: above this a plane is seen as a floor is
 _TILT = 0.2  # of a linkage in a plane: how far above its normal, and beside it, the camera is
 
 
-def eye_at(middle: Array, size: float, toward: Array) -> Eye:
+def eye_at(middle: Array, size: float, toward: Array) -> Camera:
     """Return the camera that sees all of a size from a direction."""
-    return Eye(middle + _FAR * size * toward, middle)
+    return Camera(middle + _FAR * size * toward, middle)
 
 
 def toward_of(normal: Array | None) -> Array:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import check_flag, is_whole
 from condyn_pin._core.arrays import finite, shown
-from condyn_pin._core.files import check_format, check_writable, write_text, written_beside
+from condyn_pin._core.files import atomic_write, check_format, check_writable, write_text
 from condyn_pin.errors import BrowserFailed, InvalidArgument, MissingExtra
 from condyn_pin.viewing.drawing import Drawing, Look, Subject, drawing_of, require_meshcat
 from condyn_pin.viewing.part import Part
@@ -339,7 +339,7 @@ def screenshot(html: str, png: Path) -> None:
         with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
             picture, said, hung = _start(chromium, html, Path(folder))
             if picture.is_file():
-                with written_beside(png) as new:
+                with atomic_write(png) as new:
                     shutil.copyfile(picture, new)
                 return
         if not hung:

@@ -21,15 +21,15 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.joints import z_along
 from condyn_pin.constraints.base import plane
-from condyn_pin.constraints.contacts.meetings import Meetings, meetings
+from condyn_pin.constraints.contacts.meetings import ContactPoints, meetings
 from condyn_pin.constraints.contacts.shapes import Core, lengths_of
 from condyn_pin.constraints.contacts.touches import (
     BoundContact,
+    GroundContacts,
     Pair,
     Placements,
-    Touch,
-    Touches,
-    WorldTouches,
+    PlaneContact,
+    PlaneContacts,
     columns,
     relative_rows,
 )
@@ -79,7 +79,7 @@ class Candidates:
         stops = [stop for bound in bounds for stop in bound.stops]
         dry = [each for bound in bounds for each in bound.dry]
         # a pair has several cones
-        cones: list[Touch | Pair] = [*touches]
+        cones: list[PlaneContact | Pair] = [*touches]
         cones += [pair for pair in pairs for _ in range(pair.points)]
         self.cones, self.half_lines, self.intervals = len(cones), len(stops), len(dry)
         of_cones = (*(touch.name for touch in touches),
@@ -93,7 +93,7 @@ class Candidates:
         self.limits = read_only(np.array([each.limit for each in dry]))
         of_stops = [stop.is_length for stop in stops]
         self.is_length = read_only(np.array([True] * len(cones) + of_stops, dtype=bool))
-        kind = Touches if any(touch.ground for touch in touches) else WorldTouches
+        kind = PlaneContacts if any(touch.ground for touch in touches) else GroundContacts
         self._touches, self._pairs = kind(model, touches), Pairs(model, pairs, exact=exact)
         self.contact_points = len(touches)
         self._iq = np.array([stop.iq for stop in stops], dtype=np.int_)
@@ -300,14 +300,16 @@ class Pairs:
             self._at[:] = now
         return self._found
 
-    def _far_away(self, i: int, data: Any, middle: Array, normal: Array, gap: float) -> Meetings:
+    def _far_away(
+        self, i: int, data: Any, middle: Array, normal: Array, gap: float
+    ) -> ContactPoints:
         """Return where two shapes are nearest, or the balls round them: most pairs are far."""
         if self._distances:
             return self._distances[i](data)
         point = middle - self._pairs[i].shape.reach * normal
-        return Meetings(np.array([gap]), point[None], normal[None])
+        return ContactPoints(np.array([gap]), point[None], normal[None])
 
-    def _closely(self, i: int, data: Any) -> Meetings:
+    def _closely(self, i: int, data: Any) -> ContactPoints:
         """Return where the features of two shapes meet; what seams hide is infinitely far."""
         pair = self._pairs[i]
         A, B = data.oMi[pair.joint], data.oMi[pair.ground]
@@ -333,7 +335,7 @@ class Distance:
         self._pair = pair
         self._made: tuple[Any, ...] = ()
 
-    def __call__(self, data: Any) -> Meetings:
+    def __call__(self, data: Any) -> ContactPoints:
         """Return where they are nearest; reads data.oMi."""
         import coal
 
@@ -350,7 +352,7 @@ class Distance:
         at, beside = (coal.Transform3s(each.rotation, each.translation) for each in places)
         found = coal.DistanceResult()
         gap = coal.distance(one, at, two, beside, request, found)
-        return Meetings(np.array([gap]), found.getNearestPoint1()[None], -found.normal[None])
+        return ContactPoints(np.array([gap]), found.getNearestPoint1()[None], -found.normal[None])
 
 
 def _coal_shape(core: Core) -> tuple[Any, Any]:
@@ -385,7 +387,7 @@ def pieces_of(pairs: Sequence[Pair]) -> Iterator[tuple[Piece, ...]]:
         yield pieces if any(piece.has_seams for piece in pieces) else ()
 
 
-def _filled(found: Meetings, points: int) -> Meetings:
+def _filled(found: ContactPoints, points: int) -> ContactPoints:
     """Return what was found, and places without a point behind it."""
     count = len(found.gaps)
     filled = found.taken(np.minimum(np.arange(points), count - 1))

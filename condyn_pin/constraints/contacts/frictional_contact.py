@@ -26,7 +26,7 @@ from condyn_pin.constraints.base import (
 )
 from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.shapes import ContactPoint, Plane, Point, Shape
-from condyn_pin.constraints.contacts.touches import BoundContact, Pair, Solid, Touch
+from condyn_pin.constraints.contacts.touches import BoundContact, BoundShape, Pair, PlaneContact
 from condyn_pin.constraints.planar_contact import PlanarContact
 from condyn_pin.constraints.point_contact import PointContact
 from condyn_pin.constraints.rolling_ball import RollingBall
@@ -152,7 +152,9 @@ class FrictionalContact(Contact):
         assert below is not None  # checked when it was made
         plane = origin * below.placement
         touches = (
-            Touch(self._called(f), joint, at.act(np.array(f.middle)), f.radius, ground, plane, *law)
+            PlaneContact(
+                self._called(f), joint, at.act(np.array(f.middle)), f.radius, ground, plane, *law
+            )
             for f in self.shape.contact_points
         )
         return BoundContact(
@@ -209,8 +211,8 @@ class FrictionalContact(Contact):
         return f"{self.name}/{point.called}" if point.called else self.name
 
 
-def _solids(*placed: tuple[int, Any, Shape]) -> tuple[Solid, ...]:
+def _solids(*placed: tuple[int, Any, Shape]) -> tuple[BoundShape, ...]:
     """Return what is to be drawn of shapes on joints."""
     return tuple(
-        Solid(joint, at, shape.patch) for joint, at, shape in placed if shape.patch is not None
+        BoundShape(joint, at, shape.patch) for joint, at, shape in placed if shape.patch is not None
     )

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from condyn_pin._core._pin import dry_friction
 from condyn_pin.constraints.base import Constraint, Machine, MjcfGeomWriter, not_negative, text
 from condyn_pin.constraints.contacts.base import Contact, Mode, joint_named, not_held
-from condyn_pin.constraints.contacts.touches import BoundContact, Dry
+from condyn_pin.constraints.contacts.touches import BoundContact, BoundJointFriction
 from condyn_pin.errors import InvalidArgument
 
 
@@ -59,7 +59,7 @@ class JointFriction(Contact):
                 "say torque=..."
             )
         names = [self.name] if joint.nv == 1 else [f"{self.name}/{i + 1}" for i in range(joint.nv)]
-        return BoundContact(self.name, dry=tuple(map(Dry, names, numbers, limits)))
+        return BoundContact(self.name, dry=tuple(map(BoundJointFriction, names, numbers, limits)))
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
         """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from condyn_pin._core.joints import UNLIMITED, lengths
 from condyn_pin.constraints.base import Constraint, Machine, MjcfGeomWriter, text
 from condyn_pin.constraints.contacts.base import Contact, Mode, joint_named, not_held
-from condyn_pin.constraints.contacts.touches import BoundContact, Stop
+from condyn_pin.constraints.contacts.touches import BoundContact, BoundJointLimit
 from condyn_pin.errors import InvalidArgument
 
 
@@ -62,7 +62,7 @@ class JointLimit(Contact):
                 f"upper one, {upper.min():g}; exchange those of the model"
             )
         stops = [
-            Stop(
+            BoundJointLimit(
                 f"{self.name}/{end}" if joint.nv == 1 else f"{self.name}/{end} {k + 1}",
                 joint.idx_q + k, joint.idx_v + k, sign, float(limits[joint.idx_q + k]), is_length,
             )

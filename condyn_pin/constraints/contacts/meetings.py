@@ -39,29 +39,31 @@ _CAPSULES: Final = 5  # four ends, and a crossing
 _CAPSULE_ON_SOLID: Final = 4  # two ends, and two edges
 
 
-class Meetings(NamedTuple):
+class ContactPoints(NamedTuple):
     """The points where two shapes are near each other."""
 
     gaps: Array  # (k,) [m]
     points: Array  # (k, 3) on the first shape, in the world [m]
     normals: Array  # (k, 3) from the second shape to the first
 
-    def turned(self) -> Meetings:
+    def turned(self) -> ContactPoints:
         """Return the same for the shapes in the other order."""
-        return Meetings(self.gaps, self.points - self.gaps[:, None] * self.normals, -self.normals)
+        return ContactPoints(
+            self.gaps, self.points - self.gaps[:, None] * self.normals, -self.normals
+        )
 
-    def taken(self, chosen: Indices) -> Meetings:
+    def taken(self, chosen: Indices) -> ContactPoints:
         """Return some of them."""
-        return Meetings(*(part[chosen] for part in self))
+        return ContactPoints(*(part[chosen] for part in self))
 
-    def least(self, count: int) -> Meetings:
+    def least(self, count: int) -> ContactPoints:
         """Return the nearest few, the nearest one first."""
         # without the digits that rounding makes [m]
         return self.taken(np.round(self.gaps, 12).argsort(kind="stable")[:count])
 
 
-def _joined(*parts: Meetings) -> Meetings:
-    return Meetings(*(np.concatenate(each) for each in zip(*parts, strict=True)))
+def _joined(*parts: ContactPoints) -> ContactPoints:
+    return ContactPoints(*(np.concatenate(each) for each in zip(*parts, strict=True)))
 
 
 def most_meetings(A: Core, B: Core) -> int:
@@ -73,7 +75,7 @@ def most_meetings(A: Core, B: Core) -> int:
     return _CAPSULE_ON_SOLID if A.is_solid or B.is_solid else _CAPSULES
 
 
-def meetings(A: Core, B: Core) -> Meetings:
+def meetings(A: Core, B: Core) -> ContactPoints:
     """Return where two shapes, placed in the world, meet: no more than `most_meetings`.
 
     The least gap is the distance of the shapes; where they penetrate, the least shift that takes
@@ -92,24 +94,24 @@ def meetings(A: Core, B: Core) -> Meetings:
     return found.taken(_distinct(found, max(A.size, B.size))[: most_meetings(A, B)])
 
 
-def _round(A: Core, B: Core) -> Meetings:
+def _round(A: Core, B: Core) -> ContactPoints:
     """Return where the balls round the corners of A meet B."""
     distances, normals = nearest(B, A.vertices)
-    return Meetings(distances - A.radius - B.radius, A.vertices - A.radius * normals, normals)
+    return ContactPoints(distances - A.radius - B.radius, A.vertices - A.radius * normals, normals)
 
 
-def _between(A: Core, B: Core) -> Meetings:
+def _between(A: Core, B: Core) -> ContactPoints:
     """Return where corners of B, and edges of both between their ends, are nearest to A.
 
     For cores that are apart.
     """
     p, q, _, _ = _crossings(A, A.edges, B, B.edges, tolerances.FLAT)
     distances, normals = lengths_of(p - q)
-    crossing = Meetings(distances - A.radius - B.radius, p - A.radius * normals, normals)
+    crossing = ContactPoints(distances - A.radius - B.radius, p - A.radius * normals, normals)
     return _joined(_round(B, A).turned(), crossing)
 
 
-def _solids(A: Core, B: Core) -> Meetings:
+def _solids(A: Core, B: Core) -> ContactPoints:
     """Return where a solid A, or the segment of a capsule that is in B, meets a solid B."""
     axis, gap, by_edges = _separation(A, B)
     top = int(B.normals.dot(axis).argmax())
@@ -136,13 +138,13 @@ def _solids(A: Core, B: Core) -> Meetings:
     return _nearest(found, size)
 
 
-def _first(A: Core, axis: Array, gap: float) -> Meetings:
+def _first(A: Core, axis: Array, gap: float) -> ContactPoints:
     """Return the corner of A that is first along an axis, at a gap."""
     first = int(A.vertices.dot(axis).argmin())
-    return Meetings(np.array([gap]), A.vertices[first][None], axis[None])
+    return ContactPoints(np.array([gap]), A.vertices[first][None], axis[None])
 
 
-def _nearest(found: Meetings, size: float) -> Meetings:
+def _nearest(found: ContactPoints, size: float) -> ContactPoints:
     """Return those at different points that are nearest, in the order in which they came."""
     order = np.round(found.gaps, 12).argsort(kind="stable")
     distinct = order[_distinct(found.taken(order), size)]
@@ -184,22 +186,22 @@ def _every_pair(one: Array, two: Array) -> tuple[Array, Array]:
     return np.repeat(one, len(two), axis=0), np.tile(two, (len(one), 1))
 
 
-def _corners_on(corners: Array, B: Core, face: int) -> Meetings:
+def _corners_on(corners: Array, B: Core, face: int) -> ContactPoints:
     """Return the corners (k, 3) that are over a face of B."""
     normal = B.normals[face]
     gaps = corners.dot(normal) - B.heights[face]
     over = on_face(B, corners - gaps[:, None] * normal)
-    return Meetings(gaps[over], corners[over], np.repeat(normal[None], over.sum(), axis=0))
+    return ContactPoints(gaps[over], corners[over], np.repeat(normal[None], over.sum(), axis=0))
 
 
-def _edges_on_edges(A: Core, of_A: Indices, B: Core, of_B: Indices, axis: Array) -> Meetings:
+def _edges_on_edges(A: Core, of_A: Indices, B: Core, of_B: Indices, axis: Array) -> ContactPoints:
     """Return where edges of A cross edges of B, one above the other along an axis."""
     p, q, one, two = _crossings(A, of_A, B, of_B)
     normals, _ = across(one, two)
     cosines = normals.dot(axis)
     normals = np.sign(cosines)[:, None] * normals
     above = np.abs(cosines) > tolerances.CROSSING
-    return Meetings(((p - q) * normals).sum(axis=1)[above], p[above], normals[above])
+    return ContactPoints(((p - q) * normals).sum(axis=1)[above], p[above], normals[above])
 
 
 def _crossings(
@@ -237,7 +239,7 @@ def _lowest(core: Core, axis: Array) -> Indices:
     return core.edges[lowest]
 
 
-def _distinct(found: Meetings, size: float) -> Indices:
+def _distinct(found: ContactPoints, size: float) -> Indices:
     """Return the numbers of those whose point none before them has."""
     apart = np.abs(found.points[:, None] - found.points).max(axis=2)
     again = np.tril(apart <= tolerances.ONE_POINT * size, -1).any(axis=1)

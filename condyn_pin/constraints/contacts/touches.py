@@ -18,7 +18,7 @@ from condyn_pin.constraints.contacts.meetings import most_meetings
 from condyn_pin.constraints.contacts.shapes import Core
 
 
-class Touch(NamedTuple):
+class PlaneContact(NamedTuple):
     """A contact point of one body over a plane of another: three rows."""
 
     name: str
@@ -57,7 +57,7 @@ class Pair(NamedTuple):
         return tuple(f"{self.name}/point {i}" for i in range(1, self.points + 1))
 
 
-class Stop(NamedTuple):
+class BoundJointLimit(NamedTuple):
     """An end of the range of a joint: one row, sign (q - limit) >= 0."""
 
     name: str
@@ -68,7 +68,7 @@ class Stop(NamedTuple):
     is_length: bool
 
 
-class Dry(NamedTuple):
+class BoundJointFriction(NamedTuple):
     """Dry friction along a coordinate of v: one row, |lam| <= limit."""
 
     name: str
@@ -76,7 +76,7 @@ class Dry(NamedTuple):
     limit: float  # [N m, N]
 
 
-class Solid(NamedTuple):
+class BoundShape(NamedTuple):
     """A shape on a joint, to be drawn."""
 
     joint: int
@@ -89,11 +89,11 @@ class BoundContact:
     """A contact on the joints of a model; most kinds fill one of the lists."""
 
     name: str
-    touches: tuple[Touch, ...] = ()
+    touches: tuple[PlaneContact, ...] = ()
     pairs: tuple[Pair, ...] = ()
-    stops: tuple[Stop, ...] = ()
-    dry: tuple[Dry, ...] = ()
-    solids: tuple[Solid, ...] = ()
+    stops: tuple[BoundJointLimit, ...] = ()
+    dry: tuple[BoundJointFriction, ...] = ()
+    solids: tuple[BoundShape, ...] = ()
 
     @property
     def cones(self) -> tuple[tuple[str, int], ...]:
@@ -123,7 +123,7 @@ class BoundContact:
 _NEXT, _LAST = [1, 2, 0], [2, 0, 1]
 
 
-class Touches:
+class PlaneContacts:
     """Contact points over planes of one model, together; not to be shared between threads.
 
     Attributes
@@ -132,7 +132,7 @@ class Touches:
         Number of contact points, k.
     """
 
-    def __init__(self, model: Any, touches: Sequence[Touch]) -> None:
+    def __init__(self, model: Any, touches: Sequence[PlaneContact]) -> None:
         self.size = k = len(touches)
         self._placements = Placements(joint for t in touches for joint in (t.joint, t.ground))
         # columns: middles (k), axes (3 k), points of the planes (k)
@@ -298,10 +298,10 @@ class Placements:
 #     gap = n . p - (n . o + radius),    (p - radius n) x d
 
 
-class WorldTouches(Touches):
+class GroundContacts(PlaneContacts):
     """Contact points over planes of the world, together; not to be shared between threads."""
 
-    def __init__(self, model: Any, touches: Sequence[Touch]) -> None:
+    def __init__(self, model: Any, touches: Sequence[PlaneContact]) -> None:
         super().__init__(model, touches)
         k = self.size
         axes = np.reshape([t.plane.rotation.T for t in touches], (k, 3, 3))  # t1, t2, n as rows

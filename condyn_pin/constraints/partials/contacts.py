@@ -32,7 +32,13 @@ from condyn_pin._core.joints import turning
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.contacts.candidates import Candidates, Pairs
 from condyn_pin.constraints.contacts.shapes import Core, lengths_of, on_face, segments
-from condyn_pin.constraints.contacts.touches import BoundContact, Pair, Placements, Touch, columns
+from condyn_pin.constraints.contacts.touches import (
+    BoundContact,
+    Pair,
+    Placements,
+    PlaneContact,
+    columns,
+)
 from condyn_pin.constraints.rows.special import skews
 
 _WEIGHTS: Final = (4 / 5, -1 / 5, 4 / 105, -1 / 280)
@@ -134,7 +140,7 @@ class _OverPlanes:
         m u and m w of each column along t1, t2, n, and t1, t2 once more (`_crossed`).
     """
 
-    def __init__(self, model: Any, touches: Sequence[Touch]) -> None:
+    def __init__(self, model: Any, touches: Sequence[PlaneContact]) -> None:
         self._k, self._n = k, n = len(touches), model.nv
         self._placements = Placements(t.ground for t in touches)
         axes = np.zeros((self._placements.size, 5, k))

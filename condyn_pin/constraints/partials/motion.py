@@ -18,9 +18,9 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import FRAME, Bound, OnFrames
+from condyn_pin.constraints.rows.bound import FRAME, Bound, TwoFrameConstraint
 from condyn_pin.constraints.rows.frames import Ends, Joints
-from condyn_pin.constraints.rows.special import Related, skews
+from condyn_pin.constraints.rows.special import BoundRelation, skews
 
 _skew = pin.skew
 
@@ -157,7 +157,7 @@ class At(NamedTuple):
 class EndPartials:
     """The ends of all constraints between two frames in one scene."""
 
-    def __init__(self, frames: Frames, bounds: Sequence[OnFrames]) -> None:
+    def __init__(self, frames: Frames, bounds: Sequence[TwoFrameConstraint]) -> None:
         data, n, k = frames.data, frames.nv, len(bounds)
         left = data.J, data.dJ, data.dAdq, data.dAdv
         self._left = tuple(part.reshape(6, n) for part in left)
@@ -256,12 +256,12 @@ class Frames:
             moved[at : at + self._model.nvs[above]] = 1.0
         return moved
 
-    def between(self, b: Bound | Related) -> Any:
+    def between(self, b: Bound | BoundRelation) -> Any:
         """Return c1Mc2."""
         oMi = self.data.oMi
         return (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
 
-    def ends(self, b: Bound | Related) -> tuple[End, End]:
+    def ends(self, b: Bound | BoundRelation) -> tuple[End, End]:
         """Return c1 and c2."""
         return self.end(b.joint1, b.placement1), self.end(b.joint2, b.placement2)
 
@@ -382,7 +382,7 @@ def dual_cross(wrench: Array) -> Array:
 # R^T f besides by R^T (delta_ang x f).
 
 
-def of_relation(b: Related, of: RelativeMotion, R: Array, r: Array, lam: Array) -> Partials:
+def of_relation(b: BoundRelation, of: RelativeMotion, R: Array, r: Array, lam: Array) -> Partials:
     """Return the partials of the rows, and of the wrenches on both bodies."""
     W, D = b.relation.weights(R, r), _rates(b, R, r)
     at_s = np.tensordot(of.velocity, D, 1)  # D(s)
@@ -398,13 +398,15 @@ def of_relation(b: Related, of: RelativeMotion, R: Array, r: Array, lam: Array) 
     return Partials(W @ of.J, s_q, s_v, moved, np.concatenate(turned))
 
 
-def gap_of_relation(b: Related, of: RelativeMotion, R: Array, r: Array) -> tuple[Array, Array]:
+def gap_of_relation(
+    b: BoundRelation, of: RelativeMotion, R: Array, r: Array
+) -> tuple[Array, Array]:
     """Return the partials of c and of J v: that of c is J, for c' = J v."""
     W = b.relation.weights(R, r)
     return W @ of.J, W @ of.velocity_q + _applied(_rates(b, R, r), of.velocity) @ of.J
 
 
-def wrenches_of_relation(b: Related, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:
+def wrenches_of_relation(b: BoundRelation, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:
     """Return the force at the origin of c1 in its axes, and the same for c2."""
     R, r = c1Mc2.rotation, c1Mc2.translation
     f = b.relation.weights(R, r).T @ lam
@@ -412,7 +414,7 @@ def wrenches_of_relation(b: Related, c1Mc2: Any, lam: Array) -> tuple[Array, Arr
     return np.concatenate([f[:3], f[3:] + _skew(r) @ f[:3]]), at_c2
 
 
-def _rates(b: Related, R: Array, r: Array) -> Array:
+def _rates(b: BoundRelation, R: Array, r: Array) -> Array:
     """Return the rate of W at each of the six unit velocities (6, rows, 6)."""
     return np.array([b.relation.weights_rate(R, r, e) for e in np.eye(6)])
 

@@ -41,9 +41,15 @@ from condyn_pin.constraints.partials.motion import (
     twist_of,
     wrenches_of_relation,
 )
-from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound
+from condyn_pin.constraints.rows.bound import POINT, Bound, BoundConstraint
 from condyn_pin.constraints.rows.frames import AXES, ONE, ROWS, PointEnds, rows_of
-from condyn_pin.constraints.rows.special import FLAT, Coupled, Related, Rolled, skews
+from condyn_pin.constraints.rows.special import (
+    FLAT,
+    BoundCoupling,
+    BoundRelation,
+    BoundRolling,
+    skews,
+)
 
 
 class ConstraintPartials:
@@ -58,14 +64,14 @@ class ConstraintPartials:
     """
 
     def __init__(
-        self, model: Any, data: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None
+        self, model: Any, data: Any, bounds: Sequence[BoundConstraint], drift: Baumgarte | None
     ) -> None:
         frames = Frames(model, data)
         self._bounds, self._drift = {b.name: b for b in bounds}, drift
         self._pairs = PairPartials(frames, bounds, drift)
         self._rolling = RollingPartials(frames, bounds, drift)
         self._points = PointPartials(model, data, bounds, drift)
-        self._couplings = [b for b in bounds if isinstance(b, Coupled)]
+        self._couplings = [b for b in bounds if isinstance(b, BoundCoupling)]
         self.make: Callable[[tuple[int, ...]], Array] = np.zeros if self._couplings else np.empty
 
     def write(
@@ -118,9 +124,9 @@ class ConstraintPartials:
     def by_frame(self, name: str, lam: Array, end: int) -> tuple[Array, Array]:
         """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2 of a constraint, in its axes."""
         b = self._bounds[name]
-        if isinstance(b, Rolled):
+        if isinstance(b, BoundRolling):
             return self._rolling.by_frame(b, lam[b.rows])
-        assert isinstance(b, Bound | Related)  # a coupling has no frames
+        assert isinstance(b, Bound | BoundRelation)  # a coupling has no frames
         return self._pairs.by_frame(b, lam[b.rows], end)
 
 
@@ -140,14 +146,18 @@ _STRAIGHT = 1e-4  # [rad]; below, the series of (1 - angle cot(angle)) / sin^2 i
 class PairPartials:
     """The partials of all constraints between two frames in one scene, but those of points."""
 
-    def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
+    def __init__(
+        self, frames: Frames, bounds: Sequence[BoundConstraint], drift: Baumgarte | None
+    ) -> None:
         self._frames, self._drift = frames, drift
         chosen = [
-            b for b in bounds if isinstance(b, Related) or (isinstance(b, Bound) and not b.is_point)
+            b
+            for b in bounds
+            if isinstance(b, BoundRelation) or (isinstance(b, Bound) and not b.is_point)
         ]
         self._pairs, self.k = chosen, len(chosen)
         self._held = [b for b in chosen if isinstance(b, Bound) and b.is_held]
-        self._between = [b for b in chosen if isinstance(b, Related) or not b.is_held]
+        self._between = [b for b in chosen if isinstance(b, BoundRelation) or not b.is_held]
         several = len(self._between) > 1
         self._ends = EndPartials(frames, self._between) if several else None
 
@@ -163,7 +173,9 @@ class PairPartials:
                 c_q, v_q = gap_of(b, *self._frames.ends(b), self._frames.between(b))
                 s_q[b.rows] -= b.sign * (self._drift.Kp * c_q + self._drift.Kd * v_q)
 
-    def _partials(self, lam: Array, pulls: Array) -> Iterator[tuple[Bound | Related, Partials]]:
+    def _partials(
+        self, lam: Array, pulls: Array
+    ) -> Iterator[tuple[Bound | BoundRelation, Partials]]:
         """Yield the partials of each constraint; add what turns of J^T lam to -r_q, `pulls`."""
         for held in self._held:
             yield held, of_frame(held, *self._frames.partials(held.joint1, held.placement1))
@@ -174,7 +186,7 @@ class PairPartials:
                 pulls -= two.J.T @ of.w2_q
             yield b, of
 
-    def _of_between(self, lam: Array) -> Iterator[tuple[Bound | Related, End, End, Partials]]:
+    def _of_between(self, lam: Array) -> Iterator[tuple[Bound | BoundRelation, End, End, Partials]]:
         """Yield the constraints between two frames with their ends and partials."""
         if self._ends is None:  # a single one is quicker by itself
             for b in self._between:
@@ -186,7 +198,7 @@ class PairPartials:
         motions = at_c2(twists, at.r)
         for i, b in enumerate(self._between):
             R, r, force = at.R[i], at.r[i], _force(b, lam)
-            if isinstance(b, Related):
+            if isinstance(b, BoundRelation):
                 of = of_relation(b, motions.of(i), R, r, force)
             elif b.is_plain:
                 of = of_weld(twists.of(i), at.X[i], force)
@@ -206,7 +218,7 @@ class PairPartials:
                 _, v_q = gap_of(b, *self._frames.ends(b), self._frames.between(b))
                 out[b.rows] = b.sign * v_q
 
-    def by_frame(self, b: Bound | Related, lam: Array, end: int) -> tuple[Array, Array]:
+    def by_frame(self, b: Bound | BoundRelation, lam: Array, end: int) -> tuple[Array, Array]:
         """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2, of a ball too."""
         (one, two), c1Mc2 = self._frames.ends(b), self._frames.between(b)
         moved, rest = (one, two) if end == 1 else (two, one)
@@ -214,7 +226,7 @@ class PairPartials:
         moving = moved.by_twist()
         still = End(rest.v, rest.a, nothing, nothing, nothing, nothing)
         pair = (moving, still) if end == 1 else (still, moving)
-        if isinstance(b, Related) or not b.is_held:
+        if isinstance(b, BoundRelation) or not b.is_held:
             of = _of_pair(b, *pair, c1Mc2, force)
         elif b.selection == POINT:
             of = of_point(moving)
@@ -234,9 +246,9 @@ class PairPartials:
         return two.J.T @ w2 - one.J.T @ w1, b.sign * s
 
 
-def wrenches(b: Bound | Related, c1Mc2: Any, force: Array) -> tuple[Array, Array]:
+def wrenches(b: Bound | BoundRelation, c1Mc2: Any, force: Array) -> tuple[Array, Array]:
     """Return the force of a constraint at the origin of c1 in its axes, and the same for c2."""
-    if isinstance(b, Related):
+    if isinstance(b, BoundRelation):
         return wrenches_of_relation(b, c1Mc2, force)
     six = np.zeros(6)
     if b.is_rod:
@@ -254,21 +266,21 @@ def wrenches(b: Bound | Related, c1Mc2: Any, force: Array) -> tuple[Array, Array
     return np.concatenate([six[:3], six[3:] + _skew(c1Mc2.translation) @ six[:3]]), on_c2
 
 
-def _of_pair(b: Bound | Related, one: End, two: End, c1Mc2: Any, force: Array) -> Partials:
+def _of_pair(b: Bound | BoundRelation, one: End, two: End, c1Mc2: Any, force: Array) -> Partials:
     """Return the partials of a constraint whose other side is somewhere."""
-    if isinstance(b, Related):
+    if isinstance(b, BoundRelation):
         R, r = c1Mc2.rotation, c1Mc2.translation
         of = at_c2(twist_of(one, two, c1Mc2.toActionMatrix()), r)
         return of_relation(b, of, R, r, force)
     return of_pair(b, one, two, c1Mc2, force)
 
 
-def _force(b: Bound | Related, lam: Array) -> Array:
+def _force(b: Bound | BoundRelation, lam: Array) -> Array:
     """Return the rows of lam that act on body 1."""
     return lam[b.rows] if b.sign > 0 else -lam[b.rows]
 
 
-def gap_of(b: Bound | Related, one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
+def gap_of(b: Bound | BoundRelation, one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
     """Return the partials (rows, nv) of c, zero without an anchor, and of J v by q.
 
     With delta = J_s dq the displacement of c1 relative to c2, M = E1^-1 E2 and u = R e the axis of
@@ -278,7 +290,7 @@ def gap_of(b: Bound | Related, one: End, two: End, c1Mc2: Any) -> tuple[Array, A
     """
     X, R, r = c1Mc2.toActionMatrix(), c1Mc2.rotation, c1Mc2.translation
     twist = twist_of(one, two, X)
-    if isinstance(b, Related):
+    if isinstance(b, BoundRelation):
         return gap_of_relation(b, at_c2(twist, r), R, r)
     if b.is_plain and b.size == 6:
         c_q, v_q = pin.Jlog6(c1Mc2) @ np.linalg.solve(X, twist.J), twist.velocity_q
@@ -392,7 +404,7 @@ class PointPartials:
     """
 
     def __init__(
-        self, model: Any, data: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None
+        self, model: Any, data: Any, bounds: Sequence[BoundConstraint], drift: Baumgarte | None
     ) -> None:
         self._data, self._drift, self._n = data, drift, model.nv
         points = [b for b in bounds if isinstance(b, Bound) and b.is_point]
@@ -512,9 +524,11 @@ def _moved(model: Any, points: Sequence[Bound]) -> Array:
 class RollingPartials:
     """The partials of all that rolls in one scene."""
 
-    def __init__(self, frames: Frames, bounds: Sequence[AnyBound], drift: Baumgarte | None) -> None:
+    def __init__(
+        self, frames: Frames, bounds: Sequence[BoundConstraint], drift: Baumgarte | None
+    ) -> None:
         self._frames, self._drift = frames, drift
-        self._bounds = [b for b in bounds if isinstance(b, Rolled)]
+        self._bounds = [b for b in bounds if isinstance(b, BoundRolling)]
         self.k = len(self._bounds)
 
     def write(self, lam: Array, pulls: Array, by_state: Array, J: Array) -> None:
@@ -532,13 +546,13 @@ class RollingPartials:
         for b in self._bounds:
             out[b.rows] = v_q_of_touch(self._touch(b, self._frames.end(b.joint1, b.placement1)))
 
-    def by_frame(self, b: Rolled, lam: Array) -> tuple[Array, Array]:
+    def by_frame(self, b: BoundRolling, lam: Array) -> tuple[Array, Array]:
         """Return r (nv, 6) and s (rows, 6) by a twist of the frame in the middle on its body."""
         one = self._frames.end(b.joint1, b.placement1)
         of = self._rows(b, one.by_twist(), lam)
         return -one.J.T @ (of.wrench_q + dual_cross(self._wrench(b, lam))), of.s_q
 
-    def _rows(self, b: Rolled, one: End, lam: Array) -> Rows:
+    def _rows(self, b: BoundRolling, one: End, lam: Array) -> Rows:
         """Return the partials of one; s_q has the part of drift control."""
         touch = self._touch(b, one)
         of = rows_of_touch(touch, lam)
@@ -550,11 +564,11 @@ class RollingPartials:
             of = of._replace(s_q=of.s_q + self._drift.Kp * c_q + self._drift.Kd * v_q)
         return of
 
-    def _touch(self, b: Rolled, one: End) -> Touch:
+    def _touch(self, b: BoundRolling, one: End) -> Touch:
         R = (self._frames.data.oMi[b.joint1] * b.placement1).rotation.T @ b.placement2.rotation
         return touch_of(b, one, R)
 
-    def _wrench(self, b: Rolled, lam: Array) -> Array:
+    def _wrench(self, b: BoundRolling, lam: Array) -> Array:
         """Return the wrench (6,) of a force at the origin of c1, in its axes."""
         oMi = self._frames.data.oMi[b.joint1]
         at_point = pin.Force(b.whole(lam), np.zeros(3))
@@ -618,7 +632,7 @@ class Rows(NamedTuple):
     wrench_q: Array  # (6, nv)
 
 
-def touch_of(b: Rolled, one: End, R: Array) -> Touch:
+def touch_of(b: BoundRolling, one: End, R: Array) -> Touch:
     """Return how the lowest point moves; R turns vectors of the plane into the body's axes."""
     n = _fixed_in_world(one, R[:, 2])
     if b.axle is None:

@@ -2,8 +2,8 @@
 
 A constraint between two bodies, bound to a model: joints, placements and rows for names.
 
-The rest of the program asks it what every `AnyBound` answers. Its own fields, and those of
-`Coupled`, `Rolled` and `Related`, are for the groups that evaluate them together.
+The rest of the program asks it what every `BoundConstraint` answers. Its own fields, and those of
+`BoundCoupling`, `BoundRolling` and `BoundRelation`, are for the groups that evaluate them together.
 """
 
 from __future__ import annotations
@@ -82,7 +82,7 @@ class Drive:
     time: float | None  # [s]
 
 
-class AnyBound(ABC):
+class BoundConstraint(ABC):
     """What every bound constraint has, and answers.
 
     Attributes
@@ -234,7 +234,7 @@ class AnyBound(ABC):
         """
 
 
-class OnFrames(AnyBound, ABC):
+class TwoFrameConstraint(BoundConstraint, ABC):
     """What has a frame c1 on joint 1, and a frame c2 on joint 2."""
 
     joint1: int
@@ -331,7 +331,7 @@ FRAME: Final[tuple[int, ...]] = (0, 1, 2, 3, 4, 5)
 
 
 @dataclass(frozen=True)
-class Bound(OnFrames):
+class Bound(TwoFrameConstraint):
     """One constraint between two bodies, bound.
 
     Attributes
@@ -655,12 +655,12 @@ def worst(gap: Mapping[str, ConstraintViolation]) -> tuple[str, ConstraintViolat
     return max(gap.items(), key=lambda item: item[1].size)
 
 
-def gap_of(model: Any, bound: AnyBound, c: Array) -> ConstraintViolation:
+def gap_of(model: Any, bound: BoundConstraint, c: Array) -> ConstraintViolation:
     """Return how far one constraint is open, from its rows of c."""
     return ConstraintViolation(*bound.opening(model, c))
 
 
-def velocity_of(model: Any, bound: AnyBound, rows: Array) -> ConstraintViolation:
+def velocity_of(model: Any, bound: BoundConstraint, rows: Array) -> ConstraintViolation:
     """Return how fast the sides of one constraint move apart, from its rows of J v."""
     return ConstraintViolation(*bound.rates(model, rows))
 

@@ -29,10 +29,10 @@ from condyn_pin._core.trees import algorithms, data_of, whole_data
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import Load
 from condyn_pin.constraints.path import along_at
-from condyn_pin.constraints.rows.bound import AnyBound, OnFrames, Terms, length
+from condyn_pin.constraints.rows.bound import BoundConstraint, Terms, TwoFrameConstraint, length
 from condyn_pin.constraints.rows.frames import AXES, MOVING, Balls, CutJoints, Ends, PointEnds, Rods
 from condyn_pin.constraints.rows.groups import Groups, sorted_by_rows
-from condyn_pin.constraints.rows.special import Coupled, Rolling
+from condyn_pin.constraints.rows.special import BoundCoupling, Rolling
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
@@ -75,7 +75,7 @@ class ConstraintRows:
     _velocity: Array
     _acceleration: Array
 
-    def __init__(self, model: Any, bounds: Sequence[AnyBound], memory: Array) -> None:
+    def __init__(self, model: Any, bounds: Sequence[BoundConstraint], memory: Array) -> None:
         self.model = model
         # bodies that nothing holds together have memory for each tree, if there are many
         self.data = whole_data(model) if bounds else data_of(model)
@@ -96,7 +96,7 @@ class ConstraintRows:
         self._couplings, self._evaluators = self._groups.couplings, self._groups.evaluators
         others = self._couplings or self._drives  # which have a part in c too
         self._violations = [] if others else self._groups.violations
-        self._leaning = [b for b in self.bounds if isinstance(b, OnFrames) and b.leans]
+        self._leaning = [b for b in self.bounds if isinstance(b, TwoFrameConstraint) and b.leans]
         self._cancellation = Cancellation(model, self.data, self.bounds)
 
     @cached_property
@@ -312,7 +312,7 @@ class ConstraintRows:
 MANY: Final = 16
 
 
-class ManyGaps:
+class BatchedGaps:
     """Violations and constraint velocities of up to `MANY` states of one scene.
 
     Contacts, welds, relations, couplings and what is driven are evaluated by its equations, state
@@ -364,7 +364,7 @@ class ManyEnds(Ends):
     Accelerations are left out: they are zero.
     """
 
-    def __init__(self, data: Any, bounds: Sequence[OnFrames]) -> None:
+    def __init__(self, data: Any, bounds: Sequence[TwoFrameConstraint]) -> None:
         super().__init__(data, bounds)
         self._velocities = self._joints.sources[: len(self._joints.numbers)]
         self._placed = np.zeros((MANY, *self._of_joints.shape))
@@ -430,21 +430,21 @@ ROUNDED: Final = 1e-13
 class Cancellation:
     """What the two bodies of each row bring to J; it keeps no state of `data`, but writes to it."""
 
-    def __init__(self, model: Any, data: Any, bounds: Sequence[AnyBound]) -> None:
+    def __init__(self, model: Any, data: Any, bounds: Sequence[BoundConstraint]) -> None:
         self._model, self._data = model, data
         self._couplings = np.zeros((sum(b.size for b in bounds), model.nv))
-        self._bent: list[Coupled] = []
+        self._bent: list[BoundCoupling] = []
         self._ends: list[tuple[int, Any]] = []  # joint and placement of those that move
-        self._arms: list[OnFrames | None] = []  # what has an arm from c1 to c2
+        self._arms: list[TwoFrameConstraint | None] = []  # what has an arm from c1 to c2
         self._shares = np.zeros((len(self._couplings), 2, 1))  # of shifts and of turns in each row
-        self._leaning: list[OnFrames] = []  # along directions that are computed
+        self._leaning: list[TwoFrameConstraint] = []  # along directions that are computed
         rows: tuple[list[Any], list[Any]] = [], []  # of c1 and of c2: row, end
         for b in bounds:
-            if isinstance(b, Coupled):
+            if isinstance(b, BoundCoupling):
                 self._couplings[b.rows, b.columns] = np.abs(b.weights)
                 self._bent += [b] if b.bends else []
                 continue
-            assert isinstance(b, OnFrames)
+            assert isinstance(b, TwoFrameConstraint)
             turns = b.turns(model)
             self._shares[b.rows, :, 0] = np.array([~turns, turns]).T
             if b.leans:
@@ -544,7 +544,7 @@ class Equations(ConstraintRows):
     recursion: Recursion | None = None
 
     def __init__(
-        self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None
+        self, model: Any, bounds: Sequence[BoundConstraint], drift: Baumgarte | None = None
     ) -> None:
         # |dynamics|, |a|, |c|, |J v|, |J a + gamma| and |lam| share one array, so that one call
         # finds the largest of each; the last four end with a zero, so that none is empty.
@@ -687,7 +687,7 @@ class Equations(ConstraintRows):
 _SHARE: Final = 1e-2
 
 
-class MassPivots:
+class MassConditioning:
     """The pivots of a robot that may fall, to `least` at any q, from the `nominal` ones.
 
     `watched` are their numbers, and `nominal` those of them alone.

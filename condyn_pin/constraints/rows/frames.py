@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core._pin import pin, placement_view
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.rows.bound import POINT, AnyBound, Bound, OnFrames
+from condyn_pin.constraints.rows.bound import POINT, Bound, BoundConstraint, TwoFrameConstraint
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.equations import ManyEnds
@@ -150,7 +150,7 @@ class WorldContacts:
             J[b.rows] = of_frame(b.joint1, b.placement1)[list(b.selection)]
 
 
-def rows_of(bounds: Sequence[AnyBound]) -> NDArray[np.int_] | slice:
+def rows_of(bounds: Sequence[BoundConstraint]) -> NDArray[np.int_] | slice:
     """Return the row numbers of some constraints, one after the other; a slice where they are one.
 
     A slice is written to in a third of the time.
@@ -170,7 +170,10 @@ class Wrenches:
     """
 
     def __init__(
-        self, model: Any, places: Sequence[tuple[OnFrames, slice, tuple[int, ...]]], size: int
+        self,
+        model: Any,
+        places: Sequence[tuple[TwoFrameConstraint, slice, tuple[int, ...]]],
+        size: int,
     ) -> None:
         joints = sorted({j for b, _, _ in places for j in (b.joint1, b.joint2) if j})
         place = {joint: slice(6 * i, 6 * i + 6) for i, joint in enumerate(joints)}
@@ -210,7 +213,7 @@ class Wrenches:
 class Ends:
     """The ends of k loops, after forward kinematics into `data`."""
 
-    def __init__(self, data: Any, bounds: Sequence[OnFrames]) -> None:
+    def __init__(self, data: Any, bounds: Sequence[TwoFrameConstraint]) -> None:
         self.k = len(bounds)
         # first the ends c1 of all loops, then the ends c2
         ends = [(b.joint1, b.placement1) for b in bounds]
@@ -525,7 +528,7 @@ class PointEnds:
         All but axes, of c1 and behind all of them c2.
     """
 
-    def __init__(self, data: Any, bounds: Sequence[OnFrames]) -> None:
+    def __init__(self, data: Any, bounds: Sequence[TwoFrameConstraint]) -> None:
         k = len(bounds)
         ends = [(b.joint1, b.placement1) for b in bounds]
         ends += [(b.joint2, b.placement2) for b in bounds]

@@ -19,10 +19,10 @@ from condyn_pin.constraints.forces import frame_jacobian
 from condyn_pin.constraints.rows.bound import (
     FRAME,
     POINT,
-    AnyBound,
     Bound,
-    OnFrames,
+    BoundConstraint,
     PinocchioConstraint,
+    TwoFrameConstraint,
 )
 from condyn_pin.constraints.rows.frames import (
     Balls,
@@ -37,11 +37,11 @@ from condyn_pin.constraints.rows.frames import (
     rows_of,
 )
 from condyn_pin.constraints.rows.special import (
-    Coupled,
+    BoundCoupling,
+    BoundRelation,
+    BoundRolling,
     Couplings,
-    Related,
     Relations,
-    Rolled,
     Rolling,
 )
 
@@ -54,12 +54,12 @@ class Sorted(NamedTuple):
     welds: list[Bound]
     cut: list[Bound]  # with other rows than Pinocchio's
     rods: list[Bound]
-    rolled: list[Rolled]
-    related: list[Related]
-    coupled: list[Coupled]
+    rolled: list[BoundRolling]
+    related: list[BoundRelation]
+    coupled: list[BoundCoupling]
 
 
-def sorted_by_rows(bounds: Sequence[AnyBound]) -> Sorted:
+def sorted_by_rows(bounds: Sequence[BoundConstraint]) -> Sorted:
     """Return the constraints sorted by the way in which their rows are evaluated."""
     pairs = [b for b in bounds if isinstance(b, Bound)]
     loops = [b for b in pairs if not b.is_held]
@@ -69,9 +69,9 @@ def sorted_by_rows(bounds: Sequence[AnyBound]) -> Sorted:
         welds=[b for b in loops if b.selection == FRAME],
         cut=[b for b in loops if not (b.is_plain or b.is_rod)],
         rods=[b for b in loops if b.is_rod],
-        rolled=[b for b in bounds if isinstance(b, Rolled)],
-        related=[b for b in bounds if isinstance(b, Related)],
-        coupled=[b for b in bounds if isinstance(b, Coupled)],
+        rolled=[b for b in bounds if isinstance(b, BoundRolling)],
+        related=[b for b in bounds if isinstance(b, BoundRelation)],
+        coupled=[b for b in bounds if isinstance(b, BoundCoupling)],
     )
 
 
@@ -95,7 +95,7 @@ class Loops(Group, Protocol):
         """Write c alone: placements in `data` are enough."""
 
 
-class UnlikePinocchio(Group, Protocol):
+class OtherRows(Group, Protocol):
     """A group with rows that Pinocchio does not have."""
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
@@ -110,17 +110,19 @@ class Groups:
     J a + gamma are, a zero behind each.
     """
 
-    def __init__(self, model: Any, data: Any, bounds: Sequence[AnyBound], motion: Array) -> None:
+    def __init__(
+        self, model: Any, data: Any, bounds: Sequence[BoundConstraint], motion: Array
+    ) -> None:
         held, balls, welds, cut, rods, rolled, related, coupled = sorted_by_rows(bounds)
         self._model, self._data, self._m = model, data, motion.shape[1] - 1
-        self.plain = PlainRows(model, data, bounds)
+        self.plain = PinocchioRows(model, data, bounds)
         self.couplings = Couplings(coupled, model.nv) if coupled else None
         contacts = [WorldContacts(data, held, motion)] if held else []
         self.ball_ends = PointEnds(data, balls) if balls else None
         loops: list[Loops] = [Balls(self.ball_ends, balls)] if self.ball_ends else []
         loops += [Weld(data, b) for b in welds]
-        others: list[tuple[UnlikePinocchio, Sequence[OnFrames], tuple[int, ...]]] = []
-        kinds: list[tuple[Any, Sequence[OnFrames], tuple[int, ...]]] = [
+        others: list[tuple[OtherRows, Sequence[TwoFrameConstraint], tuple[int, ...]]] = []
+        kinds: list[tuple[Any, Sequence[TwoFrameConstraint], tuple[int, ...]]] = [
             (Rods, rods, POINT), (CutJoints, cut, FRAME), (Rolling, rolled, FRAME),
             (Relations, related, FRAME),
         ]  # fmt: skip
@@ -138,11 +140,11 @@ class Groups:
         self,
         loops: Sequence[Group],
         plain: Sequence[Bound],
-        others: Sequence[tuple[UnlikePinocchio, Sequence[OnFrames], tuple[int, ...]]],
+        others: Sequence[tuple[OtherRows, Sequence[TwoFrameConstraint], tuple[int, ...]]],
     ) -> None:
         """Give every force its place among the stacked ones."""
         size = self._m
-        places: list[tuple[OnFrames, slice, tuple[int, ...]]]
+        places: list[tuple[TwoFrameConstraint, slice, tuple[int, ...]]]
         places = [(b, b.rows, b.selection) for b in plain]
         slices = [(group, slice(0, size)) for group in loops]
         for group, bounds, components in others:
@@ -204,7 +206,7 @@ _spatial = pin.getFrameAcceleration
 _WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
-class PlainRows:
+class PinocchioRows:
     """J and gamma of the points and frames of a scene; other rows are left as they are.
 
     `data` holds Jacobians of joints for `jacobian`, and forward kinematics with a = 0 for `gamma`.
@@ -217,7 +219,7 @@ class PlainRows:
         Whether there are no others, and whether `gamma` is that of all rows.
     """
 
-    def __init__(self, model: Any, data: Any, bounds: Sequence[AnyBound]) -> None:
+    def __init__(self, model: Any, data: Any, bounds: Sequence[BoundConstraint]) -> None:
         plain = [b for b in bounds if isinstance(b, Bound) and b.is_plain]
         self.rows, self.are_all = rows_of(plain), len(plain) == len(bounds)
         # a single column would come as a vector

@@ -40,7 +40,7 @@ from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.forces import frame_jacobian
-from condyn_pin.constraints.rows.bound import AnyBound, Bound, PinocchioConstraint
+from condyn_pin.constraints.rows.bound import Bound, BoundConstraint, PinocchioConstraint
 from condyn_pin.constraints.rows.equations import ROUNDED
 
 
@@ -72,7 +72,7 @@ class PinocchioConstraints:
 
 
 def pinocchio_constraints(
-    model: Any, bounds: Sequence[AnyBound], rows: Callable[[], Array]
+    model: Any, bounds: Sequence[BoundConstraint], rows: Callable[[], Array]
 ) -> PinocchioConstraints:
     """Return the constraints of a scene as Pinocchio takes them.
 
@@ -107,7 +107,7 @@ def pinocchio_constraints(
     )
 
 
-def _side_by_side(blocks: Sequence[Array | None], bounds: Sequence[AnyBound]) -> Array:
+def _side_by_side(blocks: Sequence[Array | None], bounds: Sequence[BoundConstraint]) -> Array:
     """Return E^T of all constraints from that of each, None where it is 1."""
     whole = [np.eye(b.size) if E is None else E for E, b in zip(blocks, bounds, strict=True)]
     E_T = np.zeros((sum(len(E) for E in whole), sum(E.shape[1] for E in whole)))
@@ -118,7 +118,9 @@ def _side_by_side(blocks: Sequence[Array | None], bounds: Sequence[AnyBound]) ->
     return E_T
 
 
-def _equivalent(model: Any, bound: AnyBound) -> tuple[list[PinocchioConstraint], Array | None]:
+def _equivalent(
+    model: Any, bound: BoundConstraint
+) -> tuple[list[PinocchioConstraint], Array | None]:
     """Return what Pinocchio has in place of a constraint, and E^T: None if that is 1.
 
     Nothing where it has nothing: neither of other rows, nor of rows that follow a path.
@@ -200,7 +202,7 @@ _NONE: Final = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
-class Cluster:
+class NearlyCoincident:
     """Points of the same two bodies that are nearly one.
 
     c1 of all is on the same body, and c2: so their axes are those of the first, turned for good.
@@ -264,7 +266,7 @@ def spread(
     return tuple(made), W if needed else None
 
 
-def _clusters(pinocchio_constraints: Sequence[PinocchioConstraint]) -> list[Cluster]:
+def _clusters(pinocchio_constraints: Sequence[PinocchioConstraint]) -> list[NearlyCoincident]:
     """Return the points that are nearly one, if no others of their two bodies are far from them."""
     groups: dict[tuple[int, int, bool], list[int]] = {}
     for i, native in enumerate(pinocchio_constraints):
@@ -282,11 +284,11 @@ def _clusters(pinocchio_constraints: Sequence[PinocchioConstraint]) -> list[Clus
         if ONE * lever < radius < NEARLY * lever:
             ends = np.cumsum([native.size for native in pinocchio_constraints])
             rows = np.concatenate([ends[i] + np.arange(-3, 0) for i in places])
-            found.append(Cluster(tuple(places), rows, points, _APART * lever / radius))
+            found.append(NearlyCoincident(tuple(places), rows, points, _APART * lever / radius))
     return found
 
 
-def _needed(clusters: Sequence[Cluster], J: Array) -> list[Cluster]:
+def _needed(clusters: Sequence[NearlyCoincident], J: Array) -> list[NearlyCoincident]:
     """Return the clusters that hold a turn that neither other rows nor clusters before them do."""
     held, turns = np.delete(J, np.concatenate([c.rows for c in clusters]), axis=0), []
     for cluster in clusters:

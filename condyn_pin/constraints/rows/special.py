@@ -25,10 +25,10 @@ from condyn_pin.constraints.rows.bound import (
     CUT,
     ROLL,
     STILL,
-    AnyBound,
+    BoundConstraint,
     CompiledRows,
     Drive,
-    OnFrames,
+    TwoFrameConstraint,
     length,
     placement,
     tilt,
@@ -68,7 +68,7 @@ class Relation(Protocol):
 
 
 @dataclass(frozen=True)
-class Related(OnFrames):
+class BoundRelation(TwoFrameConstraint):
     """A relation of two frames, bound; its `relation` has the equations."""
 
     name: str
@@ -111,7 +111,7 @@ class Related(OnFrames):
     @property
     def leans(self) -> bool:
         """True if W changes with the state."""
-        return not isinstance(self.relation, Apart)
+        return not isinstance(self.relation, RelativePosition)
 
     def shares(self, oMi: Any) -> Array:
         """Sizes of W, and of its change while frames move by the rounding of their places."""
@@ -126,7 +126,7 @@ class Related(OnFrames):
 
     def compiled(self) -> CompiledRows | None:
         """Return its rows as the compiled core has them: of cut joints, where W chooses of s."""
-        if not isinstance(self.relation, Apart):
+        if not isinstance(self.relation, RelativePosition):
             return None
         chosen = sum(1 << row for row in self.relation.chosen)
         integers = [
@@ -138,7 +138,7 @@ class Related(OnFrames):
 
 
 @dataclass(frozen=True)
-class Apart:
+class RelativePosition:
     """Where the origin of c2 is in the axes of c1, some of its three coordinates: -r = 0.
 
     A relation of two frames whose W, (1, 0), is constant: c' = J v wherever c2 is.
@@ -176,7 +176,7 @@ class Apart:
 class Relations:
     """All relations of one scene."""
 
-    def __init__(self, ends: Ends, bounds: Sequence[Related]) -> None:
+    def __init__(self, ends: Ends, bounds: Sequence[BoundRelation]) -> None:
         self._ends, self._bounds = ends, tuple(bounds)
         self._at: list[tuple[Array, Array, Array]] = []  # W, R and r of the last evaluation
 
@@ -214,7 +214,7 @@ class Relations:
 
 
 @dataclass(frozen=True)
-class Coupled(AnyBound):
+class BoundCoupling(BoundConstraint):
     """A row of joint coordinates, bound.
 
     Attributes
@@ -274,7 +274,7 @@ class Coupled(AnyBound):
         integers = [COUPLING, self.rows.start, 1, 0, 0, 0, True, 0, False, False, *places]
         return CompiledRows(integers, [*STILL, *STILL, 1.0, ratio, self.offset])
 
-    def moved(self, joints: Sequence[int]) -> Coupled:
+    def moved(self, joints: Sequence[int]) -> BoundCoupling:
         """Return it as it is: it knows columns, and they are the same."""
         return self
 
@@ -324,7 +324,7 @@ class Coupled(AnyBound):
 class Couplings:
     """All couplings of one scene."""
 
-    def __init__(self, bounds: Sequence[Coupled], nv: int) -> None:
+    def __init__(self, bounds: Sequence[BoundCoupling], nv: int) -> None:
         self._rows = np.array([b.rows.start for b in bounds], dtype=np.int_)
         self._offset = np.array([b.offset for b in bounds])
         self._bent = [(k, b) for k, b in enumerate(bounds) if b.bends]
@@ -381,7 +381,7 @@ _SKEW: Final = np.array([pin.skew(e).ravel() for e in np.eye(3)])
 
 
 @dataclass(frozen=True)
-class Rolled(OnFrames):
+class BoundRolling(TwoFrameConstraint):
     """A wheel or a ball that rolls on a plane of the world, bound.
 
     Attributes
@@ -495,7 +495,7 @@ class Rolled(OnFrames):
 class Rolling:
     """All that rolls in one scene; the ends are the body and the plane of each."""
 
-    def __init__(self, ends: Ends, bounds: Sequence[Rolled]) -> None:
+    def __init__(self, ends: Ends, bounds: Sequence[BoundRolling]) -> None:
         self._bounds, self._ends = tuple(bounds), ends
         k = len(bounds)
         self._rows = rows_of(bounds)

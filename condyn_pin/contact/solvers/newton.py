@@ -15,7 +15,7 @@ from condyn_pin._core import _pin, tolerances
 from condyn_pin._core.arguments import check_count, check_iterations
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin.contact.problem import ContactProblem, island_of, normalised
-from condyn_pin.contact.residuals import natural_residual, unmet_contacts
+from condyn_pin.contact.residuals import infeasible_contacts, natural_residual
 from condyn_pin.contact.solvers.base import (
     BUDGET,
     FACTORISED,
@@ -160,7 +160,7 @@ def fewer(
             end = other
         return end
 
-    for end in with_fewer(problem, solve):
+    for end in solve_active_subset(problem, solve):
         found = end._replace(path=("fewer contacts",)).after(found)
         yield found
 
@@ -190,7 +190,7 @@ def restarts(
             yield found
     found = refine(problem, found.lam, max_iterations).after(found)
     yield found
-    if unmet_contacts(problem, _HOPELESS):
+    if infeasible_contacts(problem, _HOPELESS):
         return
     for method in (_gauss_seidel, _long_directions, _convex_problems):
         first = method(problem, budget - found.cost)
@@ -524,7 +524,7 @@ _FEW: Final = 0.1
 Solve = Callable[[ContactProblem, Array], Attempt]
 
 
-def with_fewer(problem: ContactProblem, solve: Solve) -> Iterator[Attempt]:
+def solve_active_subset(problem: ContactProblem, solve: Solve) -> Iterator[Attempt]:
     """Yield impulses (m,) that those of some contacts are, and what they took.
 
     None where bodies are not few, by the rank of G.

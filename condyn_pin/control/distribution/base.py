@@ -29,7 +29,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.cones import ContactCones, placements
 from condyn_pin.control.qp.base import QPSolver, QuadraticProgram
-from condyn_pin.control.qp.chain import Chain, ChainAnswer
+from condyn_pin.control.qp.chain import ChainAnswer, SolverLadder
 from condyn_pin.control.qp.proxqp import ProxQP
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import Infeasible, InvalidArgument
@@ -110,7 +110,7 @@ class ForceDistribution(ABC):
         g = SN.T @ (S @ y) + _SMALLEST * (N.T @ y)
         none = np.zeros((0, N.shape[1]))
         program = QuadraticProgram(H, g, none, np.zeros(0), C, np.full(len(C), -np.inf), upper)
-        answer = Chain(self.qp).solve(program, lambda: (np.zeros(0), np.ones(len(C))))
+        answer = SolverLadder(self.qp).solve(program, lambda: (np.zeros(0), np.ones(len(C))))
         if not answer.solved or answer.answer is None:
             raise Infeasible(_words(answer, bound.names, mass))
         found = mass * (y + N @ answer.answer.x)

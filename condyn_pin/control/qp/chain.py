@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, quietly
+from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin.control.qp.base import (
     ORDINARY,
     BoundQP,
@@ -77,7 +77,7 @@ class ChainAnswer:
         return self.answer is not None and self.answer.residual <= tolerances.KKT
 
 
-class Chain:
+class SolverLadder:
     """The solvers of one program that changes from call to call, and its last active set."""
 
     def __init__(self, qp: QPSolver) -> None:
@@ -85,7 +85,9 @@ class Chain:
         self._bound: dict[QPSolver, BoundQP] = {qp: qp.start()}  # a missing package is said now
         self._last: Polished | None = None
         self._saddle = Saddle()
-        self._quietly = quietly(self._solve)  # numbers of no answer may overflow; residuals say it
+        self._quietly = ignore_float_errors(
+            self._solve
+        )  # numbers of no answer may overflow; residuals say it
 
     def solve(
         self, program: QuadraticProgram, costs: Callable[[], tuple[Array, Array]]

@@ -13,8 +13,8 @@ from condyn_pin.control.tasks.base import (
     ANGULAR_MOMENTUM,
     BoundTask,
     CompiledTask,
+    DefaultReference,
     Follow,
-    Home,
     Motion,
     Task,
 )
@@ -58,7 +58,7 @@ class AngularMomentum(Task):
             object.__setattr__(self, "reference", tuple(L.tolist()))
         super().__post_init__()
 
-    def bind(self, scene: Scene, home: Home) -> BoundTask:
+    def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return it at work on a scene."""
 
         def rows(motion: Motion, t: float) -> tuple[Array, Array]:

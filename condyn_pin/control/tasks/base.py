@@ -236,7 +236,7 @@ class CompiledTask(NamedTuple):
 
 TASKS: dict[str, type[Task]] = {}
 
-Home = Callable[[], Array]
+DefaultReference = Callable[[], Array]
 
 
 @dataclass(frozen=True, eq=False)
@@ -306,7 +306,7 @@ class Task(ABC):
         return type(self).__name__
 
     @abstractmethod
-    def bind(self, scene: Scene, home: Home) -> BoundTask:
+    def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return it at work on a scene; `home` finds where it belongs without a reference."""
 
     def _row_names(self, axes: Sequence[str]) -> tuple[str, ...]:

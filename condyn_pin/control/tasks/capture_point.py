@@ -29,7 +29,14 @@ from condyn_pin._core.arguments import check_accuracy
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.trees import whole_data
 from condyn_pin.control.support import hull, level_floor, margin_of, touching_points
-from condyn_pin.control.tasks.base import CAPTURE_POINT, BoundTask, CompiledTask, Home, Motion, Task
+from condyn_pin.control.tasks.base import (
+    CAPTURE_POINT,
+    BoundTask,
+    CompiledTask,
+    DefaultReference,
+    Motion,
+    Task,
+)
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Sites
 from condyn_pin.errors import InvalidArgument
@@ -81,7 +88,7 @@ class CapturePoint(Task):
             object.__setattr__(self, "reference", place)
         super().__post_init__()
 
-    def bind(self, scene: Scene, home: Home) -> BoundTask:
+    def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return it at work on a scene; by default it belongs where it is at `home`."""
         q, model = home(), scene.robot.unedited
         at = Sites(scene, q)

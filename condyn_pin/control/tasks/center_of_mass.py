@@ -13,7 +13,7 @@ from condyn_pin._core.trees import whole_data
 from condyn_pin.control.tasks.base import (
     CENTER_OF_MASS,
     BoundTask,
-    Home,
+    DefaultReference,
     Motion,
     Tracking,
     difference,
@@ -37,7 +37,7 @@ class CenterOfMass(Tracking):
     def _value(self, reference: Any) -> Any:
         return tuple(finite("reference", reference, 3).tolist())
 
-    def bind(self, scene: Scene, home: Home) -> BoundTask:
+    def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return it at work on a scene; by default it stays where it is at `home`."""
         model = scene.robot.unedited
 

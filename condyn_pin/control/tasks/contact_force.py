@@ -15,7 +15,7 @@ from condyn_pin.control.tasks.base import (
     NO_FEEDBACK,
     BoundTask,
     CompiledTask,
-    Home,
+    DefaultReference,
     Motion,
     Task,
 )
@@ -58,7 +58,7 @@ class ContactForce(Task):
     def _called(self) -> str:
         return f"{self.contact} force"
 
-    def bind(self, scene: Scene, home: Home) -> BoundTask:
+    def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return it at work on a scene; its columns are all rows of the scene."""
         if self.contact not in scene.names:
             raise unknown_name("contact", self.contact, scene.names)

@@ -15,7 +15,7 @@ from condyn_pin.control.tasks.base import (
     POSE,
     POSITION,
     BoundTask,
-    Home,
+    DefaultReference,
     Motion,
     Tracking,
     difference,
@@ -70,7 +70,7 @@ class FrameTask(Tracking):
             return placement("reference", reference)
         return tuple(finite("reference", reference, 3).tolist())
 
-    def bind(self, scene: Scene, home: Home) -> BoundTask:
+    def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return it at work on a scene; by default it stays where it is at `home`."""
         joint, place = moving(scene, self.frame)
         size, axes = (3, "xyz") if self.of == "position" else (6, _SIX)

@@ -11,7 +11,14 @@ from condyn_pin._core.arguments import checked
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import indices
 from condyn_pin.constraints.base import text
-from condyn_pin.control.tasks.base import JOINT, BoundTask, Home, Motion, Tracking, difference
+from condyn_pin.control.tasks.base import (
+    JOINT,
+    BoundTask,
+    DefaultReference,
+    Motion,
+    Tracking,
+    difference,
+)
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
 
@@ -52,7 +59,7 @@ class JointTask(Tracking):
         one = reference[0] if np.shape(reference) == (1,) else reference  # that of a path
         return float(finite("reference", one, ()))
 
-    def bind(self, scene: Scene, home: Home) -> BoundTask:
+    def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return it at work on a scene; by default the joint stays where it is at `home`."""
         model = scene.robot.model
         checked("joint", [self.joint], scene.robot.joints, "joint")

@@ -15,7 +15,7 @@ from condyn_pin.constraints.base import floats, text, unit
 from condyn_pin.control.tasks.base import (
     ORIENTATION,
     BoundTask,
-    Home,
+    DefaultReference,
     Motion,
     Tracking,
     moving,
@@ -65,7 +65,7 @@ class Orientation(Tracking):
         fault = "reference: the quaternion (x y z w) is zero; use 0 0 0 1"
         return unit(floats("reference", reference, 4), fault)
 
-    def bind(self, scene: Scene, home: Home) -> BoundTask:
+    def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return it at work on a scene; by default it stays as it is at `home`."""
         joint, place = moving(scene, self.frame)
 

@@ -12,7 +12,14 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import checked, normalised
 from condyn_pin._core.arrays import Array, entries, finite
 from condyn_pin._core.joints import indices
-from condyn_pin.control.tasks.base import POSTURE, BoundTask, Home, Motion, Tracking, entry_names
+from condyn_pin.control.tasks.base import (
+    POSTURE,
+    BoundTask,
+    DefaultReference,
+    Motion,
+    Tracking,
+    entry_names,
+)
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.model.robot import Robot
@@ -57,7 +64,7 @@ class Posture(Tracking):
             raise InvalidArgument("a: a posture is a reference; JointTask takes an acceleration")
         super().__post_init__()
 
-    def bind(self, scene: Scene, home: Home) -> BoundTask:
+    def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return it at work on a scene; by default joints stay where they are at `home`."""
         robot = scene.robot
         chosen = robot.actuated if self.joints is None else self.joints
@@ -87,7 +94,7 @@ class Posture(Tracking):
         compiled = self._compiled(POSTURE, sizes, start, goal, columns=tuple(columns.tolist()))
         return BoundTask("accelerations", names, self.unit, rows, compiled, J)
 
-    def _configuration(self, robot: Robot, home: Home) -> Any:
+    def _configuration(self, robot: Robot, home: DefaultReference) -> Any:
         """Return the posture (nq,)."""
         if self.posture is None:
             return home()

@@ -37,8 +37,8 @@ from condyn_pin._core.joints import Indices, axes, turning
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.forces import AppliedForce, Loads, frame_jacobian, in_axes
 from condyn_pin.constraints.partials.motion import dual_cross
-from condyn_pin.constraints.rows.bound import AnyBound
-from condyn_pin.dynamics.at_state import weightless
+from condyn_pin.constraints.rows.bound import BoundConstraint
+from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.io.mjcf_write import drawn
 
@@ -314,7 +314,9 @@ def _by_q(joint: _Joint, q: Array, v: Array, a: Array) -> tuple[Array, Array, Ar
     return rows[:, :, :-2], rows[:, :, -2], rows[:, :, -1]
 
 
-def in_series(model: Any, bounds: Sequence[AnyBound]) -> tuple[Any, tuple[AnyBound, ...]]:
+def in_series(
+    model: Any, bounds: Sequence[BoundConstraint]
+) -> tuple[Any, tuple[BoundConstraint, ...]]:
     """Return model and constraints with such joints in series; the same ones if there are none."""
     if not turning(model):
         return model, tuple(bounds)
@@ -371,7 +373,7 @@ def slope(function: Callable[[Array], Array], direction: Array) -> Array:
 def inverse_inertias_by_inertias(workspace: Workspace) -> Array:
     """Return w of `inverse_inertias` by the inertial parameters (m, 10 (njoints - 1))."""
     model = workspace.model
-    data, q, still = whole_data(model), drawn(workspace.scene.robot), weightless(model)
+    data, q, still = whole_data(model), drawn(workspace.scene.robot), without_gravity(model)
     M = np.array(pin.crba(model, data, q))
     pin.computeJointJacobians(model, data, q)
     size, rest = 10 * (model.njoints - 1), np.zeros(model.nv)
@@ -435,7 +437,7 @@ def inertia_regressor(model: Any, q: Array, v: Array, a: Array) -> Array:
 
 
 def placement_partials(
-    linearisation: Linearisation, bounds: Sequence[AnyBound],
+    linearisation: Linearisation, bounds: Sequence[BoundConstraint],
     name: str, frame: str, q: Array, v: Array, a: Array, lam: Array,
 ) -> tuple[Array, Array]:  # fmt: skip
     """Return r_x (nv, 6) and s_x (m, 6) for a twist x of one frame of a constraint."""

@@ -30,15 +30,15 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import turning
-from condyn_pin._core.linalg import HeldAndFree, held_and_free, inverse_factor, lapack
+from condyn_pin._core.linalg import ConstraintBasis, held_and_free, inverse_factor, lapack
 from condyn_pin._core.threads import of_workspace
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.partials.rows import ConstraintPartials
-from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.constraints.rows.equations import Equations, answer_key
 from condyn_pin.constraints.rows.redundancy import Redundancy
-from condyn_pin.dynamics.at_state import weightless
+from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.derivatives.base import (
     Carried,
     Derivatives,
@@ -72,14 +72,14 @@ class KktDerivatives(Derivatives):
 
     @cached_property
     @of_workspace
-    def _factored(self) -> tuple[Array, HeldAndFree, TurningRows | None]:
+    def _factored(self) -> tuple[Array, ConstraintBasis, TurningRows | None]:
         """What a step of q and v leaves to solve (nv + m, 2 nv), and what solves it.
 
         Off the constraints also the rows that are kept.
         """
         return self._factorise()
 
-    def _factorise(self) -> tuple[Array, HeldAndFree, TurningRows | None]:
+    def _factorise(self) -> tuple[Array, ConstraintBasis, TurningRows | None]:
         q, solution = self.solution.q, self.solution
         of = self._linearisation.at(q, self._v, solution.a, solution.lam)
         if solution.applied:
@@ -116,7 +116,7 @@ class KktDerivatives(Derivatives):
         return TurningRows(nominal.redundancy, J, rank, missed) if rank < self._m else None
 
     @property
-    def _motions(self) -> HeldAndFree:
+    def _motions(self) -> ConstraintBasis:
         return self._factored[1]
 
     @cached_property
@@ -271,7 +271,7 @@ class Linearisation:
     """
 
     def __init__(
-        self, model: Any, bounds: Sequence[AnyBound], drift: Baumgarte | None = None,
+        self, model: Any, bounds: Sequence[BoundConstraint], drift: Baumgarte | None = None,
         equations: Equations | None = None,
     ) -> None:  # fmt: skip
         given, self._bounds = model, bounds
@@ -367,7 +367,7 @@ class Linearisation:
     @cached_property
     def _weightless(self) -> Linearisation:
         """The same without gravity: at rest no torques change with q but those of the rows."""
-        return Linearisation(weightless(self._given), self._bounds)
+        return Linearisation(without_gravity(self._given), self._bounds)
 
     def _velocity_by_q(self, q: Array, w: Array) -> Array:
         """Return the partials of J w by q, where no axes turn."""

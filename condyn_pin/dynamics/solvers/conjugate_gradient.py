@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, quietly
+from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.tolerances import RANK
 from condyn_pin._core.trees import whole_data
-from condyn_pin.dynamics.at_state import weightless
+from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus
 from condyn_pin.dynamics.solvers.base import BoundSolver
 
@@ -71,11 +71,11 @@ class ConjugateGradient(MatrixFreeSolver):
         precondition = inverse_delassus(nominal)
         enough = self.wanted(workspace)
         # at rest and without gravity, all of tau accelerates: ABA is M^-1
-        floating = weightless(model)
+        floating = without_gravity(model)
         still = np.zeros(model.nv)
         latest, count = np.zeros(workspace.scene.rows), [0]
 
-        @quietly  # the status says it
+        @ignore_float_errors  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from condyn_pin._core import _pin
 from condyn_pin._core.compiled import missing_constrained_aba
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.dynamics.at_state import weightless
+from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.compiled import CompiledMethod
 from condyn_pin.dynamics.mu import Choice
 from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected
@@ -94,7 +94,7 @@ class ConstrainedABA(ArticulatedSolver):
                     lambda: made.iterations,
                 )
                 return bound, bound.iterations
-            still = recursion(weightless(workspace.model), None, chosen)
+            still = recursion(without_gravity(workspace.model), None, chosen)
             corrected = Corrected(
                 workspace,
                 (made.acceleration, made.lam),

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._core.arguments import WEIGHTS, Grid, check_damping
-from condyn_pin._core.arrays import Array, quietly
+from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import range_space
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
@@ -66,7 +66,7 @@ class DelassusCholesky(Solver):
         latest = np.zeros(workspace.scene.rows)
 
         @one_blas_thread
-        @quietly  # the status says it
+        @ignore_float_errors  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.consistent_terms(q, v)
             factors = range_space(terms.M, terms.J, mu)

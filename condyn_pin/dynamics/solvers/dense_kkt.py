@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import WEIGHTS, Grid, check_damping, check_refinements
-from condyn_pin._core.arrays import Array, quietly
+from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 
@@ -106,7 +106,7 @@ class DenseKKT(Solver):
         in_place = 1, 1, 1  # lower, overwrite_a, overwrite_b: by name they take half as long again
 
         @one_blas_thread
-        @quietly  # the status says it
+        @ignore_float_errors  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
             M[:], h, J[:], gamma[:] = equations.parts(q, v)

@@ -9,7 +9,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_share
-from condyn_pin._core.arrays import Array, quietly
+from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
@@ -70,7 +70,7 @@ class GaussPrinciple(Solver):
         latest = np.zeros(workspace.scene.rows)
 
         @one_blas_thread
-        @quietly  # the status says it
+        @ignore_float_errors  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             terms = workspace.equations.consistent_terms(q, v)
             try:

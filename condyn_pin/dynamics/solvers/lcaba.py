@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 from condyn_pin._core import _pin
 from condyn_pin._core.trees import whole_data
-from condyn_pin.dynamics.at_state import raw_constraints, weightless
+from condyn_pin.dynamics.at_state import raw_constraints, without_gravity
 from condyn_pin.dynamics.mu import Choice
 from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected, Recursion
 from condyn_pin.dynamics.solvers.base import BoundSolver
@@ -101,7 +101,7 @@ def _method(
         return BoundSolver(
             run, lambda: workspace.scene_forces(recursion.lam()), lambda: int(settings.iter)
         )
-    model = weightless(workspace.model)
+    model = without_gravity(workspace.model)
     constraints = workspace.pinocchio_constraints.constraints
     still = Recursion(
         model, whole_data(model), constraints, *raw_constraints(model, constraints, None)

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arrays import Array, quietly
+from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.tolerances import RANK, RUN_OF_MINRES
 from condyn_pin._core.trees import whole_data
-from condyn_pin.dynamics.at_state import weightless
+from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus
 from condyn_pin.dynamics.solvers.base import BoundSolver, free_force
 
@@ -75,10 +75,10 @@ class MinimumResidual(MatrixFreeSolver):
         nominal, mu, most = workspace.scene.nominal, self.mu, self.max_iterations
         P, n, m = inverse_delassus(nominal), model.nv, workspace.scene.rows
         enough = self.wanted(workspace)
-        floating, still = weightless(model), np.zeros(n)
+        floating, still = without_gravity(model), np.zeros(n)
         latest, count = np.zeros(m), [0]
 
-        @quietly  # the status says it
+        @ignore_float_errors  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
 

@@ -40,8 +40,8 @@ from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.dynamics.proof import (
     OPEN_SQUARED,
     Refinement,
-    exact_where_open,
     exact_where_slipping,
+    fallback_off_manifold,
 )
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
 
@@ -195,7 +195,7 @@ class Proximal(Solver):
         if refinements:
             method = _refined(workspace, method, refinements, rows)
         if approximated:
-            exact = exact_where_open(workspace, method)
+            exact = fallback_off_manifold(workspace, method)
             return replace(exact_where_slipping(workspace, method), exact=exact)
         return replace(method, exact=_refined_where_open(method, rows)) if rows else method
 

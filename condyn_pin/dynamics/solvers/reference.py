@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core import tolerances
 from condyn_pin._core.arguments import check_count, check_share
-from condyn_pin._core.arrays import Array, quietly
+from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import add, exact_residual, factorise
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
@@ -78,7 +78,7 @@ class Reference(Solver):
         latest = np.zeros(workspace.scene.rows)
 
         @one_blas_thread
-        @quietly  # the status says it
+        @ignore_float_errors  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
             terms = equations.consistent_terms(q, v)

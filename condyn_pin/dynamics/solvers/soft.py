@@ -10,7 +10,7 @@ import numpy as np
 
 from condyn_pin._core._pin import LOCAL, pin
 from condyn_pin._core.arguments import Grid
-from condyn_pin._core.arrays import Array, finite, quietly
+from condyn_pin._core.arrays import Array, finite, ignore_float_errors
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import whiten
 from condyn_pin._core.trees import whole_data
@@ -198,7 +198,7 @@ class Soft(Solver):
         latest, rows = np.zeros(workspace.scene.rows), np.arange(workspace.scene.rows)
 
         @one_blas_thread
-        @quietly  # the status says it
+        @ignore_float_errors  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             equations = workspace.equations
             c = equations.violation(q)

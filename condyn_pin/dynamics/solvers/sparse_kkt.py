@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core import _pin, tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import WEIGHTS, Grid, check_damping
-from condyn_pin._core.arrays import Array, quietly
+from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.linalg import whiten
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
 
@@ -83,7 +83,7 @@ class SparseKKT(Solver):
         limits = np.full(m, -mu / 2) if mu else -(tolerances.RANK**2) * own
         answer = np.zeros(m + model.nv)
 
-        @quietly  # the status says it
+        @ignore_float_errors  # the status says it
         def acceleration(q: Array, v: Array, tau: Array) -> Array:
             factor = _pin.factorise_constraints(model, data, models, datas, q, mu)
             if not (factor.D[:m] < limits).all():

@@ -16,7 +16,7 @@ from condyn_pin.contact.residuals import natural_residual
 from condyn_pin.contact.solvers.newton import SemismoothNewton, refine
 from condyn_pin.errors import SolveFailed
 from condyn_pin.gradients.routes.base import LawRoute
-from condyn_pin.gradients.routes.step_derivatives import Law, least
+from condyn_pin.gradients.routes.step_derivatives import ContactLaw, least
 
 # Steps of Newton's method from an answer: one or two, but for redundant contacts.
 _STEPS = 50
@@ -54,12 +54,12 @@ class ActiveSet(LawRoute):
     cost: ClassVar[str] = "two evaluations of Newton-Euler's derivatives"
     use: ClassVar[str] = "by default: exact within the modes of the step"
 
-    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
+    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> ContactLaw:
         """Return the polished impulses of a problem, and the law of each mode."""
         lam, modes, equations = polished(problem, lam, natural)
         of = equations.at(lam)
         distance = margin(problem, lam, of.sigma, modes)
-        return Law(lam, of.by_sigma, of.by_lam, of.by_friction, distance, modes=modes)
+        return ContactLaw(lam, of.by_sigma, of.by_lam, of.by_friction, distance, modes=modes)
 
 
 class Polished(NamedTuple):

@@ -11,9 +11,9 @@ make of kinks and jumps.
    that of the scheme, write `step` too, and `scheme` if it takes steps of another one; `parameters`
    if it has derivatives by others than the scheme takes.
 4. A route that only has another law of the contacts inherits from `LawRoute`, and writes only
-   `law(problem, lam, natural, size)`: impulses, and the law linearised at them (`Law`); and `path`
-   if that is not the law of the scheme. All else, how the problem changes with q, v and tau and how
-   the end of the step follows, is that of `LinearSteps`.
+   `law(problem, lam, natural, size)`: impulses, and the law linearised at them (`ContactLaw`); and
+   `path` if that is not the law of the scheme. All else, how the problem changes with q, v and tau
+   and how the end of the step follows, is that of `LinearizedStep`.
 5. It reads nothing that an earlier call left behind.
 """
 
@@ -30,20 +30,20 @@ import numpy as np
 
 from condyn_pin._core.arguments import Grid, enter
 from condyn_pin._core.arrays import Array
-from condyn_pin._core.threads import Kept
+from condyn_pin._core.threads import ThreadCache
 from condyn_pin.contact.problem import ContactProblem
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.gradients.routes.linear_steps import LinearSteps
+from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 from condyn_pin.gradients.routes.step_derivatives import (
     PARAMETERS,
-    Law,
+    ContactLaw,
     StepDerivatives,
     differentiated,
 )
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.stepping.single_step import StepStart
-from condyn_pin.stepping.step_problem import Taken
+from condyn_pin.stepping.step_problem import AcceptedStep
 
 ROUTES: dict[str, type[Route]] = {}
 
@@ -86,20 +86,20 @@ class Route(ABC):
 
     @abstractmethod
     def at(
-        self, steps: LinearSteps, t: float, q: Array, v: Array, taken: Taken | None = None
+        self, steps: LinearizedStep, t: float, q: Array, v: Array, taken: AcceptedStep | None = None
     ) -> StepDerivatives:
         """Return the end of a step of `steps` from a state, and how it changes.
 
         `taken` is the same step, if it is at hand: nothing has to be solved again.
         """
 
-    def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+    def step(self, steps: LinearizedStep, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of the same step of `steps`, without derivatives."""
         return steps.step(t, q, v)
 
     def differentiate(
         self, scene: Scene, scheme: ContactScheme, dt: float, start: StepStart,
-        wrt: Sequence[str] = (), taken: Taken | None = None,
+        wrt: Sequence[str] = (), taken: AcceptedStep | None = None,
     ) -> StepDerivatives:  # fmt: skip
         """Return how the end of a step of a `scheme` changes with its `start`, and by `wrt`.
 
@@ -115,7 +115,7 @@ class LawRoute(Route, ABC):
     """A route that puts another law of the contacts into the same step."""
 
     @abstractmethod
-    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
+    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> ContactLaw:
         """Return impulses of a problem, and their law linearised.
 
         Parameters
@@ -130,12 +130,12 @@ class LawRoute(Route, ABC):
             (m g dt) (g dt) of the robot and the step [J].
         """
 
-    def path(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
+    def path(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> ContactLaw:
         """Return the law by which the scheme found the paths that it takes a step again along."""
         return self.law(problem, lam, natural, size)
 
     def at(
-        self, steps: LinearSteps, t: float, q: Array, v: Array, taken: Taken | None = None
+        self, steps: LinearizedStep, t: float, q: Array, v: Array, taken: AcceptedStep | None = None
     ) -> StepDerivatives:
         """Return the end of a step of `steps` from a state, and how it changes."""
         with np.errstate(all="ignore"):  # what is not finite is refused
@@ -143,7 +143,7 @@ class LawRoute(Route, ABC):
             ended = steps.end(t, q, v, law, taken, path)
             return differentiated(self, steps, ended)
 
-    def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+    def step(self, steps: LinearizedStep, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of the same step of `steps`, without derivatives."""
         return steps.ended(t, q, v, partial(self.law, size=steps.size))
 
@@ -168,16 +168,16 @@ def check_parameters(
 
 
 # A loop over derivatives, also by several routes, whose schemes differ, makes what it needs once.
-_steps = Kept[LinearSteps]()
+_steps = ThreadCache[LinearizedStep]()
 
 
 def linear_steps(
     scene: Scene, scheme: ContactScheme, dt: float, wrt: Sequence[str] = ()
-) -> LinearSteps:
+) -> LinearizedStep:
     """Return this thread's linear steps of a scene and a scheme: earlier ones, or new ones."""
     scene.robot.check_unedited()
     asked = scheme, dt, tuple(wrt)
-    return _steps.of(scene, asked, lambda: LinearSteps(scene, scheme, dt, wrt=wrt))
+    return _steps.of(scene, asked, lambda: LinearizedStep(scene, scheme, dt, wrt=wrt))
 
 
 # Chain: steps of a motion with contacts, one after the other, with their derivatives.
@@ -213,7 +213,7 @@ class Chain:
     """
 
     def __init__(
-        self, route: Route, steps: LinearSteps, count: int, torques: Array | None = None
+        self, route: Route, steps: LinearizedStep, count: int, torques: Array | None = None
     ) -> None:
         self.route, self.steps, self.count = route, steps, count
         self._torques, self._every = torques, max(ceil(sqrt(count)), 1)

@@ -10,12 +10,12 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes.base import Route
-from condyn_pin.gradients.routes.linear_steps import LinearSteps
+from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 from condyn_pin.gradients.routes.located import LocatedStep
 from condyn_pin.gradients.routes.step_derivatives import StepDerivatives
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.stepping.schemes.moreau import Moreau
-from condyn_pin.stepping.step_problem import Taken
+from condyn_pin.stepping.step_problem import AcceptedStep
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,13 @@ class EventLocated(Route):
         return Moreau(contact=scheme.contact)
 
     def at(
-        self, steps: LinearSteps, t: float, q: Array, v: Array, taken: Taken | None = None
+        self, steps: LinearizedStep, t: float, q: Array, v: Array, taken: AcceptedStep | None = None
     ) -> StepDerivatives:
         """Return the end of a step of `steps` from a state, and how it changes."""
         with np.errstate(all="ignore"):  # what is not finite is refused
             return LocatedStep(steps).differentiated(self, t, q, v)
 
-    def step(self, steps: LinearSteps, t: float, q: Array, v: Array) -> tuple[Array, Array]:
+    def step(self, steps: LinearizedStep, t: float, q: Array, v: Array) -> tuple[Array, Array]:
         """Return the end of the same step of `steps`, without derivatives."""
         with np.errstate(all="ignore"):
             return LocatedStep(steps).taken(t, q, v)

@@ -14,8 +14,8 @@ from condyn_pin.contact.problem import ContactProblem, normalised
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.base import LawRoute
-from condyn_pin.gradients.routes.step_derivatives import Law
-from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
+from condyn_pin.gradients.routes.step_derivatives import ContactLaw
+from condyn_pin.simulation.integrators.contact_scheme import BiasPartials, ContactScheme, Near
 from condyn_pin.stepping.schemes.moreau import Moreau
 
 # How far above the floor contacts of `Moreau` take part, in kappa g dt^2. What rests on one contact
@@ -26,7 +26,7 @@ _G: Final = 9.81  # [m/s^2]
 
 
 @dataclass(frozen=True)
-class _Hovering(Moreau):
+class _InteriorMoreau(Moreau):
     """Moreau's steps of contacts that push before they touch.
 
     sigma_n = J_n v+ + e J_n v + gap / dt
@@ -44,7 +44,7 @@ class _Hovering(Moreau):
         g[near.normals] += np.maximum(near.gaps, 0.0) / near.dt
         return g, None
 
-    def asked_by(self, near: Near) -> AskedBy:
+    def asked_by(self, near: Near) -> BiasPartials:
         """Return how `asked` changes with what is `near`."""
         opens = (near.gaps > 0) / near.dt
         return super().asked_by(near)._replace(gaps=opens)
@@ -108,10 +108,12 @@ class Kappa(LawRoute):
     def scheme(self, scheme: ContactScheme) -> ContactScheme:
         """Return the scheme, with contacts that hover where it would let them drop."""
         if type(scheme) is Moreau:
-            return _Hovering(scheme.contact, scheme.restitution_law, _HOVERS * self.kappa * _G)
+            return _InteriorMoreau(
+                scheme.contact, scheme.restitution_law, _HOVERS * self.kappa * _G
+            )
         return scheme
 
-    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
+    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> ContactLaw:
         """Return the impulses of the smooth law, and the law linearised at them."""
         if not problem.limits.all():
             dry = problem.names[len(problem.names) - len(problem.limits) :]
@@ -123,7 +125,7 @@ class Kappa(LawRoute):
         barrier = Barrier(problem, self.kappa, size)
         return barrier.law(barrier.solve())
 
-    def path(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
+    def path(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> ContactLaw:
         """Return the law of the scheme itself, which knows nothing of kappa."""
         return ActiveSet().law(problem, lam, natural, size)
 
@@ -190,7 +192,7 @@ class Barrier:
                 return x
             k = max(k * _FALLS, self._k)
 
-    def law(self, x: Array) -> Law:
+    def law(self, x: Array) -> ContactLaw:
         """Return impulses, and their law linearised, in the units of the problem asked."""
         m, k = self._rows, self._k
         lam, s, eta, p, q = self._parts(x)
@@ -215,7 +217,7 @@ class Barrier:
         below, above = self._limits - lam[dry], self._limits + lam[dry]
         by_lam[dry, dry], by_k[dry] = p / below + q / above, 1 / below - 1 / above
         margin = float(np.sqrt(k))  # no mode to be near to
-        return Law(
+        return ContactLaw(
             lam * self._unit, by_sigma / self._speed, by_lam / self._unit, by_friction, margin,
             by_k * k / self._size,
         )  # fmt: skip

@@ -6,8 +6,8 @@
 with df and ds what the balance of momentum and the constraints leave by q, v and tau at fixed v+
 and impulses (`partials`), and dv_0 the velocities that solve the first line with dlam = 0.
 What a scheme adds to g comes from the scheme (`asked_by`). All of that is by where the equations
-are taken and by their v and tau, in the columns of q, v and tau; `Starts` has the chain rule from
-there to the start of the step.
+are taken and by their v and tau, in the columns of q, v and tau; `StartChainRule` leads from there
+to the start of the step.
 
 Off loops with redundant rows nothing satisfies all of them: derivatives by q hold along motions
 that keep the constraints.
@@ -26,17 +26,17 @@ from numpy.typing import NDArray
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices
 from condyn_pin.constraints.partials.contacts import ContactTurning
-from condyn_pin.constraints.rows.bound import AnyBound
+from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.dynamics.at_state import weightless
+from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.derivatives.kkt import Linearisation
 from condyn_pin.dynamics.scene import Scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.gradients.routes.partials import (
     FloatingPartials,
     InertiaPartials,
-    add_asked,
+    add_bias_partials,
     agrees_by_chance,
     impact_partials,
     is_open,
@@ -48,12 +48,12 @@ from condyn_pin.gradients.routes.partials import (
     torque_partials,
     untouched,
 )
-from condyn_pin.gradients.routes.step_derivatives import Columns, Law, least
+from condyn_pin.gradients.routes.step_derivatives import Columns, ContactLaw, least
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.remarks import Note
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import ContactSteps
-from condyn_pin.stepping.step_problem import Posed, Taken, kept_paths, next_path
+from condyn_pin.stepping.step_problem import AcceptedStep, StepProblem, kept_paths, next_path
 
 
 def falls(model: Any, dt: float) -> float:
@@ -61,13 +61,13 @@ def falls(model: Any, dt: float) -> float:
     return (float(np.linalg.norm(model.gravity.linear)) or 9.81) * dt
 
 
-def rows_with_a_place(bounds: Sequence[AnyBound]) -> list[int]:
+def rows_with_a_place(bounds: Sequence[BoundConstraint]) -> list[int]:
     """Return the rows that have a position error."""
     return [row for bound in bounds for row in bound.positioned]
 
 
 # Of a problem, impulses and their natural residual.
-_Law = Callable[[ContactProblem, Array, float], Law]
+_Law = Callable[[ContactProblem, Array, float], ContactLaw]
 
 
 class Ended(NamedTuple):
@@ -77,12 +77,12 @@ class Ended(NamedTuple):
     v: Array
     dq: Array  # (nv, columns), tangent
     dv: Array  # (nv, columns)
-    posed: Posed
-    law: Law
+    posed: StepProblem
+    law: ContactLaw
     notes: tuple[Note, ...]  # why the derivatives are those of a rule, or of one side
 
 
-class LinearSteps:
+class LinearizedStep:
     """The steps of one scene by one scheme and dt, with their derivatives.
 
     `wrt` names parameters that have to be among them, as `StepSolution.derivatives` does.
@@ -121,9 +121,9 @@ class LinearSteps:
         self.falls = falls(self.system.model, dt)
         self.size = self.scene.robot.mass * self.falls**2
         self.share = 0.5 * dt if scheme.at_midpoint else dt  # from `at` to the end [s]
-        self._starts = Starts(self.system, scheme, dt, self.partials)
+        self._starts = StartChainRule(self.system, scheme, dt, self.partials)
 
-    def lasting(self, dt: float, steps: ContactSteps) -> LinearSteps:
+    def lasting(self, dt: float, steps: ContactSteps) -> LinearizedStep:
         """Return other steps of the same scheme, dt long [s]; they share what they work in."""
         others = copy(self)
         others._take(dt, steps)
@@ -135,12 +135,12 @@ class LinearSteps:
         return self.system.workspace.linearisation
 
     @cached_property
-    def weightless(self) -> Linearisation:
+    def without_gravity(self) -> Linearisation:
         """The same without gravity."""
-        return Linearisation(weightless(self.system.model), self.scene.bilateral.bounds)
+        return Linearisation(without_gravity(self.system.model), self.scene.bilateral.bounds)
 
     def end(
-        self, t: float, q: Array, v: Array, law: _Law, taken: Taken | None = None,
+        self, t: float, q: Array, v: Array, law: _Law, taken: AcceptedStep | None = None,
         path: _Law | None = None,
     ) -> Ended:  # fmt: skip
         """Return the end of a step from a state, with its derivatives by a `law` of contacts.
@@ -181,7 +181,7 @@ class LinearSteps:
                 by[:, : len(chain)] = by[:, : len(chain)].dot(chain)
         return Ended(q1, v1, dq, dv, posed, found, tuple(notes.values()))
 
-    def _with_impact_apart(self, t: float, q: Array, v: Array) -> Taken:
+    def _with_impact_apart(self, t: float, q: Array, v: Array) -> AcceptedStep:
         """Return the step with its impact by itself, also where Newton's law is the same."""
         self.steps.always_strikes = True
         try:
@@ -206,7 +206,9 @@ class LinearSteps:
         q1 = self.steps.closings.closed(posed.condensed.factors, moved)
         return q1, self.floating.turned(v1, self.share)
 
-    def _velocity(self, posed: Posed, law: Law, v1: Array, along: Array | None) -> Array:
+    def _velocity(
+        self, posed: StepProblem, law: ContactLaw, v1: Array, along: Array | None
+    ) -> Array:
         """Return v+ by all columns (nv, columns), in the axes of the step.
 
         `along` (nv, columns) is how the velocity changes along which contacts are taken, if any.
@@ -221,7 +223,7 @@ class LinearSteps:
         f[:, : rows.pulls.shape[1]] += rows.pulls
         free, dsigma = condensed.changed(f, left_of_constraints(self, of, posed, v1))
         dsigma[:, : rows.slips.shape[1]] += rows.slips
-        add_asked(dsigma, self, posed, law, rows)
+        add_bias_partials(dsigma, self, posed, law, rows)
         if posed.strike is not None and posed.strike.apart.any():
             struck, off = impact_partials(self, posed)
             dsigma += condensed.G.dot(struck)
@@ -239,15 +241,15 @@ class LinearSteps:
         free -= condensed.X.dot(least(A, b))
         return np.asarray(condensed.factors.mass.L_inv.T.dot(free))
 
-    def _friction(self, posed: Posed) -> slice | Indices:
+    def _friction(self, posed: StepProblem) -> slice | Indices:
         return self.columns.of_cones("friction", posed.chosen.cones)
 
-    def restitution(self, posed: Posed) -> slice | Indices:
+    def restitution(self, posed: StepProblem) -> slice | Indices:
         """Return the columns of the restitution of the cones that take part."""
         return self.columns.of_cones("restitution", posed.chosen.cones)
 
 
-def _notes(posed: Posed, several: Sequence[Indeterminacy]) -> Iterator[Note]:
+def _notes(posed: StepProblem, several: Sequence[Indeterminacy]) -> Iterator[Note]:
     """Yield why derivatives of a step are those of a rule, or of one side."""
     for each in several:
         text = f"slopes are those of the rule: {each.text}"
@@ -264,7 +266,7 @@ def _notes(posed: Posed, several: Sequence[Indeterminacy]) -> Iterator[Note]:
         )  # fmt: skip
 
 
-def _note(kind: str, posed: Posed, which: NDArray[np.bool_], text: str) -> Note:
+def _note(kind: str, posed: StepProblem, which: NDArray[np.bool_], text: str) -> Note:
     names = tuple(posed.problem.names[i] for i in np.flatnonzero(which))
     return Note(kind, names, f"{', '.join(names)}: {text}")
 
@@ -277,7 +279,7 @@ def _note(kind: str, posed: Posed, which: NDArray[np.bool_], text: str) -> Note:
 # equations are taken, by their v and tau; the chain rule comes last.
 
 
-class Starts:
+class StartChainRule:
     """The starts of the steps of one system by one scheme and dt."""
 
     def __init__(
@@ -287,7 +289,7 @@ class Starts:
         self._partials = partials
         self._held = dict[float, Array | None]()  # by how far ahead springs and damping act
 
-    def chain(self, t: float, q: Array, v: Array, posed: Posed) -> Array | None:
+    def chain(self, t: float, q: Array, v: Array, posed: StepProblem) -> Array | None:
         """Return where the equations are, their v and tau by q, v and tau (3 nv, 3 nv).
 
         None where they are these: 1.

@@ -18,11 +18,17 @@ from condyn_pin._core.trees import algorithms
 from condyn_pin.contact.problem import OPEN, SLIDE, STICK, ContactProblem, InModes, Modes
 from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.base import Route
-from condyn_pin.gradients.routes.linear_steps import Ended, LinearSteps
-from condyn_pin.gradients.routes.step_derivatives import Law, StepDerivatives, least, made, modes_of
+from condyn_pin.gradients.routes.linear_steps import Ended, LinearizedStep
+from condyn_pin.gradients.routes.step_derivatives import (
+    ContactLaw,
+    StepDerivatives,
+    least,
+    made,
+    modes_of,
+)
 from condyn_pin.simulation.remarks import Note
 from condyn_pin.stepping.contact_steps import ContactSteps
-from condyn_pin.stepping.step_problem import Chosen, Posed
+from condyn_pin.stepping.step_problem import ActiveCandidates, StepProblem
 
 # An impact is a step so short that no force has time to do anything [s].
 _INSTANT: Final = 1e-15
@@ -34,7 +40,7 @@ _SHARE: Final = 1e-4
 class LocatedStep:
     """One step of some linear steps, cut where gaps close."""
 
-    def __init__(self, steps: LinearSteps) -> None:
+    def __init__(self, steps: LinearizedStep) -> None:
         self._steps, self._dt, self._system = steps, steps.dt, steps.system
         self._law = partial(ActiveSet().law, size=steps.size)
         self._landings = Landings(steps)
@@ -141,10 +147,12 @@ class LocatedStep:
             settled[:, e] = ended(along=True)[:, e]
         return settled
 
-    def _impact(self, struck: NDArray[np.bool_]) -> LinearSteps:
+    def _impact(self, struck: NDArray[np.bool_]) -> LinearizedStep:
         return self._made(_INSTANT, struck, rebounds=self._landings.rebounds)
 
-    def _made(self, dt: float, held: NDArray[np.bool_], *, rebounds: bool = False) -> LinearSteps:
+    def _made(
+        self, dt: float, held: NDArray[np.bool_], *, rebounds: bool = False
+    ) -> LinearizedStep:
         """Return the linear steps of a part."""
         return self._steps.lasting(dt, HeldSteps(self._steps, dt, held, rebounds))
 
@@ -173,7 +181,7 @@ class LocatedStep:
         return np.asarray(condensed.factors.mass.L_inv.T.dot(free[:, 0]))
 
     def _late(
-        self, part: LinearSteps, t: float, q: Array, v: Array, ds: Array
+        self, part: LinearizedStep, t: float, q: Array, v: Array, ds: Array
     ) -> tuple[Array, Array]:
         """Return how the end of a flow changes with its time, if ds is: its length stays."""
         system, none = self._system, np.zeros(len(v))
@@ -201,7 +209,9 @@ def _composed(
     return both[0], both[1]
 
 
-def _stopping(problem: ContactProblem, lam: Array, _: float, modes: Modes, along: bool) -> Law:
+def _stopping(
+    problem: ContactProblem, lam: Array, _: float, modes: Modes, along: bool
+) -> ContactLaw:
     """Return the law of impulses that stop what rests: its normal velocity, and `along` its slip.
 
     What slips has friction of them, whatever comes of it later.
@@ -217,7 +227,7 @@ def _stopping(problem: ContactProblem, lam: Array, _: float, modes: Modes, along
         sticks = (modes == STICK)[sets.blocks]
         sticks[n] = sticks[sets.parts[1]] = False
         of.by_sigma[sticks], of.by_lam[sticks] = 0.0, np.eye(len(lam))[sticks]
-    return Law(still, of.by_sigma, of.by_lam, of.by_friction, inf, modes=modes)
+    return ContactLaw(still, of.by_sigma, of.by_lam, of.by_friction, inf, modes=modes)
 
 
 # Landings: when gaps close within a step, and the motion up to there.
@@ -249,16 +259,18 @@ class HeldSteps(ContactSteps):
     """
 
     def __init__(
-        self, steps: LinearSteps, dt: float, held: NDArray[np.bool_], rebounds: bool
+        self, steps: LinearizedStep, dt: float, held: NDArray[np.bool_], rebounds: bool
     ) -> None:
         super().__init__(steps.scheme, steps.system, dt)
         self.held, self._rebounds = held, rebounds
 
-    def pose(self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None) -> Posed:
+    def pose(
+        self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None
+    ) -> StepProblem:
         """Return the step from a state with the contacts that are held."""
         return super().pose(t, q, v, self.held)
 
-    def _choose(self, near: NDArray[np.bool_]) -> Chosen:
+    def _choose(self, near: NDArray[np.bool_]) -> ActiveCandidates:
         chosen = super()._choose(near)
         if not self._rebounds:
             chosen.restitution[:] = 0.0
@@ -277,7 +289,7 @@ class Cut(NamedTuple):
 class Landings:
     """The flows of one step, each up to the first gap that closes."""
 
-    def __init__(self, steps: LinearSteps) -> None:
+    def __init__(self, steps: LinearizedStep) -> None:
         self._steps, self._dt, self._system = steps, steps.dt, steps.system
         self._cuts = 0
 

@@ -23,27 +23,27 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms, whole_data
 from condyn_pin.contact.problem import ContactProblem
-from condyn_pin.dynamics.at_state import weightless
+from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.derivatives.base import slope
 from condyn_pin.dynamics.derivatives.kkt import Linearised
-from condyn_pin.gradients.routes.step_derivatives import Law
-from condyn_pin.simulation.integrators.contact_scheme import AskedBy
+from condyn_pin.gradients.routes.step_derivatives import ContactLaw
+from condyn_pin.simulation.integrators.contact_scheme import BiasPartials
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import Closing
-from condyn_pin.stepping.step_problem import Posed
+from condyn_pin.stepping.step_problem import StepProblem
 
 if TYPE_CHECKING:
-    from condyn_pin.gradients.routes.linear_steps import LinearSteps
+    from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 
 
-def linearised(steps: LinearSteps, posed: Posed, v1: Array, l_b: Array) -> Linearised:
+def linearised(steps: LinearizedStep, posed: StepProblem, v1: Array, l_b: Array) -> Linearised:
     """Return the linearised equations of a step: of (v+ - v) / dt and of the mean forces."""
     a = (v1 - posed.v) / steps.dt - posed.turning
     return steps.linearisation.at(posed.at, posed.mean, a, l_b / steps.dt)
 
 
 def left_of_momentum(
-    steps: LinearSteps, of: Linearised, posed: Posed, v1: Array, mean: Array | None = None
+    steps: LinearizedStep, of: Linearised, posed: StepProblem, v1: Array, mean: Array | None = None
 ) -> Array:
     """Return df (nv, columns), what the balance of momentum leaves.
 
@@ -68,7 +68,9 @@ def left_of_momentum(
     return f
 
 
-def left_of_constraints(steps: LinearSteps, of: Linearised, posed: Posed, v1: Array) -> Array:
+def left_of_constraints(
+    steps: LinearizedStep, of: Linearised, posed: StepProblem, v1: Array
+) -> Array:
     """Return ds (rows, columns), what the constraints leave of a step whose h is that of v.
 
     J_b (2 v+ / dt - w x u) + gamma = 2 s' / dt,    gamma less s''; s is of time alone
@@ -84,7 +86,7 @@ def left_of_constraints(steps: LinearSteps, of: Linearised, posed: Posed, v1: Ar
     return slip
 
 
-def untouched(steps: LinearSteps, posed: Posed, v1: Array) -> Array:
+def untouched(steps: LinearizedStep, posed: StepProblem, v1: Array) -> Array:
     """Return v+ by all columns (nv, columns) of a step in which nothing touches.
 
     Its h is that of the mean of v and of v+ with h at v.
@@ -121,7 +123,7 @@ def untouched(steps: LinearSteps, posed: Posed, v1: Array) -> Array:
     return factors.solve(f, s)[0]
 
 
-def stiffness_partial(steps: LinearSteps, posed: Posed, q: Array, x: Array) -> Array:
+def stiffness_partial(steps: LinearizedStep, posed: StepProblem, q: Array, x: Array) -> Array:
     """Return U^T w U x by q (nv, nv), what springs between frames add to M x in implicit steps."""
     between = steps.system.passive.between
     assert between is not None
@@ -158,7 +160,7 @@ class RowPartials(NamedTuple):
 
 
 def row_partials(
-    steps: LinearSteps, posed: Posed, lam: Array, v1: Array, along: Array | None
+    steps: LinearizedStep, posed: StepProblem, lam: Array, v1: Array, along: Array | None
 ) -> RowPartials:
     """Return how rows and bends change; `along` (nv, columns) is how the path of contacts does."""
     if posed.path is not None:
@@ -167,7 +169,9 @@ def row_partials(
     return _at_the_beginning(steps, posed, lam, v1)
 
 
-def _at_the_beginning(steps: LinearSteps, posed: Posed, lam: Array, v1: Array) -> RowPartials:
+def _at_the_beginning(
+    steps: LinearizedStep, posed: StepProblem, lam: Array, v1: Array
+) -> RowPartials:
     rows = posed.chosen.rows
     all_lam = np.zeros(len(posed.J))
     all_lam[rows] = lam
@@ -177,7 +181,7 @@ def _at_the_beginning(steps: LinearSteps, posed: Posed, lam: Array, v1: Array) -
     return RowPartials(turned[0, rows], pulled, _bends(steps, posed, before), before)
 
 
-def _bends(steps: LinearSteps, posed: Posed, before: Array) -> Array:
+def _bends(steps: LinearizedStep, posed: StepProblem, before: Array) -> Array:
     """Return how the bends along the velocity before change."""
     dt, system, chosen, v = steps.dt, steps.system, posed.chosen, posed.v
     bends, there = np.zeros((len(posed.near.bends), 2 * len(v))), posed.straight
@@ -195,7 +199,7 @@ def _bends(steps: LinearSteps, posed: Posed, before: Array) -> Array:
 
 
 def _at_the_end(
-    steps: LinearSteps, posed: Posed, path: Array, lam: Array, v1: Array, along: Array
+    steps: LinearizedStep, posed: StepProblem, path: Array, lam: Array, v1: Array, along: Array
 ) -> RowPartials:
     dt, chosen, columns = steps.dt, posed.chosen, steps.columns
     floating, rows, n = steps.floating, chosen.rows, len(v1)
@@ -242,7 +246,7 @@ _APART: Final = 1e-5
 
 
 def moved(
-    steps: LinearSteps, posed: Posed, v1: Array, dv1: Array
+    steps: LinearizedStep, posed: StepProblem, v1: Array, dv1: Array
 ) -> tuple[Array, Array, Array, Array]:
     """Return q+ and v+ in the axes in which a step ends, and both by all columns."""
     rest, partials, columns = steps.share, steps.partials, steps.columns
@@ -263,8 +267,8 @@ def moved(
 
 
 def _closed(
-    steps: LinearSteps,
-    posed: Posed,
+    steps: LinearizedStep,
+    posed: StepProblem,
     part: Closing,
     dq: Array,
     at: Array,
@@ -281,7 +285,7 @@ def _closed(
     x = np.asarray(pin.difference(system.model, part.begin, part.end))
     n, r = len(x), factors.rank
     y = factors.U[:, :r] @ ((factors.V.T @ (factors.L.T @ x)) / factors.S[:r])
-    of = steps.weightless.at(at, np.zeros(n), x, y)
+    of = steps.without_gravity.at(at, np.zeros(n), x, y)
     left = of.rhs[:, :n] @ d_at
     if system.passive.between is not None:
         left[:n] -= stiffness_partial(steps, posed, at, x) @ d_at
@@ -318,7 +322,7 @@ def _violation_by_q(system: System, q: Array) -> Array:
 #
 # A law of restitution follows the path of a contact through slip, stop and slip, or phases of
 # several contacts: its impulses are differenced, at states beside that of the step, to order four.
-# All else is that of the step behind it (`LinearSteps`).
+# All else is that of the step behind it (`LinearizedStep`).
 
 
 # Steps of differences: of joints [rad, m], and of speeds, friction and restitution as shares. Half
@@ -330,7 +334,7 @@ _STEP: Final = 1e-4
 _BESIDE: Final = 1e-6
 
 
-def impact_partials(steps: LinearSteps, posed: Posed) -> tuple[Array, Array]:
+def impact_partials(steps: LinearizedStep, posed: StepProblem) -> tuple[Array, Array]:
     """Return how impulses (m, columns), and velocities that they throw off (k, columns), change."""
     columns, strike = steps.columns, posed.strike
     assert strike is not None
@@ -380,7 +384,7 @@ def impact_partials(steps: LinearSteps, posed: Posed) -> tuple[Array, Array]:
     return lam, changes[len(mine) :]
 
 
-def is_open(posed: Posed) -> bool:
+def is_open(posed: StepProblem) -> bool:
     """Whether redundant contacts strike at once: how they share the impact is not determined."""
     if posed.strike is None or np.count_nonzero(posed.strike.apart) < 2:
         return False
@@ -390,7 +394,7 @@ def is_open(posed: Posed) -> bool:
     return bool(np.linalg.matrix_rank(G, tolerances.CONTACT_RANK, hermitian=True) < len(G))
 
 
-def agrees_by_chance(steps: LinearSteps, posed: Posed) -> bool:
+def agrees_by_chance(steps: LinearizedStep, posed: StepProblem) -> bool:
     """Whether Newton's law is that of an impact here, and not at the states beside it."""
     near, chosen = posed.near, posed.chosen
     e = chosen.restitution
@@ -415,7 +419,7 @@ def agrees_by_chance(steps: LinearSteps, posed: Posed) -> bool:
     return False
 
 
-def _by_inertias(steps: LinearSteps, posed: Posed, m: int) -> Iterator[tuple[int, Array]]:
+def _by_inertias(steps: LinearizedStep, posed: StepProblem, m: int) -> Iterator[tuple[int, Array]]:
     """Return the columns of inertias that G of an impact changes with, and how (m, m)."""
     if not steps.inertias:
         return
@@ -446,7 +450,9 @@ def _slope(function: Callable[[Array], Array], along: Array, h: float) -> Array:
 # and by G_nn.
 
 
-def add_asked(added: Array, steps: LinearSteps, posed: Posed, law: Law, rows: RowPartials) -> None:
+def add_bias_partials(
+    added: Array, steps: LinearizedStep, posed: StepProblem, law: ContactLaw, rows: RowPartials
+) -> None:
     """Add what a scheme adds to sigma by all columns (m, columns), at fixed impulses."""
     near, columns, J_c = posed.near, steps.columns, posed.J_c
     by = steps.scheme.asked_by(near)
@@ -469,7 +475,7 @@ def add_asked(added: Array, steps: LinearSteps, posed: Posed, law: Law, rows: Ro
         added += law.lam[:, None] * _softer(steps, posed, by)
 
 
-def _softer(steps: LinearSteps, posed: Posed, by: AskedBy) -> Array:
+def _softer(steps: LinearizedStep, posed: StepProblem, by: BiasPartials) -> Array:
     """Return R by all columns (m, columns): by gaps, and by G_nn of each contact."""
     near, columns = posed.near, steps.columns
     J_c, blocks, lines = posed.J_c, near.blocks, len(near.gaps)
@@ -496,10 +502,12 @@ def _softer(steps: LinearSteps, posed: Posed, by: AskedBy) -> Array:
     return changed
 
 
-def _compliance_by(steps: LinearSteps, posed: Posed, y: Array, l_b: Array, row: int) -> Array:
+def _compliance_by(
+    steps: LinearizedStep, posed: StepProblem, y: Array, l_b: Array, row: int
+) -> Array:
     """Return G_nn by q (nv,): 2 y . (J_n^T)' - y . (M y - J_b^T l_b)' + l_b . (J_b y)'."""
     n = len(y)
-    of = steps.weightless.at(posed.at, np.zeros(n), y, l_b)
+    of = steps.without_gravity.at(posed.at, np.zeros(n), y, l_b)
     turned = steps.turning.velocity_by_q(y)
     by_q = 2 * turned[posed.chosen.rows][row] + y @ of.rhs[:n, :n] - l_b @ of.rhs[n:, :n]
     if steps.system.passive.between is not None:
@@ -573,7 +581,7 @@ class InertiaPartials:
     """The regressors of one model, in memory of their own."""
 
     def __init__(self, model: Any) -> None:
-        self._model, self._still = model, weightless(model)
+        self._model, self._still = model, without_gravity(model)
         self._data = whole_data(model)
         self.size = 10 * (model.njoints - 1)
 

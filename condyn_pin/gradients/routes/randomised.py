@@ -16,10 +16,10 @@ from condyn_pin._core.joints import difference
 from condyn_pin.contact.problem import MODES
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes.base import Route
-from condyn_pin.gradients.routes.linear_steps import LinearSteps
+from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 from condyn_pin.gradients.routes.step_derivatives import PARAMETERS, StepDerivatives, made
 from condyn_pin.gradients.routes.varied_steps import VariedSteps
-from condyn_pin.stepping.step_problem import Taken
+from condyn_pin.stepping.step_problem import AcceptedStep
 
 
 @dataclass(frozen=True)
@@ -84,7 +84,7 @@ class Randomised(Route):
         object.__setattr__(self, "sigma", sigma)
 
     def at(
-        self, steps: LinearSteps, t: float, q: Array, v: Array, taken: Taken | None = None
+        self, steps: LinearizedStep, t: float, q: Array, v: Array, taken: AcceptedStep | None = None
     ) -> StepDerivatives:
         """Return the end of a step of `steps` from a state, and how it changes."""
         if steps.system.applied.constant is None:
@@ -117,7 +117,7 @@ class Randomised(Route):
         named = dict(zip(names, (MODES[code] for code in modes), strict=True))
         return made(self, steps, centre, (dq, dv), named, inf)
 
-    def _varied(self, steps: LinearSteps, t: float, q: Array, v: Array) -> Iterator[_Varied]:
+    def _varied(self, steps: LinearizedStep, t: float, q: Array, v: Array) -> Iterator[_Varied]:
         """Yield what is varied: q, v, tau, and the parameters that are asked for."""
         n, columns, system, step = len(v), steps.columns, steps.system, steps.step
         held = np.array(system.applied.constant)
@@ -154,7 +154,7 @@ class _Varied(NamedTuple):
     end: Callable[[Array], tuple[Array, Array]]  # of a step, by a move (numbers,)
 
 
-def _free(steps: LinearSteps, q: Array) -> Array:
+def _free(steps: LinearizedStep, q: Array) -> Array:
     """Return an orthonormal basis (nv, free) of what constraints leave of q."""
     J = steps.system.equations.consistent_jacobian(q)
     if not len(J):

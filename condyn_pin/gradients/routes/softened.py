@@ -18,7 +18,7 @@ from condyn_pin.dynamics.solvers.soft import (
 )
 from condyn_pin.gradients.routes.active_set import margin, polished
 from condyn_pin.gradients.routes.base import LawRoute
-from condyn_pin.gradients.routes.step_derivatives import Law
+from condyn_pin.gradients.routes.step_derivatives import ContactLaw
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.stepping.schemes.soft_step import SoftStep
 
@@ -76,7 +76,7 @@ class Softened(LawRoute):
         soft = SoftStep(solref=self.solref, solimp=self.solimp)
         return scheme if isinstance(scheme, SoftStep) else soft
 
-    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> Law:
+    def law(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> ContactLaw:
         """Return the impulses of a problem, and their natural map linearised."""
         lam = polished(problem, lam, natural).lam
         sets, m = problem.sets, problem.rows
@@ -91,7 +91,9 @@ class Softened(LawRoute):
         P[rest, rest] = free
         by_friction = -_by_friction(x[sets.parts[0]].reshape(-1, 3), problem.friction, m)
         modes = contact_modes(problem, lam)
-        return Law(lam, rho * P, np.eye(m) - P, by_friction, margin(problem, lam, sigma, modes))
+        return ContactLaw(
+            lam, rho * P, np.eye(m) - P, by_friction, margin(problem, lam, sigma, modes)
+        )
 
 
 def _by_friction(X: Array, mu: Array, rows: int) -> Array:

@@ -21,8 +21,8 @@ from condyn_pin.simulation.remarks import Note
 
 if TYPE_CHECKING:
     from condyn_pin.gradients.routes.base import Route
-    from condyn_pin.gradients.routes.linear_steps import Ended, LinearSteps
-    from condyn_pin.stepping.step_problem import Posed
+    from condyn_pin.gradients.routes.linear_steps import Ended, LinearizedStep
+    from condyn_pin.stepping.step_problem import StepProblem
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -174,7 +174,7 @@ class StepDerivatives:
         return f"StepDerivatives({self.route!r}: {counts}{sided})"
 
 
-def differentiated(route: Route, steps: LinearSteps, ended: Ended) -> StepDerivatives:
+def differentiated(route: Route, steps: LinearizedStep, ended: Ended) -> StepDerivatives:
     """Return the derivatives of a step that has ended."""
     if not isfinite(ended.dq.sum() + ended.dv.sum()):
         raise SolveFailed(f"{route!r}: the derivatives of this step are not finite", None)
@@ -185,7 +185,7 @@ def differentiated(route: Route, steps: LinearSteps, ended: Ended) -> StepDeriva
 
 
 def made(
-    route: Route, steps: LinearSteps, state: tuple[Array, Array],
+    route: Route, steps: LinearizedStep, state: tuple[Array, Array],
     matrices: tuple[Array, Array], modes: dict[str, str], margin: float,
     notes: tuple[Note, ...] = (),
 ) -> StepDerivatives:  # fmt: skip
@@ -202,7 +202,7 @@ def found_parameters(route: Route, scheme: ContactScheme, wrt: Sequence[str]) ->
     return tuple(name for name in route.parameters(scheme) if name not in left_out)
 
 
-def modes_of(steps: LinearSteps, ended: Ended) -> dict[str, str]:
+def modes_of(steps: LinearizedStep, ended: Ended) -> dict[str, str]:
     """Return the modes of all contacts in a step that has ended."""
     posed, names = ended.posed, steps.system.contacts.names
     modes = dict.fromkeys(names, MODES[OPEN])
@@ -211,7 +211,7 @@ def modes_of(steps: LinearSteps, ended: Ended) -> dict[str, str]:
     return modes
 
 
-def _found(problem: ContactProblem, law: Law) -> list[int]:
+def _found(problem: ContactProblem, law: ContactLaw) -> list[int]:
     """Return the modes of the contacts that take part."""
     found = law.modes
     if found is None:
@@ -219,7 +219,7 @@ def _found(problem: ContactProblem, law: Law) -> list[int]:
     return found.tolist()  # type: ignore[no-any-return]
 
 
-def _is_at_a_kink(steps: LinearSteps, posed: Posed) -> bool:
+def _is_at_a_kink(steps: LinearizedStep, posed: StepProblem) -> bool:
     """Return whether a gap is where a scheme begins to push out, or lets a contact take part.
 
     Between a gap of zero and a penetration of a nanometre nothing is pushed out, deeper a fifth of
@@ -231,7 +231,7 @@ def _is_at_a_kink(steps: LinearSteps, posed: Posed) -> bool:
     return bool((off < tolerances.TOUCHES).any())
 
 
-def _margin(steps: LinearSteps, ended: Ended) -> float:
+def _margin(steps: LinearizedStep, ended: Ended) -> float:
     """Return how far a step is from other modes, relative to its velocities and to g dt.
 
     By complementarity: a contact changes its mode where both of a pair are small, impulse and
@@ -252,7 +252,7 @@ def _margin(steps: LinearSteps, ended: Ended) -> float:
 
 # Columns: what the end of a step is differentiated by, and where each part stands.
 #
-# Within a step q stands for where its equations are taken, and v and tau are theirs (`Starts`).
+# Within a step q stands for where its equations are taken, v and tau are theirs (`StartChainRule`).
 
 
 # What the end of a step may depend on, beside its start and the torques.
@@ -301,7 +301,7 @@ class Columns:
 _REDUNDANT: Final = 1e-10
 
 
-class Law(NamedTuple):
+class ContactLaw(NamedTuple):
     """A linearised law of contacts.
 
     Attributes
@@ -327,7 +327,7 @@ class Law(NamedTuple):
     by_size: Array | None = None
     modes: Modes | None = None
 
-    def giving_way(self, problem: ContactProblem) -> Law:
+    def giving_way(self, problem: ContactProblem) -> ContactLaw:
         """Return the law of contacts that give way alike, a little: of an answer chosen by that."""
         if self.modes is None:
             return self

@@ -22,7 +22,7 @@ from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.base import Chain, Route, check_parameters
-from condyn_pin.gradients.routes.linear_steps import LinearSteps
+from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 from condyn_pin.gradients.routes.step_derivatives import PARAMETERS, StepDerivatives
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.outcome import RunStatus
@@ -61,7 +61,7 @@ class TrajectoryDerivatives:
     """
 
     def __init__(
-        self, route: Route, steps: LinearSteps, count: int, start: tuple[Array, Array],
+        self, route: Route, steps: LinearizedStep, count: int, start: tuple[Array, Array],
         wrt: tuple[str, ...],
     ) -> None:  # fmt: skip
         self.route, self.steps, self._wrt = route, count, wrt
@@ -227,7 +227,7 @@ def trajectory_derivatives(
         Workspace(scene.bilateral), applied, springs=effects.springs, damping=effects.damping,
         contacts=scene.contact_bounds,
     )  # fmt: skip
-    steps = LinearSteps(scene, chosen.scheme(scheme), run.dt, system, wrt=names)
+    steps = LinearizedStep(scene, chosen.scheme(scheme), run.dt, system, wrt=names)
     count = round(float(motion.t[-1] - motion.t[0]) / run.dt)
     with np.errstate(all="ignore"):
         start = np.array(motion.q[0]), np.array(motion.v[0])

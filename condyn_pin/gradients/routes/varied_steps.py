@@ -11,7 +11,7 @@ import numpy as np
 from condyn_pin._core.arrays import Array
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.gradients.routes.linear_steps import LinearSteps
+from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 from condyn_pin.model.smaller import weighing
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.system import System
@@ -32,7 +32,7 @@ class VariedSteps:
         weighs nothing is measured by the lightest.
     """
 
-    def __init__(self, steps: LinearSteps, parameter: str) -> None:
+    def __init__(self, steps: LinearizedStep, parameter: str) -> None:
         self._steps, self._parameter = steps, parameter
         self._values = _values(steps, parameter)
         self.sizes = np.ones(len(self._values))
@@ -73,7 +73,7 @@ class VariedSteps:
         return made
 
 
-def _values(steps: LinearSteps, parameter: str) -> Array:
+def _values(steps: LinearizedStep, parameter: str) -> Array:
     """Return the numbers of a parameter (k,)."""
     if parameter == "solref":
         return np.array(steps.scheme.solref)  # type: ignore[attr-defined]

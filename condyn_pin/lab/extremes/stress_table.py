@@ -11,7 +11,7 @@ from itertools import groupby
 from pathlib import Path
 from typing import Final
 
-from condyn_pin._core.files import read_text, written_beside
+from condyn_pin._core.files import atomic_write, read_text
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.lab.extremes.families import families
 from condyn_pin.lab.extremes.verdict import Outcome, Verdict
@@ -114,7 +114,7 @@ def write_csv(found: Sequence[Map], path: str | Path, pinocchio: str) -> None:
     ]
     rows = sorted(kept + rows, key=lambda row: row["pinocchio"])
     columns = dict.fromkeys(key for row in reversed(rows) for key in row)
-    with written_beside(path) as new, new.open("w", newline="", encoding="utf-8") as file:
+    with atomic_write(path) as new, new.open("w", newline="", encoding="utf-8") as file:
         writer = csv.DictWriter(file, list(columns), lineterminator="\n")
         writer.writeheader()
         writer.writerows(rows)

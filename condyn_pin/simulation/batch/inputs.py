@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from condyn_pin._core.arguments import HIGH, LOW, is_none, not_of_norm_one
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin._core.threads import Kept
+from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
@@ -150,7 +150,7 @@ class DrivenPath:
         return np.asarray(np.einsum("nkr,kr->nk", lam[:, :, self.rows], rates))
 
 
-_paths = Kept[DrivenPath]()
+_paths = ThreadCache[DrivenPath]()
 
 
 def driven_path_of(workspace: Workspace, dt: float, steps: int) -> DrivenPath:

@@ -18,7 +18,7 @@ from condyn_pin._core.arguments import normalised
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.rows import Native, Rows
-from condyn_pin._core.threads import Kept
+from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays, Messages, Progress, silent
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts.base import Contact
@@ -190,7 +190,7 @@ def untaken_by_core(workspace: Workspace, planned: Plan) -> Iterator[str]:
         yield from untaken_rows(workspace, planned.drift)
 
 
-_started = Kept[Scene]()
+_started = ThreadCache[Scene]()
 
 
 def _begun(scene: Scene) -> Scene:
@@ -287,7 +287,7 @@ class _Runner:
         return trajectory
 
 
-_runners = Kept[_Runner]()
+_runners = ThreadCache[_Runner]()
 
 
 def _start(workspace: Workspace, q: Array, v: Array, plan: Plan) -> tuple[Array, Array]:

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array, read_only
-from condyn_pin._core.rows import MISSING, Batch, Outcome, Some
+from condyn_pin._core.rows import MISSING, Batch, BatchResult, Some
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.derivatives.base import Derivatives
@@ -30,7 +30,7 @@ _ROWS: Final = ("q", "v", "tau", "a", "lam", "residuals", "statuses", "iteration
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchSolution(Outcome, Batch[Solution]):
+class BatchSolution(BatchResult, Batch[Solution]):
     """Accelerations and constraint forces at N states, with the errors of each recomputed.
 
     M a + h = tau + J^T lam + sum J_f^T f,  J a + gamma = a_ref,  in every row

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from condyn_pin._core.arguments import check_count, renamed
 from condyn_pin._core.arrays import Array, finite, read_only
-from condyn_pin._core.rows import MISSING, Batch, Outcome, Some
+from condyn_pin._core.rows import MISSING, Batch, BatchResult, Some
 from condyn_pin._core.work import Arrays, Kind
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
@@ -78,7 +78,7 @@ def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
 
 
 @dataclass(frozen=True, eq=False, repr=False)
-class BatchTrajectory(Outcome, Batch[Trajectory]):
+class BatchTrajectory(BatchResult, Batch[Trajectory]):
     """The ends of N motions, and how well each kept constraints and energy.
 
     Attributes

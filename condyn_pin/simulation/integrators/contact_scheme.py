@@ -136,7 +136,7 @@ class Near(NamedTuple):
         return values
 
 
-class AskedBy(NamedTuple):
+class BiasPartials(NamedTuple):
     """How g and R change with what a scheme sees; None where they do not.
 
     Attributes
@@ -231,9 +231,9 @@ class ContactScheme(Integrator, ABC):
     def asked(self, near: Near) -> tuple[Array, Array | None]:
         """Return g (m,) [m/s] and R (m,) [1/kg] of contacts that are `near`; no R if hard."""
 
-    def asked_by(self, near: Near) -> AskedBy:
+    def asked_by(self, near: Near) -> BiasPartials:
         """Return how `asked` changes with what is `near`; beside `free`, by which g goes as one."""
-        return AskedBy()
+        return BiasPartials()
 
 
 def closing_velocities(near: Near) -> Array:
@@ -329,7 +329,7 @@ def _followed(N: Array, wanted: Array, bent: Array) -> Array:
     return np.where(pushed & (got < _ALL * wanted), np.maximum(part, 0.0), wanted)
 
 
-def closing_by(near: Near) -> AskedBy:
+def closing_by(near: Near) -> BiasPartials:
     """Return how `closing_velocities` change.
 
     Where a contact rests, in the ground by up to a nanometre, as where it opens: rounding of a gap
@@ -340,7 +340,7 @@ def closing_by(near: Near) -> AskedBy:
         (1.0 if gap >= -AT_REST else _PUSHED_OUT if allowed == _PUSHED_OUT * gap else 0.0) / near.dt
         for gap, allowed in zip(near.gaps.tolist(), near.allowed.tolist(), strict=True)
     ]
-    return AskedBy(gaps=np.array(gaps), bends=np.array(len(gaps) * [1 / near.dt]))
+    return BiasPartials(gaps=np.array(gaps), bends=np.array(len(gaps) * [1 / near.dt]))
 
 
 def sizes_of_gaps() -> tuple[float, float, float, float, float]:

@@ -9,7 +9,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.contact.problem import Law
 from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.contact_scheme import (
-    AskedBy,
+    BiasPartials,
     ContactScheme,
     Near,
     closing_by,
@@ -48,7 +48,7 @@ class Anitescu(ContactScheme):
         """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
         return closing_velocities(near), None
 
-    def asked_by(self, near: Near) -> AskedBy:
+    def asked_by(self, near: Near) -> BiasPartials:
         """Return how `asked` changes with what is `near`."""
         return closing_by(near)
 

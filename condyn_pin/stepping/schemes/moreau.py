@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array
 from condyn_pin.contact.restitution import Energetic, RestitutionLaw, check_law
 from condyn_pin.simulation.integrators.base import Order, Stepper
-from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_scheme import BiasPartials, ContactScheme, Near
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import contact_stepper
 
@@ -85,13 +85,13 @@ class Moreau(ContactScheme):
         g[near.normals] += near.restitution * near.before[near.normals] + near.bends / near.dt
         return g, None
 
-    def asked_by(self, near: Near) -> AskedBy:
+    def asked_by(self, near: Near) -> BiasPartials:
         """Return how `asked` changes with what is `near`."""
         before = np.zeros_like(near.free)
         before[near.normals] = near.restitution
         approach = near.before[near.normals]
         follows = (near.bends != 0.0) / near.dt
-        return AskedBy(before=before, restitution=approach, bends=follows)
+        return BiasPartials(before=before, restitution=approach, bends=follows)
 
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""

@@ -22,7 +22,7 @@ from condyn_pin.dynamics.solvers.soft import (
     reference_by,
 )
 from condyn_pin.simulation.integrators.base import Stepper
-from condyn_pin.simulation.integrators.contact_scheme import AskedBy, ContactScheme, Near
+from condyn_pin.simulation.integrators.contact_scheme import BiasPartials, ContactScheme, Near
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import contact_stepper
 
@@ -87,14 +87,14 @@ class SoftStep(ContactScheme):
         R = (1 - d) / d * near.stiffness
         return near.free - near.before - near.dt * a_ref, R
 
-    def asked_by(self, near: Near) -> AskedBy:
+    def asked_by(self, near: Near) -> BiasPartials:
         """Return how `asked` changes with what is `near`."""
         c, d, solref = self._given(near)
         d_gap = np.sign(near.depth) * impedance_slope(np.abs(near.depth), self.solimp)
         b, k, k_d, by_solref = reference_by(c, near.before, d, solref, self.solimp)
         if solref[0] != self.solref[0]:  # 2 dt in its place
             by_solref[:, 0] = 0.0
-        return AskedBy(
+        return BiasPartials(
             gaps=(near.dt * (k + k_d * d_gap * c))[near.normals],
             before=np.full_like(c, near.dt * b - 1.0),
             solref=-near.dt * by_solref, R_gaps=-d_gap / d**2 * near.stiffness,

@@ -8,7 +8,7 @@ from typing import ClassVar
 from condyn_pin._core.arrays import Array
 from condyn_pin.simulation.integrators.base import Stepper
 from condyn_pin.simulation.integrators.contact_scheme import (
-    AskedBy,
+    BiasPartials,
     ContactScheme,
     Near,
     closing_by,
@@ -51,7 +51,7 @@ class StewartTrinkle(ContactScheme):
         """Return g (m,) [m/s] of contacts that are `near`; nothing gives way."""
         return closing_velocities(near), None
 
-    def asked_by(self, near: Near) -> AskedBy:
+    def asked_by(self, near: Near) -> BiasPartials:
         """Return how `asked` changes with what is `near`."""
         return closing_by(near)
 

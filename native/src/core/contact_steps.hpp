@@ -4,7 +4,7 @@
 //   sigma = G lam + g,    g_n = J_n v_free + (s + gap) / dt  (gap > 0),  J_n v_free + (s + 0.2 gap) / dt  (gap < 0)
 //   q+ = q (+) dt v+,     s = gap(q (+) dt v) - gap - dt J_n v
 //
-// `FreeStep` is the step without contacts, `Touching` what it asks of those that take part.
+// `FreeStep` is the step without contacts, `ContactView` what it asks of those that take part.
 // `condyn_pin/stepping/contact_steps.py` derives each. What it answers in another way than by a
 // first attempt of its contact solver is left to it.
 #pragma once
