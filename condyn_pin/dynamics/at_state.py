@@ -64,7 +64,7 @@ def equations_of(scene: Scene) -> Equations:
 
 
 def told(equations: Equations, scene: Scene) -> Equations:
-    """Equations of a scene that find the redundancy of its rows when it is needed first."""
+    """Equations that know the redundancy of the scene's rows, computed on first use."""
     equations.redundancy = lambda: (
         scene.nominal.redundancy if scene.nominal.looks_independent else None
     )
@@ -113,7 +113,7 @@ def left_out_at(scene: Scene, q: Array) -> LeftOut:
 
 
 def moves_back(scene: Scene, q: Array, v: Array) -> tuple[Array, Array]:
-    """The moves dq and dv (nv,) that are undone where the machine is closed and J v is 0."""
+    """Moves dq and dv (nv,) from the closed state with J v = 0 to (q, v)."""
     return _closed_state(scene, equations_of(scene), q, v)[:2]
 
 
@@ -156,7 +156,7 @@ def changed_by_closing(
 
 
 def load_on(scene: Scene, q: Array, forces: Sequence[AppliedForce]) -> Load:
-    """Return what forces, all constant, are at a configuration that was checked."""
+    """Return the load of forces with constant components, at a configuration that was checked."""
     equations = equations_of(scene)
     return Loads(scene.robot, equations.model, equations.data).at(q, forces)
 
@@ -173,7 +173,7 @@ def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:
 
 
 def gaps(scene: Scene, c: Array) -> dict[str, ConstraintViolation]:
-    """Return how far each constraint that has a position is open, from c (m,)."""
+    """Return the gap of each constraint that has a position, from c (m,)."""
     model = scene.robot.model
     return {b.name: gap_of(model, b, c[b.rows]) for b in scene.bounds if b.positioned}
 
@@ -198,12 +198,12 @@ def by_digits(scene: Scene) -> Redundancy | None:
 
 
 def constraint_velocities(scene: Scene, velocity: Array) -> dict[str, ConstraintViolation]:
-    """Return how fast the sides of each constraint move apart, from J v (m,)."""
+    """Return the relative velocity of the two sides of each constraint, from J v (m,)."""
     return {b.name: velocity_of(scene.robot.model, b, velocity[b.rows]) for b in scene.bounds}
 
 
 def rounding(scene: Scene, q: Array, x: Array) -> dict[str, float]:
-    """Return what rounding of J x leaves of each constraint, where its two sides move together.
+    """Return the rounding error of J x by constraint, where its two sides move together.
 
     J x is the difference of two velocities: 1e-13 of what the joints bring to either.
     """
@@ -257,7 +257,7 @@ def gap_of_kind(gap: float, *, is_length: bool) -> ConstraintViolation:
 
 
 def gap_text(gap: float, *, is_length: bool) -> str:
-    """Return what a gap is, in mm or degrees: open by, closed, or penetrates by."""
+    """Return a gap in words, in mm or degrees: open by, closed, or penetrates by."""
     if abs(gap) <= tolerances.CLOSED:
         return "closed"
     size = gap_of_kind(gap, is_length=is_length)

@@ -71,7 +71,7 @@ _DIRECT: Final[tuple[Solver, ...]] = (DenseKKT(), NullSpace())
 
 
 def untaken(workspace: Workspace) -> Iterator[str]:
-    """Yield what the core does not take of a workspace, in words."""
+    """Yield the features of a workspace that the core lacks, in words."""
     if "compiled" in vars(workspace):  # it was asked before
         return
     solver = workspace.solver
@@ -86,7 +86,7 @@ def untaken(workspace: Workspace) -> Iterator[str]:
 
 
 def untaken_rows(model: Any, bounds: Sequence[BoundConstraint]) -> Iterator[str]:
-    """Yield what the core does not take of a model and its constraints, in words."""
+    """Yield the joints and constraints of a model that the core lacks, in words."""
     if is_forest(model):
         yield f"{model.nv} degrees of freedom of many trees: it keeps no memory for each of them"
     for name, joint in zip(model.names, model.joints, strict=True):
@@ -171,7 +171,7 @@ def of_constraints(workspace: Workspace) -> dict[str, Any]:
 
 
 def of_solver(workspace: Workspace) -> dict[str, Any]:
-    """Return how it answers, what `Proximal` iterates with, and what answers are judged by."""
+    """Return the method, the iteration of `Proximal`, and the constants of the error check."""
     solver, nominal = workspace.solver, workspace.scene.nominal
     plan = [0.0] * 14
     if isinstance(solver, Proximal):
@@ -206,7 +206,7 @@ def of_precision(scene: Scene) -> dict[str, Any]:
 
 
 def of_verdict(by: ErrorEstimator) -> Array:
-    """Return what answers are judged by, as `ErrorEstimator.prove` and `Verifier` do."""
+    """Return the constants of the error check, as in `ErrorEstimator.prove` and `Verifier`."""
     of_residuals = by.gravity, by.largest_weight, by.per_row, by.rounding, *by.leaning_rounding
     of_doubts = (
         by.negligible_constraint_error,
@@ -255,7 +255,7 @@ def refuse(reasons: Iterable[str]) -> None:
 
 
 def untaken_method(method: str) -> Iterator[str]:
-    """Yield what it does not take of the methods of derivatives."""
+    """Yield the reason that the core lacks a method of derivatives, in words."""
     if method != "kkt":
         yield f"method = {method!r}: its derivatives are those of 'kkt'"
 
@@ -281,7 +281,7 @@ class CompiledCore:
         self._solve, self._differentiate = self.core.solve_one, self.core.differentiate_one
 
     def check(self, forces: Sequence[AppliedForce] = (), method: str = "kkt") -> None:
-        """Refuse what it does not take beside a single state."""
+        """Refuse forces and methods that the core lacks at a single state."""
         if forces:
             refuse([f"forces = {forces!r}: it has forces from outside for batches alone"])
         refuse(untaken_method(method))
@@ -330,7 +330,7 @@ class CompiledCore:
         return CompiledDerivatives(self, out, blocks, _owned(tau)) if clear else None
 
     def solution(self, out: Array, tau: Array) -> Solution:
-        """Return what the core has written of one state beside its derivatives."""
+        """Return the solution of one state that the core has written beside its derivatives."""
         *residuals, iterations, seconds = out[self._ends[-1] :].tolist()
         return self._solution(out, tau, residuals, int(iterations), seconds)
 
@@ -387,7 +387,7 @@ def _owned(tau: ArrayLike) -> Array:
 
 
 def untaken_contacts(scene: Scene) -> Iterator[str]:
-    """Yield what the core does not take of the contacts of a scene, in words."""
+    """Yield the features of a scene's contacts that the core lacks, in words."""
     for name, joint in zip(scene.robot.model.names, scene.robot.model.joints, strict=True):
         if joint.id and joint.shortname() not in JOINTS:
             yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"

@@ -74,7 +74,7 @@ _WRITTEN: Final = {
 
 @dataclass(frozen=True, eq=False)
 class Digits:
-    """What the digits of a file make up in one scene.
+    """Spurious rank of a scene, from the rounded numbers of its file.
 
     Attributes
     ----------
@@ -101,7 +101,7 @@ class _Walked(NamedTuple):
 
 
 def digits_at(scene: Scene, rows: Equations, q: Array, *, J: Array | None = None) -> Digits | None:
-    """What digits make up at a state that leaves the loops closed, or open by little.
+    """Spurious rank from rounded numbers, at a state with loops closed or open by little.
 
     None where they make up nothing: no singular value is small, or not at states nearby. J (m, nv)
     says that the loops are closed at q, so that only its singular values are looked at first.
@@ -185,7 +185,7 @@ def _closed_by(rows: Equations, scaled: Redundancy, q: Array, r: int) -> _Walked
 
 
 class _Off(NamedTuple):
-    """What is off in a loop: in words, what it is taken for, and whether the loop is planar."""
+    """Defect of a loop in words, the property assumed in spite of it, and if the loop is planar."""
 
     text: str
     taken: str
@@ -195,7 +195,7 @@ class _Off(NamedTuple):
 def _note(
     scene: Scene, rows: Equations, gaps: Array, at: _Walked, left: LeftOut, *, believed: float = 0.0
 ) -> str:
-    """What is off in which loops, what follows, and the cure.
+    """Notice of the loops that are off, what follows, and the cure.
 
     A motion leaves rows open by `gaps` (m,) [rad, l]; where the file is believed, `believed` is the
     largest.

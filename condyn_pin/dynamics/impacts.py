@@ -78,7 +78,7 @@ class Impact:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each."""
+        """Notices, a sentence each."""
         said = pulling(self.impulses, self._sites, "N s")
         if self.violation > tolerances.CLOSED:
             name, gap = worst(gaps(self.scene, equations_of(self.scene).violation(self.q)))
@@ -87,7 +87,7 @@ class Impact:
 
     @property
     def dv_dq(self) -> Array:
-        """How v changes with q, (nv, nv), tangent columns.
+        """Derivative of the velocity v after the impact by q (nv, nv), tangent columns.
 
         Where rows are redundant and loops closed, along motions that keep the constraints.
         """
@@ -95,17 +95,17 @@ class Impact:
 
     @property
     def dv_dv(self) -> Array:
-        """How v changes with the velocity before, (nv, nv)."""
+        """Derivative of v by the velocity before the impact (nv, nv)."""
         return self._derivatives[0][:, self.scene.robot.nv :]
 
     @property
     def dlam_dq(self) -> Array:
-        """How the impulses change with q, (m, nv)."""
+        """Derivative of the impulses by q (m, nv)."""
         return self._derivatives[1][:, : self.scene.robot.nv]
 
     @property
     def dlam_dv(self) -> Array:
-        """How the impulses change with the velocity before, (m, nv)."""
+        """Derivative of the impulses by the velocity before the impact (m, nv)."""
         return self._derivatives[1][:, self.scene.robot.nv :]
 
     @cached_property

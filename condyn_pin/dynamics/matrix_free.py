@@ -1,4 +1,4 @@
-"""What solvers share that apply their matrix by sweeps over the tree, and never form it."""
+"""Base of the solvers that apply their matrix by sweeps over the tree, and never form it."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class MatrixFreeSolver(Solver):
-    """A solver by a Krylov method; each says in its own words what its parameters are."""
+    """A solver by a Krylov method; each class documents its own parameters."""
 
     takes_redundant: ClassVar[bool] = True
     sweeps: ClassVar[tuple[Grid, ...]] = (
@@ -51,7 +51,7 @@ class MatrixFreeSolver(Solver):
 
     @abstractmethod
     def start(self, workspace: Workspace) -> BoundSolver:
-        """Return this solver at work in `workspace`."""
+        """Return this solver bound to `workspace`."""
 
     def wanted(self, workspace: Workspace) -> float:
         """Return the |a_ref - gamma - J a - mu lam|_inf that ends the iterations [m/s^2]."""

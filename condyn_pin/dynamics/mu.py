@@ -132,7 +132,7 @@ class MuAtState:
 
     @property
     def numbers(self) -> tuple[float, ...]:
-        """What `settings` decides by, for the compiled core, which does the same."""
+        """Constants of `settings` for the compiled core, which decides likewise."""
         (usual, usual_share, _), (few, few_share, _) = self._usual, self._few
         return (
             self._accuracy, usual, few, usual_share, few_share,
@@ -205,7 +205,7 @@ _LIMITS = (10, 20, 40, 80)
 
 
 class Choice(NamedTuple):
-    """What a scene was measured to need, for a and for the forces."""
+    """Weight, iteration limit and corrections that a scene was measured to need."""
 
     mu: float
     limit: int
@@ -213,7 +213,7 @@ class Choice(NamedTuple):
 
 
 class Measured(NamedTuple):
-    """How a choice did: the best one is the least."""
+    """Measured rank, cost and error of a choice; the best one is the least."""
 
     rank: int
     cost: float
@@ -262,7 +262,7 @@ def _measured(
     states: Sequence[NominalState],
     choice: Choice,
 ) -> Measured:
-    """Return how a choice does at some states."""
+    """Return the measured rank, cost and error of a choice at some states."""
     method, made = start(choice)
     worst, sweeps = 0.0, 0
     for s in states:
@@ -278,7 +278,7 @@ def _measured(
 
 @np.errstate(over="ignore", invalid="ignore")  # the error says it
 def _error(workspace: Workspace, method: BoundSolver, s: NominalState) -> float:
-    """Return that of a and of what forces do to the joints, each relative to what it may be.
+    """Return the relative error of a, or of the joint torques of the forces where that is larger.
 
     Where a carries next to nothing of it, rounding of 1/mu goes into lam alone. The right a and the
     lam of the answer leave a residual r, which is what J^T lam lacks.

@@ -1,4 +1,4 @@
-"""What a scene is at its nominal state: rank, scales, and what turns residuals into errors.
+"""Nominal state of a scene: rank, scales, and the estimator of errors from residuals.
 
 A solve needs M, J and their factors at one state: the first posture as it is, where that closes
 the loops. Only a posture that leaves them open is assembled first, and one where M is singular, or
@@ -73,13 +73,16 @@ _DIGITS = "_digits"  # where a scene has what the digits of its file make up, on
 
 
 def scene_without_time(scene: Scene) -> Scene:
-    """Return the scene that a scene is at a time, if that closes: J, and what J says, is its."""
+    """Return the scene at all times that a scene at one time was made from, if that closes.
+
+    Its J, and the rank of that, are those of the scene at one time. Otherwise the scene itself.
+    """
     of: Scene = vars(scene).get(_OF, scene)
     return of if of is scene or of.nominal.closed else scene
 
 
 def digits_of(scene: Scene) -> Digits | None:
-    """What digits of the file make up in a scene, as far as it has been looked at."""
+    """Spurious rank of a scene from the numbers of its file; None if unknown so far."""
     found: Digits | None = vars(scene_without_time(scene).bilateral).get(_DIGITS)
     return found
 
@@ -87,7 +90,7 @@ def digits_of(scene: Scene) -> Digits | None:
 def look_at_digits(
     scene: Scene, rows: Equations, q: Array, J: Array | None = None
 ) -> Digits | None:
-    """Look once at what digits of the file make up in a scene, at a state of it (`digits_at`)."""
+    """Look once for spurious rank from the numbers of a scene's file, at a state (`digits_at`)."""
     from condyn_pin.dynamics.digits import digits_at  # most scenes have clear values
 
     known = vars(scene_without_time(scene).bilateral)
@@ -97,7 +100,7 @@ def look_at_digits(
 
 
 def scene_at(scene: Scene, of: Scene) -> Scene:
-    """Return a scene, which is another one at a time."""
+    """Return a scene at one time, marked as a copy of the scene `of` at all times."""
     vars(scene)[_OF] = vars(of).get(_OF, of)
     return scene
 
@@ -178,7 +181,7 @@ class NominalAnalysis:
 
     @property
     def singular_values(self) -> Array:
-        """Of J L^-T (min(m, nv),), the constraint Jacobian in the metric of M [kg^-1/2]."""
+        """Singular values of J L^-T (min(m, nv),), the Jacobian in the metric of M [kg^-1/2]."""
         return self.factors.S
 
     @cached_property
@@ -188,17 +191,17 @@ class NominalAnalysis:
 
     @property
     def every_row_counts(self) -> bool:
-        """Whether all rows count but those that are zero, and stay so where loops are open."""
+        """True if all rows are independent, but for those that stay zero on open loops."""
         return self.rank >= self._lively
 
     @property
     def independent(self) -> bool:
-        """The same of Pinocchio's rows: two points in place of a hinge are a row too many."""
+        """True if Pinocchio's rows are independent: two points for a hinge have one too many."""
         return self.every_row_counts and not pinocchio_constraints_of(self._scene).approximated
 
     @property
     def looks_independent(self) -> bool:
-        """Rows that are redundant where the loops are closed look independent beside that."""
+        """True if rows that are redundant on closed loops look independent on open ones."""
         return not self.every_row_counts and self._scene.robot.precision > 0.0
 
     @cached_property
@@ -249,7 +252,7 @@ class NominalAnalysis:
     @cached_property
     @one_blas_thread
     def estimator(self) -> ErrorEstimator:
-        """What turns residuals into an error of a."""
+        """Estimator of the error of a from residuals."""
         leaning = [
             row for b in self._scene.bounds if b.leans for row in range(b.rows.start, b.rows.stop)
         ]
@@ -257,7 +260,7 @@ class NominalAnalysis:
 
     @cached_property
     def pivots(self) -> MassConditioning:
-        """Those of M that may be far less elsewhere."""
+        """Pivots of M that may be far less elsewhere."""
         return MassConditioning(self._scene.robot.least_pivots, self.factors.mass.pivots)
 
     @cached_property

@@ -28,7 +28,7 @@ _SMALL: Final = 1e-3
 
 
 def notices_of(solution: Solution, sites: Sites) -> tuple[str, ...]:
-    """Return what there is to say of an answer, whose constraints act at these sites."""
+    """Return the notices of an answer whose constraints act at these sites."""
     digits = solution.scene.nominal.digits
     said = (digits.note,) if digits else ()
     finite = bool(np.isfinite(solution.a).all())
@@ -82,7 +82,7 @@ def _left_out_of_tau(solution: Solution) -> tuple[str, ...]:
 
 
 def _wrong_forces(solution: Solution) -> tuple[str, ...]:
-    """Return that it is the forces which keep an answer from being ok."""
+    """Notice of wrong forces, where they alone keep an answer from being ok."""
     if solution.status is not Status.INACCURATE or not solution.error_bound <= tolerances.SOLVED:
         return ()
     return (
@@ -93,7 +93,7 @@ def _wrong_forces(solution: Solution) -> tuple[str, ...]:
 
 
 def undetermined(solution: Solution) -> str:
-    """Why no acceleration belongs to the state at its precision; empty where one does."""
+    """Reason that no acceleration belongs to the state at its precision; empty if one does."""
     scene, doubt, off = solution.scene, solution.doubt, solution.state_error
     if solution.status is not Status.INACCURATE or not scene.robot.precision or not scene.rows:
         return ""
@@ -163,7 +163,7 @@ def _largest(model: Any, move: Array) -> tuple[str, float]:
 
 
 def _doubts(solution: Solution, explained: bool) -> tuple[str, ...]:
-    """Return what `Scene.rank` says where it is singular, or the answer is not as it should be.
+    """Return the notes of `Scene.rank` where it is singular, or the answer is in doubt.
 
     Not of an answer that is so because of its state, if another notice has `explained` that.
     """

@@ -46,7 +46,7 @@ _OTHERS: Final = {
 
 
 class Verifier:
-    """What proves the answers of one method in one workspace."""
+    """Verification of the answers of one method in one workspace."""
 
     def __init__(self, workspace: Workspace, method: BoundSolver) -> None:
         self._workspace, self._method = workspace, method
@@ -109,7 +109,7 @@ class Verifier:
     def _determined(
         self, state: State, a: Array, lam: Array, left: LeftOut | None, load: Load | None
     ) -> bool:
-        """Whether closing the loops, and stopping J v, changes a by no more than DOUBT of it."""
+        """True if closing the loops, and stopping J v, changes a by less than DOUBT of it."""
         q, v, tau = state
         equations, nominal = self._workspace.equations, self._scene.nominal
         left, sizes = left or self._left_out(q), nominal.redundancy
@@ -135,7 +135,7 @@ class Verifier:
     def _forces_hold(
         self, state: State, residuals: Residuals, max_a: float, accuracy: float, load: Load | None
     ) -> bool:
-        """Whether J^T lam is right to FORCES, or where a may be rougher to ten times as much.
+        """True if J^T lam is right to FORCES, or where a may be rougher to as many times that.
 
         A residual along what rows hold is an error of lam that a does not show,
 

@@ -164,7 +164,7 @@ class Corrected:
 
 @dataclass(frozen=True)
 class ArticulatedSolver(Solver):
-    """A solver on articulated bodies; each says in its own words what its parameters are."""
+    """A solver on articulated bodies; each class documents its own parameters."""
 
     takes_redundant: ClassVar[bool] = True
     takes_every_kind: ClassVar[bool] = False
@@ -191,10 +191,10 @@ class ArticulatedSolver(Solver):
 
     @abstractmethod
     def start(self, workspace: Workspace) -> BoundSolver:
-        """Return this solver at work in `workspace`."""
+        """Return this solver bound to `workspace`."""
 
     def started(self, workspace: Workspace, start: Start) -> BoundSolver:
-        """Return what `start` makes of the choice for the scene, which is measured once."""
+        """Return the method with the weight of the scene, given or measured once."""
         nominal = workspace.scene.nominal
         if self.mu is not None:
             chosen = Choice(self.mu, self.max_iterations, self.refinements or 0)

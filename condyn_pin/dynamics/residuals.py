@@ -96,7 +96,7 @@ class Residuals(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class ErrorEstimator:
-    """What turns residuals of a scene into an error of its accelerations.
+    """Estimator of the error of a scene's accelerations from residuals.
 
     Attributes
     ----------
@@ -134,7 +134,7 @@ class ErrorEstimator:
 
     @cached_property
     def blur(self) -> float:
-        """What rounding of J may do to sigma."""
+        """Bound on the change of sigma by rounding of J."""
         return self.factors.blur(self.cancellation)
 
     @cached_property
@@ -144,7 +144,7 @@ class ErrorEstimator:
 
     @cached_property
     def force_rounding(self) -> float:
-        """What rounding of J^T lam does to a, relative to gravity, where a row has the weight."""
+        """Error of a by rounding of J^T lam, relative to gravity, where a row has the weight."""
         felt = float(self.weights.max() * self.weights.dot(self.cancellation.max(0, initial=0.0)))
         return _EPS * felt * self.weight / (self.gravity or 1.0)
 
@@ -216,7 +216,7 @@ class ErrorEstimator:
         return Residuals(max_dynamics, constraint, violation, velocity, bound), doubtful
 
     def rounding_of(self, torques: Array) -> float:
-        """Return what rounding of some torques (nv,), all positive, does to a: eps |N| tau.
+        """Return the error of a by rounding of some torques (nv,), all positive: eps |N| tau.
 
         Forces that balance to the last bit leave a = 0, and a relative error means nothing there.
         """
@@ -281,7 +281,7 @@ class ErrorEstimator:
 
     @cached_property
     def per_row(self) -> float:
-        """What |s|_inf is worth: sqrt(m) / sigma, since |s| <= sqrt(m) |s|_inf."""
+        """Norm of the weighted error per |s|_inf: sqrt(m) / sigma, since |s| <= sqrt(m) |s|_inf."""
         return sqrt(len(self.cancellation)) / self.sigma
 
     @cached_property

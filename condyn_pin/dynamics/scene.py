@@ -142,7 +142,7 @@ class Scene:
 
     @cached_property
     def is_driven(self) -> bool:
-        """Whether some constraints follow a path of time (`Driven`)."""
+        """True if some constraints follow a path of time (`Driven`)."""
         return any(constraint.is_rheonomic for constraint in self.constraints)
 
     def at(self, t: float) -> Scene:
@@ -331,7 +331,7 @@ class Scene:
         return sample(self, rng, spread=spread, speed=speed, tries=tries)
 
     def check(self, q: ArrayLike, v: ArrayLike | None = None) -> Check:
-        """Return how far each loop is open at q (nq,), and which constraints v (nv,) violates."""
+        """Return the gap of each loop at q (nq,), and the constraints that v (nv,) violates."""
         from condyn_pin.mechanism.rank import check
 
         return check(self, q, v)
@@ -362,7 +362,7 @@ class Scene:
         return minimal(self, error=error, motion=motion, watch=watch, solver=solver)
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+        """Return the scene as HTML for a notebook."""
         from condyn_pin.dynamics.solution import scene_html
 
         return scene_html(self)

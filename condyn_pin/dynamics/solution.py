@@ -68,7 +68,7 @@ class Status(Enum):
 
     @property
     def ok(self) -> bool:
-        """Whether the answer can be used as it is."""
+        """True if the answer can be used as it is."""
         return self is Status.OK
 
     def __str__(self) -> str:
@@ -141,12 +141,12 @@ class StateError(_Gaps):
 
     @property
     def q(self) -> Array:
-        """How far the configuration is off (nv,), J^+ c to first order [rad, m]."""
+        """Error of the configuration (nv,), J^+ c to first order [rad, m]."""
         return self._moves[0]
 
     @property
     def v(self) -> Array:
-        """How far the velocity is off (nv,), J^+ J v where the loops are closed [rad/s, m/s]."""
+        """Error of the velocity (nv,), J^+ J v where the loops are closed [rad/s, m/s]."""
         return self._moves[1]
 
 
@@ -256,7 +256,7 @@ class Solution:
 
     @property
     def doubt(self) -> float:
-        """How far closing the loops leads towards a singular posture [1].
+        """Share of the way to a singular posture that closing the loops covers [1].
 
         The move that closes them, or what it changes J by if that is less, over the smallest pivot
         of J that is kept: all in radians, and lengths in sizes of the loop; rounding on closed
@@ -341,7 +341,7 @@ class Solution:
 
     @property
     def world_forces(self) -> dict[str, Array]:
-        """The same in the axes of the world, still at the origin of the constraint [N, N m].
+        """Force by constraint, in the axes of the world, at the origin of the constraint [N, N m].
 
         (3,) or (6,) each, force first. A coupling has no axes: it is left out.
         """
@@ -349,7 +349,7 @@ class Solution:
 
     @cached_property
     def notices(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each.
+        """Notices, a sentence each.
 
         Springs and dampers of the robot that tau lacks, where a would change by more than a
         hundredth. Contacts that pull, as no ground does. Forces that are wrong where a is right.
@@ -368,7 +368,7 @@ class Solution:
         return Sites(self.scene, self.q)
 
     def to_pandas(self) -> Any:
-        """Return it as a `pandas.DataFrame` of one row; ``pandas.concat`` puts several together.
+        """Return the answer as a `pandas.DataFrame` of one row; ``pandas.concat`` joins several.
 
         Columns: status, q and a by joint, lam by row, the errors, iterations and solve_time [s].
 
@@ -385,7 +385,7 @@ class Solution:
         return require_pandas().DataFrame(table)
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+        """Return the answer as HTML for a notebook."""
         return solution_html(self)
 
     def __repr__(self) -> str:
@@ -424,7 +424,7 @@ class Solution:
 
 @dataclass(frozen=True, eq=False)
 class Sites:
-    """Where the constraints of a scene are at one configuration; found when first asked for."""
+    """Frames and Jacobian of a scene's constraints at one configuration, computed on first use."""
 
     scene: Scene
     q: Array
@@ -451,7 +451,7 @@ class Sites:
 
 @dataclass(frozen=True, eq=False, repr=False)
 class ConstraintForce(ArrayValue):
-    """The force of one constraint on one of its two bodies; it works as the array of its numbers.
+    """The force of one constraint on one of its two bodies, usable as the array of its numbers.
 
     Attributes
     ----------
@@ -483,27 +483,27 @@ class ConstraintForce(ArrayValue):
 
     @property
     def at(self) -> Array:
-        """The point of the world (3,) at which it acts [m]."""
+        """The point of the world (3,) at which the force acts [m]."""
         bound = self._sites.scene.bounds[self._index]
         return bound.acts_at(*self._ends, on_first=self._first)
 
     @property
     def scene(self) -> Scene:
-        """The scene that it is a force of."""
+        """The scene of the constraint."""
         return self._sites.scene
 
     @property
     def constraint(self) -> Constraint:
-        """The constraint that exerts it."""
+        """The constraint that exerts the force."""
         return self._sites.scene.constraints[self._index]
 
     @property
     def rotation(self) -> Array:
-        """The axes of its components in the world (3, 3), column by column."""
+        """The axes of the components in the world (3, 3), column by column."""
         return np.array(self._ends[0].rotation)  # c1's axes
 
     def in_world(self) -> Array:
-        """Return it in the axes of the world, still at `at`: (3,) or (6,)."""
+        """Return the force in the axes of the world, still at `at`: (3,) or (6,)."""
         R = self.rotation
         return np.asarray((self.components.reshape(-1, 3) @ R.T).ravel())
 
@@ -612,7 +612,7 @@ def shared_text(shared: SharedNormals, pull: str) -> str:
 
 
 def _normal_row(sites: Sites, name: str) -> Array:
-    """How the normal force of a contact changes with lam (m,)."""
+    """Coefficients (m,) of lam in the normal force of a contact."""
     up, i = upward(sites.scene), sites.scene.names.index(name)
     constraint, rows = sites.scene.constraints[i], sites.scene.bounds[i].rows
     found = np.zeros(sites.scene.rows)
@@ -674,7 +674,7 @@ def solution_columns(
 
 
 def scene_html(scene: Scene) -> str:
-    """Return what is in a scene; what it takes to find out is for `Scene.summary`."""
+    """Return a scene as HTML: robot, constraints and contacts; the rank is in `Scene.summary`."""
     robot = scene.robot
     rows = [(each.name, each.title, str(each.rows)) for each in scene.constraints]
     touching = [(each.name, type(each).__name__) for each in scene.contacts]

@@ -1,4 +1,4 @@
-"""The verbs solve and derivatives: forward dynamics at one state, and how it changes."""
+"""The verbs solve and derivatives: forward dynamics at one state, and its derivatives."""
 
 from __future__ import annotations
 
@@ -108,7 +108,7 @@ def derivatives(
     check: bool = False,
     accuracy: float | None = None,
 ) -> Derivatives:
-    """Return how accelerations and constraint forces change with the state and the torques.
+    """Return the derivatives of accelerations and constraint forces by state and torques.
 
     M da - J^T dlam = dtau - r_q dq - r_v dv,    J da = -s_q dq - s_v dv
 

@@ -139,7 +139,7 @@ def _refusal(scene: Scene, solver: Solver, names: Sequence[str]) -> str:
 
 
 class Memory(OneThread):
-    """What depends on the constraints of one scene; all that costs much is made on demand.
+    """Memory that depends on the constraints of one scene; all that costs much is made on demand.
 
     Dense methods do without Pinocchio's memory of the constraints, and in long chains it takes all
     the memory there is.
@@ -616,7 +616,7 @@ class Workspace(Memory):
         check: bool = False,
         accuracy: float | None = None,
     ) -> Derivatives:
-        """Return how a and lam change with q, v and tau.
+        """Return the derivatives of a and lam by q, v and tau.
 
         `forces`, `method`, `check` and `accuracy` are those of `condyn_pin.derivatives`, and so are
         the errors.
@@ -641,7 +641,7 @@ class Workspace(Memory):
 
 @cache
 def _differentiate() -> Callable[..., Derivatives]:
-    """Return what differentiates, imported when it is first asked for: a solve needs none of it."""
+    """Return the function `differentiate`, imported on first use: a solve needs none of it."""
     from condyn_pin.dynamics.derivatives import differentiate
 
     return differentiate

@@ -48,7 +48,7 @@ def differentiate(
     check: bool,
     accuracy: float,
 ) -> Derivatives:
-    """Return how a and lam change with q, v and tau; the arguments are those of `derivatives`."""
+    """Return the derivatives of a and lam by q, v and tau, with the arguments of `derivatives`."""
     if not isinstance(method, str) or method not in METHODS:
         raise unknown_name("method", str(method), METHODS)
     if workspace.core and workspace.native is True:

@@ -191,7 +191,7 @@ _H: Final = 2.0**-7  # [rad, m]: below the rounding of f over h
 
 
 class Chain(NamedTuple):
-    """How the carried state changes with that of the model, at one state."""
+    """Derivatives of the carried state by that of the model, at one state."""
 
     Phi: Array  # (n~, n)
     v_q: Array  # (n~, n), of nu = Phi v
@@ -201,7 +201,7 @@ class Chain(NamedTuple):
 
 
 class _Places(NamedTuple):
-    """Where coordinates are, in the model and in that with free bodies."""
+    """Indices of a joint's coordinates, in the model and in that with free bodies."""
 
     q: Indices
     v: Indices
@@ -264,7 +264,7 @@ class Carried:
         return q_free, nu, rate, Chain(Phi, v_q, a_q, a_v, tuple(all_S_q))
 
     def back(self, chain: Chain, by_state: Array, by_a: Array, r: Array) -> Array:
-        """Return what the model has for [[r_q, r_v], [s_q, s_v]] of that with free bodies.
+        """Return [[r_q, r_v], [s_q, s_v]] of the model, from those of that with free bodies.
 
         `by_a` (n~ + m, n~) is M~ above J~, and r (n~,) are torques and forces that move the bodies
         so.
@@ -280,7 +280,7 @@ class Carried:
 
 
 def _places(joint: Any, free: Any) -> _Places:
-    """Return where the coordinates of a joint are, here and there."""
+    """Return the indices of a joint's coordinates in both models."""
     return _Places(
         np.arange(joint.idx_q, joint.idx_q + joint.nq),
         np.arange(joint.idx_v, joint.idx_v + joint.nv),

@@ -73,7 +73,7 @@ class KktDerivatives(Derivatives):
     @cached_property
     @of_workspace
     def _factored(self) -> tuple[Array, ConstraintBasis, TurningRows | None]:
-        """What a step of q and v leaves to solve (nv + m, 2 nv), and what solves it.
+        """Right-hand sides (nv + m, 2 nv) of steps of q and v, and the factors that solve them.
 
         Off the constraints also the rows that are kept.
         """
@@ -122,7 +122,7 @@ class KktDerivatives(Derivatives):
     @cached_property
     @of_workspace
     def _null(self) -> Array | None:
-        """What keeps lam the smallest as redundant rows turn (m, nv)."""
+        """Change of lam by q (m, nv) that keeps it smallest as redundant rows turn, or None."""
         motions, of = self._motions, self.solution
         if not motions.N.shape[1]:
             return None
@@ -131,7 +131,7 @@ class KktDerivatives(Derivatives):
 
     @property
     def dlam_dq(self) -> Array:
-        """(m, nv); where rows are redundant, it takes its time when it is asked for first."""
+        """Constraint forces by the configuration (m, nv); costly at first if rows are redundant."""
         return self._forces[0]
 
     @property
@@ -315,11 +315,11 @@ class Linearisation:
 
     @property
     def takes_the_model(self) -> bool:
-        """Whether it works on the model that it was given: no axes turn in that."""
+        """True if the given model is used as it is: no joint has axes that turn with its own q."""
         return self._model is self._given
 
     def newton_euler(self, q: Array, v: Array, a: Array, wrenches: Any, answer: bytes) -> Array:
-        """Return M a + h less what wrenches do; `at` finds the derivatives of the answer done."""
+        """Return M a + h less the torques of wrenches, and keep its derivatives for `at`."""
         _rnea_derivatives(self._model, self._data, q, v, a, wrenches)
         self._done = answer
         return self._torques  # type: ignore[no-any-return]
@@ -329,7 +329,7 @@ class Linearisation:
         return self._M if self._done.startswith(q.tobytes()) else None
 
     def _of_bodies(self, q: Array, v: Array, a: Array, lam: Array) -> tuple[Array, Array]:
-        """Return what a step leaves to solve and J, but for couplings, where no axes turn."""
+        """Return right-hand sides of steps of q and v, and J, without couplings; no axes turn."""
         n, equations = self._model.nv, self._equations
         answer = answer_key(q, v, a, lam)
         proved = answer == equations.answer
@@ -349,7 +349,7 @@ class Linearisation:
         return rhs, J
 
     def turning(self, q: Array, w: Array) -> Array:
-        """Return how J w changes with q (m, nv) while w (nv,) stays; at w = v, how J v changes."""
+        """Return the derivative of J w by q (m, nv) at fixed w (nv,); with w = v, of J v."""
         if self._carried is None:
             of_rows = self._velocity_by_q(q, w)
         else:
@@ -360,13 +360,13 @@ class Linearisation:
         return of_rows
 
     def pulling(self, q: Array, z: Array) -> Array:
-        """Return how J^T z changes with q (nv, nv) while z (m,) stays."""
+        """Return the derivative of J^T z by q (nv, nv) at fixed z (m,)."""
         still = np.zeros(self._given.nv)
         return -self._weightless.at(q, still, still, z).r_q
 
     @cached_property
     def _weightless(self) -> Linearisation:
-        """The same without gravity: at rest no torques change with q but those of the rows."""
+        """Linearised equations without gravity: at rest only torques of the rows change with q."""
         return Linearisation(without_gravity(self._given), self._bounds)
 
     def _velocity_by_q(self, q: Array, w: Array) -> Array:

@@ -198,6 +198,6 @@ def _check_state(workspace: Workspace, solution: Solution) -> None:
 
 
 def _first_column_is_wrong(workspace: Workspace) -> bool:
-    """Whether there are 3 rows between two bodies, and the first coordinate turns."""
+    """True if 3 rows act between two bodies, and the first coordinate turns."""
     between = any(b.is_ball for b in workspace.bounds)
     return between and bool(np.any(workspace.data.J[3:, 0]))

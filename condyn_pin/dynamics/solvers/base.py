@@ -63,7 +63,7 @@ class Singular(ArithmeticError):
 
 @dataclass(frozen=True)
 class BoundSolver:
-    """A solver at work in one workspace.
+    """A solver bound to one workspace.
 
     Attributes
     ----------
@@ -149,17 +149,17 @@ class Solver(ABC):
 
     @classmethod
     def missing(cls) -> str:
-        """Return what is missing here, and what installs it, in a sentence; usually nothing."""
+        """Return the missing package and the way to install it, in a sentence; usually empty."""
         return ""
 
     @abstractmethod
     def start(self, workspace: Workspace) -> BoundSolver:
-        """Return this solver at work in `workspace`."""
+        """Return this solver bound to `workspace`."""
 
     def differentiated(
         self, workspace: Workspace, solution: Solution, v: Array, tau: Array
     ) -> Derivatives | None:
-        """Return those of its `solution` at v and tau; None if its constraints are hard."""
+        """Return derivatives of its `solution` at v and tau; None if its constraints are hard."""
         return None
 
 

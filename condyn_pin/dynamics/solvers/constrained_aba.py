@@ -68,7 +68,7 @@ class ConstrainedABA(ArticulatedSolver):
 
     @classmethod
     def missing(cls) -> str:
-        """Return what is missing here: the module that is compiled, or nothing."""
+        """Return a sentence if the compiled module is missing; empty otherwise."""
         return missing_constrained_aba()
 
     def start(self, workspace: Workspace) -> BoundSolver:

@@ -69,7 +69,7 @@ class LCABA(ArticulatedSolver):
 
     @classmethod
     def missing(cls) -> str:
-        """Return what is missing here: Pinocchio 4, or nothing."""
+        """Return a sentence if Pinocchio 4 is missing; empty otherwise."""
         return _pin.missing_lcaba()
 
     def start(self, workspace: Workspace) -> BoundSolver:

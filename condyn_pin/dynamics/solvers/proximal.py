@@ -56,7 +56,7 @@ _PATIENT = 20
 
 
 class Iteration(NamedTuple):
-    """What `pin.constraintDynamics` is called with."""
+    """Parameters of the iteration by `pin.constraintDynamics`."""
 
     mu: float  # [1/kg]
     accuracy: float  # [N], the step of lam that ends it
@@ -161,11 +161,11 @@ class Proximal(Solver):
         check_accuracy("absolute_accuracy", self.absolute_accuracy)
 
     def weight(self, nominal: NominalAnalysis) -> float:
-        """Return mu, or what the `nominal` analysis says where it was left to us [1/kg]."""
+        """Return mu [1/kg], by the `nominal` analysis unless it is given."""
         return default_mu(nominal) if self.mu is None else float(self.mu)
 
     def iteration(self, nominal: NominalAnalysis) -> Iteration:
-        """Return what a scene is iterated with; its `nominal` analysis has what was left to us."""
+        """Return the iteration parameters of a scene, by its `nominal` analysis unless given."""
         mu = self.weight(nominal)
         accuracy = self.relative_accuracy
         if accuracy is None:
@@ -176,7 +176,7 @@ class Proximal(Solver):
         return Iteration(mu, accuracy, limit, patient, refinements)
 
     def mu_at_state(self, workspace: Workspace) -> MuAtState:
-        """Return what finds the weight for a state at which the usual one does not do."""
+        """Return the search for a weight at states where the usual one does not converge."""
         nominal = workspace.scene.nominal
         mu, accuracy, limit, _, refinements = self.iteration(nominal)
         corrected = _refinements(nominal) > 0 and refinements > 0
@@ -284,7 +284,7 @@ def _refined_where_open(method: BoundSolver, rows: OpenRows) -> BoundSolver:
 
 
 def _refinements(nominal: NominalAnalysis) -> int:
-    """Return how many corrections a scene needs: one where rounding alone spoils an answer."""
+    """Return the number of corrections of a scene: one where rounding alone spoils an answer."""
     most = tolerances.SOLVED / _EPS
     return int(nominal.delassus_condition > most or nominal.factors.mass.condition_exceeds(most))
 
@@ -374,7 +374,7 @@ class OpenRows:
 
     @cached_property
     def _kept_rows(self) -> KeptRows:
-        """Those of Pinocchio's rows."""
+        """Kept rows among those of Pinocchio."""
         from condyn_pin.constraints.rows.redundancy import KeptRows  # closed loops need none
 
         to_scene, found = self._workspace.pinocchio_constraints.to_scene, self._nominal.redundancy

@@ -50,7 +50,7 @@ def impedance(gap: Array, solimp: SolImp) -> Array:
 
 
 def impedance_slope(gap: Array, solimp: SolImp) -> Array:
-    """Return how the impedance changes with each `gap` >= 0 [1/m, 1/rad]."""
+    """Return the slope of the impedance at each `gap` >= 0 [1/m, 1/rad]."""
     start, end, width, midpoint, power = solimp
     x = np.minimum(gap / width, 1.0)
     below = power * (x / midpoint) ** (power - 1)
@@ -260,7 +260,7 @@ def inverse_inertias(workspace: Workspace) -> Array:
         return np.array(whitened[2].diagonal())
 
     def body(joint: int) -> Array:
-        """Return what a body gives way to a force and to a moment."""
+        """Return the inverse inertias of a body (2,) to a force and to a moment, mean over axes."""
         if joint == 0:
             return np.zeros(2)
         at_centre = pin.SE3(np.eye(3), model.inertias[joint].lever)
@@ -268,7 +268,7 @@ def inverse_inertias(workspace: Workspace) -> Array:
         return np.asarray(six.reshape(2, 3).mean(axis=1))
 
     def columns(velocities: Sequence[int]) -> float:
-        """Return the sum of what some velocities give way to a torque."""
+        """Return the sum of the inverse inertias of some velocity entries."""
         return float(gives(np.eye(model.nv)[list(velocities)]).sum())
 
     w = np.zeros(workspace.scene.rows)
