@@ -80,7 +80,7 @@ def attempt_near(
 def first_attempt(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
 ) -> tuple[Attempt, float]:
-    """Return the same of a solver that does not begin again where its residual is too large."""
+    """Return the first attempt of a solver with its natural residual, accurate enough or not."""
     return _apart(problem, solver, guess, accuracy, _first)
 
 
@@ -88,7 +88,7 @@ def first_attempt(
 def fallbacks(
     problem: ContactProblem, solver: ContactSolver, found: Attempt, accuracy: float
 ) -> tuple[Attempt, float]:
-    """Return the best of a first attempt that was not accurate enough and of what else there is."""
+    """Return the best of an inaccurate first attempt and of the solver's other attempts."""
 
     def others(
         part: ContactProblem, solver: ContactSolver, lam: Array | None, enough: float
@@ -143,7 +143,7 @@ def _as_found(
 def _first(
     problem: ContactProblem, solver: ContactSolver, guess: Array | None, accuracy: float
 ) -> tuple[Attempt, float]:
-    """Return what costs little where the natural residual accepts it, or the first attempt."""
+    """Return a cheap answer that the natural residual accepts, or else the first attempt."""
     if _closes_unmoved(problem, accuracy):
         lam = np.zeros(problem.rows)
         return Attempt(lam, 0, (), answered=False), natural_residual(problem, lam)
@@ -165,7 +165,7 @@ def _insist(
 def _others(
     problem: ContactProblem, solver: ContactSolver, best: Attempt, least: float, accuracy: float
 ) -> tuple[Attempt, float]:
-    """Return the best of a first attempt, whose residual is `least`, and of what else is tried."""
+    """Return the best of a first attempt, with residual `least`, and of the alternatives."""
     found, stopped = best, False
     if least <= accuracy or _closes_unmoved(problem, accuracy):
         return best, least
@@ -181,7 +181,7 @@ def _others(
 
 
 def _closes_unmoved(problem: ContactProblem, accuracy: float) -> bool:
-    """Return whether a contact closes that nothing moves, its row of G zero: no impulse helps."""
+    """True if a contact closes that no impulse can move: its row of G is zero."""
     stiffness = problem.stiffness
     if all(stiffness):
         return False

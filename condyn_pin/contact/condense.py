@@ -85,7 +85,7 @@ class Condensed(NamedTuple):
         return np.asarray(dtrtrs(self.factors.L.T, self.free)[0])
 
     def changed(self, f: Array, s: Array) -> tuple[Array, Array]:
-        """Return how L^T v_free and J_c v_free change with p and s, for columns of both (., k)."""
+        """Return the changes of L^T v_free and J_c v_free with p and s, as columns of both (., k)."""
         factors, y = self.factors, self.factors.mass.L_inv.dot(f)
         if not factors.rank:
             return y, self.X.T.dot(y)
@@ -94,7 +94,7 @@ class Condensed(NamedTuple):
         return y, self.X.T.dot(y) + self.blocked.T.dot(held)
 
     def with_contacts(self, J_c: Array) -> Condensed:
-        """Return the same step with other rows of contacts (m, nv)."""
+        """Return this step with other rows of contacts (m, nv)."""
         X, blocked = _along(self.factors, J_c, self.path)
         return self._replace(X=X, blocked=blocked)
 
@@ -179,7 +179,7 @@ _NOTHING: Final = np.zeros(0)
 
 
 class SoftContact(NamedTuple):
-    """What makes a ccp of contacts soft, in its rows (t1, t2, n).
+    """Compliance and reference acceleration of soft contacts, in the rows (t1, t2, n) of a ccp.
 
     Attributes
     ----------

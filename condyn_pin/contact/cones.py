@@ -51,7 +51,7 @@ FAULTS: Final = ("pulls", "slips", "tips", "twists")
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Margin:
-    """How far forces are inside their cone; negative values are outside.
+    """Distance of forces from the surface of their cone; negative outside.
 
     Each field has a number for each of k forces, or a single number for a single force. If a
     contact is open all are infinite, and if there is no answer NaN. For impulses the unit is [N s]
@@ -85,7 +85,7 @@ class Margin:
 
     @property
     def fault(self) -> str | Array:
-        """Which of the four is violated, the first of them if several are; empty if none is.
+        """The violated one of the four, the first of them if several are; empty if none is.
 
         An array of text for many forces. "unknown" where there is no answer.
         """
@@ -130,7 +130,7 @@ class ConeRows:
 
 @dataclass(frozen=True)
 class Cone(ABC):
-    """What every cone has; `FrictionCone` and `WrenchCone` say what it means."""
+    """Base of the cones, `FrictionCone` of a point and `WrenchCone` of a rectangle or an edge."""
 
     friction: float
     normal: Vector3 | None = field(default=None, kw_only=True)
@@ -179,7 +179,7 @@ class Cone(ABC):
         """
 
     def margin(self, force: ConstraintForce | ArrayLike) -> Margin:
-        """Return how far a force is from leaving the cone.
+        """Return the margin of a force to its cone.
 
         Parameters
         ----------
@@ -563,7 +563,7 @@ def _margins_of_motion(motion: Any, cones: Cones) -> dict[str, Margin]:
 
 
 def _noise(lam: Array, axis: int | None) -> Array:
-    """Return what counts as no force beside the largest of lam [N]."""
+    """Return the size below which a force is none, beside the largest of lam [N]."""
     sizes = np.abs(np.where(np.isfinite(lam), lam, 0.0))
     return np.asarray(tolerances.SOLVED * sizes.max(axis=axis, initial=0.0))
 

@@ -198,7 +198,7 @@ def by_rule(
 
 
 def is_determined(problem: ContactProblem) -> bool:
-    """Return whether all answers of a problem are proved to have one sigma.
+    """True if all answers of a problem are proved to have one sigma.
 
     It is convex, or each of its islands is, or has one contact with G_nn > mu |G_nt|.
     """
@@ -249,7 +249,7 @@ def _held(problem: ContactProblem, accuracy: float) -> Array | None:
 
 
 def _moving(problem: ContactProblem, lam: Array) -> list[bool]:
-    """Return which cones with friction do not stick."""
+    """Return True for each cone with friction that does not stick."""
     still, s = MOVES * problem.scale[1], problem.velocities(lam).tolist()
     sets = problem.sets
     t1, t2, n = sets.axes
@@ -258,7 +258,7 @@ def _moving(problem: ContactProblem, lam: Array) -> list[bool]:
 
 
 def _is_independent(G: Array) -> bool:
-    """Return whether all impulses do something: no row of G is a combination of others."""
+    """True if no row of G is a combination of others: every impulse moves something."""
     factor, info = dpotrf(G)
     if info:
         return False
@@ -282,7 +282,7 @@ def _normals(rows: int, cones: int, half_lines: int) -> Array:
 
 
 def _opens(problem: ContactProblem, S: Array) -> bool:
-    """Return whether velocities (m,) open all that impulses move, faster than it slips."""
+    """True if velocities (m,) open every contact that impulses move: sigma_n > mu |sigma_t|."""
     (t1, t2, n), lines = problem.sets.axes, problem.sets.parts[1]
     margin = S[n] - problem.friction * np.hypot(S[t1], S[t2])
     enough = _OPENS * float(np.abs(S).max())
@@ -322,7 +322,7 @@ def _stress(problem: ContactProblem) -> Array | None:
 
 
 def _opens_by_motion(problem: ContactProblem, G: Array) -> bool:
-    """Return whether the motion that is nearest to one that opens all contacts alike does so."""
+    """True if the motion nearest to one that opens all contacts alike opens them all."""
     rows = len(G)
     more = G + 1e-10 * np.eye(rows)
     _, x, info = dposv(more, _normals(rows, len(problem.friction), problem.half_lines))
@@ -427,7 +427,7 @@ def _closed_modes(problem: ContactProblem, lam: Array) -> Modes:
 
 
 def _may_be_redundant(problem: ContactProblem, modes: Modes) -> bool:
-    """Return whether rows of contacts that are not open may be combinations of others."""
+    """True if rows of contacts that are not open may be combinations of others."""
     rows = np.flatnonzero((modes > 0)[problem.sets.blocks])
     diagonal = problem.G.diagonal()[rows]
     if not diagonal.all():

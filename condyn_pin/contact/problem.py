@@ -158,7 +158,7 @@ class ContactProblem:
         return np.asarray(sigma)
 
     def dual(self, sigma: Array) -> Array:
-        """Return what is dual to lam: sigma itself in a ccp, and with mu |sigma_t| in an ncp."""
+        """Return the dual of lam: sigma in a ccp, sigma with mu |sigma_t| added to it in an ncp."""
         return self.sets.de_saxce(sigma) if self.law == "ncp" else sigma
 
     def __repr__(self) -> str:
@@ -262,7 +262,7 @@ class ContactSets:
 
     @cached_property
     def blocks(self) -> Indices:
-        """Which contact each row belongs to (m,), in the order of names."""
+        """Contact of each row (m,), in the order of names."""
         k = len(self.friction)
         singles = self.half_lines + len(self.limits)
         return np.concatenate([np.repeat(np.arange(k), 3), k + np.arange(singles)])
@@ -280,7 +280,7 @@ class ContactSets:
 
     @cached_property
     def ice(self) -> NDArray[np.bool_]:
-        """Which cones have no friction (k,)."""
+        """Mask of the cones without friction (k,)."""
         return np.asarray(self.friction == 0)
 
     @cached_property
@@ -498,7 +498,7 @@ def _mode_of_a_cone(
 
 
 class Equations(NamedTuple):
-    """The equations of contacts in their modes at one lam, and how they change."""
+    """Residuals of the equations of contacts in their modes at one lam, and their partials."""
 
     sigma: Array  # (m,)
     left: Array  # (m,), what impulses leave of them
@@ -509,7 +509,7 @@ class Equations(NamedTuple):
 
 @lru_cache(maxsize=16)
 def _places(k: int, m: int) -> Indices:
-    """Return where the numbers of `_of_a_cone` and then of `_of_a_row` belong, in (m, 1 + 2 m + k).
+    """Return the flat indices of `_of_a_cone`, then `_of_a_row`, in an array (m, 1 + 2 m + k).
 
     Columns are what is left, by sigma, by lam and by friction.
     """
@@ -529,7 +529,7 @@ class InModes:
         self._problem, self._modes = problem, modes.tolist()
 
     def at(self, lam: Array) -> Equations:
-        """Return what impulses leave of the equations, and their partials."""
+        """Return the residuals of the equations at impulses lam, and their partials."""
         problem, m = self._problem, len(lam)
         k, sigma = len(problem.friction), problem.velocities(lam)
         found = np.zeros((m, 1 + 2 * m + k))
@@ -585,7 +585,7 @@ def _of_a_cone(
 
 
 def _of_a_row(mode: int, limit: float, l: float, s: float) -> tuple[float, float, float]:  # noqa: E741
-    """Return what is left of a stop or of dry friction, by sigma and by lam.
+    """Return the residual of a stop or of dry friction, and its partials by sigma and by lam.
 
     A stop has no `limit`; dry friction of zero holds nothing.
     """
@@ -626,7 +626,7 @@ def normalised(problem: ContactProblem) -> tuple[ContactProblem, float | Array]:
 
 
 def _differ(problem: ContactProblem) -> bool:
-    """Whether impulses move some contacts of cones far more than others."""
+    """True if impulses move some contacts of cones far more than others."""
     diagonal: list[float] = problem.G.diagonal().tolist()
     axes = (diagonal[axis] for axis in problem.sets.axes)
     stiff = [sum(each) for each in zip(*axes, strict=True)]

@@ -153,7 +153,7 @@ class RestitutionLaw(ABC):
 
     @property
     def _order(self) -> str:
-        """How several contacts strike, as a sentence ends."""
+        """Order in which several contacts strike, as the end of a sentence."""
         return "this is all of them at once; Energetic(chain=True) passes impacts on"
 
     @abstractmethod
@@ -293,7 +293,7 @@ def _parts(problem: ContactProblem) -> list[tuple[Island, NDArray[np.int_]]]:
 
 
 def _strikes(problem: ContactProblem, e: Array) -> NDArray[np.bool_]:
-    """Return which contacts approach and give something back."""
+    """Mask of the contacts that approach and have restitution."""
     slow = _NONE * float(np.abs(problem.g).max(initial=0.0))
     return np.asarray((problem.g[problem.sets.normals] < -slow) & (e > 0))
 
@@ -306,7 +306,7 @@ def _at_once(problem: ContactProblem, e: Array) -> tuple[str, ...]:
 
 
 def _is_newtons(problem: ContactProblem, e: Array) -> bool:
-    """Whether Newton's law gives the same.
+    """True if Newton's law gives the same impulses.
 
     Without friction and with one e; and at one contact where normal impulses leave slip alone, and
     slip keeps its direction.
@@ -415,7 +415,7 @@ def _taken(problem: ContactProblem, lam: Array) -> Array:
 
 
 class _Given(NamedTuple):
-    """What expansion gives back."""
+    """Impulses and work of expansion."""
 
     lam: Array
     work: float  # [J]
@@ -423,7 +423,7 @@ class _Given(NamedTuple):
 
 
 def _expanded(problem: ContactProblem, push: Array, pieces: int) -> _Given:
-    """Return what normal impulses `push` (contacts,) give, friction following in pieces."""
+    """Return the expansion of normal impulses `push` (contacts,), friction following in pieces."""
     lam, all_work, normal_work = np.zeros(problem.rows), 0.0, 0.0
     for _ in range(pieces):
         now = problem.replaced(g=problem.velocities(lam))
@@ -496,7 +496,7 @@ def _clipped(x: Array, most: float) -> Array:
 
 
 def _missed(A: Array, b: Array, x: Array, limits: Array, stiff: list[float]) -> float:
-    """Return how far x is from what its own slip asks for, as a velocity [m/s]."""
+    """Return the error of x in the law of friction at its own slip, as a velocity [m/s]."""
     s, worst = A.dot(x) + b, 0.0
     for i, (most, c) in enumerate(zip(limits.tolist(), stiff, strict=True)):
         its = slice(2 * i, 2 * i + 2)

@@ -43,7 +43,7 @@ _LOCKED: Final = (
 
 
 class ContactStatus(Enum):
-    """How a contact problem ended; the value is advice."""
+    """Outcome of a contact solve; the value is advice."""
 
     OK = "the impulses meet the law of the problem to the accuracy asked for"
     INACCURATE = f"{_INACCURATE}: allow more iterations, or {_NEWTON}; {_POLYGON}; {_LOCKED}"
@@ -57,7 +57,7 @@ class ContactStatus(Enum):
 
     @property
     def ok(self) -> bool:
-        """Whether the answer can be used as it is."""
+        """True if the answer can be used as it is."""
         return self is ContactStatus.OK
 
     def __str__(self) -> str:
@@ -123,13 +123,13 @@ class ContactSolution:
 
     @cached_property
     def residuals(self) -> ContactResiduals:
-        """By how much each condition is missed, whatever the solver was; computed when read."""
+        """Residual of each condition, whatever the solver was; computed when read."""
         with np.errstate(all="ignore"):  # of impulses that are not finite
             return contact_residuals(self.problem, self.lam)
 
     @cached_property
     def unique_motion(self) -> bool | None:
-        """Whether sigma is the only one that obeys the law; None where that is not decided.
+        """True if sigma is the only one that obeys the law; None where that is not decided.
 
         False: `several` says which contacts leave it open. True where the problem is convex, and
         where each contact with friction is alone and has G_nn > mu |G_nt|. Contacts with friction
@@ -145,7 +145,7 @@ class ContactSolution:
 
     @cached_property
     def unique_forces(self) -> bool:
-        """Whether lam is the only answer: G + R has full rank, but for rows that nothing moves.
+        """True if lam is the only answer: G + R has full rank, but for rows that nothing moves.
 
         Where it has not, as on four corners of a box, contacts share a load in many ways that move
         nothing: compare J^T lam, and not lam. A row of friction that nothing moves, as that out of
@@ -170,7 +170,7 @@ class ContactSolution:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each."""
+        """Notices, a sentence each."""
         said = []
         if self.unmet:
             said.append(f"no impulse can meet {', '.join(self.unmet)}")

@@ -94,7 +94,7 @@ class ADMM(ContactSolver):
         return None if lam is None else Attempt(lam, 1, ("sticking",))
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
-        """Return what alternating directions end on, polished if that is asked for."""
+        """Return the impulses of alternating directions, polished by Newton if `polish` is set."""
         found = self._run(problem, guess, self.anderson)
         if found is None:
             return refine(problem, guess, RESCUE)

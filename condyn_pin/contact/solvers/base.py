@@ -45,7 +45,7 @@ BUDGET: Final = 100
 
 
 class Attempt(NamedTuple):
-    """What a contact solver found, not yet verified.
+    """Impulses of a contact solver, not yet verified.
 
     Attributes
     ----------

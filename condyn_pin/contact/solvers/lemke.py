@@ -75,7 +75,7 @@ class Lemke(ContactSolver):
         check_iterations(self.max_iterations)
 
     def attempt(self, problem: ContactProblem, guess: Array | None = None) -> Attempt:
-        """Return the polygon's answer, or the nearest to one; it has no use for a guess."""
+        """Return the polygon's answer, or the nearest to one; the guess is not used."""
         return _pivoted(problem, _regular(problem, self.sides), self.max_iterations)
 
 

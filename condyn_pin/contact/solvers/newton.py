@@ -205,7 +205,7 @@ def restarts(
 
 
 def _gauss_seidel(problem: ContactProblem, left: float) -> Attempt | None:
-    """Return what `PGS` comes to, or None where Pinocchio has none."""
+    """Return the impulses of `PGS`, or None where Pinocchio has none."""
     if problem.law != "ncp" or not _pin.solves_contacts(True, len(problem.limits)):
         return None
     found = PGS(max_iterations=_at_most(FIRST_ORDER * left, PGS.max_iterations)).attempt(problem)
@@ -213,7 +213,7 @@ def _gauss_seidel(problem: ContactProblem, left: float) -> Attempt | None:
 
 
 def _long_directions(problem: ContactProblem, left: float) -> Attempt | None:
-    """Return what ADMM comes to in many iterations, or None where Pinocchio has none."""
+    """Return the impulses of ADMM after many iterations, or None where Pinocchio has none."""
     if not _pin.solves_contacts(problem.law == "ncp", len(problem.limits)):
         return None
     most = _at_most(FIRST_ORDER * left, min(int(_LONG / problem.rows**2), _LONGEST))
@@ -222,7 +222,7 @@ def _long_directions(problem: ContactProblem, left: float) -> Attempt | None:
 
 
 def _convex_problems(problem: ContactProblem, left: float) -> Attempt | None:
-    """Return what convex problems come to whose slips are known, by Cadoux' iteration."""
+    """Return the impulses of convex problems with known slips, by Cadoux' iteration."""
     if problem.law != "ncp":
         return None
     small, unit = normalised(problem)
@@ -311,7 +311,7 @@ _BEHIND: Final = 1e-3
 
 
 class End(NamedTuple):
-    """Where Newton's method ended."""
+    """Impulses and iterations at the end of Newton's method."""
 
     lam: Array
     iterations: int
@@ -396,7 +396,7 @@ def _until_one_changes(
 
 
 def _first_change(problem: ContactProblem, point: _Point, y: Array) -> float:
-    """Return how far along y (m,) the first cone is that x enters or leaves, K or its polar cone.
+    """Return the distance along y (m,) to the first cone that x enters or leaves, K or its polar.
 
     |x_t + s w_t| = mu (x_n + s w_n),    mu |x_t + s w_t| = -(x_n + s w_n)
     """
@@ -627,12 +627,12 @@ def _solved(G: Array, g: Array) -> Array | None:
 
 
 def _is_redundant(factor: Array) -> bool:
-    """Return whether rows of G, factorised, are combinations of others but for a small share."""
+    """True if rows of G, factorised, are combinations of others but for a small share."""
     pivots = factor.diagonal().tolist()
     return not min(pivots) > _APART * max(pivots)
 
 
 @lru_cache(maxsize=16)
 def _heavier(m: int) -> Array:
-    """Return what makes the diagonal of a matrix (m, m) larger, entry by entry."""
+    """Return the factors (m, m) that enlarge the diagonal of a matrix, entry by entry."""
     return read_only(1.0 + _MORE * np.eye(m))

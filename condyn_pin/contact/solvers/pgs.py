@@ -165,7 +165,7 @@ def directions(
 
 
 def accelerated(problem: ContactProblem) -> bool:
-    """Whether `directions` has an acceleration for this problem."""
+    """True if `directions` has an acceleration for this problem."""
     return _pin.HAS_ANDERSON and factor_of(normalised(problem)[0]) is None
 
 

@@ -98,7 +98,7 @@ class SAP(ContactSolver):
 
 
 class _Function:
-    """What is minimised, with its slope and its curvature."""
+    """The function that is minimised, with its slope and its curvature."""
 
     def __init__(self, problem: ContactProblem) -> None:
         R = problem.R
@@ -131,7 +131,7 @@ class _Function:
         return W / np.multiply.outer(self.root, self.root)
 
     def is_least(self, x: Array, lam: Array) -> bool:
-        """Whether the slope G (x - lam) is rounding, most of it that of y."""
+        """True if the slope G (x - lam) is rounding, most of it that of y."""
         G = np.abs(self.G)
         y = (G @ np.abs(x) + np.abs(self.g)) / self.root**2
         rounding = _EPS * float((G @ (np.abs(lam) + y)).max(initial=0.0))
