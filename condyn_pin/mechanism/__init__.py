@@ -1,4 +1,4 @@
-"""What a mechanism is: closed states, rank and mobility, branches, and smaller scenes.
+"""Mechanism: closed states, rank and mobility, branches, and smaller scenes.
 
 Verbs: assemble, sample, project, complete, check, rank, summarise; `reduction` has what may be
 left out of a scene. Nouns: `Assembly`, `Rank`, `Summary`, `CompleteState`, `ReducedScene`.

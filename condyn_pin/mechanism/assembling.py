@@ -112,7 +112,7 @@ def assembly_of(
     status: AssemblyStatus,
     flipped: tuple[str, ...],
 ) -> Assembly:
-    """Return what is to be said of the best end of `closer` from `start`."""
+    """Return the assembly that belongs to the best end of `closer` from `start`."""
     chains = chains_of(scene)
     iterations, beyond = end.iterations, chains.limits.beyond(end.q)
     if closer.limits is chains.limits and status is AssemblyStatus.UNREACHABLE:
@@ -284,7 +284,7 @@ class _Many:
         self._closer = Closer.of(scene, moving, self._limits)
 
     def all(self, goals: Array) -> tuple[Array, NDArray[np.bool_]]:
-        """Return what `assemble_batch` does."""
+        """Return the closed configurations of all goals, and the mask of those that closed."""
         Q = np.zeros((len(goals), len(self._home)))
         closed = np.zeros(len(goals), dtype=bool)
         for i, goal in enumerate(goals):
@@ -391,7 +391,7 @@ def _shifted(
 
 
 def _of_the_base(scene: Scene) -> NDArray[np.bool_]:
-    """Whether each cone is one of the base, or of what hangs on it, with something else."""
+    """Mask of the cones between the base, or a body on it, and something else."""
     hangs = [1 in list(path) for path in scene.robot.unedited.supports]
     touches = [each for bound in scene.contact_bounds for each in bound.touches]
     pairs = [each for bound in scene.contact_bounds for each in bound.pairs]

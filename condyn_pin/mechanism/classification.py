@@ -38,7 +38,7 @@ from condyn_pin.mechanism.rank import Rank, check
 
 @dataclass(frozen=True)
 class Classification:
-    """What kind of system a scene is.
+    """Kind of system that a scene is: holonomic or not, driven or not, with contacts or not.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Classification:
 
     @property
     def licq(self) -> bool:
-        """Whether every row counts: linear independence constraint qualification."""
+        """True if all rows are independent: linear independence constraint qualification."""
         return self.rank == self.rows
 
     @property
@@ -88,7 +88,7 @@ class Classification:
 
 
 def classification(scene: Scene, rank: Rank) -> Classification:
-    """Return what kind of system a scene is at a configuration, whose rank is known."""
+    """Return the kind of system of a scene at a configuration whose rank is known."""
     # a contact that belongs where it is has no gap either, but holds the position
     velocity_rows = sum(
         bound.size - len(bound.positioned)
@@ -210,7 +210,7 @@ class _Span:
         self.basis = np.zeros((0, n))
 
     def grows_by(self, z: Array) -> bool:
-        """Take a vector in, and return whether it leads out of what there was."""
+        """Add a vector, and return True if it leads out of the space."""
         out = z - self.basis.T @ (self.basis @ z)
         size = float(np.linalg.norm(out))
         if size <= tolerances.GROWN * max(1.0, float(np.linalg.norm(z))):
@@ -231,7 +231,7 @@ class _Allowed:
         self._projectors: dict[bytes, Array] = {}
 
     def most(self, q: Array) -> int:
-        """Return what rows with a position leave: no bracket leads out of that."""
+        """Return the dimension that rows with a position leave: no bracket leads out of it."""
         J = self._closer.equations.jacobian(q)[self._closer.rows]
         return int(self._model.nv) - (rank_of(np.linalg.svd(J, compute_uv=False)) if len(J) else 0)
 
@@ -313,7 +313,7 @@ _TWISTS: Final[dict[str, tuple[int, ...]]] = {
 
 @one_blas_thread
 def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
-    """Return whether the rows of a scene restrict the position, and not only the velocity.
+    """True if the rows of a scene restrict the position, and not only the velocity.
 
     d(X, Y) = 0 for all X, Y with A X = A Y = 0, at q and at two closed configurations near it.
 
@@ -359,7 +359,7 @@ def is_integrable(scene: Scene, q: ArrayLike | None = None) -> bool:
 
 @one_blas_thread
 def curvature(scene: Scene, q: ArrayLike, v: ArrayLike) -> Array:
-    """Return how far the rows are from being rates of functions of q, along a velocity.
+    """Return the curvature K of the rows along a velocity: zero for rates of functions of q.
 
     K_ij = d_i(v, e_j) = ((dA v) e_j - (dA e_j) v - A [v, e_j])_i,        A' = dA v
 
@@ -425,7 +425,7 @@ def _at_and_near(scene: Scene, q: Array) -> Iterator[Array]:
 
 
 def _is_involutive(model: Any, rows: int, linearisation: Linearisation, q: Array) -> bool:
-    """Whether the brackets of the allowed velocities are allowed, at one configuration."""
+    """True if the brackets of the allowed velocities are allowed, at one configuration."""
     still, no_force = np.zeros(model.nv), np.zeros(rows)
     A = linearisation.at(q, still, still, no_force).J
     allowed = null_space(A)

@@ -152,7 +152,7 @@ def terms_at(scene: Scene, equations: Equations, q: Array) -> Terms:
 
 
 def _nearby(closer: Closer, guess: Array) -> tuple[bool, list[Array]]:
-    """Return whether the guess can be closed, and closed configurations at it and near it."""
+    """Return True if the guess can be closed, and closed configurations at it and near it."""
     model = closer.equations.model
     for within in (closer, replace(closer, limits=NO_LIMITS)):
         ends = within.ends(guess) if not within.limits.beyond(guess) else ()
@@ -213,7 +213,7 @@ class Cluster:
 
     @cached_property
     def block(self) -> tuple[Indices, ...]:
-        """Where J holds J_D."""
+        """Indices of J_D in J."""
         return np.ix_(self.rows, self.columns)
 
     def singular_values(self, J: Array) -> Array:
@@ -241,7 +241,7 @@ def clusters(
 
 
 def _spans(Q: Array, J_D: Array) -> bool:
-    """Whether the columns of J_D are combinations of those of Q."""
+    """True if the columns of J_D are combinations of those of Q."""
     left = np.linalg.norm(J_D - Q @ (Q.T @ J_D))
     return bool(left <= tolerances.DEAD_POINT * np.linalg.norm(J_D))
 

@@ -75,7 +75,7 @@ _REJECTIONS = 15  # in a row, each with ten times the damping
 
 @dataclass(frozen=True, eq=False)
 class Closing:
-    """How a run ended: the configuration, its gap c, accepted steps, and whether none is better.
+    """End of a run: configuration, its gap c, accepted steps, and if no smaller gap is near.
 
     J (m, nv) is that of all rows of the scene at q. Neither has what digits of a file make up.
     """
@@ -94,7 +94,7 @@ class Closing:
 
 @dataclass(frozen=True, eq=False)
 class Closer:
-    """What closes the loops of one scene: its equations, the rows with a position, what may move.
+    """Newton's method on the loops of one scene: equations, rows with a position, moving joints.
 
     A contact that belongs wherever it is has no position error, and no rows here.
     """
@@ -109,7 +109,7 @@ class Closer:
     def of(
         cls, scene: Scene, moving: NDArray[np.bool_] | None = None, limits: Limits = NO_LIMITS
     ) -> Closer:
-        """Return what closes the loops of a scene with all joints, or with some.
+        """Return the closer of the loops of a scene with all joints, or with some.
 
         What digits of a file make up is known once the closed chains of the scene are.
         """
@@ -289,7 +289,7 @@ def with_anchors(scene: Scene, q: Array, places: MutableMapping[Constraint, Cons
 
 
 class AssemblyStatus(Enum):
-    """How an assembly ended; the value is advice."""
+    """Outcome of an assembly; the value is advice."""
 
     CLOSED = "every loop is closed"
     BRANCH_CHANGED = (
@@ -311,7 +311,7 @@ class AssemblyStatus(Enum):
 
     @property
     def ok(self) -> bool:
-        """Whether the configuration can be used as it is."""
+        """True if the configuration can be used as it is."""
         return self is AssemblyStatus.CLOSED
 
     def __str__(self) -> str:
@@ -320,7 +320,7 @@ class AssemblyStatus(Enum):
 
 @dataclass(frozen=True, eq=False)
 class Assembly:
-    """How an assembly ended.
+    """Configuration that an assembly ended at, with its gaps, rank and branch.
 
     Attributes
     ----------
@@ -370,7 +370,7 @@ class Assembly:
 
     @property
     def closed(self) -> bool:
-        """Whether every gap is within tolerance (1e-10), but for what digits leave open."""
+        """True if every gap is within tolerance (1e-10), but for what digits leave open."""
         return closed(self.to_close)
 
     @property
@@ -379,7 +379,7 @@ class Assembly:
         return penetration(self.scene, self.q)
 
     def error(self) -> NotAssembled | BranchChanged:
-        """Return what `assemble` raises if the status is not CLOSED."""
+        """Return the error that `assemble` raises if the status is not CLOSED."""
         if self.status is AssemblyStatus.BRANCH_CHANGED:
             return BranchChanged(f"{', '.join(self.flipped)}: {self.status.value}", self)
         name, gap = worst(self.to_close)

@@ -298,7 +298,7 @@ def minimal(
 
 
 class _Question:
-    """What every smaller scene is asked, and what the full one answers."""
+    """Accelerations and contact wrenches of the full scene, to compare smaller scenes with."""
 
     def __init__(self, scene: Scene, states: Sequence[State], asked: tuple[str, ...]) -> None:
         self.scene, self.states, self.asked = scene, states, asked
@@ -311,7 +311,7 @@ class _Question:
 
 
 class _Search:
-    """What was tried, in order, and the scene after each step that is kept."""
+    """Simplifications that were tried, in order, and the scene after each that is kept."""
 
     def __init__(self, question: _Question, solver: Solver, limit: float) -> None:
         self.question, self.solver, self.limit = question, solver, limit
@@ -320,7 +320,7 @@ class _Search:
         self.steps: list[ReductionStep] = []
 
     def run(self) -> None:
-        """Try what was not tried yet."""
+        """Try the simplifications that were not tried yet."""
         while (suggestion := self._untried()) is not None:
             errors = None
             try:
@@ -379,7 +379,7 @@ def _reduce(small: ReducedScene, state: State) -> State:
 
 
 def _moving(robot: Robot, joints: Sequence[str], states: Sequence[State]) -> set[str]:
-    """Return which of some joints the motion moves."""
+    """Return the joints, among some, that the motion moves."""
     model = robot.model
     away = np.zeros(model.nv)
     for q, v, _ in states:

@@ -177,7 +177,7 @@ def nearest(
 
 
 def _meets(left: Array, sizes: Sequence[Array]) -> bool:
-    """Whether rows are met as well as can be asked for, whatever rounding is."""
+    """True if the residual of rows is within tolerance, relative to the largest of `sizes`."""
     size = max(float(np.abs(each).max(initial=0.0)) for each in sizes)
     length = float(np.linalg.norm(left))
     return length <= tolerances.CONSISTENT * max(1.0, size)
@@ -412,9 +412,9 @@ _FARTHEST = 100.0  # that a motor is followed [rad, m]
 
 
 class ContinuationSolver:
-    """What moves the motors of one scene, the dependent joints following.
+    """Continuation in the motor positions of one scene, the dependent joints following.
 
-    `actuated` and `dependent` are velocity indices; `motors` is where q holds the motors.
+    `actuated` and `dependent` are velocity indices; `motors` are configuration indices.
     """
 
     def __init__(self, scene: Scene) -> None:

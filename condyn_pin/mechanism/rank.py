@@ -112,17 +112,17 @@ class Rank:
 
     @property
     def licq(self) -> bool:
-        """Whether every row counts: linear independence constraint qualification."""
+        """True if all rows are independent: linear independence constraint qualification."""
         return self.rank == self.rows
 
     @property
     def closed(self) -> bool:
-        """Whether every loop is closed to 1e-10, but for what digits leave open."""
+        """True if every loop is closed to 1e-10, but for what digits leave open."""
         return closed(self.to_close)
 
     @property
     def singular(self) -> bool:
-        """Whether the rank is lower than at configurations nearby."""
+        """True if the rank is lower than at configurations nearby."""
         return self.rank < self.generic_rank
 
     @property
@@ -133,7 +133,7 @@ class Rank:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each."""
+        """Notices, a sentence each."""
         return tuple(self._notes())
 
     def __str__(self) -> str:
@@ -167,7 +167,7 @@ class Rank:
             )
 
     def _singularity(self) -> Iterator[str]:
-        """Say whether the configuration is singular, or nearly."""
+        """Sentences on a singular configuration, or one that is nearly singular."""
         if self.singular:
             yield (
                 f"singular configuration: rank {self.rank} here, {self.generic_rank} nearby; "
@@ -264,7 +264,7 @@ Points = Sequence[tuple[str, Array]]
 
 
 def base_mobility(scene: Scene, q: Array) -> Iterator[str]:
-    """Say for every floating base that the constraints hold how it can still move."""
+    """Sentences on the mobility of each floating base that the constraints hold."""
     model, equations = scene.robot.model, equations_of(scene)
     J = equations.jacobian(q)
     ends = equations.placements(q)
@@ -374,7 +374,7 @@ def _point(x: Array) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Check:
-    """By how much a state violates the constraints.
+    """Violation of the constraints by a state.
 
     Attributes
     ----------
@@ -406,7 +406,7 @@ class Check:
 
     @property
     def closed(self) -> bool:
-        """Whether every gap is within 1e-10, but for what digits leave open."""
+        """True if every gap is within 1e-10, but for what digits leave open."""
         return closed(self._to_close)
 
     @property
@@ -415,12 +415,12 @@ class Check:
 
     @property
     def consistent(self) -> bool:
-        """Whether J v = 0 to 1e-10, relative to `speed`, or to `rounding`."""
+        """True if J v = 0 to 1e-10, relative to `speed`, or to `rounding`."""
         return not self._moving(tolerances.CONSISTENT)
 
     @property
     def ok(self) -> bool:
-        """Whether the state satisfies the constraints."""
+        """True if the state satisfies the constraints."""
         return self.closed and self.consistent
 
     def raise_if_open(
@@ -473,7 +473,7 @@ class Check:
 
 
 def check(scene: Scene, q: ArrayLike, v: ArrayLike | None) -> Check:
-    """Return what a state leaves open; see `Scene.check`."""
+    """Return gaps and constraint velocities of a state; see `Scene.check`."""
     model, equations = scene.robot.model, equations_of(scene)
     q_ = normalised(model, "q", q)
     chains = chains_of(scene)

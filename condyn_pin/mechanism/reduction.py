@@ -421,7 +421,7 @@ def same_motion(source: Scene, target: Scene, state: State, joints: Sequence[str
 
 
 def loaded(scene: Scene) -> Array:
-    """Return the nominal configuration with the springs bent by what standing there takes."""
+    """Return the nominal configuration with the springs bent by the forces of standing there."""
     rigid = scene.lock([spring.joint for spring in scene.robot.springs])
     q, v = rigid.state()
     joints = (*free_flyers(rigid.robot), *rigid.robot.actuated)
@@ -461,7 +461,7 @@ def _hold(robot: Robot, equations: Equations, q: Array, joints: Sequence[str]) -
 
 
 def _bend(equations: Equations, state: State, springs: Sequence[Spring], index: Indices) -> Array:
-    """Return how much further the springs have to bend to carry what holding them takes."""
+    """Return the further deflection of the springs that carries the torques holding them."""
     q, v, tau = state
     terms = equations.terms(q, v)
     n, k = len(v), len(index)
@@ -518,7 +518,7 @@ _Key = TypeVar("_Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Trial:
-    """A solver tried on a scene: "ok" and what to time, or why a time would say nothing.
+    """A solver tried on a scene: "ok" and the call to time, or the reason for no time.
 
     The call goes from one state to the next, and does not check its arguments: scenes that are
     compared do not share their states.
@@ -529,7 +529,7 @@ class Trial:
 
 
 def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
-    """Return what to time, if the solver takes the scene and says ok at every state."""
+    """Return the trial of a solver: a call to time if it solves the scene at every state."""
     try:
         workspace = Workspace(scene, solver)
     except UnsupportedConstraint:
@@ -547,7 +547,7 @@ def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
 def time_trials(
     trials: Mapping[_Key, Trial], *, rounds: int, repeats: int = 10
 ) -> dict[_Key, Times]:
-    """Time what can be timed of some trials, in one interleaved run."""
+    """Return the times of the trials that have a call, in one interleaved run."""
     calls = {name: one.call for name, one in trials.items() if one.call is not None}
     nothing = (np.zeros(0),) * 3
     return interleaved(calls, [nothing], rounds=rounds, repeats=repeats)

@@ -1,4 +1,4 @@
-"""What may be left out of a scene, row by row.
+"""Suggestions: simplifications of a scene, row by row.
 
 What may be left out of a scene: simplifications to try, those that are exact first.
 """
@@ -44,7 +44,7 @@ class Suggestion:
 def suggestions(
     scene: ReducedScene, moving: Set[str], asked: Sequence[str], *, exact_rows: bool
 ) -> Iterator[Suggestion]:
-    """Yield what may be left out of a scene.
+    """Yield simplifications of a scene.
 
     Joints that are `moving` have to move, and those whose accelerations are `asked` for are kept.
     Without `exact_rows` the solver would refuse some kinds of constraints, or make more rows of
@@ -230,7 +230,7 @@ def _numbered(name: str) -> Iterator[str]:
 
 
 def _is_at(robot: Robot, frame: str, place: tuple[int, Any]) -> bool:
-    """Whether a frame is on a joint and at a placement, as one of an earlier merge can be."""
+    """True if a frame is on a joint and at a placement, as one of an earlier merge can be."""
     try:
         joint, placement = robot.frame(frame)
     except InvalidModel:  # several frames of this name
@@ -380,9 +380,9 @@ def check_passive(robot: Robot, joint: str) -> None:
 
 
 def follows(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -> bool:
-    """Return whether loops tell some joints where to be, and the others nothing.
+    """True if loops determine the positions of some joints, and restrict no others.
 
-    It is so if the rows of the loops have no less rank in the columns of these joints alone.
+    That is so if the rows of the loops have the same rank in the columns of these joints alone.
     """
     J = _of_loops(scene, scene.nominal.terms, loops)
     p = indices(scene.robot.model, joints)[1]
@@ -397,7 +397,7 @@ def _of_loops(scene: Scene, terms: Terms, loops: Sequence[str]) -> Array:
 def _reflected(
     scene: Scene, loops: Sequence[str], joints: Sequence[str], q: Array
 ) -> tuple[Array, Array]:
-    """Return what armature and damping the joints of the tree gain, an entry each of v."""
+    """Return the armature and damping that the joints of the tree gain, an entry each of v."""
     if not follows(scene, loops, joints):
         raise InvalidConstraint(
             f"loops {listed(loops)}: they do not only tell {listed(joints)} where to be, they also "
@@ -512,7 +512,7 @@ def rods_as_distances(
 
 
 def is_rod(scene: Scene, joint: str) -> bool:
-    """Return whether the body of a joint could be replaced by a distance."""
+    """True if the body of a joint could be replaced by a distance."""
     try:
         _rod(scene, joint)
     except InvalidArgument:
@@ -560,7 +560,7 @@ def _share(joint: str, com: Array, along: Array, length: float) -> float:
 
 
 def _lost(robot: Robot, joint: str) -> list[str]:
-    """Return what acts along the joint of a rod and goes with it, as a sentence."""
+    """Return a sentence on armature, damping and friction of a rod's joint, left out with it."""
     _, index = indices(robot.model, [joint])
     acting = ("armature", "damping", "friction")
     found = [name for name in acting if np.any(np.array(getattr(robot.model, name))[index])]

@@ -29,7 +29,7 @@ _OPEN = "the loops cannot be closed from the first posture: figures are of it, o
 
 @dataclass(frozen=True)
 class Summary:
-    """What a scene contains, which rows are redundant, and what is not used.
+    """Contents of a scene, with its redundant rows, and what is not used.
 
     Attributes
     ----------
@@ -113,7 +113,7 @@ class Summary:
         return facts
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+        """Return the summary as HTML for a notebook."""
         from condyn_pin._core import show
 
         facts = list(self.facts().items())
@@ -195,7 +195,7 @@ def _contacts(scene: Scene, q: Array) -> Iterator[tuple[str, str]]:
 
 
 def _rotors(robot: Robot) -> Iterator[str]:
-    """Say which joints have a rotor that is not in the inertia of the model."""
+    """Sentence on the joints with a rotor that is not in the inertia of the model."""
     model = robot.model
     geared = np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
     lacking = np.array(model.armature) < (1.0 - tolerances.MOMENT) * geared
