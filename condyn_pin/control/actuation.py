@@ -77,7 +77,7 @@ class Actuation:
 
     @cached_property
     def columns(self) -> NDArray[np.int_]:
-        """Where v holds the joints of the motors, one entry a motor."""
+        """Indices in v of the joints of the motors, one entry a motor."""
         return indices(self.robot.model, self._joints)[1]
 
     @cached_property

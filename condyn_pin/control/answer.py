@@ -25,7 +25,7 @@ _AGAINST = 6  # rows that a text lists
 
 
 class ControlStatus(Enum):
-    """How a control tick ended; the value is advice."""
+    """Outcome of a control tick; the value is advice."""
 
     OK = "the program is solved, and the equations of motion hold"
     INACCURATE = (
@@ -47,7 +47,7 @@ class ControlStatus(Enum):
 
     @property
     def ok(self) -> bool:
-        """Whether the answer can be used as it is."""
+        """True if the answer can be used as it is."""
         return self is ControlStatus.OK
 
     def __str__(self) -> str:
@@ -75,7 +75,7 @@ class ControlResiduals(NamedTuple):
 
 
 class Give(NamedTuple):
-    """By how much a row has to be relaxed at least.
+    """Least relaxation of a row.
 
     Attributes
     ----------
@@ -91,7 +91,7 @@ class Give(NamedTuple):
 
 
 class Contradiction(NamedTuple):
-    """Which rows of a program contradict each other.
+    """Rows of a program that contradict each other.
 
     Attributes
     ----------
@@ -199,7 +199,7 @@ class ControlAnswer:
 
     @cached_property
     def margins(self) -> dict[str, Margin]:
-        """How far each contact is from leaving its cone; empty where none has one."""
+        """Margin of each contact to its cone; empty where none has one."""
         pressing = any(contact.presses for contact in self.scene.constraints)
         return margins(self, self.cones) if pressing and self.cones else {}
 
@@ -248,7 +248,7 @@ def verdict(
     x: Array | None,
     answers: Sequence[ChainAnswer],
 ) -> Verdict:
-    """Return what the unknowns x mean, and whether they are right; None where there are none."""
+    """Return the motion, torques and forces of unknowns x, verified; NaN where x is None."""
     if x is None:
         nothing, none = np.full(len(program.motion.v), np.nan), np.full(program.equations.m, np.nan)
         infeasible = _contradiction(program, given, answers[-1])
@@ -298,7 +298,7 @@ def _proof(
 
 
 def _is_rounding(dynamics: float, terms: Terms, tau: Array, size: float) -> bool:
-    """Return whether torques that are left over are rounding of those that there are."""
+    """True if the torques left over are rounding of those in the equations of motion."""
     # |h| is one of them, and mostly large enough: the sums over M take longer
     return dynamics <= tolerances.SOLVED * peak(terms.h) or (
         dynamics <= tolerances.SOLVED * largest_torque(terms, tau, size)

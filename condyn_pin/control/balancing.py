@@ -343,7 +343,7 @@ _CORRECTIONS = 20  # of a posture by Newton's method
 
 
 class _Posture(NamedTuple):
-    """Where the mass has moved to, and how the joints move it on.
+    """Posture with the mass moved along, and the joint motion that moves it on.
 
     Attributes
     ----------
@@ -363,7 +363,7 @@ class _Posture(NamedTuple):
 
 
 class _Ahead(NamedTuple):
-    """How far ahead the pressure can be [m], and the motors that hold it back."""
+    """Farthest pressure ahead [m], and the motors that hold it back."""
 
     p: float
     motors: set[str]
@@ -448,7 +448,7 @@ class Brake:
         return None
 
     def _farthest(self, at: _Posture) -> _Ahead | None:
-        """Return how far ahead the pressure can be; None if nothing holds the robot."""
+        """Return the farthest pressure ahead; None if nothing holds the robot."""
         # imported here: scipy.optimize takes as long to import as Pinocchio
         from scipy.optimize import linprog
 

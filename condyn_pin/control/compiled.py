@@ -42,12 +42,12 @@ CLEAR: Final = 1e-2 * tolerances.KKT
 
 
 def tasks_of(program: Program) -> list[tuple[Task, BoundTask]]:
-    """Return the tasks of a program at work, in the order that the core has them in."""
+    """Return the tasks of a program, in the order of the core."""
     return [each for stack in (*program.levels, program.hard) for each in stack.bound]
 
 
 def untaken(program: Program) -> Iterator[str]:
-    """Yield what the core does not take of a controller, in words."""
+    """Yield the features of a controller that the core lacks, in words."""
     yield from untaken_rows(program.equations.model, program.equations.bounds)
     if len(program.levels) > 1:
         yield "tasks: it answers the levels of a Hierarchy with their regularisation"

@@ -151,7 +151,7 @@ class _Group:
 
     @property
     def turns(self) -> bool:
-        """Whether its rows turn with the robot."""
+        """True if its rows turn with the robot."""
         return not self._contact.has_normal
 
     def turning(self, up: Array) -> Iterator[TurningCone]:

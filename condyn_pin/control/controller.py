@@ -380,7 +380,7 @@ class PythonTick:
         return given, levels
 
     def _costs(self, given: Constraints) -> tuple[Array, Array]:
-        """Return what breaking each equation and each inequality costs."""
+        """Return the costs of breaking each equation and each inequality."""
         equations = self._program.equation_rows(given)
         of_equations = np.array([row.cost for row in equations])
         return of_equations, np.array([row.cost for row in self._program.inequalities])

@@ -261,7 +261,7 @@ WISH, JOINT, MOTOR, FLOOR, LAW = 1.0, 1e1, 1e2, 1e3, np.inf
 
 @dataclass(frozen=True, eq=False)
 class Row:
-    """What a row of the program is.
+    """Name, unit, scale and cost of a row of the program.
 
     Attributes
     ----------

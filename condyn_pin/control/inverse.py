@@ -129,7 +129,7 @@ def inverse_dynamics(
 
 
 def _needed(state: State, asked: Array, extra: Array) -> tuple[Array, Array]:
-    """Return the nearest a that the constraints allow, and M a + h - extra: what it takes."""
+    """Return the nearest a that the constraints allow, and its torques M a + h - extra."""
     terms = state.terms
     with np.errstate(all="ignore"):  # what overflows is refused
         wanted, _ = state.factors.solve(terms.M @ asked, -terms.gamma)
@@ -262,7 +262,7 @@ class InverseDynamics:
 
     @property
     def fully_actuated(self) -> bool:
-        """Whether the motors can make every motion that the constraints allow."""
+        """True if the motors can make every motion that the constraints allow."""
         return self.rank == self.mobility
 
     @property
@@ -272,7 +272,7 @@ class InverseDynamics:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each."""
+        """Notices, a sentence each."""
         said = []
         floor = max(float(np.abs(self.a).max()), 1.0)
         if self.projected > tolerances.SOLVED * floor:

@@ -180,7 +180,7 @@ class AccelerationBounds:
         return lower[self.columns], upper[self.columns]
 
     def braking(self, inertia: Array, load: Array) -> Array:
-        """What each joint brakes with at most as it moves upwards (nv,); infinite if not known."""
+        """Largest deceleration of each joint as it moves upwards (nv,); infinite if not known."""
         alone = np.maximum(self.effort + load, _WEAKEST * self.effort) / inertia
         return np.asarray(np.minimum(self.most, alone))
 
@@ -241,7 +241,7 @@ def stopping(d: Array, v: Array, brake: Array, most: Array, dt: float) -> Array:
 
 
 def _is_lost(d: Array, v: Array, brake: Array) -> NDArray[np.bool_]:
-    """Whether joints are beyond a stop, or cannot be stopped before it (k,)."""
+    """True for joints beyond a stop, or too fast to be stopped before it (k,)."""
     way = np.maximum(v, 0.0) ** 2 / (2.0 * brake)
     return np.asarray((d < -tolerances.CLOSED) | (way > (1 + _ROUNDED) * d + tolerances.CLOSED))
 
@@ -274,7 +274,7 @@ def _or_infinite(limit: Array) -> Array:
 
 @dataclass(frozen=True)
 class Settings:
-    """What a `Controller` is made with, but for scene and tasks; each is as its docstring says."""
+    """Arguments of a `Controller` but for scene and tasks; each is as its docstring says."""
 
     cones: Cones
     qp: QPSolver | None

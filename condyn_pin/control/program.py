@@ -189,7 +189,7 @@ class Program:
 
     @property
     def unreached(self) -> float:
-        """How far redundant contacts are from what they demand (`TickConstraints`)."""
+        """Distance of redundant contacts from the accelerations they demand (`TickConstraints`)."""
         return self._constraints.unreached
 
     def _reduced(self) -> Reduction:
@@ -296,7 +296,7 @@ class Program:
         return given._replace(lower=bounds[0], upper=bounds[1]), text
 
     def equation_rows(self, given: Constraints) -> list[Row]:
-        """Return what the equations of a tick are."""
+        """Return the rows of the equations of a tick: name, unit, scale and cost."""
         laws = len(given.b) - len(self.hard.rows)
         return [Row("equation of motion", "m/s^2", 1.0, LAW)] * laws + self.hard.rows
 
@@ -318,7 +318,7 @@ class Program:
         return a, tau, lam, forces[len(held) :]
 
     def errors(self, x: Array) -> dict[str, Array]:
-        """Return how far each task of the last tick is from what it wants, by name."""
+        """Return the residual of each task of the last tick, by name."""
         found: dict[str, Array] = {}
         for stack, rows in self._asked:
             left = rows.of(x)
@@ -434,7 +434,7 @@ class TickConstraints:
             C[last:, k : k + len(at.touch)] = self._cones.rows(motion.data.oMi)
 
     def _within_reach(self, touch: Array, wanted: Array) -> Array:
-        """Return what contacts demand, as near as their rows can come to it.
+        """Return the accelerations that contacts demand, or the nearest that their rows reach.
 
         Two points of a foot that turns cannot both keep their places: equations that contradict
         each other would leave no torques at all.
@@ -485,11 +485,11 @@ class Elimination:
 
     @property
     def holds(self) -> bool:
-        """Whether anything is eliminated: without held rows z is a, and a_0 = 0."""
+        """True if anything is eliminated: without held rows z is a, and a_0 = 0."""
         return len(self._pivots) > 0
 
     def along(self, rows: Array) -> Array:
-        """Return what is over accelerations (..., nv), a row or many, over z: times N."""
+        """Return rows over accelerations (..., nv), one or many, as rows over z: times N."""
         return rows @ self.N if self.holds else rows
 
     def within(self, M: Array) -> Array:
@@ -501,7 +501,7 @@ class Elimination:
         return np.asarray(self._drive @ f if self.holds else f[self._drive])
 
     def unreached(self, f: Array) -> Array:
-        """Return what no motor reaches of N^T f (k, ...)."""
+        """Return the part of N^T f (k, ...) that no motor reaches."""
         return np.asarray(self._undriven @ f if self.holds else f[self._undriven])
 
     @classmethod
@@ -559,7 +559,7 @@ class Elimination:
 
 
 def reached(J: Array, r: Array) -> tuple[Array, int]:
-    """Return what is nearest to r (m,) of all J z, and the rank of J (m, k)."""
+    """Return the J z nearest to r (m,), and the rank of J (m, k)."""
     if not J.size:
         return r, 0
     Q, _, _, rank = _pivoted_qr(J, min(J.shape))

@@ -63,7 +63,7 @@ class SupportPolygon:
         return np.asarray(self.plane.origin + self.corners @ self.plane.axes[:2])
 
     def margin(self, point: ArrayLike) -> float:
-        """Return how far a point is within the polygon, negative if it is outside [m].
+        """Return the distance of a point from the nearest edge, negative outside the polygon [m].
 
         Parameters
         ----------
@@ -74,7 +74,7 @@ class SupportPolygon:
         return margin_of(self.corners, p)
 
     def reach(self, point: ArrayLike, way: ArrayLike) -> float:
-        """Return how far it is from a point to the far side of the polygon, along a direction [m].
+        """Return the distance from a point to the far side of the polygon, along a direction [m].
 
         Parameters
         ----------
@@ -94,7 +94,7 @@ class SupportPolygon:
 
 
 def margin_within(polygon: SupportPolygon | None, point: Array) -> float:
-    """Return how far a point (3,) is within a polygon [m]; NaN where one of them does not exist."""
+    """Return the margin of a point (3,) in a polygon [m]; NaN where one of them does not exist."""
     if polygon is None or not np.isfinite(point).all():
         return float("nan")
     return polygon.margin(point)
@@ -112,7 +112,7 @@ def along_plane(axes: Array, way: ArrayLike) -> Array:
 
 
 def margin_of(corners: Array, p: Array) -> float:
-    """Return how far p (2,) is within a convex polygon, counter-clockwise; negative outside."""
+    """Return the margin of p (2,) in a convex polygon, counter-clockwise; negative outside."""
     if not len(corners):
         return -np.inf
     nexts = np.roll(corners, -1, axis=0)
@@ -245,7 +245,7 @@ def _turn(a: Array, b: Array, c: Array) -> float:
 
 
 class Pressure(NamedTuple):
-    """What touches a floor at one instant, and how it presses on it.
+    """Corners that touch a floor at one instant, and the pressure and force of each contact.
 
     Attributes
     ----------
@@ -266,7 +266,7 @@ class Pressure(NamedTuple):
 
 
 def pressed(at: Sites, lam: Array) -> Pressure:
-    """Return how the contacts of a scene press on the floor with the forces lam (m,)."""
+    """Return the pressure of a scene's contacts on the floor under the forces lam (m,)."""
     exerted, cops, pressing = np.zeros(6), {}, {}
     robot = at.scene.robot
     weight = robot.mass * float(np.linalg.norm(robot.unedited.gravity.linear))
@@ -309,7 +309,7 @@ _FARTHEST = 100.0  # [m]: contacts that press against each other can hold the ma
 
 
 def support_polygon(scene: Scene, q: ArrayLike, cones: Cones | None = None) -> SupportPolygon:
-    """Return where a robot can stand on its contacts.
+    """Return the support polygon of a robot on its contacts.
 
     Parameters
     ----------
@@ -358,7 +358,7 @@ def support_polygon(scene: Scene, q: ArrayLike, cones: Cones | None = None) -> S
 
 
 def _resting_region(at: Sites, cones: Cones, origin: Array) -> SupportPolygon:
-    """Return where the centre of mass can rest."""
+    """Return the region in which the centre of mass can rest."""
     # imported here: scipy.optimize takes as long to import as Pinocchio
     from scipy.optimize import linprog
 

@@ -40,7 +40,7 @@ class AnyQP(QPSolver):
             raise InvalidArgument(f"solver = {self.solver!r}: the name of a solver is needed")
 
     def _start(self) -> BoundQP:
-        """Return it at work; it keeps nothing from call to call."""
+        """Return the bound solver; it keeps nothing from call to call."""
         qpsolvers = package(self.module)
         if self.solver not in qpsolvers.available_solvers:
             raise unknown_name("QP solver installed", self.solver, qpsolvers.available_solvers)

@@ -48,7 +48,7 @@ Verdict = Literal["solved", "infeasible", "failed"]
 
 
 class Constraints(NamedTuple):
-    """What programs with the same unknowns share, whatever their objective.
+    """Equations and inequalities of programs with the same unknowns, whatever their objective.
 
     Attributes
     ----------
@@ -98,18 +98,18 @@ class QuadraticProgram:
 
     @property
     def has_room(self) -> bool:
-        """Whether the bounds of each row leave a value to it: none does that are crossed or NaN."""
+        """True if the bounds of each row leave a finite value: not if they are crossed or NaN."""
         least, most = self.lower, self.upper
         return bool(((least <= most) & (least < np.inf) & (most > -np.inf)).all())
 
     @cached_property
     def pinned(self) -> NDArray[np.bool_]:
-        """Which inequalities are equations, their bounds being the same (r,)."""
+        """Mask of the inequalities that are equations, their bounds being the same (r,)."""
         return np.asarray(self.lower == self.upper)
 
     @property
     def has_nan_bounds(self) -> bool:
-        """Whether a bound is NaN."""
+        """True if a bound is NaN."""
         return bool(np.isnan(self.lower).any() or np.isnan(self.upper).any())
 
     def kkt_residual(self, x: Array, y: Array, z: Array) -> float:
@@ -152,7 +152,7 @@ def _blas() -> Any:
 
 
 class QPResult(NamedTuple):
-    """What a solver of quadratic programs returns.
+    """Answer of a solver of quadratic programs, not yet checked.
 
     Attributes
     ----------
@@ -205,7 +205,7 @@ class QPSolver(ABC):
         enter(QPS, cls.__name__.lower(), cls, f"a QP solver named {cls.__name__}")
 
     def start(self) -> BoundQP:
-        """Return this solver at work, with memory of its own.
+        """Return this solver with memory of its own.
 
         What it returns says "infeasible" of rows whose bounds leave no value, such as a lower one
         above its upper one, and "failed" where numbers of the program or of the answer are NaN or
@@ -228,7 +228,7 @@ class QPSolver(ABC):
 
     @abstractmethod
     def _start(self) -> BoundQP:
-        """Return the solver at work."""
+        """Return the bound solver."""
 
     @property
     def rougher(self) -> QPSolver | None:
@@ -237,7 +237,7 @@ class QPSolver(ABC):
 
     @property
     def installed(self) -> bool:
-        """Whether its package is there."""
+        """True if its package is installed."""
         return find_spec(self.module) is not None
 
 
@@ -411,12 +411,12 @@ def polish(
 
 
 def _rank(at: Polished) -> tuple[bool, float]:
-    """Return what is less for a better answer: one that has settled and counts is first."""
+    """Return the sort key of an answer, less for a better one: settled and accurate is first."""
     return not (at.settled and at.residual <= tolerances.KKT), at.residual
 
 
 def _signs_hold(at: Polished) -> bool:
-    """Return whether multipliers of active rows have the signs of their sides."""
+    """True if the multipliers of active rows have the signs of their sides."""
     active = at.active
     return not len(active) or np.array_equal(at.z[active] > 0, at.at_upper[active])
 
@@ -472,7 +472,7 @@ def _held(program: QuadraticProgram, active: Indices, at_upper: Flags) -> tuple[
 
 @dataclass(frozen=True, eq=False)
 class Elastic:
-    """What the rows of a program have to give.
+    """Least relaxation of the rows of a program.
 
     Attributes
     ----------
@@ -494,7 +494,7 @@ class Elastic:
 def elastic(
     program: QuadraticProgram, equations: Array, inequalities: Array, *, most: int | None = None
 ) -> Elastic | None:
-    """Return what rows have to give at least; None if HiGHS does not say.
+    """Return the least relaxation of the rows; None if HiGHS finds none.
 
     Parameters
     ----------

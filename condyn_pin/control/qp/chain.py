@@ -49,7 +49,7 @@ _FROM_ELASTIC = 50
 
 @dataclass(frozen=True, eq=False)
 class ChainAnswer:
-    """What became of a program.
+    """Answer of a program, or the least relaxation of its rows.
 
     Attributes
     ----------
@@ -73,7 +73,7 @@ class ChainAnswer:
 
     @property
     def solved(self) -> bool:
-        """Whether its optimality holds."""
+        """True if its optimality holds."""
         return self.answer is not None and self.answer.residual <= tolerances.KKT
 
 
@@ -92,7 +92,7 @@ class SolverLadder:
     def solve(
         self, program: QuadraticProgram, costs: Callable[[], tuple[Array, Array]]
     ) -> ChainAnswer:
-        """Return the answer of a program, or what its rows have to give.
+        """Return the answer of a program, or the least relaxation of its rows.
 
         Parameters
         ----------
@@ -125,7 +125,7 @@ class SolverLadder:
         return self._contradiction(program, costs, best, path, iterations)
 
     def _counts(self, found: Polished, path: list[str], iterations: int) -> ChainAnswer:
-        """Return what is found, and keep its active set for the next program."""
+        """Return the answer that was found, and keep its active set for the next program."""
         self._last = found
         return ChainAnswer(found, None, tuple(path), iterations)
 
@@ -175,7 +175,7 @@ class SolverLadder:
         path: list[str],
         iterations: int,
     ) -> ChainAnswer:
-        """Return what has to give; or, if nothing has to, the answer from a feasible point."""
+        """Return the least relaxation of the rows; if none is needed, a feasible point's answer."""
         found = elastic(program, *costs(), most=self._most - iterations)
         if found is None:
             return ChainAnswer(best, None, tuple(path), iterations)

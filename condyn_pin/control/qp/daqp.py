@@ -59,7 +59,7 @@ class DAQP(QPSolver):
         check_iterations(self.max_iterations)
 
     def _start(self) -> BoundQP:
-        """Return it at work; it keeps nothing from call to call."""
+        """Return the bound solver; it keeps nothing from call to call."""
         daqp = package(self.module)
 
         def solve(program: QuadraticProgram) -> QPResult:

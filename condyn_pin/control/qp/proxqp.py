@@ -72,7 +72,7 @@ class ProxQP(QPSolver):
         return replace(self, tolerance=float(f"{_ROUGHER * self.tolerance:.15g}"))
 
     def _start(self) -> BoundQP:
-        """Return it at work: one object of ProxSuite for each size of program."""
+        """Return the bound solver: one object of ProxSuite for each size of program."""
         proxqp = package(self.module).proxqp
         made: dict[tuple[int, int, int], Any] = {}
 

@@ -31,7 +31,7 @@ class Quadprog(QPSolver):
     module: ClassVar[str] = "quadprog"
 
     def _start(self) -> BoundQP:
-        """Return it at work; it keeps nothing from call to call."""
+        """Return the bound solver; it keeps nothing from call to call."""
         solve_qp = package(self.module).solve_qp
 
         def solve(program: QuadraticProgram) -> QPResult:

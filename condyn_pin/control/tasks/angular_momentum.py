@@ -59,7 +59,7 @@ class AngularMomentum(Task):
         super().__post_init__()
 
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
-        """Return it at work on a scene."""
+        """Return the task bound to a scene."""
 
         def rows(motion: Motion, t: float) -> tuple[Array, Array]:
             now = motion.angular_momentum()

@@ -47,7 +47,7 @@ from condyn_pin.errors import InvalidArgument
 
 
 class Point(NamedTuple):
-    """Where a quantity is, how fast it changes, and J and Jdot v of it: J a + drift."""
+    """A quantity x, its velocity v, and J and Jdot v of it: J a + drift."""
 
     x: Any
     v: Array
@@ -241,7 +241,7 @@ DefaultReference = Callable[[], Array]
 
 @dataclass(frozen=True, eq=False)
 class BoundTask:
-    """A task at work on one scene.
+    """A task bound to one scene.
 
     Attributes
     ----------
@@ -302,12 +302,12 @@ class Task(ABC):
 
     @property
     def _called(self) -> str:
-        """What it is called where nothing is said."""
+        """Default name of the task."""
         return type(self).__name__
 
     @abstractmethod
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
-        """Return it at work on a scene; `home` finds where it belongs without a reference."""
+        """Return the task bound to a scene; `home` finds where it belongs without a reference."""
 
     def _row_names(self, axes: Sequence[str]) -> tuple[str, ...]:
         return tuple(f"{self.name}.{axis}" for axis in axes)
@@ -434,6 +434,6 @@ def _tuple(value: Array) -> Any:
 
 
 def difference(reference: ArrayLike) -> Callable[[Array], Array]:
-    """Return how far positions x are from a reference."""
+    """Return the error of positions x, reference - x, as a function."""
     r = np.array(reference)
     return lambda x: r - x

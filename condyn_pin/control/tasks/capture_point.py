@@ -89,7 +89,7 @@ class CapturePoint(Task):
         super().__post_init__()
 
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
-        """Return it at work on a scene; by default it belongs where it is at `home`."""
+        """Return the task bound to a scene; by default it belongs where it is at `home`."""
         q, model = home(), scene.robot.unedited
         at = Sites(scene, q)
         floor = level_floor(at)

@@ -38,7 +38,7 @@ class CenterOfMass(Tracking):
         return tuple(finite("reference", reference, 3).tolist())
 
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
-        """Return it at work on a scene; by default it stays where it is at `home`."""
+        """Return the task bound to a scene; by default it stays where it is at `home`."""
         model = scene.robot.unedited
 
         def start() -> Array:

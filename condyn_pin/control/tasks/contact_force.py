@@ -59,7 +59,7 @@ class ContactForce(Task):
         return f"{self.contact} force"
 
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
-        """Return it at work on a scene; its columns are all rows of the scene."""
+        """Return the task bound to a scene; its columns are all rows of the scene."""
         if self.contact not in scene.names:
             raise unknown_name("contact", self.contact, scene.names)
         place = scene.names.index(self.contact)

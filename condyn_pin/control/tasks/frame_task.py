@@ -71,7 +71,7 @@ class FrameTask(Tracking):
         return tuple(finite("reference", reference, 3).tolist())
 
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
-        """Return it at work on a scene; by default it stays where it is at `home`."""
+        """Return the task bound to a scene; by default it stays where it is at `home`."""
         joint, place = moving(scene, self.frame)
         size, axes = (3, "xyz") if self.of == "position" else (6, _SIX)
         left = _way_left if self.of == "position" else _pose_left

@@ -60,7 +60,7 @@ class JointTask(Tracking):
         return float(finite("reference", one, ()))
 
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
-        """Return it at work on a scene; by default the joint stays where it is at `home`."""
+        """Return the task bound to a scene; by default the joint stays where it is at `home`."""
         model = scene.robot.model
         checked("joint", [self.joint], scene.robot.joints, "joint")
         in_q, in_v = indices(model, [self.joint])

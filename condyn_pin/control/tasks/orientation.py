@@ -66,7 +66,7 @@ class Orientation(Tracking):
         return unit(floats("reference", reference, 4), fault)
 
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
-        """Return it at work on a scene; by default it stays as it is at `home`."""
+        """Return the task bound to a scene; by default it stays as it is at `home`."""
         joint, place = moving(scene, self.frame)
 
         def start() -> Any:

@@ -65,7 +65,7 @@ class Posture(Tracking):
         super().__post_init__()
 
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
-        """Return it at work on a scene; by default joints stay where they are at `home`."""
+        """Return the task bound to a scene; by default joints stay where they are at `home`."""
         robot = scene.robot
         chosen = robot.actuated if self.joints is None else self.joints
         joints = checked("joints", chosen, robot.joints, "joint")
