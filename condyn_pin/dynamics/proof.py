@@ -135,7 +135,7 @@ class Verifier:
     def _forces_hold(
         self, state: State, residuals: Residuals, max_a: float, accuracy: float, load: Load | None
     ) -> bool:
-        """True if J^T lam is right to FORCES, or where a may be rougher to as many times that.
+        """True if J^T lam is right to FORCES, or to ten times `accuracy` where that is more.
 
         A residual along what rows hold is an error of lam that a does not show,
 
