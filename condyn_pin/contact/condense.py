@@ -85,7 +85,7 @@ class Condensed(NamedTuple):
         return np.asarray(dtrtrs(self.factors.L.T, self.free)[0])
 
     def changed(self, f: Array, s: Array) -> tuple[Array, Array]:
-        """Return the changes of L^T v_free and J_c v_free with p and s, as columns of both (., k)."""
+        """Return changes of L^T v_free and J_c v_free with p and s, for columns of both (., k)."""
         factors, y = self.factors, self.factors.mass.L_inv.dot(f)
         if not factors.rank:
             return y, self.X.T.dot(y)

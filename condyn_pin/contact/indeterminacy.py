@@ -363,7 +363,7 @@ def _edges(problem: ContactProblem) -> tuple[Array, Array]:
 
 
 def _could_hold(problem: ContactProblem, stress: Array) -> Array:
-    """Return which cones with friction have a part in a stress (k,): as many as there are.
+    """Return the mask (k,) of as many cones with friction in a stress as there are.
 
     By the same least squares, each contact near to a part of one, and balance with a large weight.
     """

@@ -404,13 +404,13 @@ def _islands(sets: ContactSets, names: tuple[str, ...], pattern: bytes) -> tuple
 
 
 def components(felt: NDArray[np.bool_]) -> list[NDArray[np.bool_]]:
-    """Return which contacts are in each component of a graph (k, k), of all contacts."""
+    """Return the masks of the contacts in each component of a graph (k, k)."""
     label = _labels(felt | np.eye(len(felt), dtype=bool))
     return [label == each for each in np.unique(label)]
 
 
 def _labels(felt: NDArray[np.bool_]) -> Indices:
-    """Return for each contact the smallest number of those that it is connected to."""
+    """Return the smallest index among the contacts connected to each contact."""
     label = np.arange(len(felt))
     while True:
         least = np.where(felt, label, len(felt)).min(axis=1)

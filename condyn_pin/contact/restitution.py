@@ -328,7 +328,7 @@ def _repeated(problem: ContactProblem, e: Array, end: End, pieces: int) -> tuple
 
 
 def _chained(problem: ContactProblem, e: Array, pieces: int) -> tuple[Array, float]:
-    """Return those by which only what approaches strikes; what gives nothing back is held."""
+    """Return impulses of repeated strikes of what approaches; contacts without restitution hold."""
     return _until_apart(problem, e, "stronge", pieces, everything=False)
 
 

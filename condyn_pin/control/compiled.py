@@ -71,7 +71,7 @@ def _with_cones(program: Program) -> set[int]:
 
 
 def of_program(program: Program, regularisation: float) -> dict[str, Any]:
-    """Return everything that stays the same from tick to tick."""
+    """Return all numbers that stay the same from tick to tick."""
     equations, cones = program.equations, program.cones
     model = of_model(equations.model)
     del model["damping"]  # of `passive`, which the caller knows
@@ -263,7 +263,7 @@ class CompiledTick:
 
 
 def _rows(sizes: list[tuple[str, int]]) -> Iterator[tuple[str, slice]]:
-    """Yield which rows belong to each name, one after the other."""
+    """Yield names with the rows that belong to each, one after the other."""
     start = 0
     for name, size in sizes:
         yield name, slice(start, start + size)

@@ -190,7 +190,7 @@ class AccelerationBounds:
         return np.asarray(np.minimum(self.most, fastest))
 
     def unviable(self, q: Array, v: Array, inertia: Array, load: Array) -> tuple[str, ...]:
-        """Say which joints are beyond a limit, or come to it too fast to be stopped."""
+        """Sentences on joints that are beyond a limit, or come to it too fast to be stopped."""
         if self.dt is None:
             return ()
         joints, said = self.joints, []

@@ -98,7 +98,7 @@ def untaken_rows(model: Any, bounds: Sequence[BoundConstraint]) -> Iterator[str]
 
 
 def of_model(model: Any) -> dict[str, Any]:
-    """Return everything about a model that the equations read."""
+    """Return all numbers of a model that the equations read."""
     kinds, rows, q = [], [], pin.neutral(model)
     for i in range(1, model.njoints):
         joint, Y = model.joints[i], model.inertias[i]
@@ -352,7 +352,7 @@ class CompiledCore:
 
     @cached_property
     def equations(self) -> tuple[Equations, Linearisation]:
-        """Those of the scene of this core, whatever the workspace is used for later."""
+        """Equations of this core's scene, whatever the workspace is used for later."""
         return self.workspace.equations, self.workspace.linearisation
 
     def _converted(self, q: ArrayLike, v: ArrayLike, tau: ArrayLike) -> list[Array]:
@@ -441,7 +441,7 @@ def _numbers(core: Core) -> Array:
 
 
 class CompiledDerivatives(KktDerivatives):
-    """Those of `KktDerivatives`, whose matrices are there already.
+    """Derivatives as those of `KktDerivatives`, whose matrices are there already.
 
     What else may be asked for, derivatives by the parameters of a model, is as in Python. Of small
     robots it takes a tenth of all the time to make the solution: it is made when it is asked for.
@@ -497,7 +497,7 @@ class CompiledDerivatives(KktDerivatives):
 
 
 class CompiledMethod:
-    """One of the methods that are compiled, at work on one model with the constraints of a scene.
+    """A compiled method bound to one model with the constraints of a scene.
 
     Parameters
     ----------
@@ -557,7 +557,7 @@ class CompiledMethod:
 
 
 def _of_model(model: Any, compiled: Collection[str]) -> dict[str, Any]:
-    """Return everything about a model that the equations read, for any joint that is compiled."""
+    """Return all numbers of a model that the equations read, for any compiled joint."""
     q = pin.neutral(model)
     subspaces = np.zeros((model.njoints - 1, 6, 2))
     for S, joint in zip(subspaces, list(model.joints)[1:], strict=True):

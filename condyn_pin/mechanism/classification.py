@@ -1,4 +1,4 @@
-"""Which constraints hold positions, and which velocities only.
+"""Classification of constraints: those on positions, and those on velocities only.
 
 Classification: what kind of system a scene is, in the words of analytical mechanics.
 

@@ -217,7 +217,7 @@ class Cluster:
         return np.ix_(self.rows, self.columns)
 
     def singular_values(self, J: Array) -> Array:
-        """Return those of J_D."""
+        """Return the singular values of J_D."""
         return np.asarray(np.linalg.svd(J[self.block], compute_uv=False), dtype=np.float64)
 
     def side(self, J: Array) -> int:

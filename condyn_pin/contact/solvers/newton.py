@@ -608,7 +608,7 @@ def sticking(problem: ContactProblem) -> Array | None:
 
 
 def _closing(problem: ContactProblem) -> list[bool]:
-    """Return for each contact whether it closes without impulses; dry friction counts as one."""
+    """Mask of the contacts that close without impulses; dry friction counts as one."""
     g, (_, lines, _) = problem.g.tolist(), problem.sets.parts
     closing = [speed < 0 for speed in g[2 : lines.start : 3] + g[lines]]
     return closing + len(problem.limits) * [True]

@@ -232,7 +232,7 @@ class QPSolver(ABC):
 
     @property
     def rougher(self) -> QPSolver | None:
-        """The same with a tolerance that finds no false infeasibility; None if it has none."""
+        """The solver with a tolerance that finds no false infeasibility; None if it has none."""
         return None
 
     @property

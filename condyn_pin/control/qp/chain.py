@@ -130,7 +130,7 @@ class SolverLadder:
         return ChainAnswer(found, None, tuple(path), iterations)
 
     def _answers(self, program: QuadraticProgram) -> Iterator[tuple[str, int, Polished | None]]:
-        """Yield who answered, after how many iterations, and the polished answer."""
+        """Yield the solver, its iterations, and the polished answer of each attempt."""
         if not len(program.g):
             nothing = start(program, np.zeros(0), np.zeros(len(program.lower)))
             residual = program.kkt_residual(nothing.x, nothing.y, nothing.z)

@@ -67,7 +67,7 @@ class ProxQP(QPSolver):
 
     @property
     def rougher(self) -> ProxQP:
-        """The same with a tolerance a hundred times as large."""
+        """The solver with a tolerance a hundred times as large."""
         # to 15 digits: the product is 9.999999999999999e-05, and shown in every path
         return replace(self, tolerance=float(f"{_ROUGHER * self.tolerance:.15g}"))
 

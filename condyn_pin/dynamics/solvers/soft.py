@@ -90,7 +90,7 @@ def reference_by(
 
 
 def check_softness(solref: SolRef, solimp: SolImp) -> tuple[SolRef, SolImp]:
-    """Return both as tuples of numbers, or refuse them."""
+    """Return solref and solimp as tuples of numbers, or refuse them."""
     ref = finite("solref", solref, (2,))
     if not ((ref > 0).all() or (ref < 0).all()):
         raise InvalidArgument(
@@ -225,7 +225,7 @@ class Soft(Solver):
     def differentiated(
         self, workspace: Workspace, solution: Solution, v: Array, tau: Array
     ) -> Derivatives:
-        """Return those of its `solution`, of constraints that give way, at v and tau."""
+        """Return derivatives of its `solution`, of constraints that give way, at v and tau."""
         from condyn_pin.dynamics.derivatives.soft import SoftDerivatives  # a solve needs none of it
 
         w = workspace.bound.yields
