@@ -1,4 +1,4 @@
-"""What accuracy costs: time against error.
+"""Work-precision studies: time against error.
 
 Nouns: `Study`, `Table`, `Row`, `Measure`; `bench` times the main job, `tune` chooses a solver, and
 `mujoco/` compares a robot with the same robot in MuJoCo. No other room measures time.

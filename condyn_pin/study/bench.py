@@ -1,7 +1,7 @@
 """The main job, timed: ABA, LCABA, proximal and dense KKT on the same states of the same scenes.
 
-Beside them stand the same equations written by hand, without a guard and without a proof: what is
-said to be faster than dense is faster than the fastest of these and of dense KKT.
+Beside them stand the same equations written by hand, without input checks or residuals. A speed-up
+over dense is one over the fastest of these and of dense KKT.
 
 Error and time come from the same run. The error of a is taken against `Reference` at closed
 states, relative to the larger of |a| and gravity, the worst over the states.
@@ -54,12 +54,12 @@ _ENOUGH = 1e-3
 
 
 def silent(what: str, done: int, total: int) -> None:
-    """Progress that nobody sees."""
+    """Progress callback that prints nothing."""
 
 
 @dataclass(frozen=True)
 class Effort:
-    """How long to look: closed states of each scene, and `rounds`, `repeats` of `interleaved`."""
+    """Number of closed states of each scene, and `rounds`, `repeats` of `interleaved`."""
 
     states: int = 20
     rounds: int = 400
@@ -102,7 +102,7 @@ def bench(
 
 @dataclass(frozen=True)
 class _Candidate:
-    """A row that has no times yet, and what there is to time by name: "once", "solve", "bare"."""
+    """A row without times, and the calls to time by name: "once", "solve", "bare"."""
 
     row: BenchRow
     calls: Mapping[str, Call]
@@ -180,7 +180,7 @@ def _solver(case: Case, solver: Solver) -> _Candidate:
 
 
 def _equations(case: Case, method: str, call: Call) -> _Candidate:
-    """Return equations by hand: they have a time and an error, and say nothing of either."""
+    """Row of equations written by hand, with their error but no solver status, and their call."""
     gravity = case.scene.nominal.estimator.gravity
     try:
         pairs = zip(case.states, case.truth, strict=True)
@@ -217,7 +217,7 @@ def _solvers(scene: Scene) -> list[Solver]:
 
 
 def _damping(scene: Scene) -> float:
-    """Return what a dense matrix needs where redundant rows make the exact one singular [1/kg]."""
+    """Damping mu of the dense KKT matrix if rows are redundant, else zero [1/kg]."""
     return float(f"{1e-11 * scene.nominal.delassus_norm:.1e}") if scene.nominal.dependent else 0.0
 
 
@@ -262,14 +262,14 @@ class Compiled:
     is_dense: bool
 
     def timed(self, times: Times, dense: Times | None) -> BenchRow:
-        """Return the row with the time of one state; `dense` is the fastest that is."""
+        """Return the row with the time of one state; `dense` are those of the fastest dense one."""
         each = Times(tuple(spent / self.states for spent in times.samples))
         x = dense.ratio(times) if dense and self.row.rows else nan
         return replace(self.row, bare_us=each.median, bare_p95_us=each.p95, to_dense=x)
 
 
 def compiled_by() -> dict[str, str]:
-    """Return what the machine of a table says besides, where something is compiled."""
+    """Return the C++ compiler and header versions, as entries of a table's `machine`."""
     module = constrained_aba()
     return {
         "C++ compiler": module.compiler,
@@ -279,16 +279,16 @@ def compiled_by() -> dict[str, str]:
 
 
 def compiled_methods(case: Case, damping: float) -> list[Compiled]:
-    """Return every method that is compiled and takes the scene; dense ones with a damping [1/kg].
+    """Return the compiled methods with a finite error on the scene; dense ones damped [1/kg].
 
-    MissingExtra if none is.
+    Raises MissingExtra if no method is compiled.
     """
     made = [_compiled(case, name, method) for name, method in _methods(case, damping)]
     return [one for one in made if not one.row.rows or isfinite(one.row.error)]
 
 
 def fastest_dense(methods: list[Compiled], times: Mapping[int, Times]) -> Times | None:
-    """Return the time of the fastest of the dense methods, by their place in the list."""
+    """Return the times of the fastest dense method; `times` are by index in the list."""
     plain = [times[i] for i, method in enumerate(methods) if method.is_dense]
     return min(plain, key=lambda spent: spent.median, default=None)
 
@@ -314,7 +314,7 @@ def _methods(case: Case, damping: float) -> Iterator[tuple[str, CompiledMethod]]
 
 
 def _settings(workspace: Workspace) -> dict[str, Any]:
-    """Return what a solver iterates with on its scene: the accuracy is the one that it reads."""
+    """Proximal settings of a solver: mu, stopping accuracy, and iteration limit."""
     found = workspace.proximal_settings
     relative_one = isinstance(workspace.solver, Proximal)
     accuracy = found.relative_accuracy if relative_one else found.absolute_accuracy
@@ -322,7 +322,7 @@ def _settings(workspace: Workspace) -> dict[str, Any]:
 
 
 def _compiled(case: Case, name: str, method: CompiledMethod) -> Compiled:
-    """Return a method with its worst error at the states."""
+    """Compiled method with its worst relative error of a over the states."""
     states = [np.ascontiguousarray(x) for x in map(np.array, zip(*case.states, strict=True))]
     answers, scene = method.many(*states), case.scene
     gravity, error = scene.nominal.estimator.gravity, nan
@@ -417,11 +417,10 @@ Answer = Callable[[Array, Array, Array], Array]
 
 
 def by_hand(scene: Scene, mu: float = 0.0) -> dict[str, Answer]:
-    """Return ways to a (nv,) by the name of what solves, each called with (q, v, tau).
+    """Return hand-written solutions for a (nv,) by method name, each called with (q, v, tau).
 
-    Damping mu [1/kg] is needed where rows are redundant. There is none for constraints that
-    Pinocchio does not have, and for welds of two bodies: whoever writes these by hand has written a
-    library.
+    Damping mu [1/kg] is needed where rows are redundant. Constraints that Pinocchio lacks, and
+    welds of two bodies, have no such solution: whoever writes these by hand has written a library.
     """
     rows = PinocchioRows(scene.robot.model, scene.robot.model.createData(), scene.bounds)
     if not (scene.rows and rows.have_gamma):
@@ -453,7 +452,7 @@ def _by_lapack(scene: Scene, mu: float) -> Answer:
 
 
 def _assembly(scene: Scene, mu: float) -> Callable[[Array, Array, Array], tuple[Array, Array]]:
-    """Return what assembles K and the right side."""
+    """Function of (q, v, tau) that assembles the KKT matrix K and its right side."""
     model = pin.Model(scene.robot.model)
     data, n, still = model.createData(), model.nv, np.zeros(model.nv)
     rows, size = PinocchioRows(model, data, scene.bounds), model.nv + scene.rows
@@ -477,7 +476,7 @@ def _assembly(scene: Scene, mu: float) -> Callable[[Array, Array, Array], tuple[
 
 
 def _by_contact_cholesky(scene: Scene, mu: float) -> Answer:
-    """Pinocchio's sparse factor of the same matrix, the rows first."""
+    """Solution by Pinocchio's sparse Cholesky factor of the same matrix, constraint rows first."""
     model = pin.Model(scene.robot.model)
     data, m, still = model.createData(), scene.rows, np.zeros(model.nv)
     models, datas = raw_constraints(model, pinocchio_constraints_of(scene).constraints, None)

@@ -1,4 +1,4 @@
-"""Case: a scene at some states with the truth there, and what solvers make of it."""
+"""Case: a scene at some states with the truth there, and errors and times of solvers."""
 
 from __future__ import annotations
 
@@ -49,7 +49,7 @@ class Case:
 
     @cached_property
     def fingerprint(self) -> str:
-        """A text that changes with all that errors and times depend on, but for the solver."""
+        """Hash of all that errors and times depend on, except the solver."""
         here = {name: value for name, value in machine().items() if name != "date"}
         digest = hashlib.sha256(f"{here} {self.accuracy!r}".encode())
         for array in (*(x for state in self.states for x in state), *self.truth):
@@ -105,7 +105,7 @@ def measure_errors(case: Case, solver: Method) -> Row:
 
 
 def _answers(case: Case, solver: Method) -> tuple[list[Answer], Counter[str], list[str]]:
-    """Return a solver's answers, how many states have which status, and what was said of them."""
+    """Answers of a solver, counts of states by status, and notes on failures."""
     answers: list[Answer] = []
     statuses: Counter[str] = Counter()
     notes: dict[str, None] = {}
@@ -170,12 +170,12 @@ Candidate = tuple[Case, Method]
 
 @dataclass(frozen=True)
 class TimingEffort:
-    """How long to measure.
+    """Timing effort: rounds and repeats of a measurement, and which calls are timed.
 
     Parameters
     ----------
     rounds, repeats : int
-        As in `condyn_pin._core.timing.interleaved`; what takes long is repeated less.
+        As in `condyn_pin._core.timing.interleaved`; slow calls are repeated less.
     overhead : bool
         Time the bare call and the solve with its proof too.
     alone : bool
@@ -197,7 +197,7 @@ class TimingEffort:
         check_count("repeats", self.repeats)
 
     def suffices(self, row: Row) -> bool:
-        """Whether the times of a row are good enough, or there are none to take."""
+        """True if the times of a row need no measurement: taken well enough, or impossible."""
         taken = row.median_us is not None and (row.timed == ALONE or not self.alone)
         return taken or not isfinite(row.error_worst)
 
@@ -264,7 +264,7 @@ def _median(times: Times | None) -> float | None:
 
 
 def _said(passed: float, worked: float) -> str:
-    """Return how the times were taken, by the share of the core that this process had."""
+    """Timing remark of a row: on a core of its own, or the share of the core it had."""
     share = worked / passed if passed else 1.0
     if share >= _OWNED:
         return ALONE
@@ -296,11 +296,11 @@ class Results:
             self._read(self._path)
 
     def find(self, fingerprint: str, key: Key) -> Row | None:
-        """Return the row of a case and a solver, if it was measured."""
+        """Return the row of a case and a solver; None if it was not measured."""
         return self._rows.get((fingerprint, key))
 
     def keep(self, fingerprint: str, row: Row) -> None:
-        """Keep a row; it is in the file when this returns."""
+        """Append a row to the results and, before returning, to the file."""
         self._rows[fingerprint, row.key] = row
         if self._path is not None:
             line = json.dumps({"fingerprint": fingerprint, "row": row.as_dict()}, allow_nan=False)

@@ -73,7 +73,7 @@ _SEED: Final = 2**32
 
 @dataclass(frozen=True)
 class Fresh:
-    """What a solver gave at states that it was not chosen by."""
+    """Errors of a solver at fresh states: worst, and expected over a hundred times as many."""
 
     states: int  # how many
     error: float  # the worst, relative; infinite where there was no answer
@@ -81,7 +81,7 @@ class Fresh:
 
     @classmethod
     def of(cls, errors: Sequence[float]) -> Fresh:
-        """Judge the errors at some states."""
+        """Return the worst and the expected error of the errors at some states."""
         ranked = sorted((error if isfinite(error) else inf for error in errors), reverse=True)
         worst = ranked[0]
         tenth = ranked[min(_TENTH, len(ranked)) - 1]
@@ -110,7 +110,7 @@ def _check_count(states: States | int, count: int) -> None:
 
 
 class FreshErrors:
-    """The errors of solvers at fresh states, all at the same ones, of which there have to be 20."""
+    """The errors of solvers at the same fresh states, at least 20."""
 
     def __init__(self, scene: Scene, measure: Measure, states: States | int) -> None:
         self._scene, self._measure = scene, measure
@@ -119,7 +119,7 @@ class FreshErrors:
         self._truth = [measure.truth(scene, state) for state in self._states]
 
     def __call__(self, solver: Method, measure: Measure | None = None) -> Fresh:
-        """Return what a solver gives at the states, by a measure of the same truth."""
+        """Return the errors of a solver at the states, by a measure with the same truth."""
         asked = self._measure if measure is None else measure
         try:
             workspace = asked.open(self._scene, solver)
@@ -130,7 +130,7 @@ class FreshErrors:
 
 
 def _error(measure: Measure, workspace: Any, state: State, truth: Array) -> float:
-    """Return the error at a state; infinite without an answer, or where ok is a lie."""
+    """Error at a state; infinite if there is no answer, or its status is ok and its error not."""
     try:
         answer = measure.answer(workspace, state, truth, SOLVED)
     except Exception:  # a solver of somebody's own may raise anything; it is rejected
@@ -217,7 +217,7 @@ def choose(rows: Sequence[Row], scene: Scene | None, error: float, states: State
 
 
 def promising(solver: Method, error: float) -> Method:
-    """Return a solver that says ok to an error that it was chosen for."""
+    """Return a solver with the accuracy that it was chosen for, at least 1e-8."""
     return with_accuracy(solver, max(error, SOLVED))
 
 
@@ -232,7 +232,7 @@ def solver_of(row: Row) -> Method:
 
 
 def made(name: str, parameters: Mapping[str, Parameter]) -> Method:
-    """Return the solver of a class with parameters as rows keep them: a tuple as text."""
+    """Return the solver of a class name, with parameters as in rows: a tuple as text."""
     kind = method_named(name)
     if kind is None:
         raise unknown_name("solver", name, [each.__name__ for each in SOLVERS.values()])
@@ -255,7 +255,7 @@ def _value(parameter: Parameter, usual: Any) -> Any:
 
 
 def measure_of(label: str) -> Measure:
-    """Return the measure that tables call so: a name, with the parameters that are not as usual."""
+    """Return the measure of a label: a name, with the parameters that differ from the defaults."""
     if label in MEASURES:  # a name may be more than one word
         return MEASURES[label]()
     try:
@@ -311,7 +311,7 @@ _FITS: Final = ("processor", "system", "pinocchio", "condyn_pin", "numpy")
 
 @dataclass(frozen=True)
 class Plan(Record):
-    """What a study chose.
+    """A solver chosen by a study, kept for one machine.
 
     Attributes
     ----------
@@ -319,17 +319,17 @@ class Plan(Record):
         Of the scene.
     measure : str
     error : float
-        What was asked for, relative.
+        Required error, relative.
     solver : str
         Class of the solver.
     parameters : dict
         Its parameters by name.
     median_us : float
-        What it took [us].
+        Median time [us].
     found, expected : float
-        The worst error at the fresh states, and what is expected over a hundred times as many.
+        The worst error at the fresh states, and the expected one over a hundred times as many.
     states : int
-        How many there were.
+        Number of fresh states.
     where : dict of str to str
         Processor, system and versions.
     date : str
@@ -373,13 +373,13 @@ def fingerprint(scene: Scene) -> str:
 
 
 def here() -> dict[str, str]:
-    """Return what a plan is only good for: this processor, this system, these versions."""
+    """Return the processor, system and versions for which a plan of this machine is valid."""
     found = machine()
     return {key: found[key] for key in _FITS}
 
 
 def folder() -> Path:
-    """Return where plans are kept: in the user's cache, ``$XDG_CACHE_HOME`` where that is set."""
+    """Return the folder of plans: in the user's cache, ``$XDG_CACHE_HOME`` where that is set."""
     home = Path.home()
     if os.environ.get("XDG_CACHE_HOME"):
         cache = Path(os.environ["XDG_CACHE_HOME"])
@@ -393,13 +393,13 @@ def folder() -> Path:
 
 
 def path_of(fingerprint: str, measure: str, error: float) -> Path:
-    """Return the file of a plan for this machine; it need not exist."""
+    """Return the path of a plan for this machine; the file need not exist."""
     key = json.dumps([measure, float(error), here()])
     return folder() / fingerprint[:32] / f"{hashlib.sha256(key.encode()).hexdigest()[:32]}.json"
 
 
 def keep(plan: Plan) -> None:
-    """Write a plan, at once and whole: another process reads the old one or the new one."""
+    """Write the file of a plan atomically: another process reads the old one or the new one."""
     path = path_of(plan.fingerprint, plan.measure, plan.error)
     text = json.dumps({"format": FORMAT} | plan.as_dict(), indent=1, allow_nan=False)
     try:
@@ -412,7 +412,7 @@ def keep(plan: Plan) -> None:
 
 
 def check_folder() -> None:
-    """Raise InvalidArgument if no plan could be kept; what takes half a minute asks first."""
+    """Raise InvalidArgument if no plan could be written, before a study of half a minute."""
     there = next(path for path in (folder(), *folder().parents) if path.exists())
     try:
         check_writable(there / "plan.json")

@@ -69,7 +69,7 @@ def save_panels(
 
 
 def _share_legend(figure: Any, places: Sequence[Any], columns: int) -> None:
-    """Put what the legends of panels say below them, once."""
+    """Replace the legends of all panels by one below them."""
     entries: dict[str, Any] = {}
     for ax in places:
         handles, labels = ax.get_legend_handles_labels()
@@ -83,7 +83,7 @@ def _share_legend(figure: Any, places: Sequence[Any], columns: int) -> None:
 
 
 def _ticks(low: float, high: float) -> list[float]:
-    """Round numbers on an axis of time [us]; two digits more where it has less than a decade."""
+    """Round tick values on an axis of time [us]; finer ones if it spans less than a decade."""
     ticks = [float(tick) for tick in _TICKS if low <= tick <= high]
     if len(ticks) > 1:
         return ticks
@@ -201,7 +201,7 @@ def _one_question(rows: Sequence[Row]) -> Sequence[Row]:
 
 
 def _points(rows: Sequence[Row]) -> list[tuple[float, float]]:
-    """Return time and error of rows, as far as the picture goes."""
+    """Time [us] and worst error of rows, errors clipped to the axis."""
     return [(row.us, min(max(row.error_worst, _LOWEST), _HIGHEST)) for row in rows]
 
 
@@ -222,7 +222,7 @@ def _draw_method(ax: Any, name: str, rows: Sequence[Row]) -> None:
 
 
 def _remark(ax: Any, text: str) -> None:
-    """Add a line to what a panel says in its corner."""
+    """Add a line to the remarks in the corner of a panel."""
     said = [each for each in ax.texts if each.get_gid() == "remarks"]
     if text and said:
         said[0].set_text(f"{said[0].get_text()}\n{text}")
@@ -234,7 +234,7 @@ def _remark(ax: Any, text: str) -> None:
 
 
 def _failed(rows: Sequence[Row]) -> str:
-    """Return what is said behind the name of a method: who failed how, or was not timed."""
+    """Remark behind a method's name in the legend: failure statuses and counts, or no times."""
     failures = [row for row in rows if not row.answered]
     if not failures:
         return "" if any(row.comparable for row in rows) else f": {rows[0].timed}"

@@ -40,7 +40,7 @@ def print_columns(
 
 
 def print_table(table: Table, console: Console) -> None:
-    """Print the rows that no other beats, and which solvers do not answer every state."""
+    """Print the Pareto-optimal rows, and the solvers that failed at a state."""
     for scene, measure in dict.fromkeys((row.scene, row.measure) for row in table.rows):
         asked = table.of(scene=scene, measure=measure)
         best = asked.pareto()
@@ -60,20 +60,20 @@ def print_table(table: Table, console: Console) -> None:
 
 
 def timed(table: Table) -> str:
-    """Return how many of the times were taken while this process had a core for itself."""
+    """Return the count of times taken on a core of its own, as a sentence."""
     rows = [row for row in table.rows if row.median_us is not None]
     alone = sum(row.timed == ALONE for row in rows)
     return f"{alone} of {len(rows)} times were taken on a core that nothing else used."
 
 
 def failures(rows: tuple[Row, ...]) -> list[str]:
-    """Return which solvers did not answer every state, a line each."""
+    """Return the solvers that failed at a state, with counts by status, a line each."""
     failed = [row for row in rows if not row.answered]
     return [f"{r.short}: {r.said}{f' ({r.note})' if r.note else ''}" for r in failed]
 
 
 def print_bench(table: BenchTable, console: Console) -> None:
-    """Print a table of every scene, and what its columns mean."""
+    """Print a table of every scene, and the meaning of its columns."""
     for title, part in table.by_scene().items():
         print_columns(part.of_origin("python"), console, title=title, left=("method",))
         if in_cpp := part.of_origin("C++").rows:
@@ -101,7 +101,7 @@ def print_bench(table: BenchTable, console: Console) -> None:
 
 
 def _print_in_cpp(table: BenchTable, in_cpp: Sequence[BenchRow], console: Console) -> None:
-    """Print what is compiled, one row per method, and the same of Python where there is one."""
+    """Print the times in C++, one row per method, beside those in Python where they exist."""
     shown = Grid(title="in C++, and the same in Python", title_justify="left")
     for heading in ("method", "C++", "x dense", "error of a", "Python", "x dense", "error of a"):
         shown.add_column(heading, justify="left" if heading == "method" else "right")

@@ -1,4 +1,4 @@
-"""Sets of states that a study looks at: closed, consistent, and the same every time."""
+"""Sets of states for studies: closed, consistent, and reproducible."""
 
 from __future__ import annotations
 
@@ -33,14 +33,14 @@ class States(ABC):
     @property
     @abstractmethod
     def name(self) -> str:
-        """What tables call the set."""
+        """Name of the set in tables."""
 
     @abstractmethod
     def of(self, scene: Scene) -> tuple[State, ...]:
         """Return the states of a scene."""
 
     def overlaps(self, name: str) -> bool:
-        """Whether the set that tables call so has states of this one in it."""
+        """True if the set of this name shares states with this one."""
         return name == self.name
 
     def judged_at(self, scene: Scene, state: State) -> State:
@@ -49,7 +49,7 @@ class States(ABC):
 
     @property
     def exact(self) -> bool:
-        """Whether its states are on the constraints."""
+        """True if the states satisfy the constraints."""
         return True
 
 
@@ -122,14 +122,14 @@ class SampledStates(States):
 
     @property
     def name(self) -> str:
-        """Count, loads and seed, and what is not as usual."""
+        """Count, loads and seed, and spread and speed if they differ from their defaults."""
         usual = (self.spread, self.speed) == (0.2, 1.0)
         other = "" if usual else f", spread {self.spread:g}, speed {self.speed:g}"
         loads = "all loads" if self.loads == tuple(LOADS) else ", ".join(self.loads)
         return f"{self.count} sampled under {loads}, seed {self.seed}{other}"
 
     def overlaps(self, name: str) -> bool:
-        """Whether the set of that name was drawn alike: the larger one begins as the other.
+        """True if the set of this name has the same draws: the larger one begins as the other.
 
         Other loads are put on the same q and v.
         """
@@ -274,7 +274,7 @@ class NoisyStates(States):
 
     @property
     def exact(self) -> bool:
-        """Whether there is no noise."""
+        """True if there is no noise."""
         return not any(self._sizes)
 
     def of(self, scene: Scene) -> tuple[State, ...]:
@@ -302,7 +302,7 @@ class NoisyStates(States):
 
 
 def _drawn(name: str) -> str:
-    """Return the seed, and what is not as usual, of the name of a sampled set; else the name."""
+    """Seed, spread and speed in the name of a sampled set; of any other set, the name."""
     found = re.fullmatch(r"\d+ sampled.*?(, seed .*)", name)
     return found[1] if found else name
 

@@ -1,4 +1,4 @@
-"""Study: which solver with which parameters costs how much, and is how wrong."""
+"""Study: time and error of solvers over their parameters."""
 
 from __future__ import annotations
 
@@ -122,13 +122,13 @@ class Study:
         return tuple(dict.fromkeys(as_measure(one) for one in several))
 
     def solvers_on(self, scene: Scene, measure: Measure) -> tuple[Method, ...]:
-        """Return what a scene is measured with.
+        """Return the methods that are measured on a scene.
 
         Parameters
         ----------
         scene : Scene
         measure : Measure
-            It says what is asked: solvers, or contact solvers.
+            Its `methods` are the defaults: solvers, contact solvers or routes.
         """
         return default_sweep(scene, measure) if self.solvers is None else tuple(self.solvers)
 
@@ -221,7 +221,7 @@ class Run:
         self._done, self._total = 0.0, 0
 
     def table(self) -> Table:
-        """Measure what is missing, and return all rows."""
+        """Measure the missing rows, and return the table of all."""
         try:
             self._prepare()
             self._errors()
@@ -279,7 +279,7 @@ class Run:
             self._tick(f"{of[number].label}: errors", len(rows))
 
     def _times(self) -> None:
-        """Time the scenes of which a row lacks a time, each with all that compares there."""
+        """Time the scenes with an untimed row, all comparable rows of a scene together."""
         groups: dict[tuple[str, str], dict[Candidate, Row]] = {}
         for case, solvers in self._cases:
             group = groups.setdefault((case.label, case.measure.label), {})
@@ -300,7 +300,7 @@ class Run:
         self._progress(what, round(self._done), self._total)
 
     def _each(self, calls: Sequence[Callable[[], _T]]) -> Iterator[tuple[int, _T]]:
-        """Call everything, here or on the executor; give (number, result) as they come."""
+        """Run the calls, here or on the executor; yield (index, result) as they finish."""
         try:
             yield from map_chunks(_called, calls, executor=self._executor)
         except WorkersLost as lost:
@@ -320,7 +320,7 @@ def _rows(case: Case, solvers: Sequence[Method]) -> list[Row]:
 
 
 def _rows_of(packed: bytes, solvers: Sequence[Method]) -> list[Row]:
-    """Measure in a worker, which keeps the cases that it has unpacked."""
+    """Rows of solvers on a pickled case; a worker caches the cases it has unpacked."""
     return _rows(_unpacked(packed), solvers)
 
 
@@ -346,12 +346,12 @@ def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
         Parameters that are not named keep the values that they have here.
     **parameters : sequence
         Values by name: ``sweep(Proximal(), mu=[1e-8, 1e-4], max_iterations=[1, 20])``.
-        Without any, `one` itself and what its class declares to be worth a look.
+        Without any, `one` itself and the values that its class declares in `sweeps`.
 
     Returns
     -------
     tuple of what `one` is
-        Each once, the first parameter slowest.
+        Each once; the first parameter varies slowest.
 
     Raises
     ------
@@ -378,9 +378,9 @@ def sweep(one: _Knobbed, **parameters: Sequence[Any]) -> tuple[_Knobbed, ...]:
 
 
 def default_sweep(scene: Scene, measure: Measure = _ACCELERATION) -> tuple[Method, ...]:
-    """Return all that a measure asks with parameters turned; what does not take the scene once.
+    """Return the methods of a measure over their parameters; those that refuse the scene once.
 
-    `Reference` is what the others are compared with, and is not among them.
+    `Reference`, with which the others are compared, is not among them.
     """
     chosen: list[Method] = []
     for kind in measure.methods.values():
@@ -391,7 +391,7 @@ def default_sweep(scene: Scene, measure: Measure = _ACCELERATION) -> tuple[Metho
 
 
 def _refuses(method: Method, scene: Scene) -> bool:
-    """Whether a solver cannot take a scene, or is not there."""
+    """True if a solver does not support a scene, or is not installed."""
     if not isinstance(method, Solver):
         return False
     return bool(method.missing() or untaken(scene, method))
@@ -466,7 +466,7 @@ def choose(
     solvers: Sequence[Method] | None,
     progress: Progress,
 ) -> Choice:
-    """Return what `tune` chooses, with all that was found of it; nothing is kept."""
+    """Return the solver that `tune` chooses, with its row and fresh errors; no plan is kept."""
     check_scene(scene)
     check_error(error)
     check_called("progress", progress, "what, done, total")
@@ -537,7 +537,7 @@ def _call(error: float, measure: str) -> str:
 
 
 def _others(found: str) -> str:
-    """Say which plans of the scene there are, and why they are of no use here."""
+    """Existing plans of the scene, and why they do not hold on this machine, as text."""
     here, said = plans.here(), []
     for plan in plans.plans_of(found):
         differs = [
@@ -550,14 +550,14 @@ def _others(found: str) -> str:
 
 
 def keep(scene: Scene, choice: Choice) -> Plan:
-    """Write what was chosen for a scene where `tuned` finds it."""
+    """Write the plan of a choice for a scene, where `tuned` finds it."""
     plan = plan_for(scene, choice)
     plans.keep(plan)
     return plan
 
 
 def plan_for(scene: Scene, choice: Choice) -> Plan:
-    """Return the plan of what was chosen for a scene."""
+    """Return the plan of a choice for a scene."""
     return Plan(
         fingerprint=fingerprint(scene),
         measure=choice.row.measure,

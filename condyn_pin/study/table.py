@@ -1,4 +1,4 @@
-"""Table: the rows of a study, and the answers that are in them."""
+"""Table: the rows of a study, its Pareto front and its cheapest solver."""
 
 from __future__ import annotations
 
@@ -64,7 +64,7 @@ class Table(Measurements[Row]):
         return replace(self, rows=tuple(kept))
 
     def with_scenes(self, scenes: Mapping[str, Scene]) -> Table:
-        """Return the table with the scenes of its labels, for one that comes from a file."""
+        """Return the table with scenes for its labels, which a table from a file lacks."""
         return replace(self, scenes={**self.scenes, **scenes})
 
     def pareto(self) -> Table:
@@ -125,7 +125,7 @@ class Table(Measurements[Row]):
         return choose(asked.rows, self.scenes.get(label), error, states)
 
     def compare(self, old: Table) -> Comparison:
-        """Return what changed since an `old` table, row by row, and what became worse.
+        """Return the changes since an `old` table, row by row, with those for the worse.
 
         Raises
         ------
@@ -183,15 +183,15 @@ _ROWS_FOR_COMMON: Final = 4
 
 @dataclass(frozen=True)
 class Change:
-    """One question asked twice.
+    """A row in two tables: the ratios of its times and errors.
 
     Attributes
     ----------
     old, new : Row
     slower : float or None
-        How many times slower it is than before, what all rows share taken out; None without times.
+        Time over that of before, divided by `Comparison.common`; None without times.
     spread : float
-        The factor within which this says nothing: p95 over median, the larger of both runs.
+        Factor within which `slower` is noise: p95 over median, the larger of both runs.
     error : float
         Worst error over that of before.
     """
@@ -204,7 +204,7 @@ class Change:
 
     @property
     def worse(self) -> tuple[str, ...]:
-        """What became worse, a sentence each; empty if nothing."""
+        """Regressions in time, error or status, a phrase each; empty if there is none."""
         found = []
         if self.slower is not None and self.slower > self.spread:
             found.append(f"{self.slower:.2f} times slower (spread {self.spread:.2f})")
@@ -236,12 +236,12 @@ class Comparison:
     changes : tuple of Change
         Rows that both tables have.
     common : float
-        How many times slower the rows are in common, the median: how busy the machine was, or
-        something that hits them all. 1 where fewer than four rows have times in both.
+        Median ratio of the times, new over old: the load of the machine, or a change that slows
+        all rows. 1 where fewer than four rows have times in both.
     missing, added : tuple of Row
         Rows of the old table only, and of the new one only.
     machines : tuple of str
-        What differs between the machines, a sentence each.
+        Differences between the machines, a phrase each.
     """
 
     changes: tuple[Change, ...]
@@ -257,7 +257,7 @@ class Comparison:
 
     @property
     def ok(self) -> bool:
-        """Whether nothing became worse and nothing is missing."""
+        """True if no row became worse and none is missing."""
         return not self.worse and not self.missing
 
     def __str__(self) -> str:
@@ -272,7 +272,7 @@ class Comparison:
 
 
 def compare(new: Table, old: Table) -> Comparison:
-    """Return what changed between two tables; see `Table.compare`."""
+    """Return the changes between two tables; see `Table.compare`."""
     before = {row.key: row for row in old.rows}
     pairs = [(before[row.key], row) for row in new.rows if row.key in before]
     common = _common(pairs)
@@ -311,7 +311,7 @@ def _spread(row: Row) -> float:
 
 
 def _ratio(new: Row, old: Row) -> float:
-    """Return the ratio of the worst errors; of two that are equal, 1, infinite ones as well."""
+    """Ratio of the worst errors, new over old; 1 if both are equal, infinite ones as well."""
     if new.error_worst == old.error_worst:
         return 1.0
     return new.error_worst / old.error_worst if old.error_worst else inf

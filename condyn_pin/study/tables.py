@@ -39,21 +39,21 @@ class Record:
     unknown: ClassVar[float | None] = nan
 
     def as_dict(self) -> dict[str, Any]:
-        """Return the fields as json has them: what is not finite is None."""
+        """Return the fields as plain values for json; numbers that are not finite are None."""
         return {f.name: _nulled(getattr(self, f.name)) for f in fields(self)}  # type: ignore[arg-type]
 
     def in_words(self) -> dict[str, Any]:
-        """Return the fields as csv has them."""
+        """Return the fields as values for csv."""
         return dict(vars(self))
 
     @classmethod
     def from_dict(cls, saved: Mapping[str, Any]) -> Self:
-        """Return what `as_dict` wrote, `saved`.
+        """Return the record of fields `saved` by `as_dict`.
 
         Raises
         ------
         InvalidArgument
-            If a field is missing, there is one that rows do not have, or a number is none.
+            If a field is missing or unknown, or a value has the wrong type.
         """
         known = {f.name: f for f in fields(cls)}  # type: ignore[arg-type]
         needed = {n for n, f in known.items() if f.default is f.default_factory is MISSING}
@@ -72,7 +72,7 @@ def _nulled(value: Any) -> Any:
 
 
 def _refused(kind: str, value: Any, takes_null: bool) -> str:
-    """Return what a field of a kind needs instead of a value; nothing if it will do."""
+    """Type that a field of a kind needs instead of a value, as text; empty if the value fits."""
     if kind in ("str", "int"):
         return "" if type(value).__name__ == kind else f"{kind} is"
     if kind.startswith("dict"):
@@ -93,8 +93,8 @@ Columns = tuple[tuple[str, Callable[[AnyRow], str]], ...]
 class Measurements(Generic[AnyRow]):
     """Rows, and the machine that they were measured on.
 
-    A kind of table says what its rows are (`kind`), which columns people see, each a heading and
-    what it says of a row, and which of its fields go into files beside the rows (`parts`).
+    A subclass sets the type of its rows (`kind`), the printed columns, each a heading and a
+    function of a row to text, and the fields that go into files beside the rows (`parts`).
 
     Attributes
     ----------
@@ -111,21 +111,21 @@ class Measurements(Generic[AnyRow]):
     machine: dict[str, str] = field(default_factory=machine)
 
     def to_csv(self, path: str | Path) -> None:
-        """Write the rows, after comment lines with what belongs to them and the machine."""
+        """Write the rows, after comment lines with the other `parts` and the machine."""
         columns = [f.name for f in fields(self.kind)]  # type: ignore[arg-type]
         parts = {name: getattr(self, name) for name in self.parts}
         about = {name: str(part) for name, part in parts.items() if not isinstance(part, Mapping)}
         write_csv(path, about | self.machine, columns, (row.in_words() for row in self.rows))
 
     def to_json(self, path: str | Path) -> None:
-        """Write the rows, a line each, and what belongs to them; what was not measured is null."""
+        """Write the rows, a line each, and the other `parts`; unmeasured values are null."""
         parts = self.as_dict()
         rows = ",\n".join(json.dumps(row, allow_nan=False) for row in parts.pop("rows"))
         head = json.dumps(parts, indent=1, allow_nan=False).removesuffix("\n}")
         write_text(path, f'{head},\n "rows": [\n{rows}\n]}}\n')
 
     def as_dict(self) -> dict[str, Any]:
-        """Return what `to_json` writes, as plain values."""
+        """Return the content of the file of `to_json`, as plain values."""
         parts = {name: getattr(self, name) for name in self.parts}
         return {"format": FORMAT, **parts, "rows": [row.as_dict() for row in self.rows]}
 
@@ -147,7 +147,7 @@ class Measurements(Generic[AnyRow]):
 
     @classmethod
     def from_dict(cls, saved: Mapping[str, Any]) -> Self:
-        """Return the table that `as_dict` gave as plain values, `saved`."""
+        """Return the table of plain values `saved` by `as_dict`."""
         if saved["format"] != FORMAT:
             raise ValueError(f"its format is {saved['format']!r}, and {FORMAT} is known here")
         rows: Any = tuple(map(cls.kind.from_dict, saved["rows"]))
@@ -175,7 +175,7 @@ class Measurements(Generic[AnyRow]):
         return frame
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+        """HTML table of the rows for a notebook, with the machine folded."""
         return show.page(
             f"{type(self).__name__} of {len(self)} rows",
             show.grid([heading for heading, _ in self.columns], self.cells()),
@@ -193,7 +193,7 @@ class Measurements(Generic[AnyRow]):
 
 
 def number(value: float | None, form: str) -> str:
-    """Return a number as text; nothing for None and NaN."""
+    """Return a number as text; empty for None and NaN."""
     return "" if value is None or value != value else format(value, form)
 
 
@@ -247,7 +247,7 @@ def usual_parameters(kind: type[Method]) -> dict[str, Any]:
 
 
 def with_accuracy(method: Method, accuracy: float) -> Method:
-    """Return a method that says ok to an error, where it is its own field that says so."""
+    """Return a method with this accuracy, if it has such a field; else the method itself."""
     if not hasattr(method, "accuracy"):
         return method
     return replace(method, accuracy=accuracy)  # type: ignore[type-var]
@@ -283,21 +283,21 @@ class Row(Record):
     parameters : dict of str to float, int, str, bool or None
         Its parameters by name; None where the solver chooses by itself.
     measure : str
-        What the error is one of: a name of `MEASURES`, with the parameters that change the
-        question. Rows of the same scene and measure can be compared.
+        Quantity of the error: a name of `MEASURES`, with the parameters that change the question.
+        Rows of the same scene and measure can be compared.
     states : str
         Name of the set of states.
     n : int
-        How many states there are in it.
+        Number of states in it.
     error_median, error_worst : float
         Over the states, relative: of the accelerations, to the larger of |a|_inf and gravity.
         Infinite where there is no finite answer.
     dynamics_error, constraint_error : float
         Worst residuals [N, N m] and [m/s^2, rad/s^2]; infinite where there is no answer.
     iterations : int
-        The most that a state took.
+        The most at any state.
     statuses : dict of str to int
-        How many states ended how; "refused" where the solver does not take the scene.
+        Counts of states by status; "refused" where the solver does not support the scene.
     build_us : float or None
         To build a workspace [us].
     median_us, p95_us : float or None
@@ -305,9 +305,9 @@ class Row(Record):
     bare_us, solve_us : float or None
         Pinocchio's own call behind it, unguarded, and `Workspace.solve` with its proof [us].
     timed : str
-        How the times were taken, or why there are none.
+        Remark on the timing, or the reason why there are no times.
     note : str
-        What a refusal said.
+        Text of a refusal.
     how : dict of str to float, int, str, bool or None
         Parameters of the measure that belong to the answer, such as the step of an integrator.
     """
@@ -342,27 +342,27 @@ class Row(Record):
 
     @property
     def key(self) -> Key:
-        """What was measured: scene, solver, measure, how and states."""
+        """Identity of the row: scene, solver, measure, how and states."""
         return key(self.scene, self.solver, self.measure, self.how, self.states)
 
     def in_words(self) -> dict[str, Any]:
-        """Return the fields as csv has them: parameters as in a call, statuses as counts."""
+        """Return the fields as values for csv: parameters as in a call, statuses as counts."""
         words = {"parameters": words_of(self.parameters), "how": words_of(self.how)}
         return super().in_words() | words | {"statuses": self.said}
 
     @property
     def ok(self) -> bool:
-        """Whether every state ended with a status of ok."""
+        """True if the status is ok at every state."""
         return set(self.statuses) == {"ok"}
 
     @property
     def answered(self) -> bool:
-        """Whether every state got an answer, with an error that is a number."""
+        """True if every state has an answer with a finite error."""
         return bool(self.statuses) and set(self.statuses) <= ANSWERED and isfinite(self.error_worst)
 
     @property
     def comparable(self) -> bool:
-        """Whether there is both a time and an error, at every state."""
+        """True if the row has a time, and a finite error at every state."""
         return self.median_us is not None and self.answered
 
     @property
@@ -373,7 +373,7 @@ class Row(Record):
 
     @property
     def short(self) -> str:
-        """The solver as one would type it, with what was set, and what `how` says."""
+        """The solver as a call with its non-default parameters, and those of `how`."""
         name = self.solver.split("(")[0]
         kind = method_named(name)
         usual = {} if kind is None else usual_parameters(kind)
@@ -383,12 +383,12 @@ class Row(Record):
 
     @property
     def said(self) -> str:
-        """How many states ended how: ``18 ok, 2 singular``."""
+        """Counts of states by status, as text: ``18 ok, 2 singular``."""
         return ", ".join(f"{count} {status}" for status, count in sorted(self.statuses.items()))
 
 
 def key(scene: str, solver: str, measure: str, how: Mapping[str, Parameter], states: str) -> Key:
-    """Return what tells a row from others."""
+    """Return the identity of a row: scene, solver, measure, how as in a call, and states."""
     return scene, solver, measure, words_of(how), states
 
 

@@ -1,4 +1,4 @@
-"""Measures: what the error of a study is one of, one file each.
+"""Measures: the quantities whose error a study measures, one file each.
 
 Every module of this folder is imported once, and each measure in it registers itself, so that to
 add a measure is to add one file (`base.py` says what it must contain).

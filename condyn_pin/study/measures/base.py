@@ -74,7 +74,7 @@ class Answer:
 
     @classmethod
     def of(cls, solution: Solution, error: float, promised: float) -> Answer:
-        """Return the answer of a solution; one that says ok has promised an error."""
+        """Return the answer of a solution; "wrong" if ok with an error above `promised`."""
         status = solution.status.name.lower()
         return cls(
             error=error,
@@ -99,7 +99,7 @@ class Measure(ABC):
 
     @property
     def label(self) -> str:
-        """What tables call it: the name, and the parameters that are not as usual."""
+        """Label in tables: the name, and the parameters that differ from their defaults."""
         mine = [f.name for f in fields(self) if getattr(self, f.name) != f.default]  # type: ignore[arg-type]
         parameters = ", ".join(f"{name}={getattr(self, name)!r}" for name in mine)
         return f"{self.name}({parameters})" if parameters else self.name
@@ -118,12 +118,12 @@ class Measure(ABC):
         return standard_scenes(robot)
 
     def open(self, scene: Scene, method: Any) -> Any:
-        """Return a method at work on a scene, for `answer` and `calls`."""
+        """Return the workspace of a method on a scene, for `answer` and `calls`."""
         return Workspace(scene, method)
 
     @abstractmethod
     def truth(self, scene: Scene, state: State) -> Array:
-        """Return what an answer at a state is compared with."""
+        """Return the true value at a state, with which answers are compared."""
 
     @abstractmethod
     def answer(self, workspace: Any, state: State, truth: Array, accuracy: float) -> Answer:
@@ -131,11 +131,11 @@ class Measure(ABC):
 
     @abstractmethod
     def calls(self, workspace: Any) -> Mapping[str, Call]:
-        """Return what is timed, by "once", "bare" and "solve"."""
+        """Return the calls to time, by "once", "bare" and "solve"."""
 
 
 def as_measure(measure: Measure | str) -> Measure:
-    """Return a measure, or the one of a name with its usual parameters."""
+    """Return a measure; a name stands for the one with default parameters."""
     if isinstance(measure, Measure):
         return measure
     if measure not in MEASURES:
@@ -153,7 +153,7 @@ def relative(x: Array, truth: Array, least: float) -> float:
 
 
 def unthrown(workspace: Workspace) -> Call:
-    """Return `Workspace.solve`, which then answers whatever its status."""
+    """Return `Workspace.solve` with throw=False: no exception, whatever the status."""
     return partial(workspace.solve, throw=False)
 
 

@@ -93,7 +93,7 @@ class ContactMeasure(Measure):
         return feet_on_the_floor(robot)
 
     def open(self, scene: Scene, method: ContactSolver) -> ContactBench:
-        """Return a contact solver that has seen no problem yet."""
+        """Return a contact solver with the scene, its problems not built yet."""
         if not scene.contacts:
             raise InvalidArgument("the scene has no contacts that may let go: Scene(contacts=...)")
         if self.integrator.law not in method.laws:
@@ -130,7 +130,7 @@ class ContactMeasure(Measure):
         )
 
     def calls(self, workspace: ContactBench) -> Mapping[str, Call]:
-        """Return the solve as steps do it, and the one with all seven residuals."""
+        """Return the solve as in a time step, and the one with all seven residuals."""
         solver, goal = workspace.solver, _goal(workspace.solver)
 
         def once(q: Array, v: Array, tau: Array) -> tuple[Attempt, float]:
@@ -143,7 +143,7 @@ class ContactMeasure(Measure):
         return {"once": once, "solve": solve}
 
     def _posed(self, bench: ContactBench, state: State) -> ContactProblem:
-        """Return the problem of a state, posed when it is first asked for."""
+        """Contact problem of a step from a state, built once."""
         key = b"".join(x.tobytes() for x in state)
         if key not in bench.problems:
             bench.problems[key] = self._problem(bench.scene, state)
@@ -167,12 +167,12 @@ def feet_on_the_floor(robot: Robot) -> Mapping[str, Scene]:
 
 
 def _goal(solver: ContactSolver) -> float:
-    """Return what is good enough: what a solver that names a tolerance was asked for."""
+    """Required accuracy of the contact solve: the solver's own tolerance, if it is larger."""
     return max(getattr(solver, "tolerance", 0.0), tolerances.CONTACT_SOLVED)
 
 
 def _polished(problem: ContactProblem, lam: Array) -> tuple[Array, ...]:
-    """Return the exact answer that Newton's method finds from lam, if it finds one."""
+    """Exact impulses by Newton's method from lam; empty if it does not converge."""
     found = _NEWTON.attempt(problem, lam).lam
     return (found,) if natural_residual(problem, found) <= _EXACT else ()
 
@@ -180,7 +180,7 @@ def _polished(problem: ContactProblem, lam: Array) -> tuple[Array, ...]:
 def _distance(
     problem: ContactProblem, lam: Array, other: Array, least: float
 ) -> tuple[float, float]:
-    """Return the energy of the difference [J], and its relative size."""
+    """Energy of the velocity difference J^T (lam - other) [J], and its relative size."""
     d = lam - other
     wrong = max(float(d @ problem.G @ d), 0.0)
     size = max(float(other @ problem.G @ other), least)

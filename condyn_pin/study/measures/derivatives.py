@@ -92,7 +92,7 @@ def _blocks(workspace: Workspace, solution: Solution, state: State, method: str)
 
 
 def _worst(found: Array, truth: Array, along: Array) -> float:
-    """Return the largest error of the three blocks; by q, in the directions given."""
+    """Largest relative error of da/dq, da/dv and da/dtau; da/dq only in the directions `along`."""
     pairs = zip(np.hsplit(found, 3), np.hsplit(truth, 3), strict=True)
     (q, true_q), *others = pairs
     return max(relative(x, y, 1.0) for x, y in [(q @ along.T, true_q @ along.T), *others])

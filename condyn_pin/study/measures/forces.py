@@ -1,4 +1,4 @@
-"""What the constraint forces do to the joints, against `Reference`."""
+"""Generalised constraint forces J^T lam, against `Reference`."""
 
 from __future__ import annotations
 

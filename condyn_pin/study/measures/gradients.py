@@ -1,4 +1,4 @@
-"""Routes to derivatives through contact: the slope of where a motion ends, against differences."""
+"""Derivatives of the end of a motion through contact by each route, against differences."""
 
 from __future__ import annotations
 
@@ -55,7 +55,7 @@ class RouteBench:
 
 @dataclass(frozen=True)
 class GradientMeasure(Measure):
-    """The error of how the end of a motion changes with its start and its torques.
+    """The error of the derivative of a motion's end by its start and its torques.
 
     e = |dx_T / dx_0 d - slope| / max(|slope|_inf, 1),    x = (q / T, v)
 
@@ -111,7 +111,7 @@ class GradientMeasure(Measure):
 
     @property
     def label(self) -> str:
-        """The name, with the duration and the directions if they are not as usual."""
+        """The name, with the duration and the directions if they differ from their defaults."""
         usual = type(self)()
         mine = [k for k in ("duration", "wrt") if getattr(self, k) != getattr(usual, k)]
         said = ", ".join(f"{k}={getattr(self, k)!r}" for k in mine)
@@ -137,7 +137,7 @@ class GradientMeasure(Measure):
         return RouteBench(scene, method)
 
     def truth(self, scene: Scene, state: State) -> Array:
-        """Return slopes (2 nv, directions) and, behind them, the end (2 nv,), both in x."""
+        """Return slopes (2 nv, directions) and, in the last column, the end (2 nv,), both in x."""
         arrays = (x.tobytes() for x in state)
         return _slopes(scene, self.duration, tuple(self.wrt), *arrays)
 
@@ -173,7 +173,7 @@ class GradientMeasure(Measure):
         return round(self.duration / self.dt)
 
     def _found(self, scene: Scene, route: Route, state: State) -> Array:
-        """Return what `truth` does, by a route."""
+        """Slopes (2 nv, directions) and, in the last column, the end (2 nv,), by a route, in x."""
         q, v, tau = state
         steps = linear_steps(scene, route.scheme(self.integrator), self.duration / self._steps)
         chain, n = Chain(route, steps, self._steps, np.tile(tau, (self._steps, 1))), len(v)
@@ -209,7 +209,7 @@ def _directions(scene: Scene, duration: float, wrt: tuple[str, ...], at: bytes) 
 def _slopes(
     scene: Scene, duration: float, wrt: tuple[str, ...], q: bytes, v: bytes, tau: bytes
 ) -> Array:
-    """Return the slopes and the end of the motion; every route and every step asks for them."""
+    """Slopes and end of the converged motion, cached for all routes and steps."""
     start = [np.frombuffer(x) for x in (q, v, tau)]
     model, n = scene.robot.model, scene.robot.nv
     steps = max(int(np.ceil(duration / _FINE)), 10)

@@ -1,4 +1,4 @@
-"""Motions: where a simulation ends, against the same motion in steps that are far smaller."""
+"""Motions: the final state of a simulation, against that of a converged one."""
 
 from __future__ import annotations
 
@@ -56,14 +56,14 @@ _T = TypeVar("_T")
 
 
 def _usual(registry: Mapping[str, type[_T]]) -> tuple[_T, ...]:
-    """Return what a registry has, with its defaults; not what has none for a parameter."""
+    """Entries of a registry with default parameters; those with a required one are left out."""
     kinds = registry.values()
     return tuple(kind() for kind in kinds if not any(f.default is MISSING for f in fields(kind)))  # type: ignore[arg-type]
 
 
 @dataclass(frozen=True, eq=False)
 class MotionBench:
-    """A scene, and a solver at work on what of it never lets go."""
+    """A scene, and the workspace of its bilateral constraints."""
 
     scene: Scene
     held: Workspace
@@ -120,7 +120,7 @@ class TrajectoryMeasure(Measure):
 
     @property
     def label(self) -> str:
-        """The name, with the duration if it is not as usual."""
+        """The name, with the duration if it differs from its default."""
         usual = self.duration == type(self).duration
         return self.name if usual else f"{self.name}(duration={self.duration!r})"
 
@@ -135,7 +135,7 @@ class TrajectoryMeasure(Measure):
         return replace(self, **schemes_made(how))
 
     def open(self, scene: Scene, method: Solver) -> MotionBench:
-        """Return a scene, and a solver at work on what never lets go."""
+        """Return a scene, and the workspace of a solver on its bilateral constraints."""
         return MotionBench(scene, Workspace(scene.bilateral, method))
 
     def truth(self, scene: Scene, state: State) -> Array:
@@ -183,7 +183,7 @@ class TrajectoryMeasure(Measure):
 
 @lru_cache(maxsize=1000)
 def _end(scene: Scene, duration: float, q: bytes, v: bytes, tau: bytes) -> Array:
-    """Return the end of a motion, converged; every step, integrator and scheme asks for it."""
+    """Final q and v of the converged motion (nq + nv,), cached for all steps and schemes."""
     integrator, parts = (_FINE, _FINE_PARTS) if scene.contacts else (_CONVERGED, _PARTS)
     motion = simulate(
         scene,
@@ -201,7 +201,7 @@ def _end(scene: Scene, duration: float, q: bytes, v: bytes, tau: bytes) -> Array
 
 
 def _penetration(motion: Trajectory) -> float:
-    """Return the deepest that a contact was below its plane, or a joint beyond its stop."""
+    """Deepest penetration of contacts and joint stops in a motion [m, rad]."""
     return max((_largest(np.minimum(gap, 0.0)) for gap in motion.gaps.values()), default=0.0)
 
 

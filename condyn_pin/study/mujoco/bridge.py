@@ -271,7 +271,7 @@ _OFF: Final = ("ACTUATION", "CONTACT", "LIMIT", "FRICTIONLOSS")
 
 
 class LoopRows(NamedTuple):
-    """A loop in one engine: its rows of J (m, nv), and how far it is open [m, rad]."""
+    """A loop in one engine: its rows of J (m, nv), and its gap [m, rad]."""
 
     J: Array
     violation: ConstraintViolation
@@ -331,7 +331,7 @@ def equalities_of(mj: Any) -> dict[int, str]:
 
 
 def _gap(rows: Array, torque_scale: float) -> ConstraintViolation:
-    """Return how far an equality is open; the angular rows of a weld are scale sin(angle / 2)."""
+    """Gap of an equality [m, rad]; the angular rows of a weld are scale sin(angle / 2)."""
     sine = float(np.linalg.norm(rows[3:])) / (torque_scale or 1.0)
     return ConstraintViolation(float(np.linalg.norm(rows[:3])), 2.0 * asin(min(sine, 1.0)))
 
@@ -365,7 +365,7 @@ def pairs_of(
 ) -> tuple[Pair, ...]:
     """Return the joints of a robot with those of MuJoCo, in the robot's order.
 
-    Refused is what is missing on either side, has another type or another parent.
+    Joints missing on either side, of another type or with another parent, are refused.
     """
     known = joint_names(mj)
     there = _names_there(robot, known, names)
@@ -464,7 +464,7 @@ def holder(mj: Any, body: int, among: Mapping[int, int]) -> int:
 
 
 def check_axes(robot: Robot, data: Any, paired: Sequence[Pair], q: Array) -> None:
-    """Refuse axes that are others; q is the configuration that MuJoCo's `data` is in."""
+    """Refuse joint axes that differ at q, the configuration of MuJoCo's `data`."""
     placed = whole_data(robot.model)
     pin.forwardKinematics(robot.model, placed, q)
     for pair in paired:
@@ -523,7 +523,7 @@ class VelocityMap:
         self._free = tuple(pair for pair in pairs if pair.kind == "free")
 
     def spread(self, q: Array, x: Array, out: Array) -> Array:
-        """Write X x into `out`, which keeps the entries of joints that the robot has not."""
+        """Write X x into `out`, which keeps its entries for joints that the robot lacks."""
         out[..., self._dofs] = x
         for pair in self._free:
             linear = slice(pair.dof.start, pair.dof.start + 3)

@@ -1,4 +1,4 @@
-"""A robot beside the same robot in MuJoCo: what differs, and why.
+"""Comparison of a robot with the same robot in MuJoCo: differing terms, and their causes.
 
 The same question to both engines, term by term.
 
@@ -54,7 +54,7 @@ _OTHERS: Final = "loops of other names"
 def cross_check(
     bridge: MujocoBridge, q: ArrayLike, v: ArrayLike, tau: ArrayLike, tolerance: float
 ) -> CrossCheck:
-    """Return what both engines say at a state; `MujocoBridge.compare` says more."""
+    """Return the terms of both engines at a state, compared; see `MujocoBridge.compare`."""
     if not (isinstance(tolerance, (float, int)) and 0.0 < tolerance < 1.0):
         raise InvalidArgument(f"tolerance = {tolerance!r}: a number between 0 and 1 is needed")
     robot = bridge.robot
@@ -128,7 +128,7 @@ def _of_loops(
 def _paired(
     here: Mapping[str, LoopRows], there: Mapping[str, LoopRows]
 ) -> tuple[list[tuple[str, list[LoopRows], list[LoopRows]]], list[str]]:
-    """Return what to compare with what: loops of one name, and all others together."""
+    """Pairs of loops to compare: each shared name alone, all others together; and notes."""
     groups = [(name, [here[name]], [there[name]]) for name in here if name in there]
     mine = [name for name in here if name not in there]
     yours = [name for name in there if name not in here]
@@ -194,7 +194,7 @@ def _beyond(A: Array, B: Array) -> float:
 
 
 def _beside(bridge: MujocoBridge) -> Iterator[str]:
-    """Say what MuJoCo's model has beside the terms that are compared."""
+    """Notes on parts of MuJoCo's model that are not compared, a sentence each."""
     mj = bridge.model
     rubbing = [p.name for p in bridge.pairs if mj.dof_frictionloss[p.dof].any()]
     if rubbing:
@@ -236,9 +236,9 @@ def _beside(bridge: MujocoBridge) -> Iterator[str]:
 
 
 def causes(bridge: MujocoBridge, data: Any, q: Array, tolerance: float) -> tuple[str, ...]:
-    """Return where the models differ, a sentence each, the root first.
+    """Return the differences of the models, a sentence each, the root first.
 
-    `data` is where MuJoCo has placed the bodies at q; the tolerance is relative.
+    `data` has MuJoCo's placements of the bodies at q; the tolerance is relative.
     """
     return tuple(_Causes(bridge, data, q, tolerance).all())
 
@@ -280,13 +280,13 @@ class _Causes:
             yield from (f"body {body} (joint {pair.name}): {said}" for said in carried)
 
     def _differ(self, ours: Any, theirs: Any, scale: float | None = None) -> bool:
-        """Whether numbers differ by more than the tolerance of a scale, by default the largest."""
+        """True if numbers differ by more than tolerance times scale, by default the largest."""
         if scale is None:
             scale = max(float(np.abs(ours).max()), float(np.abs(theirs).max()))
         return float(np.abs(np.subtract(ours, theirs)).max()) > self.tolerance * scale
 
     def _joint(self, pair: Pair) -> Iterator[str]:
-        """Say what of a joint differs that does not depend on where it stands."""
+        """Differences of armature, damping, stiffness and rest of a joint, a sentence each."""
         turns = pair.kind != "slide"
         springs = [(s.stiffness, s.reference) for s in self.robot.springs if s.joint == pair.name]
         k, rest = _together(springs)
@@ -310,7 +310,7 @@ class _Causes:
             yield f"joint {pair.name}: its spring rests at {text}"
 
     def _place(self, pair: Pair) -> str:
-        """Say how the place of a joint differs from MuJoCo's; nothing if it does not."""
+        """Difference of the axis or the position of a joint, as text; empty if there is none."""
         if pair.kind == "free":
             return ""
         s, s_there = axes(self.model, self.placed, self.data, pair)
@@ -329,7 +329,7 @@ class _Causes:
         )
 
     def _zero(self, pair: Pair) -> str:
-        """Say if another zero of a hinge or a slide explains another centre of mass."""
+        """Offset of the joint zero that explains a moved centre of mass, as text; else empty."""
         m, c, _ = self._inertia(pair)
         ours, oMi = self.model.inertias[pair.here], self.placed.oMi[pair.here]
         if pair.kind not in ("hinge", "slide") or not (m and ours.mass):
@@ -353,7 +353,7 @@ class _Causes:
         )
 
     def _carried(self, pair: Pair, *, placed: bool) -> Iterator[str]:
-        """Say how mass, its centre and the inertia about it differ, in the axes of the joint."""
+        """Differences of mass, centre of mass and inertia about it, in the axes of the joint."""
         ours = self.model.inertias[pair.here]
         m, c, inertia = self._inertia(pair)
         if self._differ(ours.mass, m):
@@ -397,7 +397,7 @@ def _together(springs: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 
 def _one(values: Any) -> Array:
-    """Return a number that stands for equal ones, else all of them."""
+    """The common value of equal numbers, else all of them."""
     array = np.atleast_1d(np.asarray(values, dtype=float))
     return array[:1] if np.ptp(array) == 0.0 else array
 
@@ -419,10 +419,10 @@ class TermCheck:
     term : str
         M, h, passive (springs and damping), a, gap or J.
     error : float
-        Relative to the size of the term, light joints counted as heavy ones (`comparing`); of a
-        gap, the difference [m, rad].
+        Relative to the size of the term, scaled by sqrt(M_ii) so that light joints count as heavy
+        ones; of a gap, the difference [m, rad].
     where : str
-        The joints, or the loop, where it is largest.
+        The joints, or the loop, with the largest error.
     here, there : float or None
         The numbers there, of Pinocchio and of MuJoCo [kg, kg m, kg m^2; N, N m; m/s^2, rad/s^2;
         m, rad]; None of J, whose rows are scaled otherwise in MuJoCo.
@@ -461,7 +461,7 @@ class CrossCheck:
 
     @property
     def ok(self) -> bool:
-        """Whether every term agrees at this state."""
+        """True if every term agrees at this state."""
         return all(term.error <= self.tolerance for term in self.terms)
 
     def to_dict(self) -> dict[str, Any]:
