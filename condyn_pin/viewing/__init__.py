@@ -4,13 +4,12 @@ A picture is a list of parts. A part is a shape that never changes, and a pose i
 depends on the instant: a triangle mesh with the pose of its joint, a segment that spans a gap, an
 arrow as long as its force. One instant makes a still picture, many make an animation.
 
-    descriptions, geoms, meshes    what the robot's description draws
-    bodies            that of each joint, what stands for it where nothing is drawn, and contacts
-    marks             what this library knows and shows: arrows, closures, patches, balance
-    labels            words that do not cover one another
-    part, instant     parts, and what they depend on; contacts that may let go, where they are
+    bodies            shapes of each joint from `io.shapes`, skeletons without any, and contacts
+    marks             marks of this library: arrows, closures, patches, balance
+    labels            text that does not overlap
+    part, instant     parts, and the state they depend on; unilateral contacts, where they are
     motion, drawing   instants in turn, all parts of a scene, and a page that holds them
-    viewer            who looks: a browser, or a headless one for a file
+    viewer            the page in a browser, or in a headless one for a file
     plots_scene, plots_motion, plots_contact, plots_balance   diagrams
 """
 

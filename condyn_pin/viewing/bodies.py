@@ -49,7 +49,7 @@ _CLEAR: Final = 0.15  # opacity of an inertia that is larger than the body it st
 
 
 def body_parts(robot: Robot, size: float) -> tuple[tuple[Part, ...], tuple[str, ...]]:
-    """Return a part for each joint, with all that it carries, and what could not be drawn."""
+    """Return a part for each joint with its shapes, and notes on shapes that cannot be drawn."""
     shapes, missing = shapes_of(
         robot.description, model=robot.name, package_dirs=robot.package_dirs
     )
@@ -71,7 +71,7 @@ def body_parts(robot: Robot, size: float) -> tuple[tuple[Part, ...], tuple[str, 
 
 
 def _parts(robot: Robot, drawn: dict[int, dict[Colour, Mesh]], size: float) -> Iterator[Part]:
-    """Yield what is drawn, and a skeleton of the bodies with mass that nobody drew."""
+    """Parts of the drawn shapes, and the skeleton of bodies with mass but without a shape."""
     heavy = {i for i, inertia in enumerate(robot.model.inertias) if i and inertia.mass > 0.0}
     yield from skeleton(robot, size, only=heavy - drawn.keys() if drawn else None)
     for i, by_colour in drawn.items():
@@ -80,7 +80,7 @@ def _parts(robot: Robot, drawn: dict[int, dict[Colour, Mesh]], size: float) -> I
 
 
 def lighter(parts: Sequence[Part], size: float, most: int = _LIGHT) -> tuple[Part, ...]:
-    """Return parts with at most so many triangles together, in cells as small as that allows."""
+    """Return parts with at most `most` triangles together, simplified in the smallest cells."""
     cell = size / (2.3 * most**0.5)  # smaller ones are too many on a surface of this size
     while True:
         if sum(len(m.faces) for part in parts for m, _ in part.meshes) <= most:
@@ -93,14 +93,14 @@ def lighter(parts: Sequence[Part], size: float, most: int = _LIGHT) -> tuple[Par
 
 
 def with_coarse(parts: Sequence[Part], size: float) -> Iterator[Part]:
-    """Yield parts that know what to show while they move, where a processor draws them."""
+    """Yield parts with coarse meshes, for motion without a graphics card."""
     for part, few in zip(parts, lighter(parts, size, _SWIFT), strict=True):
         coarse = () if few is part else tuple(mesh for mesh, _ in few.meshes)
         yield replace(part, coarse=coarse)
 
 
 def skeleton(robot: Robot, size: float, only: Collection[int] | None = None) -> Iterator[Part]:
-    """Yield a part for each joint, or `only` some: rods to what it carries, and its inertia."""
+    """Yield a part for each joint, or `only` some: rods to its child frames, and its inertia."""
     model = robot.model
     for i in range(model.njoints) if only is None else sorted(only):
         points = _points(robot, i)
@@ -120,7 +120,7 @@ def skeleton(robot: Robot, size: float, only: Collection[int] | None = None) -> 
 
 
 def _points(robot: Robot, i: int) -> list[Array]:
-    """Return where other things are on joint i: joints, loops, contacts; else its own mass."""
+    """Positions of child joints, loops and contacts on joint i; else its centre of mass [m]."""
     model = robot.model
     found = [model.jointPlacements[j].translation for j in range(1, model.njoints)
              if model.parents[j] == i and model.joints[j].nq != 7]  # fmt: skip
@@ -168,7 +168,7 @@ _ORDER = ("slide", "stick", "open")  # the worst first
 def touch_parts(
     scene: Scene, instants: Sequence[Instant], size: float, *, cones: bool = False
 ) -> Iterator[Part]:
-    """Yield the parts of all contacts of a scene that may let go.
+    """Yield the parts of all unilateral contacts of a scene.
 
     Parameters
     ----------
@@ -199,7 +199,7 @@ def touch_parts(
 
 
 def _folder(bound: BoundContact, instants: Sequence[Instant]) -> str:
-    """Return what the legend knows the parts of a contact by: whether anybody asked its modes."""
+    """Legend group of a contact: "touching" if its modes are known, else "candidates"."""
     asked = any(mode for at in instants for mode in _modes(bound, at))
     return "touching" if asked else "candidates"
 
@@ -222,7 +222,7 @@ def _shape_colour(bound: BoundContact, at: Instant) -> Colour:
 
 
 def _cone_part(name: str, size: float) -> Part:
-    """Return the cone of the forces that a contact can give, all sides of one length."""
+    """Friction cone of a contact, its slant height the same for all friction coefficients."""
     unit = ((meshes.turned([(0.0, 0.0), (1.0, 1.0), (0.0, 1.0)]), CONE),)
 
     def pose(at: Instant) -> Array | None:
@@ -239,7 +239,7 @@ def _cone_part(name: str, size: float) -> Part:
 
 
 def _ground_parts(scene: Scene, instants: Sequence[Instant], size: float) -> Iterator[Part]:
-    """Yield a square in each plane, below all points that may touch it."""
+    """Square in each contact plane, below all points that may touch it."""
     above: dict[tuple[int, bytes], list[PlaneContact]] = {}
     for bound in scene.contact_bounds:
         for touch in bound.touches:

@@ -76,9 +76,9 @@ class Drawing:
     size : float
         [m]
     notes : tuple of str
-        What could not be drawn, a sentence each.
+        Parts of the subject that cannot be drawn, a sentence each.
     frames : (k,) array
-        When each instant is shown, in pictures since the start.
+        Time of each instant, in pictures since the start.
     toward : (3,) array
         From the middle to the camera.
     speed : float
@@ -97,7 +97,7 @@ class Drawing:
     speed: float = 1.0
 
     def commands(self) -> Iterator[three.Command]:
-        """Return the commands that draw it, in meshcat's viewer."""
+        """Return the meshcat commands that draw it."""
         yield from stage()
         for part in self.parts:
             yield from part.commands(self.instants[0])
@@ -106,12 +106,12 @@ class Drawing:
 
     @property
     def eye(self) -> Camera:
-        """Where the camera is at first."""
+        """Initial pose of the camera."""
         return eye_at(self.middle, self.size, self.toward)
 
     @property
     def first(self) -> Drawing:
-        """Its first instant, which rests."""
+        """The drawing of its first instant alone, without motion."""
         return replace(self, instants=self.instants[:1])
 
     def html(self) -> str:
@@ -146,14 +146,14 @@ def draw(
     instants : sequence of Instant
     title : str
     before : Instant, optional
-        What is drawn beside them as a ghost.
+        Drawn beside them as a ghost.
     frames : (k,) array, optional
-        When each instant of a motion is shown, in pictures since the start.
+        Time of each instant of a motion, in pictures since the start.
     gaps : iterable of mapping, optional
-        Of a motion, how far constraints are open at all its samples: what labels say is the
-        largest. That of the instants by default.
-    peaks : mapping of str to Peak, optional
-        Of a motion, the largest forces of all its samples, which arrows are labelled with.
+        Gaps of the constraints at all samples of a motion; labels show the largest. Those of the
+        instants by default.
+    peaks : mapping of str to Maximum, optional
+        Largest forces of all samples of a motion, for the labels of arrows.
     fps : float
         Pictures a second [1/s].
     speed : float
@@ -192,7 +192,7 @@ def _constraint_parts(
     scenes: Sequence[Scene], instants: Sequence[Instant], worst: Mapping[str, ConstraintViolation],
     peaks: Mapping[str, Maximum], size: float, cones: bool,
 ) -> Iterator[Part]:  # fmt: skip
-    """Yield the loops of all scenes, then each one's contacts and the forces of both."""
+    """Parts of the loops of all scenes, then of contacts, and of the forces of both."""
     for scene in scenes:
         yield from closure_parts(scene, worst, size)
     for scene in scenes:
@@ -202,7 +202,7 @@ def _constraint_parts(
 
 
 def _apart(parts: Iterable[Part]) -> Iterator[Part]:
-    """Yield parts of which none hangs on another one in meshcat's tree, and moves with it.
+    """Parts renamed so that none is a child of another one in meshcat's tree.
 
     The names of two joints may be ``arm`` and ``arm/tip``; an empty name between slashes counts for
     nothing there.
@@ -237,7 +237,7 @@ def _worst(gaps: Iterable[Mapping[str, ConstraintViolation]]) -> dict[str, Const
 
 
 def stage() -> Iterator[three.Command]:
-    """Return the commands that hide meshcat's own background, axes and grid, and take its lamps."""
+    """Return the commands that remove meshcat's lights, and hide its background, axes and grid."""
     yield three.delete("/Lights")
     for path in ("/Background", "/Axes", "/Grid"):
         yield three.set_property(path, "visible", False)
@@ -262,7 +262,7 @@ _FPS = 30.0  # [1/s]
 
 @dataclass(frozen=True)
 class Look:
-    """What is drawn of a subject, and how; `view` says what each flag means."""
+    """Drawing options of a subject; `view` has the meaning of each flag."""
 
     forces: bool = True
     light: bool = False
@@ -286,7 +286,7 @@ def drawing_of(
     speed: float = 1.0,
     look: Look = _USUAL,
 ) -> Drawing:
-    """Return what `view` shows of a subject, without a page."""
+    """Return the drawing of a subject, as `view` shows it, without a page."""
     _check(subject, t, look)
     if isinstance(subject, Robot):
         subject = Scene(subject, subject.loops)
@@ -303,7 +303,7 @@ def drawing_of(
 
 
 def _check(subject: Subject, t: float | None, look: Look) -> None:
-    """Refuse what cannot be drawn, and what a subject does not have."""
+    """Refuse subjects that cannot be drawn, and options that a subject does not have."""
     if not isinstance(subject, Subject):
         if isinstance(subject, str):
             raise InvalidArgument(
@@ -332,7 +332,7 @@ def _scene(scene: Scene, q: ArrayLike | None, posture: str | None, look: Look) -
 
 
 def _configuration(scene: Scene, q: ArrayLike | None, posture: str | None) -> tuple[Array, str]:
-    """Return what is shown of a scene, and how it is called."""
+    """Configuration of a scene to draw (nq,), and its name; empty for a given q."""
     if q is not None:
         if posture is not None:
             raise InvalidArgument("posture: q is given too; give only one of them")
@@ -362,7 +362,7 @@ def _answer(subject: Solution | InverseDynamics | ControlAnswer | Assembly, look
 
 
 def _balance(answer: ControlAnswer) -> Balance | None:
-    """Return the balance of an answer; None of one that is none."""
+    """Balance of an answer; None if it has none."""
     if not np.isfinite(answer.lam).all():
         return None
     return balance_of(answer.scene, answer.q, answer.v, answer.a, answer.lam)
@@ -518,7 +518,7 @@ def page(
         Colours, as CSS names them, and what they mean; a text without colour is a line alone.
     commands : iterable of Command
     camera, target : (3,) array
-        Where the camera is, and what it looks at and turns about [m].
+        Position of the camera, and the point that it looks at and turns about [m].
     speed : float
         Seconds of a motion that are played in one second.
     """
@@ -559,6 +559,6 @@ def require_meshcat() -> Path:
 
 
 def _script() -> str:
-    """Return meshcat's viewer, of which no text ends the element that it stands in."""
+    """Script of meshcat's viewer, escaped so that no text of it ends the <script> element."""
     path = require_meshcat() / "viewer" / "dist" / "main.min.js"
     return path.read_text(encoding="utf-8").replace("</script", "<\\/script")

@@ -1,7 +1,4 @@
-"""Parts at an instant: what they depend on, where contacts touch, how far all extends.
-
-Instant: what is to be seen of a scene at one configuration.
-"""
+"""Instant: a scene at one configuration as it is drawn, its contact points and its extent."""
 
 from __future__ import annotations
 
@@ -37,15 +34,15 @@ class Instant:
     ends : mapping of str to pair of pin.SE3
         The frames c1 and c2 of each constraint in the world; couplings have none.
     gaps : mapping of str to ConstraintViolation
-        How far each constraint that has a position is open.
-    bounds : mapping of str to AnyBound
+        Gap of each position-level constraint.
+    bounds : mapping of str to BoundConstraint
         The constraints that hold now.
     forces : mapping of str to ConstraintForce
         On the first-named body; empty where none are known.
-    touching : mapping of str to Touching
-        What may touch a plane.
+    touching : mapping of str to ContactView
+        Points that may touch a plane.
     balance : Balance or None
-        Where it presses on the floor, if somebody asked.
+        Its balance on the floor; None if it was not computed.
     """
 
     joints: list[Any]
@@ -71,7 +68,7 @@ def instant(
     felt: PlottedForce | None = None,
     balance: Balance | None = None,
 ) -> Instant:
-    """Return what is to be seen of a scene at q (nq,)."""
+    """Return the instant of a scene at q (nq,): placements, gaps, forces and contact points."""
     equations = Equations(scene.robot.model, scene.bounds)
     opening = gaps(scene, equations.violation(q))
     placed = zip(scene.names, equations.placements(q), strict=True)
@@ -95,7 +92,7 @@ def instant(
 
 @dataclass(frozen=True, eq=False)
 class PlottedForce:
-    """What an answer knows of contacts, by name.
+    """Contact forces and modes of an answer, by contact name.
 
     Attributes
     ----------
@@ -124,11 +121,11 @@ class ContactView:
     friction : float
         Coulomb's coefficient [1].
     on, by : str
-        Whom the force is on, and what gives it.
+        The force is on the first, from the second: the contact, and the joint of the other body.
     mode : str
-        Open, stick or slide; empty where nobody has asked.
+        Open, stick or slide; empty if it is unknown.
     force : (3,) array
-        In the axes t1, t2, n [N]; zero where none is known.
+        In the axes t1, t2, n [N]; zero if it is unknown.
     """
 
     at: Array  # [m]
@@ -145,18 +142,18 @@ class ContactView:
         return np.asarray(self.axes @ self.force)
 
     def on_other(self) -> ContactView:
-        """Return it with the opposite force, on the other body."""
+        """Return the contact with the opposite force, on the other body."""
         return replace(self, on=self.by, by=self.on, force=-self.force)
 
     def on_plane(self) -> Array:
-        """Return the point of the plane below it (3,) [m]."""
+        """Return the projection of the contact point onto the plane (3,) [m]."""
         return np.asarray(self.at - self.gap * self.axes[:, 2])
 
 
 def touching_at(
     scene: Scene, data: Any, q: Array, felt: PlottedForce
 ) -> Iterator[tuple[str, ContactView]]:
-    """Yield the cones of a scene by name; reads data.oMi at q (nq,)."""
+    """Yield the contact points of a scene by name; reads data.oMi at q (nq,)."""
     if not scene.contacts:
         return
     model = scene.robot.model
@@ -182,9 +179,9 @@ _TINY = 0.05  # [m] a scene is drawn as if it were at least this large
 
 
 def touched(instants: Sequence[Instant]) -> list[Array]:
-    """Return what contacts that may let go pass through: their points, and those of their planes.
+    """Return the points of unilateral contacts at all instants, and their projections [m].
 
-    A fall is seen with the ground, and what slides with where it comes to rest.
+    A fall is seen with the ground, and a sliding body with the place where it comes to rest.
     """
     touching = [each for at in instants for each in at.touching.values()]
     return [point for each in touching for point in (each.at, each.on_plane())]
@@ -193,7 +190,7 @@ def touched(instants: Sequence[Instant]) -> list[Array]:
 def extent(
     robot: Robot, instants: Sequence[Instant], also: Sequence[Array] = ()
 ) -> tuple[Array, float]:
-    """Return the middle and the size of what joints, frames and masses span, and points [m].
+    """Return the centre and the diagonal of the box around joints, frames, masses and points [m].
 
     A body reaches as far from its centre of mass as a ball of its mass m and inertia I does:
     r^2 = 5 trace(I) / (6 m).
@@ -217,7 +214,7 @@ def extent(
 def plane_normal(robot: Robot, at: Instant) -> Array | None:
     """Return the normal of the plane in which all joints move (3,); None if there is none.
 
-    Every axis of turning is along it, and every direction of sliding across it.
+    Every axis of rotation is along it, and every direction of sliding perpendicular to it.
     """
     still = pin.neutral(robot.model)
     slides, turns = [], []

@@ -1,4 +1,4 @@
-"""Labels: words that face the camera, and do not cover one another as it sees them at first.
+"""Labels: text that faces the camera, without overlaps in its initial view.
 
 A label stands above its point. One that would cover another moves in the plane of the picture to
 the nearest place that is free, and a thin line leads back to its point. Seen from elsewhere, and
@@ -68,12 +68,12 @@ def _written(text: str, colour: tuple[int, ...]) -> tuple[bytes, float]:
 
 @dataclass(frozen=True, eq=False)
 class Camera:
-    """Where the camera is.
+    """Pose of the camera.
 
     Attributes
     ----------
     at, target : (3,) array
-        Where it is, and what it looks at [m].
+        Its position, and the point that it looks at [m].
     """
 
     at: Array  # [m]
@@ -81,14 +81,14 @@ class Camera:
 
     @property
     def axes(self) -> Array:
-        """Return right, up and backward in the world, the rows of (3, 3)."""
+        """Axes right, up and backward in the world, the rows of (3, 3)."""
         back = (self.at - self.target) / np.linalg.norm(self.at - self.target)
         right = np.cross([0.0, 0.0, 1.0], back)
         right /= np.linalg.norm(right)
         return np.array([right, np.cross(back, right), back])
 
     def box(self, T: Array, shift: Array) -> Array:
-        """Return left, bottom, right, top of a label at (4, 4) moved by `shift` (2,) [m]."""
+        """Return left, bottom, right, top in the picture of a label at T (4, 4) after a shift."""
         x, y, z = self.axes @ (T[:3, 3] - self.at)
         half = 0.5 * np.array([T[0, 0], _INK * T[1, 1]])
         centre = np.array([x, y]) + shift
@@ -97,7 +97,7 @@ class Camera:
 
 
 def spread(parts: Sequence[Part], first: Instant, eye: Camera) -> Iterator[Part]:
-    """Yield the parts with all labels where they do not cover one another at an instant."""
+    """Yield the parts, with labels moved so that none overlaps another at an instant."""
     taken: list[Array] = []
     for part in parts:
         T = part.pose(first) if part.picture else None
@@ -117,7 +117,7 @@ def spread(parts: Sequence[Part], first: Instant, eye: Camera) -> Iterator[Part]
 
 
 def _free(eye: Camera, T: Array, taken: Sequence[Array]) -> Iterator[tuple[Array, Array]]:
-    """Yield shifts [m] at which a label covers none, the nearest first, and its box there."""
+    """Shifts (2,) [m] that free a label of overlaps, the nearest first, and its box there."""
     width, height = T[0, 0], _INK * T[1, 1]
     sides = np.array([0.0, 0.35, -0.35, 0.7, -0.7]) * width
     steps = range(3 * len(taken) + 1)
@@ -129,7 +129,7 @@ def _free(eye: Camera, T: Array, taken: Sequence[Array]) -> Iterator[tuple[Array
 
 
 def overlap(a: Array, b: Array) -> bool:
-    """Whether two boxes of left, bottom, right, top do."""
+    """True if two boxes of left, bottom, right, top overlap."""
     return bool((a[:2] < b[2:]).all() and (b[:2] < a[2:]).all())
 
 
@@ -140,7 +140,7 @@ def _moved(T: Array, by: Array) -> Array:
 
 
 def _leader(label: Part, by: Array, radius: float) -> Part:
-    """Return the line from where a label would stand to where it stands."""
+    """Leader line from the original position of a label to the shifted one."""
 
     def line(T: Array) -> Array:
         return span(T[:3, 3] - (0.0, 0.0, _ABOVE * T[1, 1]), T[:3, 3] + by)

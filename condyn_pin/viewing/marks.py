@@ -154,7 +154,7 @@ class Maximum(NamedTuple):
 
 
 class _Acting(Protocol):
-    """A force that knows on whom it acts and where: of a constraint, or of a contact."""
+    """A force with its body and its point of application: of a constraint, or of a contact."""
 
     @property
     def at(self) -> Array: ...
@@ -178,7 +178,7 @@ class _Arrow:
     colour: Colour
 
     def vector(self, at: Instant) -> tuple[Array, Array] | None:
-        """Return where it starts, and itself in the axes of the world."""
+        """Return its start [m] and the vector [N, N m] in world axes; None if it is not seen."""
         force = self.of(at)
         if force is None:
             return None
@@ -186,7 +186,7 @@ class _Arrow:
         return (force.at, vector) if len(vector) else None
 
     def most(self, instants: Sequence[Instant], peaks: Mapping[str, Maximum]) -> tuple[float, str]:
-        """Return its largest length, and the body that it is on; zero if it is never seen."""
+        """Return its largest norm [N, N m], and the body that it acts on; zero if never seen."""
         found = [
             (float(np.linalg.norm(v[1])), self.of(at)) for at in instants if (v := self.vector(at))
         ]
@@ -219,7 +219,7 @@ def arrow_parts(
 ) -> Iterator[Part]:
     """Return the arrows of every constraint and contact of a scene, with labels.
 
-    Arrows follow a motion, and labels do not: these say the largest of it, and that they do.
+    Arrows follow a motion. Labels do not: they show its largest force, marked as such.
 
     Parameters
     ----------
@@ -227,7 +227,7 @@ def arrow_parts(
     instants : sequence of Instant
     size : float
         Of the scene [m].
-    peaks : mapping of str to Peak
+    peaks : mapping of str to Maximum
         Of a motion: the largest force and moment of each constraint and contact, drawn or not.
     """
     arrows = [arrow for c in scene.constraints if c.frames
@@ -309,7 +309,7 @@ def closure_parts(
     ----------
     scene : Scene
     worst : mapping of str to ConstraintViolation
-        What the labels say: the largest gap of all instants.
+        Gap in the label of each loop: the largest of all instants.
     size : float
         Of the scene [m].
     """
@@ -367,7 +367,7 @@ def _frame(path: str, name: str, which: int, length: float, radius: float) -> Pa
 
 
 def _of_ends(name: str, place: Callable[[Any, Any], Array]) -> Pose:
-    """Return a pose that follows from the frames c1 and c2 of a constraint."""
+    """Pose as a function of the frames c1 and c2 of a constraint."""
     return then(lambda at: at.ends.get(name), lambda ends: place(*ends))
 
 
@@ -386,7 +386,7 @@ def _said(gap: ConstraintViolation) -> str:
 
 
 def patch_mesh(patch: Patch) -> meshes.Mesh:
-    """Return a shape about the origin."""
+    """Return the mesh of a contact patch about the origin."""
     if patch.shape == "box":
         return meshes.box(*patch.size)
     if patch.shape == "rod":
@@ -416,7 +416,7 @@ POINTS = (
 
 
 def balance_parts(instants: Sequence[Instant], size: float) -> Iterator[Part]:
-    """Yield the marks of instants that know their balance, in a scene of this size [m]."""
+    """Yield the marks of balance of the instants that have one, in a scene of this size [m]."""
     known = [at.balance for at in instants if at.balance is not None]
     corners = max((len(each.polygon.corners) for each in known if each.polygon), default=0)
     edge = meshes.cylinder(_THIN * size, 1.0).moved(at_point(np.array([0.0, 0.0, 0.5])))
@@ -434,7 +434,7 @@ def balance_parts(instants: Sequence[Instant], size: float) -> Iterator[Part]:
 
 
 def balance_notes(instants: Sequence[Instant]) -> tuple[str, ...]:
-    """Return why nothing of the balance is drawn of instants that know it, if so."""
+    """Return a note if the balance of the instants cannot be drawn; else nothing."""
     known = [at.balance for at in instants if at.balance is not None]
     if not known or any(each.polygon for each in known):
         return ()

@@ -1,4 +1,4 @@
-"""Motion: how the pose of each part goes through the instants, as meshcat's viewer plays it."""
+"""Motion: keyframe tracks of the poses and colours of parts, for meshcat's viewer."""
 
 from __future__ import annotations
 
@@ -28,14 +28,14 @@ from condyn_pin.viewing.part import Part
 def tracks(
     parts: Sequence[Part], instants: Sequence[Instant], frames: Array
 ) -> dict[str, list[dict[str, Any]]]:
-    """Return what changes of each part, by path; what rests has no track.
+    """Return the keyframe tracks of moving or recoloured parts, by path.
 
     Parameters
     ----------
     parts : sequence of Part
     instants : sequence of Instant
     frames : (k,) array
-        When each instant is shown, in pictures since the start.
+        Time of each instant, in pictures since the start.
     """
     found: dict[str, list[dict[str, Any]]] = {}
     for part in parts:
@@ -52,7 +52,7 @@ def tracks(
 
 
 def _moving(T: Array, frames: Array) -> list[dict[str, Any]]:
-    """Return position, rotation and scale of matrices (k, 4, 4)."""
+    """Tracks of position, rotation and, if it varies, scale of matrices (k, 4, 4)."""
     scale = np.linalg.norm(T[:, :3, :3], axis=1)
     rotations = T[:, :3, :3] / scale[:, None, :]
     quaternions = np.array([pin.Quaternion(R).coeffs() for R in rotations])  # x y z w
@@ -69,10 +69,10 @@ def _moving(T: Array, frames: Array) -> list[dict[str, Any]]:
 
 
 def shown(trajectory: Trajectory, fps: float) -> NDArray[np.intp]:
-    """Return which samples are drawn: for each of `fps` times a second the nearest one.
+    """Return the indices of the samples to draw, the nearest to each of `fps` times a second.
 
-    What lies between two samples was never computed: a configuration halfway between two closed
-    ones is open. So samples are drawn, each at its own time, the last one among them.
+    Samples are not interpolated: a configuration halfway between two closed ones is open. Each is
+    drawn at its own time, the last one among them.
     """
     t = trajectory.t
     times = np.minimum(t[0] + np.arange(round((t[-1] - t[0]) * fps) + 1) / fps, t[-1])
@@ -101,7 +101,7 @@ def instants_of(
 
 
 def gaps_of(trajectory: Trajectory) -> Iterator[dict[str, ConstraintViolation]]:
-    """Yield how far every constraint is open at each sample, drawn or not."""
+    """Yield the gaps of all constraints at each sample, drawn or not."""
     for phase in trajectory.phases:
         equations = Equations(phase.scene.robot.model, phase.scene.bounds)
         samples = zip(trajectory.t[phase.samples], trajectory.q[phase.samples], strict=True)
@@ -132,12 +132,12 @@ _TILT = 0.2  # of a linkage in a plane: how far above its normal, and beside it,
 
 
 def eye_at(middle: Array, size: float, toward: Array) -> Camera:
-    """Return the camera that sees all of a size from a direction."""
+    """Return the camera that sees a scene of this size [m] from a direction."""
     return Camera(middle + _FAR * size * toward, middle)
 
 
 def toward_of(normal: Array | None) -> Array:
-    """Return where the camera is from the middle: nearly along the normal of a linkage's plane."""
+    """Return the direction to the camera (3,): nearly along the normal of a linkage's plane."""
     if normal is None:
         return FROM
     if abs(normal[2]) > _FLAT:  # from above, y going up

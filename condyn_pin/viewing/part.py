@@ -46,10 +46,10 @@ def mesh(
 ) -> Command:
     """Return the command that draws triangles.
 
-    Those of `coarse` follow those of `shape` in one geometry, `whole` says after how many indices:
-    a page chooses by the range that it draws, which costs nothing.
-    What is `on_top` is seen through what is before it. It is a solid that is wound outward: seen
-    from one side only, since three.js draws both sides of what is transparent one after the other.
+    Those of `coarse` follow those of `shape` in one geometry, from index `whole` on: a page chooses
+    between them by the range that it draws, at no cost.
+    A mesh `on_top` is seen through all before it. It is a solid wound outward, seen from one side
+    only: three.js draws both sides of a transparent mesh one after the other.
     """
     whole = shape.faces.size
     if coarse is not None:
@@ -81,7 +81,7 @@ def mesh(
 
 
 def label(path: str, png: bytes) -> Command:
-    """Return the command that draws a picture which always faces the camera, on top."""
+    """Return the command that draws a picture facing the camera, on top."""
     image = {"uuid": f"{path} image", "url": _data_url("image/png", png)}
     texture = {
         "uuid": f"{path} texture",
@@ -104,22 +104,22 @@ def label(path: str, png: bytes) -> Command:
 
 
 def transform(path: str, T: Array) -> Command:
-    """Return the command that places what is at a path (4, 4)."""
+    """Return the command that sets the pose T (4, 4) of the object at a path."""
     return {"type": "set_transform", "path": path, "matrix": T.T.ravel().tolist()}
 
 
 def set_property(path: str, name: str, value: Any) -> Command:
-    """Return the command that sets a property of what is at a path."""
+    """Return the command that sets a property of the object at a path."""
     return {"type": "set_property", "path": path, "property": name, "value": value}
 
 
 def delete(path: str) -> Command:
-    """Return the command that removes what is at a path."""
+    """Return the command that removes the object at a path."""
     return {"type": "delete", "path": path}
 
 
 def track(name: str, kind: str, values: Array, frames: Array) -> dict[str, Any]:
-    """Return how a property goes through values (k, n), each at its frame (k,)."""
+    """Return the keyframe track of a property: values (k, n) at frames (k,)."""
     return {
         "name": f".{name}",
         "type": kind,
@@ -211,7 +211,7 @@ class Part:
     pose : Pose
     meshes : tuple of (Mesh, Colour)
     coarse : tuple of Mesh
-        What is seen in place of each mesh while it moves, if a processor draws; none: the same.
+        Meshes drawn during motion without a graphics card; empty: the same as at rest.
     picture : bytes
         A PNG that faces the camera, in place of meshes.
     opacity : float
@@ -231,12 +231,12 @@ class Part:
     tint: Tint | None = None
 
     def place(self, at: Instant) -> Array:
-        """Return its pose (4, 4) at an instant; what is not to be seen is too small for that."""
+        """Return its pose (4, 4) at an instant; if it is hidden, one of negligible size."""
         T = self.pose(at)
         return _NOWHERE if T is None else T
 
     def commands(self, at: Instant) -> Iterator[Command]:
-        """Return the commands that draw it as it is at an instant."""
+        """Return the commands that draw it at an instant."""
         for i, (shape, colour) in enumerate(self.meshes):
             chosen = colour if self.tint is None else self.tint(at)
             yield mesh(
@@ -248,7 +248,7 @@ class Part:
         yield transform(self.path, self.place(at))
 
     def ghost(self, at: Instant) -> Part:
-        """Return it as it was at an instant, beside what is."""
+        """Return its pale copy, fixed in its pose at an instant."""
         T, tint = self.pose(at), self.tint
         colour = None if tint is None else tint(at)
         return replace(
@@ -261,7 +261,7 @@ class Part:
 
 
 def then(found: Callable[[Instant], _Found | None], place: Callable[[_Found], Array]) -> Pose:
-    """Return a pose that follows from something else, and is not to be seen where that is not."""
+    """Return the pose place(found(instant)); hidden where `found` gives None."""
 
     def pose(at: Instant) -> Array | None:
         known = found(at)
@@ -271,7 +271,7 @@ def then(found: Callable[[Instant], _Found | None], place: Callable[[_Found], Ar
 
 
 def span(start: Array, end: Array) -> Array:
-    """Return the matrix (4, 4) that takes the unit length along z to a segment."""
+    """Return the matrix (4, 4) that maps the unit segment along z to one from start to end."""
     along = end - start
     length = float(np.linalg.norm(along))
     z = along / length if length > 0.0 else np.array([0.0, 0.0, 1.0])
@@ -288,7 +288,7 @@ def joint_pose(i: int) -> Pose:
 
 
 def at_point(point: Array) -> Array:
-    """Return the matrix (4, 4) that moves the origin to a point."""
+    """Return the translation (4, 4) of the origin to a point."""
     T = np.eye(4)
     T[:3, 3] = point
     return T
@@ -344,5 +344,5 @@ def gap_colour(length: float) -> Colour:
 
 
 def mode_colour(mode: str) -> Colour:
-    """Return the colour of a contact that is open, sticks or slides; of one that nobody asked."""
+    """Return the colour of a contact mode: open, stick or slide; or unknown."""
     return _MODES.get(mode, CONTACT)

@@ -31,9 +31,9 @@ _SAME: Final = 1e-3  # [m] supports whose corners are nearer are drawn once
 def from_above(
     trajectory: Trajectory, ax: Any = None, *, found: MotionBalance | None = None
 ) -> Any:
-    """Draw the ways of centre of mass, ZMP, CoP and capture point over the support, from above.
+    """Draw the paths of centre of mass, ZMP, CoP and capture point over the support, from above.
 
-    Each way starts at its dot; every support polygon of the motion is an area.
+    Each path starts at its dot; every support polygon of the motion is an area.
 
     Parameters
     ----------
@@ -76,7 +76,7 @@ def from_above(
 
 
 def margins(trajectory: Trajectory, ax: Any = None, *, found: MotionBalance | None = None) -> Any:
-    """Draw how far ZMP, CoP and capture point are within the support polygon over time.
+    """Draw the margins of ZMP, CoP and capture point to the support polygon's edge over time.
 
     A CoP is never below zero. A ZMP below zero says that more than the floor acted, a push above
     all, and a capture point that the robot falls unless it steps. There is no line in flight.
@@ -114,7 +114,7 @@ def margins(trajectory: Trajectory, ax: Any = None, *, found: MotionBalance | No
 
 
 def _found(trajectory: Trajectory, found: MotionBalance | None) -> MotionBalance:
-    """Return the balance of a motion, which may be known."""
+    """Balance of a motion, computed unless it is given."""
     if found is None:
         return motion_balance(trajectory)
     if not (isinstance(found, MotionBalance) and np.array_equal(found.t, trajectory.t)):
@@ -125,7 +125,7 @@ def _found(trajectory: Trajectory, found: MotionBalance | None) -> MotionBalance
 
 
 def _supports(found: MotionBalance) -> list[Any]:
-    """Return the different support polygons of a motion (k, 2), their corners in the world."""
+    """Distinct support polygons of a motion (k, 2), their corners in the world [m]."""
     seen: dict[bytes, Any] = {}
     for polygon in found.polygons:
         if polygon is not None:

@@ -123,9 +123,9 @@ def modes(trajectory: Trajectory, names: Sequence[str] | None = None, ax: Any = 
 
 
 def _spans(t: NDArray[Any], holds: NDArray[Any]) -> list[tuple[float, float]]:
-    """Return start and length of each time in which something holds.
+    """Start and length of each interval in which a condition holds [s].
 
-    What a sample says is what the step that ended there did: it began at the sample before.
+    A sample has the state of the step that ended there, which began at the sample before.
     """
     edges = np.flatnonzero(np.diff(np.concatenate(([False], holds, [False])).astype(int)))
     starts = np.maximum(edges[::2] - 1, 0)

@@ -1,4 +1,4 @@
-"""Diagrams of a motion: how far its constraints open, its energy, its forces, over time."""
+"""Diagrams of a motion: constraint violation, energy and forces over time."""
 
 from __future__ import annotations
 
@@ -40,10 +40,10 @@ def violation(trajectory: Trajectory, ax: Any = None) -> Any:
 
 
 def energy(trajectory: Trajectory, ax: Any = None) -> Any:
-    """Draw the energies over time, the work that explains them, and what nothing explains.
+    """Draw the energies over time, the work done, and the unexplained rest.
 
     The total is drawn against its start, and so are the work of tau and forces, damping, impacts,
-    drives, contacts, their corrections and what is algorithmic: with a good integrator
+    drives, contacts, their corrections and the algorithmic part: with a good integrator
     `unexplained` is a line along zero.
 
     Parameters
@@ -125,6 +125,6 @@ def mark_events(trajectory: Trajectory, ax: Any) -> None:
 
 
 def title_of(trajectory: Trajectory) -> str:
-    """Return what was simulated, how, and with which step."""
+    """Return the title of a motion: robot, integrator and step [s]."""
     run = trajectory.run
     return f"{trajectory.scene.robot.name}: {type(run.integrator).__name__}, dt {run.dt:g} s"

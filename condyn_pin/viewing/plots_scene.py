@@ -1,4 +1,4 @@
-"""Diagrams of a scene: how near to singular it comes along a path, and what depends on what."""
+"""Diagrams of a scene: singular values along a path, and the sparsity of derivatives."""
 
 from __future__ import annotations
 

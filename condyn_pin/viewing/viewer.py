@@ -1,4 +1,4 @@
-"""Viewer: a picture that is looked at."""
+"""Viewer: a picture, its page, and the server that shows it."""
 
 from __future__ import annotations
 
@@ -43,7 +43,7 @@ class Viewer:
     Attributes
     ----------
     drawing : Drawing
-        What is seen; `notes` says what could not be drawn.
+        The picture; its `notes` name the parts that cannot be drawn.
     """
 
     def __init__(self, drawing: Drawing) -> None:
@@ -60,7 +60,7 @@ class Viewer:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What could not be drawn, a sentence each."""
+        """Parts of the subject that cannot be drawn, a sentence each."""
         return self.drawing.notes
 
     @property
@@ -72,7 +72,7 @@ class Viewer:
 
     @property
     def url(self) -> str:
-        """Where a browser of this machine finds the page; empty if it is not served."""
+        """Address of the page for a browser on this machine; empty if it is not served."""
         return f"http://{HOST}:{self._server.server_port}/" if self._server else ""
 
     def save_html(self, path: str | Path) -> None:
@@ -160,7 +160,7 @@ _open: set[Viewer] = set()  # a viewer that nobody holds is still looked at
 
 
 def check_port(port: object) -> None:
-    """Refuse what is no port of a server."""
+    """Refuse numbers that are no port of a server."""
     if not is_whole(port) or port not in range(_PORTS):
         raise InvalidArgument(
             f"port = {shown(port)}: a whole number from 1 to {_PORTS - 1} is needed, or 0 for a "
@@ -169,7 +169,7 @@ def check_port(port: object) -> None:
 
 
 def _has_screen() -> bool:
-    """Whether a window can appear: without one, a browser of the terminal would take it over."""
+    """True if a window can appear: without a screen, a text browser would block the terminal."""
     if sys.platform.startswith("linux"):
         return bool(os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY"))
     return True
@@ -229,14 +229,14 @@ class Server(ThreadingHTTPServer):
             raise
 
     def process_request_thread(self, request: Any, client_address: Any) -> None:
-        """Serve a connection, and make room for another one."""
+        """Serve a connection, and release its slot."""
         try:
             super().process_request_thread(request, client_address)
         finally:
             self._free.release()
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of a connection that broke: the terminal is the user's."""
+        """Print nothing about a broken connection: the terminal is the user's."""
 
 
 class _Handler(BaseHTTPRequestHandler):
@@ -261,18 +261,18 @@ class _Handler(BaseHTTPRequestHandler):
             self.server.fetched.set()
 
     def _is_local(self) -> bool:
-        """Whether a request names this machine, once, and comes from no page of another one."""
+        """True if the only Host of a request is this machine, and so is its Origin, if any."""
         hosts, origins = (self.headers.get_all(name, []) for name in ("Host", "Origin"))
         if len(hosts) != 1 or not _local(f"//{hosts[0]}"):
             return False
         return all(_local(origin) for origin in origins)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """Say nothing."""
+        """Print no log."""
 
 
 def _local(address: str) -> bool:
-    """Whether an address is of this machine, whatever its port: it may be forwarded."""
+    """True if an address is of this machine, at any port: ports may be forwarded."""
     try:
         return urlsplit(address).hostname in _LOCAL
     except ValueError:
@@ -314,7 +314,7 @@ def find_chromium() -> str:
 
 
 def command(chromium: str, profile: str) -> list[str]:
-    """Return the words that start Chromium without a screen, with a profile of its own."""
+    """Return the command line of headless Chromium with a profile of its own."""
     words = [chromium, "--headless", *_SOFTWARE, "--hide-scrollbars", "--no-first-run",
              "--disable-extensions", "--disable-dev-shm-usage"]  # fmt: skip
     words.append(f"--user-data-dir={profile}")
@@ -348,7 +348,7 @@ def screenshot(html: str, png: Path) -> None:
 
 
 def _start(chromium: str, html: str, folder: Path) -> tuple[Path, str, bool]:
-    """Return where the picture should be, the last words of Chromium, and whether it hung."""
+    """Path of the picture, last line of Chromium's stderr, and True if it timed out."""
     page, picture = folder / "page.html", folder / "picture.png"
     page.write_text(html, encoding="utf-8")
     words = [
