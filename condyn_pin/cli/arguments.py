@@ -14,7 +14,7 @@ import typer
 
 
 def names_of(room: str, registry: str) -> Callable[[str], list[str]]:
-    """Return what completes a name of a registry, or the last name of a list with commas."""
+    """Return the shell completion of a registry's names, alone or last in a list with commas."""
 
     def complete(incomplete: str) -> list[str]:
         known = getattr(import_module(f"condyn_pin.{room}"), registry)
@@ -124,7 +124,7 @@ Quick = Annotated[bool, typer.Option("--quick", help="Fewer rounds of timing.")]
 
 @dataclass(frozen=True)
 class Source:
-    """Which robot a command is about, in the words of `load_robot`."""
+    """Robot of a command, as arguments of `load_robot`."""
 
     robot: RobotName
     variant: Variant = None
@@ -135,12 +135,12 @@ class Source:
 
     @property
     def is_plain(self) -> bool:
-        """True if it is a name or a path alone."""
+        """True if the robot is given by a name or a path alone."""
         return not any((self.variant, self.floating, self.model, self.actuated, self.package_dirs))
 
 
 def of_a_robot(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the options of `Source`, which is its first parameter."""
+    """Expand the first parameter of a command, a `Source`, into options."""
     signature = inspect.signature(command, eval_str=True)
     _, *others = signature.parameters.values()
     name, *options = inspect.signature(Source, eval_str=True).parameters.values()

@@ -96,7 +96,7 @@ def options(
 
 
 def main() -> None:
-    """Run the command line; an error is a line, and a traceback only with --debug."""
+    """Run the command line; errors are one line, with a traceback only under --debug."""
     words = _of_today([word for word in sys.argv[1:] if word != "--debug"])
     if words in ([], ["lab"]):
         words += ["--help"]
@@ -127,7 +127,7 @@ def main() -> None:
 
 
 def _of_today(words: list[str]) -> list[str]:
-    """Return a line of the last version as it is written now, and say so; gone with the next."""
+    """Command line of the last version in today's words, with a warning; gone with the next."""
     match words:
         case ["drift" | "problem" | "stress", *_]:
             now = ["lab", *words]

@@ -1,4 +1,4 @@
-"""What commands share: where they print, which files they may write, and what Ctrl-C keeps."""
+"""Output of commands: consoles, files, progress, and partial results on Ctrl-C."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ def with_options(text: str) -> str:
 
 
 class _Screen(Console):
-    """Where people read: what is not printable is written out."""
+    """Console that escapes unprintable characters."""
 
     def render_str(self, text: str, **options: Any) -> Text:
-        """Return a text of ours to be rendered, as wide as it will be."""
+        """Return the text to render, with unprintable characters escaped, in its final width."""
         return super().render_str(printable(text), **options)
 
     def render(self, renderable: Any, options: Any = None) -> Iterator[Segment]:
-        """Yield what is sent to the terminal, piece by piece."""
+        """Yield the segments for the terminal, with unprintable characters escaped."""
         for segment in super().render(renderable, options):
             if segment.control or segment.text.isprintable():
                 yield segment
@@ -61,7 +61,7 @@ class _Screen(Console):
 
 
 def _wide(*, stderr: bool = False) -> Console:
-    """Return where tables of words are folded: to the width of a terminal, or to that of paper."""
+    """Console as wide as the terminal, or as paper in a file, for folded tables."""
     screen = _Screen(markup=False, stderr=stderr)
     return screen if screen.is_terminal else _Screen(width=_PAPER, markup=False, stderr=stderr)
 
@@ -73,7 +73,7 @@ STDOUT: Final = Path("-")
 
 
 def say(text: str) -> None:
-    """Print a text with its own lines: none is broken."""
+    """Print a text without wrapping its lines."""
     console.print(with_options(text), soft_wrap=True)
 
 
@@ -83,7 +83,7 @@ def warn(text: str) -> None:
 
 
 def words(*headings: str | Column) -> Table:
-    """Return a table of words: what is too long for a column goes on in the next line, uncut."""
+    """Return an empty table of text, whose columns wrap instead of cutting."""
     table = Table(*headings)
     for column in table.columns:
         column.overflow = "fold"
@@ -91,25 +91,25 @@ def words(*headings: str | Column) -> Table:
 
 
 def for_people(as_json: Path | None) -> Console:
-    """Return where people read: stderr if a table in json goes to stdout."""
+    """Return the console for people: stderr if json goes to stdout."""
     return _beside if as_json == STDOUT else console
 
 
 def check_written(*paths: Path | None) -> None:
-    """Refuse files that could not be written when everything has been measured."""
+    """Refuse files that cannot be written, before anything is measured."""
     for path in paths:
         if path is not None and path != STDOUT:
             check_writable(path)
 
 
 def check_ending(path: Path | None, *endings: str) -> None:
-    """Refuse a file whose ending says another format than it would have."""
+    """Refuse a file whose ending is of another format."""
     if path and path.suffix not in endings:
         raise InvalidArgument(f"{path}: the ending says the format: {', '.join(endings)}")
 
 
 def check_picture(path: Path | None) -> None:
-    """Refuse a picture that could not be drawn when everything has been measured."""
+    """Refuse a picture that cannot be drawn, before anything is measured."""
     if path:
         from condyn_pin._core.show import PICTURES, require_matplotlib
 
@@ -119,7 +119,7 @@ def check_picture(path: Path | None) -> None:
 
 
 def write_table(table: Any, *, csv: Path | None = None, as_json: Path | None = None) -> None:
-    """Write a table to the files that are wanted; json whose name is ``-`` goes to stdout."""
+    """Write a table to the files that are given; json to the path ``-`` goes to stdout."""
     if csv:
         table.to_csv(csv)
     if as_json == STDOUT:
@@ -143,7 +143,7 @@ def print_json(answer: Any) -> None:
 
 
 def plain(value: Any) -> Any:
-    """Return a value in the words of json: None for what is not finite, tables for dataclasses."""
+    """Return a value as json types: None if it is not finite, a mapping for a dataclass."""
     if hasattr(value, "tolist"):  # arrays and numbers of numpy
         return plain(value.tolist())
     if isinstance(value, Mapping):
@@ -161,7 +161,7 @@ def plain(value: Any) -> Any:
 
 @contextmanager
 def progress_bar() -> Iterator[Report]:
-    """Give what is called with (what, done, total), and shows it with the time that is left.
+    """Yield a progress callback (what, done, total), which shows a bar with the remaining time.
 
     Drawn when it is called, five times a second at most, and never in between: a thread that draws
     would take the interpreter from what is timed. Nothing is drawn into a file.
@@ -185,7 +185,7 @@ def progress_bar() -> Iterator[Report]:
 
 
 def until_stopped(run: Callable[[Report], _Found]) -> tuple[_Found, bool]:
-    """Return what a run has measured, beside a bar of progress, and whether Ctrl-C stopped it."""
+    """Return the measurements of a run, complete or up to Ctrl-C, and True if Ctrl-C stopped it."""
     from condyn_pin.errors import Interrupted
 
     try:
@@ -196,6 +196,6 @@ def until_stopped(run: Callable[[Report], _Found]) -> tuple[_Found, bool]:
 
 
 def leave(*, ok: bool = True, stopped: bool = False) -> None:
-    """Leave with the code of an answer that is not ok, or that Ctrl-C stopped."""
+    """Exit with the code of the answer: ok, not ok, or stopped by Ctrl-C."""
     if stopped or not ok:
         raise typer.Exit(INTERRUPTED if stopped else 1)

@@ -1,4 +1,4 @@
-"""What the words of a command line mean: a scene, a solver."""
+"""Parsing of command-line arguments into robots, scenes, solvers, postures and forces."""
 
 from __future__ import annotations
 
@@ -55,14 +55,14 @@ def names_in(text: str) -> list[str]:
 
 
 def scene_of(source: Source, contacts: str, loops: bool) -> Scene:
-    """Return the scene of a robot, its loops if wanted, and the contacts that are listed."""
+    """Return the scene of a robot with the listed contacts, and its loops if `loops`."""
     robot = robot_of(source)
     chosen = [_contact(robot, text) for text in names_in(contacts)]
     return Scene(robot, (*(robot.loops if loops else ()), *chosen))
 
 
 def robot_of(source: Source) -> Robot:
-    """Return the robot that the words of a command line mean."""
+    """Return the robot of a command line's arguments."""
     said = pairs_in("--variant", source.variant, "OPTION=VALUE is needed, such as springs=locked")
     if source.floating and source.robot in available_robots():
         raise InvalidArgument(
@@ -93,7 +93,7 @@ def pairs_in(option: str, texts: Sequence[str] | None, needed: str) -> dict[str,
 
 
 def feet_of(robot: Robot, friction: float | None) -> tuple[FrictionalContact, ...]:
-    """Return the feet of a robot as contacts that may let go; none if no friction is given."""
+    """Return the feet of a robot as unilateral contacts; none if no friction is given."""
     feet = () if friction is None else robot.frictional_contacts(friction)
     if friction is not None and not feet:
         raise InvalidArgument(
@@ -117,7 +117,7 @@ def _contact(robot: Robot, text: str) -> Constraint:
 
 
 def _named(kind: str, name: str, registry: Mapping[str, _Kind]) -> _Kind:
-    """Return the entry of a name; an error names those that are near."""
+    """Entry of a registry by name; an error lists the nearest names."""
     if name.lower() not in registry:
         raise unknown_name(kind, name, registry)
     return registry[name.lower()]
@@ -136,9 +136,9 @@ def solver_of(name: str, parameters: Mapping[str, Any] | None = None) -> Solver:
 
 
 def solvers_of(names: str) -> tuple[Solver, ...]:
-    """Return the solvers of a list, with their defaults; none of an empty one.
+    """Return the solvers of a list, with their defaults; none if it is empty.
 
-    ``all`` are those that are installed, without Reference: the others are compared with it.
+    ``all`` are the installed ones without Reference, with which the others are compared.
     """
     if names.lower() != "all":
         return tuple(solver_of(name) for name in names_in(names))
@@ -158,7 +158,7 @@ def integrator_of(text: str | None) -> Integrator | None:
 
 
 def _called(kind: str, text: str, registry: Mapping[str, type]) -> object:
-    """Return the value of a name, with the parameters that a call gives it."""
+    """Instance of a registry's class, from its name or a call with parameters."""
     name = text.partition("(")[0].strip()
     made = _named(kind, name, registry)
     try:
@@ -175,7 +175,7 @@ def _called(kind: str, text: str, registry: Mapping[str, type]) -> object:
 def measures_of(
     name: str, dt: str | None, integrator: str | None, drift: str | None
 ) -> tuple[Measure, ...]:
-    """Return the measure of a name, one for each step of a list, with what is given of the others.
+    """Return the measures of a name, one for each step of a list, with the given parameters.
 
     Raises
     ------
@@ -216,7 +216,7 @@ def drift_of(name: str | None, gain: float | None) -> Drift | None:
 
 
 def swept_solvers_of(names: str, measure: Measure) -> tuple[Method, ...] | None:
-    """Return what a measure asks of a list with parameters turned; None of an empty one."""
+    """Return the methods of a list over their parameters, for a measure; None if it is empty."""
     if measure.asks is Solver:
         chosen: Sequence[Method] = solvers_of(names)
     else:
@@ -290,7 +290,7 @@ def ready_contacts(robot: Robot) -> str:
 
 
 def pressing(scene: Scene) -> list[Constraint]:
-    """Return the contacts with a floor."""
+    """Return the contacts that press on a floor."""
     return [each for each in scene.constraints if each.presses]
 
 
@@ -337,7 +337,7 @@ def _cone(contact: Constraint, friction: float) -> Cone:
 
 
 def _tasks(scene: Scene, q: Array, com: tuple[float, ...] | None) -> list[Task]:
-    """Return what a robot that stands is to do; one that is bolted down has its posture alone."""
+    """Control tasks: posture, on a floating base trunk and centre of mass, and a demanded `com`."""
     tasks: list[Task] = [Posture(tuple(q), weight=0.1)]
     trunk = _trunk(scene.robot)
     if trunk:
@@ -350,7 +350,7 @@ def _tasks(scene: Scene, q: Array, com: tuple[float, ...] | None) -> list[Task]:
 
 
 def _trunk(robot: Robot) -> str:
-    """Return the body that floats; empty where the robot is bolted down."""
+    """Name of the floating base; empty if the robot is bolted down."""
     model = robot.model
     if model.njoints < 2 or model.joints[1].nv != 6:
         return ""

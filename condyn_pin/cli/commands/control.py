@@ -123,7 +123,7 @@ def _demanded(text: str | None) -> tuple[float, ...] | None:
 
 
 def _say(before: ControlAnswer, after: ControlAnswer | None) -> None:
-    """Print what was found: forces, tasks, motors, and how far the answer is to be believed."""
+    """Print forces, task errors, motor torques and the residuals of the answer."""
     shown = after or before
     say(f"{shown.scene.robot.name}: {shown.status}")
     if shown.infeasible:
@@ -146,7 +146,7 @@ def _say(before: ControlAnswer, after: ControlAnswer | None) -> None:
 
 
 def _bounds(answer: ControlAnswer) -> dict[str, list[str]]:
-    """Return the active rows, those of each contact, motor or joint together."""
+    """Active rows by contact, motor or joint."""
     found: dict[str, list[str]] = {}
     for row in answer.active:
         name, _, what = row.partition(": ")
@@ -175,7 +175,7 @@ def _vector(answer: ControlAnswer, name: str) -> str:
 
 
 def _number(answer: ControlAnswer, force: float) -> str:
-    """Return a force as text [N]: what is rounding beside the other forces is zero."""
+    """Force as text [N]; zero if it is rounding error of the largest force."""
     return "0" if abs(force) < SOLVED * max(abs(answer.lam)) else f"{force:.4g}"
 
 
@@ -194,7 +194,7 @@ def _motors(answer: ControlAnswer) -> Table:
 
 
 def _used(answer: ControlAnswer) -> list[tuple[str, float, float | None]]:
-    """Return each motor, its torque, and what that is of its limit, the hardest worked first."""
+    """Motors, their torques, and the shares of their torque limits, the largest share first."""
     from condyn_pin.control.limits import torque_limits
 
     columns = answer.actuation.columns

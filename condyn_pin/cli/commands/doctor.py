@@ -9,7 +9,7 @@ PANEL = "Look"
 
 
 def doctor(as_json: arg.AsJson = False) -> None:
-    """Say what is installed, whether it fits together, and how to repair it."""
+    """Check the installation: versions, features, conflicts, and the command that repairs them."""
     from condyn_pin._core.doctor import diagnose
 
     found = diagnose()

@@ -139,7 +139,7 @@ def trade(
 
 
 def _refuse(context: typer.Context, options: tuple[str, ...], where: str) -> None:
-    """Refuse options that would say nothing with --tune, or without it."""
+    """Refuse options without effect with --tune, or without it."""
     for option in context.command.params:
         source = context.get_parameter_source(str(option.name))
         if option.name in options and source is not None and source.name != "DEFAULT":
@@ -197,7 +197,7 @@ def _tune(
 def _show(
     table: Table, csv: Path | None, as_json: Path | None, markdown: Path | None, plot: Path | None
 ) -> None:
-    """Print a table, and write it to the files that are wanted."""
+    """Print a table, and write it to the files that are given."""
     from condyn_pin._core.files import write_text
     from condyn_pin.study.printing import print_table
 
@@ -212,7 +212,7 @@ def _show(
 
 
 def _run(study: Study, jobs: int, results: Path | None, progress: Report) -> Table:
-    """Run a study here, or its errors in some processes."""
+    """Table of a study, its errors computed here or in `jobs` processes."""
     from concurrent.futures import ProcessPoolExecutor
 
     if jobs == 1:
@@ -222,7 +222,7 @@ def _run(study: Study, jobs: int, results: Path | None, progress: Report) -> Tab
 
 
 def _choose(table: Table, error: float, console: Console) -> bool:
-    """Print the cheapest solver of each scene; return whether there is one for all."""
+    """Print the cheapest solver of each scene; True if every scene has one."""
     from condyn_pin.errors import NotReached
 
     reached = True

@@ -79,7 +79,7 @@ def view(
 
 
 def _show(viewer: Viewer, *files: Path | None) -> None:
-    """Say what is drawn and where, and wait for Ctrl-C if it is on a server."""
+    """Print notes, written files and the address, and wait for Ctrl-C while the page is served."""
     for note in viewer.notes:
         say(f"note: {note}")
     for path in files:
@@ -113,7 +113,7 @@ def _standing(
     posture: str | None,
     forces: bool,
 ) -> Subject:
-    """Return the scene of a robot, or what holds it still: its motors, and its springs if bent."""
+    """Scene of a robot, or with `forces` its static equilibrium held by motors and springs."""
     from condyn_pin.cli.words import robot_of, scene_of
     from condyn_pin.control.actuation import Actuation
     from condyn_pin.control.inverse import gravity_compensation
