@@ -1,4 +1,4 @@
-"""What a file says of a robot, whatever its format, and where descriptions are."""
+"""Description: the content of a robot's file in any format, and the folders of descriptions."""
 
 from __future__ import annotations
 
@@ -23,14 +23,14 @@ Body = tuple[str, float, Array]
 
 @dataclass(frozen=True)
 class Description:
-    """What was read from a file; all fields but `reversed` are those of `Robot`.
+    """Content of a robot's file; all fields but `reversed` are those of `Robot`.
 
-    A file may have no name.
+    The name is empty if the file has none.
 
     Attributes
     ----------
     reversed : tuple of str
-        Joints that the tree holds from child to parent.
+        Joints that run from child to parent in the tree.
     """
 
     model: Any
@@ -51,10 +51,10 @@ def tensor(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> 
 
 
 def doubts(bodies: Iterable[Body]) -> Iterator[str]:
-    """Yield a sentence on the bodies that no solids are.
+    """Yield a sentence on bodies with inertias that no solid has.
 
-    A file may have such a body where nothing moves it by itself, and real files do. What a joint
-    moves is checked again when the parts are one (`condyn_pin.model.soundness`).
+    A file may have such a body where nothing moves it by itself, and real files do. The composite
+    inertia moved by a joint is checked again later (`condyn_pin.model.soundness`).
     """
     reasons: dict[str, list[str]] = {}
     for name, mass, inertia in bodies:
@@ -68,7 +68,7 @@ def doubts(bodies: Iterable[Body]) -> Iterator[str]:
 
 
 def _fault(mass: float, inertia: Array) -> str:
-    """Return why no solid has this inertia, if none has: of one, 0 <= A <= B <= C <= A + B."""
+    """Violated condition 0 <= A <= B <= C <= A + B of principal moments, as text; else empty."""
     A, B, C = np.linalg.eigvalsh(inertia)
     zero = tolerances.MOMENT * max(-A, C)
     if A + zero < 0:
@@ -84,7 +84,7 @@ ROOT_JOINTS = ("fixed", "free_flyer")
 
 
 def check_root_joint(root_joint: str) -> None:
-    """Refuse a way to attach the root link that is not known."""
+    """Refuse an unknown type of root joint."""
     if root_joint not in ROOT_JOINTS:
         raise InvalidArgument(
             f"root_joint = {root_joint!r}: one of {', '.join(ROOT_JOINTS)} is needed"
@@ -110,7 +110,7 @@ def example_robot_data() -> Path:
 
 
 def description_file(name: str, folder: Path) -> Path:
-    """Return a file that a robot.toml names: beside it, or in example-robot-data."""
+    """Return the path of a file named in a robot.toml: beside it, or in example-robot-data."""
     beside = folder / name
     try:
         if beside.is_file():

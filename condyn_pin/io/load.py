@@ -43,7 +43,7 @@ _ROOTED = (".urdf", ".sdf")  # formats that leave it open how the root link is a
 
 
 def available_robots() -> dict[str, Callable[[], Robot]]:
-    """Return what `load_robot` knows by name: folders with a robot.toml, and built mechanisms.
+    """Return the robots that `load_robot` finds by name: robot.toml folders, and mechanisms.
 
     Returns
     -------
@@ -130,14 +130,14 @@ def load_robot(
 
 
 def _list_of_paths(package_dirs: Sequence[str | Path]) -> Sequence[str | Path]:
-    """Refuse what is no list of folders."""
+    """Sequence of folders; a single path, and folders that do not exist, are refused."""
     if isinstance(package_dirs, (str, Path)) or not all(Path(d).is_dir() for d in package_dirs):
         raise InvalidArgument(f"package_dirs = {package_dirs!r}: a list of folders is needed")
     return package_dirs
 
 
 def _root_joint(floating: bool | None, root_joint: str | None) -> str | None:
-    """How the root link is attached, in the words of robot.toml."""
+    """Type of the root joint as in robot.toml, from `floating` or `root_joint`."""
     if floating is None:
         return root_joint
     if not isinstance(floating, bool):
@@ -202,7 +202,7 @@ def _loaded(
 
 
 def _described(name: str) -> Path | None:
-    """Return the file of a name of the package `robot_descriptions`; None if it has none."""
+    """Path of a named description of the package `robot_descriptions`; None if it has none."""
     if not name.endswith("_description") or find_spec("robot_descriptions") is None:
         return None
     if not name.isidentifier() or find_spec(f"robot_descriptions.{name}") is None:
@@ -227,7 +227,7 @@ def _read_config(path: Path, variant: Mapping[str, str]) -> Robot:
 
 
 def _path(name: str | Path) -> Path:
-    """Return the path that a name would be, whether or not there is something."""
+    """Path of a name, whether or not it exists."""
     try:
         path = Path(name).expanduser()
         path.exists()
@@ -237,5 +237,5 @@ def _path(name: str | Path) -> Path:
 
 
 def _config(path: Path) -> Path:
-    """Return where the robot.toml of a folder would be, or the path if it is a .toml itself."""
+    """Path of the robot.toml in a folder, existing or not, or of a .toml file itself."""
     return path if path.suffix == ".toml" and path.is_file() else path / "robot.toml"

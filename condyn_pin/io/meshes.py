@@ -31,15 +31,15 @@ class Mesh:
     faces: NDArray[np.uint32]
 
     def moved(self, T: ArrayLike) -> Mesh:
-        """Return it mapped by a homogeneous matrix (4, 4)."""
+        """Return the mesh mapped by a homogeneous matrix (4, 4)."""
         T = np.asarray(T)
         return Mesh(self.vertices @ T[:3, :3].T + T[:3, 3], self.faces)
 
     def simplified(self, cell: float) -> Mesh:
-        """Return it with all vertices in a box of edges `cell` [m] merged to their mean.
+        """Return the mesh with all vertices in a box of edges `cell` [m] merged to their mean.
 
-        Triangles that lose a corner vanish, so what is smaller than a cell does too; but no edge is
-        longer than a third of the mesh along it, for a rod or a plate is to stay one. Vertex
+        Triangles that lose a corner vanish, and so do parts smaller than a cell. No edge of a cell
+        is longer than a third of the mesh along it: rods and plates keep their shape. Vertex
         clustering of Rossignac and Borrel (1993): O(k log k), and no topology is needed.
         """
         if not len(self.faces):
@@ -58,9 +58,9 @@ class Mesh:
 
 
 def _numbers(rows: NDArray[Any]) -> NDArray[np.int64]:
-    """Return a number for each row (k, 3) of integers from 0 on, the same for the same row.
+    """Unique number of each row (k, 3) of integers from 0 on, equal for equal rows.
 
-    Numbers are told apart much faster than rows.
+    Numbers are compared much faster than rows.
     """
     x, y, z = rows.T.astype(np.int64)
     numbers: NDArray[np.int64] = (x * (y.max(initial=0) + 1) + y) * (z.max(initial=0) + 1) + z
@@ -68,7 +68,7 @@ def _numbers(rows: NDArray[Any]) -> NDArray[np.int64]:
 
 
 def cleaned(vertices: Array, corners: NDArray[Any]) -> Mesh:
-    """Return a mesh without triangles that have no area or are there twice, and lone vertices."""
+    """Return a mesh without triangles of a repeated corner, double ones, and unused vertices."""
     a, b, c = corners.T
     corners = corners[(a != b) & (b != c) & (c != a)]
     _, first = np.unique(_numbers(np.sort(corners, axis=1)), return_index=True)
@@ -140,9 +140,9 @@ _FACET = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute
 def read_mesh(path: Path) -> Mesh:
     """Return the triangles of a file, in metres where it names its unit, else in its own units.
 
-    A binary STL is read here, at once; all else (DAE, OBJ, PLY, text STL) by trimesh, all of its
-    materials and each under the transform of its node. As in ROS and Gazebo, the axis that a
-    COLLADA file calls up does not turn it.
+    A binary STL is read here; all else (DAE, OBJ, PLY, text STL) by trimesh, with all materials,
+    each under the transform of its node. As in ROS and Gazebo, the up axis of a COLLADA file does
+    not rotate it.
 
     Raises
     ------
@@ -166,7 +166,7 @@ def _binary_stl(content: bytes, count: int) -> Array:
 
 
 def _by_trimesh(content: bytes, path: Path) -> Array:
-    """Return the corners (3 n, 3) of the triangles of a file; textures are not looked for."""
+    """Corners (3 n, 3) of the triangles of a file, without textures."""
     try:
         import trimesh
     except ImportError as error:
@@ -188,7 +188,7 @@ def _by_trimesh(content: bytes, path: Path) -> Array:
 
 
 def _from_corners(corners: Array, path: Path) -> Mesh:
-    """Return the mesh of corners (3 n, 3), three for each triangle, equal ones made one."""
+    """Mesh of corners (3 n, 3), three for each triangle, with equal corners merged."""
     if not len(corners) or not np.isfinite(corners).all():
         what = "a corner is not finite" if len(corners) else "it has no triangle"
         raise InvalidModel(f"{path}: {what}")

@@ -75,7 +75,7 @@ def read_mjcf(path: str | PathLike[str]) -> Description:
     Raises
     ------
     InvalidModel
-        The file cannot be read, or what it says cannot be made a model.
+        The file cannot be read, or its content makes no model.
     MissingExtra
         MuJoCo is not installed.
 
@@ -240,7 +240,7 @@ class _Reader:
         yield Coupling(self.joints[one], self.joints[two], ratio, offset, higher, name=name)
 
     def _length(self, kind: str, k: int) -> tuple[dict[int, float] | None, float]:
-        """Return by joint how a coordinate or a tendon follows it, and how long it is drawn."""
+        """Coefficients by joint of a coordinate or tendon, None if spatial; its length at qpos0."""
         if k < 0:
             return {}, 0.0
         if kind == "joint":
@@ -264,7 +264,7 @@ class _Reader:
         return Loop(frames[0], frames[1], kind, name=name)
 
     def _postures(self) -> dict[str, Array]:
-        """Return the keyframes, and last the configuration that is drawn."""
+        """Keyframes by name, and last ``qpos0``, the configuration in which the file is drawn."""
         mj, drawn = self.mj, self.tree.configuration()
         found = {}
         for k in range(mj.nkey):
@@ -309,7 +309,7 @@ class Straight(NamedTuple):
 
 
 class Transmissions:
-    """What joints have: by themselves, by tendons, and by actuators.
+    """Armature, damping, friction, limits and springs of joints, tendons and actuators included.
 
     Attributes
     ----------
@@ -319,7 +319,7 @@ class Transmissions:
     springs : list of JointSpring
     straight : list of Straight
     lost : list of str
-        What tendons do to the motion that is none of these, a sentence each.
+        Effects of tendons on the motion that are none of these, a sentence each.
     """
 
     def __init__(self, mj: Any) -> None:
@@ -352,7 +352,7 @@ class Transmissions:
                 self._add_tendon(t, name)
 
     def _add_actuators(self, *, damped: bool) -> None:
-        """Add to joints and tendons what their actuators carry."""
+        """Add the armature and damping of actuators to their joints and tendons."""
         mj = self.mj
         if not hasattr(mj, "actuator_armature"):  # MuJoCo of before
             return
@@ -368,7 +368,7 @@ class Transmissions:
                     values[at] += square * each[k]
 
     def _add_tendon(self, t: int, name: str) -> None:
-        """Add a tendon to its joint, or to what is straight, and say what is left of it."""
+        """Add a tendon to its joint, or to the straight ones; its other effects go to `lost`."""
         mj, has = self.mj, {key: float(values[t]) for key, values in self._of_tendons.items()}
         coefficients = coefficients_of(mj, t)
         if coefficients == {}:
@@ -391,7 +391,7 @@ class Transmissions:
             self.lost.append(f"tendon {name!r}, {where}: {', '.join(left)}{slack}")
 
     def _add_to_joint(self, j: int, c: float, t: int, has: Mapping[str, float]) -> tuple[str, ...]:
-        """Add the tendon t, c times the coordinate of joint j long; return what is modelled."""
+        """Add the tendon t of length c q_j to joint j; return its properties that are modelled."""
         dof = self.mj.jnt_dofadr[j]
         self.armature[dof] += c**2 * has["armature"]
         self.damping[dof] += c**2 * has["damping"]
@@ -408,7 +408,7 @@ class Transmissions:
         return (*own, "stiffness")
 
     def _add_straight(self, t: int, has: Mapping[str, float], rest: float) -> tuple[str, ...]:
-        """Add a tendon that only its two sites bend; return what is modelled."""
+        """Add a tendon that is straight between two sites; return its modelled properties."""
         mj, first = self.mj, self.mj.tendon_adr[t]
         wraps = slice(first, first + mj.tendon_num[t])
         site = int(require_mujoco("").mjtWrap.mjWRAP_SITE)
@@ -422,7 +422,7 @@ class Transmissions:
 
 
 def coefficients_of(mj: Any, t: int) -> dict[int, float] | None:
-    """Return by joint how a fixed tendon's length follows it, if it does; None if it is spatial."""
+    """Return the nonzero coefficients c of a fixed tendon by joint; None if it is spatial."""
     first = mj.tendon_adr[t]
     wraps = slice(first, first + mj.tendon_num[t])
     if (mj.wrap_type[wraps] != int(require_mujoco("").mjtWrap.mjWRAP_JOINT)).any():
@@ -432,7 +432,7 @@ def coefficients_of(mj: Any, t: int) -> dict[int, float] | None:
 
 
 def pulled(mj: Any) -> Iterator[tuple[str, int]]:
-    """Yield what each actuator pulls, and the number of it: a joint, a tendon, a site, a body."""
+    """Yield the target of each actuator, kind and index: a joint, a tendon, a site, a body."""
     trn = require_mujoco("").mjtTrn
     for kind, (target, _) in zip(mj.actuator_trntype, mj.actuator_trnid.tolist(), strict=True):
         word = trn(kind).name.removeprefix("mjTRN_").lower()
@@ -468,7 +468,7 @@ _CHANGES: Final = (
 
 
 def unmodelled(mj: Any, had: Transmissions) -> Iterator[str]:
-    """Say what of a mujoco.MjModel changes the motion and is not in the model, but for loops."""
+    """Yield the parts of a mujoco.MjModel, but for loops, that act on the motion unmodelled."""
     joints, bodies = joint_names(mj), body_names(mj)
     owners = {
         "jnt": joints, "dof": [joints[j] for j in mj.dof_jntid], "body": bodies,
@@ -499,7 +499,7 @@ def unmodelled(mj: Any, had: Transmissions) -> Iterator[str]:
 
 
 def unused(mj: Any, had: Transmissions) -> Iterator[str]:
-    """Say what else is in a mujoco.MjModel, and is not used by itself."""
+    """Yield the other parts of a mujoco.MjModel that are not used, or not by default."""
     joints, alone = joint_names(mj), driven(mj)
     counts = {
         "geoms, as bodies that touch": np.count_nonzero(mj.geom_contype | mj.geom_conaffinity),
@@ -533,13 +533,13 @@ def unused(mj: Any, had: Transmissions) -> Iterator[str]:
 
 
 def _named(names: Sequence[str], values: ArrayLike) -> list[str]:
-    """Return the names of the rows that are not zero, each once."""
+    """Names of the nonzero rows of `values`, each once."""
     rows = zip(names, np.asarray(values), strict=True)
     return list(dict.fromkeys(name for name, row in rows if np.any(row)))
 
 
 def _biased(mj: Any) -> Array:
-    """Return which actuators push although nothing is asked of them."""
+    """Mask of the actuators with a force at ctrl = 0."""
     types = require_mujoco("").mjtBias
     kinds = mj.actuator_biastype
     affine, none = (kinds == int(getattr(types, f"mjBIAS_{k}")) for k in ("AFFINE", "NONE"))

@@ -38,7 +38,7 @@ _DEEPEST: Final = 16  # models that attach models
 
 
 def open_mjcf(path: Path, tag: str = "") -> Element:
-    """Return the root of a file with what it includes; refuse one that becomes too large."""
+    """Return the root of a file, its includes inserted; refuse one that becomes too large."""
     root = _whole(path, tag)
     check_counts(sum(1 for _ in root.iter("body")), 0)
     _parts(root, path.parent, 1)
@@ -46,10 +46,9 @@ def open_mjcf(path: Path, tag: str = "") -> Element:
 
 
 def compiled(path: str | PathLike[str], tag: str = "") -> tuple[Any, tuple[str, ...]]:
-    """Return the mujoco.MjModel of a file, and which meshes it lacks, a sentence each.
+    """Return the mujoco.MjModel of a file, and its missing meshes, a sentence each.
 
-    A mesh that is not there is left out where it gives no inertia. MuJoCo writes no file of
-    warnings.
+    A missing mesh is left out if no inertia depends on it. MuJoCo writes no file of warnings.
 
     Raises
     ------
@@ -80,7 +79,7 @@ def compiled(path: str | PathLike[str], tag: str = "") -> tuple[Any, tuple[str, 
 
 
 def _without_lost_meshes(mujoco: Any, spec: Any, folder: Path) -> Iterator[str]:
-    """Delete what is drawn by a file that is not there and has no mass, and say so."""
+    """Delete the geoms of missing mesh files that give no inertia; yield a sentence for each."""
     if spec.compiler.inertiafromgeom == mujoco.mjtInertiaFromGeom.mjINERTIAFROMGEOM_TRUE:
         return
     for mesh in list(spec.meshes):
@@ -96,7 +95,7 @@ def _without_lost_meshes(mujoco: Any, spec: Any, folder: Path) -> Iterator[str]:
 
 
 def require_mujoco(reason: str) -> Any:
-    """Return the module of MuJoCo, or raise MissingExtra with what it is needed for."""
+    """Return the module of MuJoCo, or raise MissingExtra with the reason why it is needed."""
     try:
         import mujoco
     except ImportError as error:
@@ -105,13 +104,13 @@ def require_mujoco(reason: str) -> Any:
 
 
 def disabled(mj: Any, *what: str) -> bool:
-    """Whether one of these is off by the flags of a mujoco.MjModel."""
+    """True if one of these features is off by the flags of a mujoco.MjModel."""
     flags = require_mujoco("flags of an MJCF").mjtDisableBit
     return any(mj.opt.disableflags & int(getattr(flags, f"mjDSBL_{each}")) for each in what)
 
 
 def names_of(mj: Any, kind: str) -> list[str]:
-    """Return the names of all of a kind that is not "body" or "joint", ``KINDk`` without one."""
+    """Return the names of all elements of a kind, ``KINDk`` for those without; no body or joint."""
     mujoco = require_mujoco("names of an MJCF")
     numbers = range(len(getattr(mj, f"name_{kind}adr")))
     of_kind = getattr(mujoco.mjtObj, f"mjOBJ_{kind.upper()}")
@@ -157,7 +156,7 @@ def _whole(path: Path, tag: str = "") -> Element:
 
 
 def _parts(root: Element, folder: Path, depth: int) -> float:
-    """Return how many copies there will be, those in attached files among them."""
+    """Number of copies made by MuJoCo's parser, those in attached files among them."""
     if depth > _DEEPEST:
         raise InvalidModel("<attach>: models attach each other without an end")
     attached = {
@@ -197,7 +196,7 @@ def _check_tables(element: Element) -> None:
 
 
 def _counts(element: Element, name: str) -> list[float]:
-    """Return the numbers of an attribute that count; MuJoCo says what is none of them."""
+    """Counts in an attribute, each at least 1; other text is for MuJoCo to refuse."""
     try:
         return [max(float(word), 1.0) for word in element.get(name, "1").split()]
     except ValueError:

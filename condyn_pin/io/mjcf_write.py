@@ -53,7 +53,7 @@ def to_mjcf(
     contacts: Iterable[Contact] = (),
     shapes: bool = False,
 ) -> str:
-    """Return a robot as MJCF; `Robot.to_mjcf` says what is written.
+    """Return a robot as the text of an MJCF; see `Robot.to_mjcf`.
 
     Parameters
     ----------
@@ -61,9 +61,9 @@ def to_mjcf(
     without : iterable of str
         Names of loops to leave out.
     contacts : iterable of Contact
-        What may open and slide.
+        Unilateral contacts.
     shapes : bool
-        Write what the description draws.
+        Write the visual shapes of the description.
     """
     robot.check_unedited()
     if isinstance(contacts, str) or not isinstance(contacts, Iterable):
@@ -74,7 +74,7 @@ def to_mjcf(
 
 
 def _kept(robot: Robot, without: Iterable[str]) -> tuple[Constraint, ...]:
-    """Return the loops to write; kinds that MuJoCo lacks are refused."""
+    """Loops to write; kinds that MuJoCo lacks are refused."""
     if isinstance(without, str) or not isinstance(without, Iterable):
         raise InvalidArgument(f"without = {without!r}: a list of names of loops is needed")
     left_out = tuple(without)
@@ -95,7 +95,7 @@ def _kept(robot: Robot, without: Iterable[str]) -> tuple[Constraint, ...]:
 
 
 class RobotWriter:
-    """A file while it grows; what loops write themselves to."""
+    """An MJCF under construction, to which loops write themselves."""
 
     def __init__(self, robot: Robot) -> None:
         self.robot, self.model = robot, robot.model
@@ -163,7 +163,7 @@ class RobotWriter:
         return name
 
     def _add_frames(self) -> None:
-        """Make each frame a site, but for those that are bodies, joints or the world."""
+        """Write each frame as a site, except bodies, joints and the world."""
         for frame in self.model.frames:
             taken = frame.name in (*self.bodies, *self.sites, *WORLD)
             if not taken and frame.type != pin.FrameType.JOINT:
@@ -202,7 +202,7 @@ class RobotWriter:
         return reference(self.model, self.model.getJointId(joint), self.drawn)
 
     def _add_spring_dampers(self) -> None:
-        """Make each spring-damper a tendon that is straight from site to site."""
+        """Write each spring-damper as a tendon that is straight from site to site."""
         for k, each in enumerate(self.robot.spring_dampers):
             said = {"stiffness": each.stiffness, "damping": each.damping}
             said["springlength"] = each.rest_length
@@ -229,7 +229,7 @@ class RobotWriter:
         return name
 
     def _add_geoms(self, contacts: tuple[Contact, ...], shapes: bool) -> None:
-        """Write what is drawn, and what may open and slide."""
+        """Write the visual shapes if `shapes`, and the unilateral contacts."""
         if not contacts and not shapes:
             return
         geoms = GeomWriter(self)
@@ -264,7 +264,7 @@ _TWIST_AND_ROLL: Final = (0.005, 0.0001, 0.0001)
 
 
 class Writer(Protocol):
-    """The file while it grows."""
+    """The MJCF under construction."""
 
     robot: Robot
     root: Element
@@ -273,7 +273,7 @@ class Writer(Protocol):
 
 
 class GeomWriter:
-    """What writes geoms into a file: shapes that are drawn, and contacts that write themselves."""
+    """Writer of geoms: visual shapes, and the shapes of contacts."""
 
     def __init__(self, to: Writer) -> None:
         self.to, self.robot = to, to.robot
@@ -282,7 +282,7 @@ class GeomWriter:
         self._pairs: Element | None = None
 
     def draw(self) -> None:
-        """Write what the description draws."""
+        """Write the visual shapes of the description."""
         robot = self.robot
         shapes, missing = shapes_of(
             robot.description, model=robot.name, package_dirs=robot.package_dirs
@@ -306,7 +306,7 @@ class GeomWriter:
         second: Plane | tuple[str, Plane | Shape],
         friction: float,
     ) -> None:
-        """Write a shape at an offset in a frame, and what it may touch."""
+        """Write a contact pair: a shape at an offset in a frame, and its plane or other shape."""
         frame, offset, shape = first
         joint, placement = self.robot.frame(frame)
         at = placement * pin.SE3(np.eye(3), np.array(offset))
@@ -328,7 +328,7 @@ class GeomWriter:
         SubElement(self._pairs, "pair", {"name": name} | said)
 
     def dry(self, joint: str, torque: float | None) -> None:
-        """Write the dry friction of a joint [N m, N]; that of the description without a torque."""
+        """Write the dry friction of a joint [N m, N]; by default that of the description."""
         place = self.robot.model.joints[self.robot.model.getJointId(joint)]
         described = dry_friction(self.robot.model)[place.idx_v : place.idx_v + place.nv]
         if torque is None and np.ptp(described) > 0.0:
@@ -357,7 +357,7 @@ class GeomWriter:
         return said.get("name", "")
 
     def _solid(self, shape: Shape) -> dict[str, str]:
-        """Return the attributes of what touches."""
+        """Attributes of the geom of a contact shape."""
         patch, corners = shape.patch, [each.middle for each in shape.contact_points]
         if patch is None:
             if len(corners) == 1:
@@ -371,7 +371,7 @@ class GeomWriter:
         return {"type": "capsule", "size": numbers([radius, length / 2])}
 
     def _drawn(self, shape: Drawn) -> dict[str, str]:
-        """Return the attributes of what is drawn."""
+        """Attributes of the geom of a visual shape."""
         if shape.kind == "mesh":
             mesh = shape.triangles or self._read(shape)
             key = (shape.file, shape.size) if shape.triangles is None else id(shape.triangles)
@@ -388,7 +388,7 @@ class GeomWriter:
         return read_mesh(Path(shape.file)).moved(np.diag([*shape.size, 1.0]))
 
     def _mesh(self, key: Any, vertices: ArrayLike, faces: ArrayLike | None) -> str:
-        """Return the name of a mesh, which is in the file once however often it is used."""
+        """Name of a mesh asset, written once for all geoms that use it."""
         if key not in self._meshes:
             if self._assets is None:
                 self._assets = SubElement(self.to.root, "asset")
@@ -411,7 +411,7 @@ _LEAST = 2e-15  # [kg, kg m^2] MuJoCo refuses a body that moves with less than 1
 
 
 def chains_of(model: Any) -> Sequence[Sequence[int]]:
-    """Return the joints by the body they move: one that carries nothing goes with its child."""
+    """Return the joints of each body; one that carries nothing joins its child's."""
     children: Mapping[int, list[int]] = defaultdict(list)
     for i in range(1, model.njoints):
         children[model.parents[i]].append(i)
@@ -428,9 +428,9 @@ def chains_of(model: Any) -> Sequence[Sequence[int]]:
 
 
 def write_inertia(model: Any, i: int) -> dict[str, str]:
-    """Return principal moments and axes: left to itself, MuJoCo finds them to 1e-7 only.
+    """Return the inertia in principal axes, which MuJoCo itself finds to 1e-7 only, as attributes.
 
-    What has no mass, or no extent, gets as little as MuJoCo allows.
+    Masses and moments below the least that MuJoCo allows are raised to it.
     """
     inertia = model.inertias[i]
     moments, axes = np.linalg.eigh(inertia.inertia)

@@ -87,7 +87,7 @@ def model_words(model: Any) -> tuple[Words, Arrays]:
 
 
 def model_of(words: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, list[str]]:
-    """Return the model of words and arrays that may come from a stranger, and what it lost.
+    """Return the model of untrusted words and arrays, and the numbers it lost, a sentence each.
 
     Raises
     ------
@@ -123,7 +123,7 @@ def model_of(words: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> tu
 
 
 def _set_numbers(model: Any, arrays: Mapping[str, NDArray[Any]]) -> list[str]:
-    """Set what is known of each joint; return what this Pinocchio has no place for."""
+    """Set limits and other numbers of joints; return those that this Pinocchio has no place for."""
     sizes = dict.fromkeys(_OF_Q, (model.nq,)) | dict.fromkeys(_OF_V, (model.nv,))
     read = {
         name: _array(arrays, name, size)
@@ -155,7 +155,7 @@ def _se3(R_p: Array) -> Any:
 
 
 def _inertia(numbers: Array) -> Any:
-    """Return an inertia as it is: the constructor refuses what rounding has made of a rod."""
+    """Inertia of exactly these numbers: the constructor refuses a rod's after rounding."""
     inertia, matrix = pin.Inertia.Zero(), np.zeros((3, 3))
     matrix[_TRIANGLE] = matrix.T[_TRIANGLE] = numbers[4:]
     inertia.mass, inertia.lever, inertia.inertia = float(numbers[0]), numbers[1:4], matrix
@@ -225,7 +225,7 @@ def joint_words(joint: Any) -> Words:
 
 
 def joint_of(words: Mapping[str, Any]) -> Any:
-    """Return the joint of words and numbers that may come from a stranger.
+    """Return the joint of untrusted words and numbers.
 
     Raises
     ------
@@ -269,7 +269,7 @@ def _numbers(name: str, value: Any, shape: tuple[int, ...]) -> Array:
 
 
 def _axis_of(joint: Any) -> Array:
-    """Return the axis of a hinge whose q is (cos, sin)."""
+    """Axis of a hinge whose q is (cos, sin)."""
     alone = pin.JointModel(joint)
     alone.setIndexes(1, 0, 0)
     data = alone.createData()
@@ -279,7 +279,7 @@ def _axis_of(joint: Any) -> Array:
 
 
 def _about(axis: Array) -> Any:
-    """Return a hinge about an axis whose q is (cos, sin).
+    """Hinge about an axis, its q being (cos, sin).
 
     Pinocchio makes one only from a URDF, and normalises its axis once more. So a URDF with another
     axis is read, and the axis is put in its place in Pinocchio's own text of that model.
@@ -293,7 +293,7 @@ def _about(axis: Array) -> Any:
 
 
 def _written(number: float) -> str:
-    """Return a number as Pinocchio writes it, exactly."""
+    """Exact text of a number in Pinocchio's format."""
     return f"{number:.17e}"
 
 

@@ -1,6 +1,6 @@
-"""robot.toml: what it may say, the pieces that a variant chooses, and the robot that it makes.
+"""robot.toml: its schema, the pieces that a variant chooses, and the robot that it makes.
 
-What is wrong is said in the words of the file: the entry, its value, and what would do.
+Errors name the entry of the file, its value, and the values that are allowed.
 
     [variants.springs.free]
     [variants.springs.locked.description]
@@ -49,7 +49,7 @@ def read_config(path: Path, variant: Mapping[str, str]) -> Robot:
 
 
 def read_alone(source: Path | str, root_joint: str, model: str | None = None) -> Robot:
-    """Return the robot of a description that no robot.toml describes: a file, or a URDF's text."""
+    """Return the robot of a description without a robot.toml: a file, or a URDF's text."""
     if isinstance(source, Path):
         about = {} if model is None else {"model": model}
         read, where = _read(source, about, root_joint, ()), str(source)
@@ -100,7 +100,7 @@ def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
 def _read(
     file: Path, description: Mapping[str, Any], root_joint: str, actuated: Sequence[str]
 ) -> Description:
-    """Return what a file says; the reader of its format is imported when there is one to read."""
+    """Description in a file, by the reader of its format, which is imported on demand."""
     if file.suffix == ".xml":
         from condyn_pin.io.mjcf import read_mjcf
 
@@ -129,7 +129,7 @@ def _fields(read: Description) -> dict[str, Any]:
 
 
 def _postures(config: Mapping[str, Any], folder: Path, read: Description) -> dict[str, Array]:
-    """Return the postures of the SRDF, of the config, and of an MJCF, which come last."""
+    """Postures of the SRDF, of the config, and last of an MJCF."""
     found, description = {}, config["description"]
     if "srdf" in description:
         from condyn_pin.io.srdf import read_srdf
@@ -143,7 +143,7 @@ def _postures(config: Mapping[str, Any], folder: Path, read: Description) -> dic
 
 
 def _posture(model: Any, values: Mapping[str, Any], where: str) -> Array:
-    """Return the configuration with these values by joint, and neutral otherwise."""
+    """Configuration (nq,) with these values by joint, neutral otherwise."""
     try:
         return with_values(model, np.array(pin.neutral(model)), values, f"{where}: ")
     except UnknownName as error:
@@ -151,7 +151,7 @@ def _posture(model: Any, values: Mapping[str, Any], where: str) -> Array:
 
 
 def _check_constraints(robot: Robot, own: Sequence[Constraint]) -> None:
-    """Refuse loops and contacts that do not fit the robot, now and not when a scene is made."""
+    """Refuse loops and contacts that do not fit the robot, at loading instead of in a scene."""
     first = len(robot.loops) - len(own)
     places: list[tuple[str, Constraint]] = [
         *((f"loop {loop.name!r} of the description", loop) for loop in robot.loops[:first]),
@@ -166,13 +166,13 @@ def _check_constraints(robot: Robot, own: Sequence[Constraint]) -> None:
 
 
 def _with_notices(robot: Robot) -> Robot:
-    """Return the robot, its open loops and its locked joints among what it says of itself."""
+    """Robot with its locked joints and its open loops added to `Robot.unused`."""
     said = [*_locked(robot), *_gaps(robot)]
     return replace(robot, unused=(*robot.unused, *said)) if said else robot
 
 
 def _locked(robot: Robot) -> Iterator[str]:
-    """Say which joints have limits without width."""
+    """Joints with equal lower and upper limits, in a sentence."""
     limits = Limits.of(robot.model)
     names = [
         name
@@ -187,7 +187,7 @@ def _locked(robot: Robot) -> Iterator[str]:
 
 
 def _gaps(robot: Robot) -> Iterator[str]:
-    """Say which loops are open at the first posture, or at the zero configuration of the file."""
+    """Loops that are open at the first posture, or else at neutral, a sentence each."""
     if not robot.loops:
         return
     name, q = next(iter(robot.postures.items()), ("", pin.neutral(robot.model)))
@@ -201,7 +201,7 @@ def _gaps(robot: Robot) -> Iterator[str]:
 
 
 def _ends(loop: Constraint) -> frozenset[str]:
-    """Return what it ties; joints are no frames of the same names."""
+    """Frames, or for a coupling joints, that a loop connects; both kinds compare unequal."""
     return frozenset({*loop.joints, "joints"} if loop.joints else loop.frames)
 
 
@@ -237,7 +237,7 @@ _FRAME: Final = ("name", "parent", "translation", "rotation")
 
 
 def check_config(config: Table) -> None:
-    """Refuse entries that no config has, and values that are not what their entry needs."""
+    """Refuse unknown entries, and values of the wrong type."""
     for key in ("name", "description"):
         if key not in config:
             raise InvalidModel(f"the entry {key!r} is missing")
@@ -254,7 +254,7 @@ def check_config(config: Table) -> None:
 
 
 def _check_file(description: Table) -> None:
-    """Refuse entries that belong to another file than there is."""
+    """Refuse entries for another format than that of the file."""
     file = description["file"]
     if not file.endswith(".sdf"):
         for key in FOR_SDF:
@@ -272,7 +272,7 @@ def _check_file(description: Table) -> None:
 
 
 def loops_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
-    """Return the loops that a config lists: a kind without a word of its own is one of `Loop`."""
+    """Return the loops that a config lists: a kind without its own class is one of `Loop`."""
     known = worded(closes=True)
     made = []
     for i, table in enumerate(tables):
@@ -328,7 +328,7 @@ def _check_table(where: str, table: Table, known: Mapping[str, Check]) -> None:
 
 
 def _unknown_entry(where: str, key: str, known: Collection[str]) -> str:
-    """Return what to say of an entry that does not exist, or is below a table that it is not of."""
+    """Error text on an entry that does not exist, or stands in the wrong table."""
     if key in _CONFIG and known is not _CONFIG:
         return f"no entry named '{where}{key}'; {key} goes to the top, above the first [table]"
     return str(unknown_name("entry", f"{where}{key}", known))
@@ -374,7 +374,7 @@ def chosen_config(config: Mapping[str, Any], variant: Mapping[str, str]) -> dict
 
 
 def _check_options(options: Any) -> None:
-    """Refuse what is not a table of options, each a table of values, each a table of entries."""
+    """Refuse all but a table of options, each a table of values, each a table of entries."""
     if not isinstance(options, Mapping):
         raise InvalidModel(f"the entry variants = {options!r}: tables by option are needed")
     for option, values in options.items():
@@ -387,7 +387,7 @@ def _check_options(options: Any) -> None:
 
 
 def check_variant(variant: Any, options: Mapping[str, Any]) -> None:
-    """Refuse what is not a choice among the options of a robot."""
+    """Refuse a variant that is no choice among the options of a robot."""
     pairs = variant.items() if isinstance(variant, Mapping) else [(None, None)]
     if not all(isinstance(name, str) for pair in pairs for name in pair):
         raise InvalidArgument(
@@ -399,7 +399,7 @@ def check_variant(variant: Any, options: Mapping[str, Any]) -> None:
 
 
 def _merged(below: Mapping[str, Any], above: Mapping[str, Any], where: str) -> dict[str, Any]:
-    """Return a table with another one over it."""
+    """Table `below` with the entries of `above` merged over it."""
     merged = dict(below)
     for key, entry in above.items():
         old = below.get(key, entry)
@@ -415,5 +415,5 @@ def _merged(below: Mapping[str, Any], above: Mapping[str, Any], where: str) -> d
 
 
 def _is_value(entry: list[Any]) -> bool:
-    """Whether a list is one value, such as the quaternion of a posture, and no collection."""
+    """True if a list is one value, such as the quaternion of a posture, and no collection."""
     return all(isinstance(x, (int, float)) for x in entry)

@@ -88,16 +88,16 @@ def read_sdf(
     Returns
     -------
     Description
-        The model, its loops, couplings and springs, and what the file has and the model does not
-        use. Each link is a BODY frame, each joint a JOINT frame (FIXED_JOINT for a fixed one), each
-        frame of the file an OP_FRAME, and so are the two ends of a joint that is cut, ``NAME_a`` on
+        The model, its loops, couplings and springs, and the unused content of the file. Each link
+        is a BODY frame, each joint a JOINT frame (FIXED_JOINT for a fixed one), each frame of the
+        file an OP_FRAME, and so are the two ends of a joint that is cut, ``NAME_a`` on
         its parent link and ``NAME_b`` on its child, z along the axis of a hinge or slider. What is
         in a model of the model, written or included there, is named ``INNER::NAME``.
 
     Raises
     ------
     InvalidModel
-        The file cannot be read, or what it says cannot be made a model.
+        The file cannot be read, or its content makes no model.
     UnknownName
         `model`, `root`, `kinds`, `drop`, `cut` or `actuated` has a name that the file or the reader
         does not know.
@@ -194,7 +194,7 @@ def _kept(
     mimics: Sequence[Coupling],
     actuated: Sequence[str],
 ) -> dict[str, str]:
-    """Return the joints that must stay in the tree, with the reason as errors say it."""
+    """Joints that must stay in the tree, with the reason as in error texts."""
     names = [joint.name for joint in joints]
     for name in actuated:
         if name not in names:
@@ -231,7 +231,7 @@ def _unused_parts(
     root_pose: Any | None,
     idle: Sequence[str],
 ) -> Iterator[str]:
-    """Say which parts of the file are not in the model."""
+    """Parts of the file that are not in the model, a phrase for each kind."""
     yield from sdf.unread
     if drop:
         yield f"joints left out: {quoted(drop)}"
@@ -249,14 +249,14 @@ def _unused_parts(
 
 
 def _defaults(sdf: SdfModel, moving: Collection[str]) -> Iterator[str]:
-    """Say for which links that move the format fills in the inertia."""
+    """Moving links whose inertia has defaults of the format, a phrase for each value."""
     for value, links in sdf.defaults.items():
         if names := [name for name in links if name in moving]:
             yield f"left out of <inertial>, and {value} here, as the format has it: {quoted(names)}"
 
 
 def _settings(joints: Sequence[Joint], cut: Sequence[Joint]) -> Iterator[tuple[str, list[str]]]:
-    """Yield settings of the joints that the dynamics do not use, and the joints that have them."""
+    """Joint settings that the dynamics do not use, each with its joints."""
     said = [(joint.name, tuple(_lost(joint, joint not in cut))) for joint in joints]
     for setting in (*_SMALL, *_LARGE):
         if names := [name for name, settings in said if setting in settings]:
@@ -264,7 +264,7 @@ def _settings(joints: Sequence[Joint], cut: Sequence[Joint]) -> Iterator[tuple[s
 
 
 def _lost(joint: Joint, hanging: bool) -> Iterator[str]:
-    """Yield the settings of a joint, hanging in the tree or cut, that are not used."""
+    """Unused settings of a joint, `hanging` in the tree or cut."""
     axis, bound = joint.axis, joint.has_axis
     limited = axis.lower > -inf or axis.upper < inf
     if joint.axis2.direction is not None and joint.kind != "gearbox":

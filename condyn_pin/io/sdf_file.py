@@ -1,4 +1,4 @@
-"""The model of an SDF file: its links, joints and frames placed, and what is not in them.
+"""The model of an SDF file: its links, joints and frames placed, and its unread content.
 
 `sdf_parts` has where each part is drawn. The axis a of a joint j is, however the file writes it,
 
@@ -55,7 +55,7 @@ class Link:
 
 @dataclass(frozen=True)
 class Mimic:
-    """What an axis of a joint follows: q = ratio q_leader + offset."""
+    """Mimic relation of a joint axis: q = ratio q_leader + offset."""
 
     leader: str
     axis: str  # axis or axis2
@@ -65,7 +65,7 @@ class Mimic:
 
 @dataclass(frozen=True, eq=False)
 class Axis:
-    """An axis of a joint; what the file leaves out is infinite or zero."""
+    """An axis of a joint; numbers that the file leaves out are infinite or zero."""
 
     direction: Array | None = None  # unit vector in the joint's axes
     lower: float = -inf  # [rad or m]
@@ -84,7 +84,7 @@ NO_AXIS: Final = Axis()
 
 @dataclass(frozen=True)
 class Gear:
-    """What a gearbox says: theta_child = -ratio theta_parent, both seen from the reference link."""
+    """Gear relation theta_child = -ratio theta_parent, both relative to the reference link."""
 
     ratio: float
     reference: str
@@ -106,11 +106,11 @@ class Joint:
 
     @property
     def has_axis(self) -> bool:
-        """Whether it is a hinge, a slider or a screw: one coordinate, about or along the axis."""
+        """True for a hinge, a slider or a screw: one coordinate, about or along the axis."""
         return self.kind in ("revolute", "continuous", "prismatic", "screw")
 
     def reversed(self) -> Joint:
-        """Return the same joint from child to parent.
+        """Return the joint with parent and child exchanged, and the axis opposite.
 
         R(-a, q) = R(a, q)⁻¹: a hinge, slider or screw about the opposite axis keeps its coordinate
         q, and with it limits, spring and damping. The quaternion of a ball becomes its inverse.
@@ -201,7 +201,7 @@ _DRIVES: Final = re.compile(  # in the name or the file of a plugin
 
 
 def parse(path: str | PathLike[str], name: str | None) -> SdfModel:
-    """Return what a file says of its model, or of the one with a name."""
+    """Return the only moving model of a file, or the one of this name."""
     files = Files(Path(path))
     chosen = files.chosen(name)
     top = chosen.model
@@ -237,13 +237,13 @@ def parse(path: str | PathLike[str], name: str | None) -> SdfModel:
 
 
 def _roots(chosen: Chosen, parts: Mapping[str, Part]) -> list[Element]:
-    """Return the model and those that it includes, each once, however often it is included."""
+    """Elements of the model and the models it includes, each once."""
     included = [p.model.model for p in parts.values() if p.element.tag == "include"]
     return list({id(model): model for model in (chosen.model.model, *included)}.values())
 
 
 def _unread(chosen: Chosen, parts: Mapping[str, Part], schema: Schema) -> Iterator[str]:
-    """Say which elements are not read, of the world and of the models."""
+    """Elements of the world and the models that are not read, and idle plugins, as sentences."""
     schema.count(chosen.world, (*_OF_WORLD, *_changing("world")))
     for root in _roots(chosen, parts):
         schema.count(root, (*_OF_MODEL, *_changing("model")))
@@ -253,12 +253,12 @@ def _unread(chosen: Chosen, parts: Mapping[str, Part], schema: Schema) -> Iterat
 
 
 def _changing(tag: str) -> Iterable[str]:
-    """Return the elements below one that `_CHANGES` looks into."""
+    """Tags of the child elements that `_CHANGES` covers."""
     return (path.partition("/")[0] for path in _CHANGES.get(tag, ()))
 
 
 def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:
-    """Say what changes the motion and is not modelled, and where it is."""
+    """Parts that change the motion and are not modelled, with their places, a phrase each."""
     places = [(chosen.world.get("name", ""), chosen.world), (chosen.model.name, chosen.model.model)]
     places += [(name, part.model.model if is_model(part) else part.element)
                for name, part in parts.items()]  # fmt: skip
@@ -277,7 +277,7 @@ def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:
 
 
 def _says(element: Element) -> bool:
-    """Whether an element says something other than zero or no."""
+    """True if an element has a value other than zero and false."""
     return len(element) > 0 or any(
         word.lower() != "false" and word.strip("+-0.") != ""
         for word in (element.text or "").split()
@@ -304,7 +304,7 @@ def _drives(plugin: Element) -> bool:
 def _link(
     part: Part, name: str, poses: Mapping[str, Any], defaults: Mapping[str, list[str]]
 ) -> Link:
-    """Return a link with its inertia in its own frame; the format fills in what is left out."""
+    """Link with its inertia in its own frame; missing values have the defaults of the format."""
     element = part.element
     weighs = flag(element, "gravity", "true")
     inertial = element.find("inertial")
@@ -370,7 +370,7 @@ def _gear(part: Part, link_of: Mapping[str, str]) -> Gear:
 
 
 def _pitch(joint: Element) -> float:
-    """Return the metres per radian of a screw, right-handed; 0 where the file says none."""
+    """Pitch of a screw [m/rad], right-handed; 0 if the file has none."""
     turns = _number(joint, "screw_thread_pitch", 0.0) / (2 * pi)  # metres in a turn
     old = _number(joint, "thread_pitch", 0.0)  # radians in a metre, left-handed
     return turns if turns or not old else -1 / old
@@ -443,6 +443,6 @@ def _bound(element: Element, path: str) -> float:
 
 
 def _number(element: Element, path: str, default: float) -> float:
-    """Return the number at a path, which was checked, or the default where there is none."""
+    """Number at a path, checked before; the default if there is none."""
     found = element.findtext(path)
     return default if found is None else float(found)

@@ -1,4 +1,4 @@
-"""The parts of an SDF file: its models and those it includes, and where each thing is drawn.
+"""The parts of an SDF file: its models and those it includes, and their poses.
 
 A world has everything that is drawn in it; a robot is one model that moves. A <model>, and an
 <include> that brings one, are the same here: a `Placed` model, where its owner puts it. Included
@@ -52,7 +52,7 @@ class Placed(NamedTuple):
 
     @property
     def static(self) -> bool:
-        """Whether it stands still."""
+        """True if the model is static."""
         return flag(self.owner if find(self.owner, "static") is not None else self.model, "static")
 
     @property
@@ -62,7 +62,7 @@ class Placed(NamedTuple):
         return self.owner.tag == "include" and truth(self.owner.get("merge", "false"), where)
 
     def pose(self) -> tuple[Any, str, str]:
-        """Return its pose, the name of the base, and the frame in it that is posed."""
+        """Return its pose, the name of the base frame, and its own frame that has this pose."""
         posed = self.owner if find(self.owner, "pose") is not None else self.model
         frame = find(self.owner, "placement_frame")
         said = self.model.get("placement_frame", "") if frame is None else frame.text or ""
@@ -88,7 +88,7 @@ class Files:
 
     @property
     def _top(self) -> Path:
-        """The folder that nothing leaves; the first file is open by then, and so it exists."""
+        """Topmost folder for includes: that of the first file, which is open by then."""
         return self._first.resolve().parent
 
     def chosen(self, name: str | None) -> Chosen:
@@ -126,7 +126,7 @@ class Files:
     def models_in(
         self, owner: Element, file: Path, version: tuple[int, ...]
     ) -> Iterator[tuple[Placed | None, str]]:
-        """Yield the models below an element; None, and the address, for what brings none."""
+        """Yield the models below an element, with URIs; None for an include without a model."""
         for element in owner:
             if element.tag == "model":
                 name = element.get("name", "")
@@ -151,7 +151,7 @@ class Files:
         return Placed(name, models[0], include, file, _version(sdf))
 
     def _find(self, uri: str, folder: Path) -> Path | None:
-        """Return the file of an address, if it is in a folder or above it, below the first one."""
+        """File of a URI in a folder or one above it, within the first file's; None without one."""
         name, top = uri.removeprefix("model://").removeprefix("file://"), self._top
         while name and folder.is_relative_to(top):
             try:
@@ -183,7 +183,7 @@ def _model_file(folder: Path) -> str:
 
 
 def _numbers(version: str) -> tuple[int, ...]:
-    """Return the numbers of a version; none if it is not made of numbers."""
+    """Numbers of a version; empty if it is not made of numbers."""
     parts = version.split(".")
     return tuple(int(p[:9]) for p in parts) if all(p.isdecimal() for p in parts) else ()
 
@@ -222,7 +222,7 @@ def _choice(models: list[Placed], lost: list[str], name: str | None) -> Placed:
 
 
 def _gravity(world: Element, version: tuple[int, ...]) -> tuple[Array, bool]:
-    """Return the gravity of a world, and whether the file says it; before 1.6 <physics> had it."""
+    """Gravity of a world [m/s^2], and True if the file has it; before 1.6 <physics> had it."""
     for path in ("gravity", "physics/gravity")[: 2 if version < (1, 6) else 1]:
         if (said := world.find(path)) is not None:
             return floats(said.text, 3, f"{label(world)}: <{path}>"), True
@@ -230,13 +230,13 @@ def _gravity(world: Element, version: tuple[int, ...]) -> tuple[Array, bool]:
 
 
 def flag(element: Element, path: str, default: str = "false") -> bool:
-    """Whether an element says yes."""
+    """True if the flag at a path is true."""
     found = find(element, path)
     return truth(default if found is None else found.text or "", f"{label(element)}: <{path}>")
 
 
 def truth(said: str, where: str) -> bool:
-    """Return true or false as the format writes it; `where` is what an error says first."""
+    """Return the boolean of a text in the format; errors begin with `where`."""
     word = said.strip().lower()
     if word not in ("0", "1", "false", "true"):
         raise InvalidModel(f"{where} is {word!r}; write true or false")
@@ -274,7 +274,7 @@ _MOST_ELEMENTS: Final = 500_000  # of a file that is included again and again
 
 
 class Part(NamedTuple):
-    """A link, a joint, a frame, or a model in the model, and how its words are meant."""
+    """A link, a joint, a frame, or a nested model, and the scope of its names."""
 
     element: Element
     scope: str  # "" or "arm::hand::", before each name in it
@@ -283,7 +283,7 @@ class Part(NamedTuple):
 
     @property
     def home(self) -> str:
-        """The frame of the model that it is in."""
+        """Frame of the model that the part is in."""
         return self.named(MODEL)
 
     @property
@@ -292,7 +292,7 @@ class Part(NamedTuple):
         return self.scope if self.model.is_merged else f"{self.scope}{self.model.name}::"
 
     def named(self, name: str) -> str:
-        """Return a name that it says, as the model around everything would say it."""
+        """Return a name of the part's scope in the scope of the outermost model."""
         if name == MODEL and self.merged:
             return self.merged
         return name if name in ("", WORLD) else _flat(self.scope + name)
@@ -316,7 +316,7 @@ def _flat(name: str) -> str:
 
 
 def parts_of(top: Placed, files: Files) -> dict[str, Part]:
-    """Return what has a name in a model and in the models in it: they share one scope each."""
+    """Return the named parts of a model and of its nested models, one scope for each model."""
     parts: dict[str, Part] = {}
     depth: dict[int, int] = {}  # of each model, those around it
     waiting, count = [(top, "", "")], 0
@@ -412,7 +412,7 @@ def model_poses(parts: Mapping[str, Part], top: Placed) -> dict[str, Any]:
 
 
 def is_model(part: Part) -> bool:
-    """Whether a part is a model in the model."""
+    """True if a part is a nested model."""
     return part.element.tag in ("model", "include")
 
 
@@ -468,7 +468,7 @@ def _said(name: str, parts: Mapping[str, Part]) -> str:
 
 
 def pose_of(name: str, poses: Mapping[str, Any], element: Element) -> Any:
-    """Return oMx of the part that an element names."""
+    """Return the pose oMx of the part that an element names."""
     if name not in poses:
         raise InvalidModel(f"{label(element)}: {unknown_name('frame', name, poses)}")
     return poses[name]

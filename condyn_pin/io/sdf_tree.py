@@ -93,7 +93,7 @@ def chosen_joints(
 
 
 def _check(joint: Joint) -> None:
-    """Refuse a joint of an unknown type, or without what its type needs."""
+    """Refuse a joint of an unknown type, or without an element that its type needs."""
     if joint.kind not in KINDS:
         raise InvalidModel(
             f"joint {joint.name!r} has the type {joint.kind!r}, which is not supported: read "
@@ -431,17 +431,17 @@ class SdfTree(Tree):
         self._carry(joint.child, carrier, frame, iMj * jMc)
 
     def parts(self, joint: Joint) -> bool:
-        """Whether the two links of a joint can move against each other."""
+        """True if the two links of a joint can move relative to each other."""
         first, second = (self._frames[link] for link in (joint.parent, joint.child))
         frames = self.model.frames
         return bool(frames[first].parentJoint != frames[second].parentJoint)
 
     def moves(self, link: str) -> bool:
-        """Whether a link can move."""
+        """True if a link can move relative to the world."""
         return bool(self.model.frames[self._frames[link]].parentJoint)
 
     def close(self, joint: Joint) -> Loop:
-        """Add the two frames of a cut joint, and return what closes it."""
+        """Add the two frames of a cut joint, and return its loop closure."""
         oMj = joint.pose
         axis: Literal["z"] | None = None
         if joint.has_axis:

@@ -1,4 +1,4 @@
-"""Shapes of a description: what it draws, and what collides.
+"""Shapes of a description: visual and collision geometry.
 
 The <visual> or <collision> elements of a URDF or an SDF, the geoms of an MJCF.
 
@@ -36,7 +36,7 @@ def shapes_of(
     model: str = "",
     package_dirs: Sequence[str] = (),
 ) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
-    """Return the shapes of a file, and what could not be drawn, a sentence each.
+    """Return the shapes of a file, and those that cannot be drawn, a sentence each.
 
     Parameters
     ----------
@@ -173,7 +173,7 @@ class Shape:
     link : str
         The link that carries it: the name of a frame.
     placement : pin.SE3
-        Where it is on the link.
+        Its pose in the frame of the link.
     kind : {"mesh", "box", "cylinder", "sphere", "capsule", "ellipsoid"}
     size : tuple of float
         Edges of a box, half axes of an ellipsoid, radius and length of what is round [m]; factors
@@ -226,7 +226,7 @@ _KINDS: Final = ("plane", "height field", "sphere", "capsule", "ellipsoid", "cyl
 
 
 def geoms_of(path: Path, *, collide: bool) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
-    """Return the shapes of an MJCF file, and what could not be drawn, a sentence each.
+    """Return the shapes of an MJCF file, and those that cannot be drawn, a sentence each.
 
     Those that are seen, or those that `collide`.
     """

@@ -22,7 +22,7 @@ from condyn_pin.io.xml import floats, label, open_xml, place
 def read_srdf(
     model: Any, path: Path, *, rotors: bool = False, inverted: Sequence[str] = ()
 ) -> dict[str, Array]:
-    """Return the configurations of an SRDF; joints that the model has not are left out.
+    """Return the configurations of an SRDF; joints that the model lacks are left out.
 
     Parameters
     ----------
@@ -57,7 +57,7 @@ def read_srdf(
 
 
 def _read_rotors(model: Any, root: Element) -> None:
-    """Set the rotors, and the inertia that a geared one reflects: n^2 I."""
+    """Set rotor inertias I and gear ratios n, and the armature n^2 I."""
     if root.find("rotor_params") is None:
         raise InvalidModel("it has no <rotor_params>; leave out rotors = true")
     for element, joint in _joints(model, root.findall("rotor_params")):
@@ -79,7 +79,7 @@ def _configuration(model: Any, state: Element) -> Array:
 
 
 def _joints(model: Any, groups: list[Element]) -> Iterator[tuple[Element, Any]]:
-    """Yield the <joint> of some elements, with those of the model that they mean."""
+    """<joint> elements of groups, each with its joint of the model; unknown ones are left out."""
     known = {name: i for i, name in enumerate(model.names) if i}
     for group in groups:
         for element in group.findall("joint"):

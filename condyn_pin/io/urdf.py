@@ -104,7 +104,7 @@ def read_urdf(source: Path | str, root_joint: str = "fixed", *, mimic: bool = Tr
     Returns
     -------
     Description
-        The model, its loops and couplings, and what the file has and the dynamics do not use.
+        The model, its loops and couplings, and the content of the file that dynamics do not use.
 
     Raises
     ------
@@ -169,7 +169,7 @@ class _Reader:
     # The tree
 
     def _past_the_tree(self) -> dict[str, Element]:
-        """Return the joints whose child has a parent already: each closes a loop."""
+        """Joints whose child has another parent joint already: each closes a loop."""
         have_parents, past = set[str](), dict[str, Element]()
         for name, joint in self.joints.items():
             kind = joint.get("type", "")
@@ -188,7 +188,7 @@ class _Reader:
         return past
 
     def _root(self) -> str:
-        """Return the root link; refuse what is no tree."""
+        """Root link; joints that form no tree are refused."""
         parent_of = {link_at(j, "child"): link_at(j, "parent") for j in self.joints.values()}
         roots = [link for link in self.links if link not in parent_of]
         if len(roots) != 1:
@@ -212,7 +212,7 @@ class _Reader:
         return roots[0]
 
     def _mimicking(self) -> Iterator[str]:
-        """Yield the joints that follow another one; refuse what cannot."""
+        """Joints that mimic another one; those that cannot are refused."""
         for name, joint in self.joints.items():
             mimic = joint.find("mimic")
             if mimic is None or joint.get("type") == "fixed":
@@ -235,7 +235,7 @@ class _Reader:
             yield name
 
     def _check_circle(self, start: str) -> None:
-        """Refuse joints that mimic each other in a circle: none of them leads."""
+        """Refuse joints that mimic each other in a circle, without a leader."""
         way = [start]
         while (mimic := self.joints[way[-1]].find("mimic")) is not None:
             name = mimic.get("joint", "")
@@ -287,7 +287,7 @@ class _Reader:
             raise InvalidModel(f"Pinocchio cannot read it: {error}") from error
 
     def _limit(self, joint: Element, *, unbounded: bool) -> None:
-        """Write out the four limits of a joint, as the format has those that are left out."""
+        """Write out the four limits of a joint, those left out with the defaults of the format."""
         where, kind, limit = label(joint), joint.get("type"), joint.find("limit")
         if limit is None:
             if kind in ("revolute", "prismatic"):
@@ -313,9 +313,9 @@ class _Reader:
         limit.attrib.update({key: repr(value) for key, value in said.items()})
 
     def _retype(self, name: str, kind: str) -> None:
-        """Make a joint what the file beside says; a ball stays a hinge, see `_with_balls`.
+        """Replace the type of a joint by that of the file beside; balls follow in `_with_balls`.
 
-        Where it stands is where the hinge stood; axis, limits, damping and friction are gone.
+        The joint keeps its placement, and loses axis, limits, damping and friction.
         """
         if name not in self.joints:
             raise InvalidModel(f"joint_name: {unknown_name('joint', name, self.joints)}")
@@ -330,7 +330,7 @@ class _Reader:
             self._universal(joint, name, kind[-2:])
 
     def _universal(self, joint: Element, name: str, axes: str) -> None:
-        """Make a joint two hinges NAME_X and NAME_Y with an empty link NAME_cross between them."""
+        """Replace a joint by two hinges NAME_X and NAME_Y with a massless link NAME_cross."""
         cross, child = f"{name}_cross", joint.find("child")
         if child is None:
             raise InvalidModel(f"joint {name!r}: no <child link=...>; name its child link")
@@ -353,7 +353,7 @@ class _Reader:
     # What is said
 
     def _unused(self, cuts: Sequence[Loop]) -> Iterator[str]:
-        """Say what of the file is not used, and what was made of what it leaves open."""
+        """Content of the file that is not used, and choices where it is ambiguous, as sentences."""
         joints = [*self.joints.values(), *self.cut.values()]
         still = [joint for joint in joints if joint.get("type") == "fixed"]
         moving = [joint for joint in joints if joint not in still]
@@ -387,7 +387,7 @@ class _Reader:
         yield from doubts(_bodies(self.links))
 
     def _unmodelled(self) -> Iterator[str]:
-        """Say what changes the motion, and is not in the model: Gazebo's, and of joints cut."""
+        """Unmodelled effects on the motion, of Gazebo and of cut joints, a phrase each."""
         gazebos = self.robot.findall("gazebo")
         for tag in _OF_GAZEBO:
             where = [
@@ -453,7 +453,7 @@ def _numbers(element: Element | None, key: str) -> list[float]:
 def _without_bounds(joint: Element) -> bool:
     """True if a joint that needs limits has some of effort and velocity only.
 
-    By the format both bounds are then 0, which locks it. Exporters mean that there are none.
+    By the format both bounds are then 0, which locks it. Exporters mean a joint without bounds.
     """
     limit = joint.find("limit")
     if joint.get("type") not in ("revolute", "prismatic") or limit is None:
@@ -480,7 +480,7 @@ def _bodies(links: Mapping[str, Element]) -> Iterator[Body]:
 
 
 def _with_balls(model: Any, names: Collection[str]) -> Any:
-    """Return a model with balls in the place of joints, every other number of it kept."""
+    """Model with balls in the place of some joints, all its other numbers kept."""
     if not names:
         return model
     made = pin.Model()
@@ -499,7 +499,7 @@ def _with_balls(model: Any, names: Collection[str]) -> Any:
 
 
 def _turn_planes(model: Any, joints: Mapping[str, Element]) -> None:
-    """Turn the planar joints of a model so that their planes are across their axes.
+    """Rotate the planar joints of a model so that their planes are normal to their axes.
 
     Pinocchio has them across z: with R z = axis, the joint is placed by M R, and all that is on it
     by R^-1.

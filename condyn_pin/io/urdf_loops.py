@@ -1,4 +1,4 @@
-"""What a URDF cannot say, and authors write beside its tree: loops, motors, balls.
+"""Loops, motors and balls of a URDF, which authors write beside its tree.
 
 A loop is a frame A on one link and a frame B on another.
 
@@ -67,7 +67,7 @@ class Cut:
     name, parent, child : str
     kind : LoopKind
     one, two : pin.SE3 or None
-        The frames on both links; None where it is drawn as the other one.
+        The frames on both links; None if it coincides with the other one as drawn.
     oriented : bool
         Whether the axes of `two` are the file's; else they are drawn as those of `one`.
     """
@@ -185,7 +185,7 @@ def _placed(origin: Element) -> Any:
 
 
 def along(axis: Element | None) -> Any:
-    """Return the least turn after which z is along an <axis xyz=>."""
+    """Return the least rotation of z onto an <axis xyz=>."""
     xyz = floats(_AXIS if axis is None else axis.get("xyz", _AXIS), 3, "<axis xyz>")
     if not xyz.any():
         raise InvalidModel("<axis xyz> is zero; give it a direction")
@@ -205,7 +205,7 @@ _POINT: Final = re.compile(r"3D", re.IGNORECASE)
 
 
 def closings(links: Iterable[str], joints: Iterable[str]) -> Iterator[Loop]:
-    """Yield the loops that pairs of links close, or of joints whose names say so."""
+    """Yield the loops of pairs of links, or of joints, with names of closures."""
     links = sorted(links)
     for name, first, second in _pairs(links, _CLOSING):
         yield Loop(first, second, "ball", name=name)
@@ -215,7 +215,7 @@ def closings(links: Iterable[str], joints: Iterable[str]) -> Iterator[Loop]:
 
 
 def alone(links: Iterable[str], joints: Iterable[str]) -> Iterator[tuple[str, str]]:
-    """Yield the names that look like halves of a loop and close nothing, and why."""
+    """Yield the names that look like halves of a loop and close nothing, with the reason."""
     links, joints = set(links), set(joints)
     used = {end for loop in closings(links, joints) for end in (loop.frame_a, loop.frame_b)}
     for name in sorted((links | joints) - used):
@@ -227,13 +227,13 @@ def alone(links: Iterable[str], joints: Iterable[str]) -> Iterator[tuple[str, st
 
 
 def stem(name: str) -> str:
-    """Return the name of the loop that a name is half of; nothing if it is none."""
+    """Return the name of the loop of which a name is one half; empty if it is none."""
     found = _CLOSING.fullmatch(name) or _CLOSED_LOOP.fullmatch(name)
     return found["name"] if found else ""
 
 
 def _pairs(names: Iterable[str], rule: re.Pattern[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield the name of each loop with just one of each half, and both halves in their order."""
+    """Name of each loop with exactly one name for each half, and both halves in order."""
     halves: dict[str, list[tuple[str, str]]] = {}
     for name in names:
         if found := rule.fullmatch(name):
@@ -255,7 +255,7 @@ _LARGEST: Final = 2**20  # bytes: a robot with a thousand loops has a tenth
 
 @dataclass(frozen=True)
 class Beside:
-    """What a file beside a URDF says.
+    """Content of a file beside a URDF: loops, motors and joint types.
 
     Attributes
     ----------
@@ -266,7 +266,7 @@ class Beside:
     motors : tuple of str
         Joints with a motor.
     joints : mapping of str to str
-        Joints to what they are, one of `JOINT_TYPES`.
+        Type of each joint, one of `JOINT_TYPES`.
     unread : tuple of str
         Its other entries.
     """
@@ -278,7 +278,7 @@ class Beside:
     unread: tuple[str, ...] = ()
 
     def unused(self) -> Iterator[str]:
-        """Say what of it, and of the joints that it changes, is not used."""
+        """Yield the unread entries, and the unused numbers of retyped joints, as sentences."""
         if self.path is None:
             return
         if self.joints:
@@ -292,7 +292,7 @@ class Beside:
 
 
 def read_beside(urdf: Path) -> Beside:
-    """Return what the file beside a URDF says.
+    """Return the content of the file beside a URDF; empty if there is none.
 
     Raises
     ------
@@ -316,7 +316,7 @@ def _candidates(urdf: Path) -> list[Path]:
 
 
 def _text(path: Path) -> str:
-    """Return a file that may be meant for a URDF; nothing if no entry of such a file is in it."""
+    """Text of a file beside a URDF; empty if it has no entry of such a file."""
     try:
         with path.open("rb") as file:
             content = file.read(_LARGEST + 1)
@@ -402,7 +402,7 @@ def _loops(said: Mapping[str, Any]) -> list[Loop]:
 
 
 def _kind(text: str) -> dict[str, Any]:
-    """Return kind, axis and length of a loop by the text of its type."""
+    """Kind, axis and length of a loop, from the text of its type."""
     word, *more = text.split() or [""]
     kind = _KINDS.get(word.upper(), word.lower())
     if kind not in get_args(LoopKind):

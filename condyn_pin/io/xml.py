@@ -1,4 +1,4 @@
-"""XML files of strangers: opened, measured, and named in what is said of them, whatever the format.
+"""Untrusted XML files: opened, limited in size, and named in error texts, for all formats.
 
 `open_xml` is the only way in, and `place` puts the file before the text of every error.
 """
@@ -75,7 +75,7 @@ def open_xml(source: str | PathLike[str], tag: str = "") -> Element:
 
 
 def _lenient(content: bytes, fault: ElementTree.ParseError) -> Element:
-    """Return the root of what is no XML, and what simulators read all the same.
+    """Root of a malformed XML that simulators read all the same.
 
     Text before the declaration, -- in a comment, and prefixes of names that nothing declares.
     """
@@ -92,7 +92,7 @@ def _lenient(content: bytes, fault: ElementTree.ParseError) -> Element:
 
 
 def _without_comments(content: bytes) -> bytes:
-    """Return a text without comments, in a time proportional to its length."""
+    """Text without comments, in linear time."""
     first, *others = content.split(b"<!--")
     kept = [first]
     inside = False
@@ -105,21 +105,21 @@ def _without_comments(content: bytes) -> bytes:
 
 
 def check_counts(links: int, joints: int) -> None:
-    """Refuse more links, and joints that move, than can be computed with."""
+    """Refuse more links, or moving joints, than the dynamics can handle."""
     for count, most, what in ((links, _MOST_LINKS, "links"), (joints, MOST_JOINTS, "joints")):
         if count > most:
             raise InvalidModel(f"{count} {what} found; at most {most} can be read")
 
 
 def shown(text: str) -> str:
-    """Return a text as errors show it: in quotes, and not too long."""
+    """Return a text for an error: in quotes, and shortened."""
     if len(text) <= _SHOWN:
         return repr(text)
     return f"{text[:_SHOWN]!r}... ({len(text)} characters)"
 
 
 def label(element: Element) -> str:
-    """Return how errors call an element."""
+    """Return the name of an element in error texts: its tag, and its attribute `name`."""
     name = element.get("name")
     return f"<{element.tag}>" if name is None else f"<{element.tag}> {shown(name)}"
 
@@ -137,7 +137,7 @@ def find(element: Element, path: str) -> Element | None:
 
 
 def floats(text: str | None, count: int, where: str, infinite: bool = False) -> Array:
-    """Return exactly `count` numbers of a text; `where` is what an error says first."""
+    """Return exactly `count` numbers of a text; errors begin with `where`."""
     return np.array(_numbers(text, count, where, infinite))
 
 
@@ -157,12 +157,12 @@ def _numbers(text: str | None, count: int, where: str, infinite: bool) -> list[f
 
 
 class Tag(NamedTuple):
-    """What is read of an element.
+    """Schema of an element: the attributes, numbers and children that are read.
 
     Attributes
     ----------
     words : str
-        Its attributes that are texts, with spaces between; "*" for all there are.
+        Its attributes that are texts, with spaces between; "*" for all.
     numbers : mapping of str to int
         Its attributes that are numbers, and how many each has.
     needed : str
@@ -189,7 +189,7 @@ class Tag(NamedTuple):
 
 
 class Schema:
-    """What a format says, by the tag of an element; `checked` copies that, and counts the rest."""
+    """Schema of a format by tag; `checked` copies the elements in it, and counts all others."""
 
     def __init__(self, tags: Mapping[str, Tag]) -> None:
         self._tags = {
@@ -199,15 +199,15 @@ class Schema:
         self.elements, self.attributes = Counter[str](), Counter[str]()
 
     def checked(self, element: Element, where: str = "", path: str = "") -> Element:
-        """Return a copy of what is read of an element: every number finite, each thing there once.
+        """Return a copy of the read part of an element: numbers checked, single children once.
 
         Parameters
         ----------
         element : Element
         where : str
-            What errors call the part of the file that it belongs to; itself by default.
+            Name in error texts of the part to which it belongs; itself by default.
         path : str
-            The tags from there to it.
+            The tags from that part to it.
 
         Raises
         ------
@@ -248,13 +248,13 @@ class Schema:
         return copy
 
     def count(self, element: Element, known: Container[str]) -> None:
-        """Count the elements below one that is not checked, but for those that are known."""
+        """Count the unknown children of an unchecked element."""
         for child in element:
             if _anywhere(child.tag) not in known:
                 self.elements[f"<{_short(child.tag)}>"] += 1
 
     def not_read(self) -> Iterator[str]:
-        """Say which elements and attributes were not read."""
+        """Yield the elements and attributes that were not read, with counts, as sentences."""
         for what, found in (("elements", self.elements), ("attributes", self.attributes)):
             if found:
                 listed = ", ".join(f"{n} {name}" for name, n in sorted(found.items()))
@@ -262,15 +262,15 @@ class Schema:
 
 
 def _spelled(text: str | None, count: int, where: str, infinite: bool) -> str:
-    """Return numbers as Python writes them, which every reader reads."""
+    """Numbers of a text in Python's spelling, which every reader accepts."""
     return " ".join(map(repr, _numbers(text, count, where, infinite)))
 
 
 def _anywhere(tag: str) -> str:
-    """Return a tag with its namespace, if it has one, as ``{*}``."""
+    """Tag with its namespace, if any, replaced by ``{*}``."""
     return "{*}" + _short(tag) if tag.startswith("{") else tag
 
 
 def _short(name: str) -> str:
-    """Return a name without the address of its namespace."""
+    """Name without its namespace."""
     return name.rpartition("}")[2]
