@@ -1,4 +1,4 @@
-"""An MJCF file: opened with what it includes, measured, and compiled by MuJoCo.
+"""An MJCF file: opened with its includes, limited in size, and compiled by MuJoCo.
 
 A word of it can ask for more than any machine has. MuJoCo's parser makes all copies before it looks
 at any, in a time that grows with the square of
@@ -134,7 +134,7 @@ def joint_names(mj: Any) -> list[str]:
 
 
 def _whole(path: Path, tag: str = "") -> Element:
-    """Return the root of a file, every <include> replaced by what is in that file.
+    """Root of a file, every <include> replaced by the content of the included file.
 
     Names are relative to the first file, and none is included twice, as MuJoCo has it.
     """

@@ -296,7 +296,7 @@ def _named(plugin: Element) -> str:
 
 
 def _drives(plugin: Element) -> bool:
-    """True if the name or the file of a plugin says that it may drive the robot, or push it."""
+    """True if the name or the file of a plugin hints that it drives or pushes the robot."""
     said = f"{plugin.get('name', '')} {plugin.get('filename', '')}".lower()
     return _DRIVES.search(said) is not None
 

@@ -1,4 +1,4 @@
-"""URDF: checked here, read by Pinocchio, closed by what authors write beside the tree.
+"""URDF: checked here, read by Pinocchio, its loops closed as authors write them beside the tree.
 
 Pinocchio's parser prints where it should raise, drops the mass of a link whose numbers it cannot
 read, and accepts NaN. So it gets a copy of the file with what was checked and nothing else: no
@@ -123,7 +123,7 @@ def read_urdf(source: Path | str, root_joint: str = "fixed", *, mimic: bool = Tr
 
 
 class _Reader:
-    """A URDF that is being read: a checked copy of it, whose joints Pinocchio knows."""
+    """Reader of a URDF: a checked copy of the file, with joint types that Pinocchio supports."""
 
     def __init__(self, robot: Element, beside: Beside, mimic: bool) -> None:
         if not robot.get("name"):

@@ -351,10 +351,10 @@ class Plan(Record):
 
 
 def fingerprint(scene: Scene) -> str:
-    """Return 64 hexadecimal digits, the same for the same content, in every process; takes 1 ms.
+    """Return the hash of a scene's content, 64 hexadecimal digits, equal in every process.
 
     sha256 of the model as Pinocchio writes it, the constraints, the motors, the springs and the
-    nominal posture: what accelerations and motions depend on, and what states are drawn from.
+    nominal posture: all on which accelerations, motions and drawn states depend. It costs 1 ms.
     """
     robot = scene.robot
     robot.check_unedited()

@@ -136,7 +136,7 @@ def draw_bench(table: BenchTable, scene: str, ax: Any = None) -> Any:
 
 
 def save_bench(table: BenchTable, path: str | Path) -> None:
-    """Draw every scene of a table into one picture; the ending of `path` says which format."""
+    """Draw every scene of a table into one picture, in the format of the ending of `path`."""
     scenes = dict.fromkeys(row.scene for row in table.rows if row.origin == "python")
     note = "{processor}, Pinocchio {pinocchio}; dashed: what status ok promises"
     draw = [partial(draw_bench, table, scene) for scene in scenes]
@@ -243,7 +243,7 @@ def _failed(rows: Sequence[Row]) -> str:
 
 
 def save_trade(table: Table, path: str | Path) -> None:
-    """Draw every scene and measure of a table into one picture; the ending says which format."""
+    """Draw every scene and measure of a table into one picture, in the format of its ending."""
     questions = list(dict.fromkeys((row.scene, row.measure) for row in table.rows))
     if not questions:
         raise InvalidArgument("the table has no rows: nothing to draw")

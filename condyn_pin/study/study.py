@@ -203,7 +203,7 @@ _CHUNK = 4
 
 
 class Run:
-    """One run of a study; `Study.run` says what its arguments are."""
+    """One run of a study; see `Study.run` for its arguments."""
 
     def __init__(
         self,

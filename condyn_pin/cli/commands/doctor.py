@@ -1,4 +1,4 @@
-"""condyn doctor: what is installed."""
+"""condyn doctor: a check of the installation."""
 
 from __future__ import annotations
 

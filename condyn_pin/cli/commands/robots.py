@@ -1,4 +1,4 @@
-"""condyn robots: what can be loaded."""
+"""condyn robots: the robots that can be loaded."""
 
 from __future__ import annotations
 

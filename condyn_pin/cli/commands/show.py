@@ -1,4 +1,4 @@
-"""condyn show: what a scene contains."""
+"""condyn show: the content of a scene."""
 
 from __future__ import annotations
 

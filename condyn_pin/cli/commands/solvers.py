@@ -1,4 +1,4 @@
-"""condyn solvers: what there is to choose from."""
+"""condyn solvers: the solvers of constrained dynamics."""
 
 from __future__ import annotations
 

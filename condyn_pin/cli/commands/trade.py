@@ -1,4 +1,4 @@
-"""condyn trade: what accuracy costs, and the cheapest solver that meets an error."""
+"""condyn trade: time against error, and the cheapest solver that meets an error."""
 
 from __future__ import annotations
 

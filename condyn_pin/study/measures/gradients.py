@@ -131,7 +131,7 @@ class GradientMeasure(Measure):
         return feet_on_the_floor(robot)
 
     def open(self, scene: Scene, method: Route) -> RouteBench:
-        """Return a route and a scene; InvalidArgument if the route takes no such steps."""
+        """Return a route and a scene; InvalidArgument if the route does not support the steps."""
         check_scheme(scene, self.integrator)
         method.scheme(self.integrator)  # refuses what it cannot take
         return RouteBench(scene, method)

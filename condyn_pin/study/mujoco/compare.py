@@ -377,7 +377,7 @@ class _Causes:
                 yield f"principal moments {_text(moments)} kg m^2 in both, about other axes"
 
     def _inertia(self, pair: Pair) -> tuple[float, Array, Array]:
-        """Return mass, centre and inertia about it of what MuJoCo's joint carries, in the world."""
+        """Mass, centre of mass and inertia about it of bodies on MuJoCo's joint, in the world."""
         carried = [b for b in range(self.mj.nbody) if self.holders[b] == pair.there]
         masses, centres = self.mj.body_mass[carried], self.data.xipos[carried]
         m = float(masses.sum())
