@@ -92,18 +92,18 @@ class Event:
 
     @property
     def ends(self) -> bool:
-        """Whether the run ends with it."""
+        """True if the run ends with the event."""
         return self.scene is None and self.met is None
 
     def changes(self, scene: Scene) -> bool:
-        """Whether it does anything while a scene goes on: brings another one, or an impact."""
+        """True if the event ends the run of a scene, replaces the scene, or brings an impact."""
         after = self.scene or scene
         if self.ends or after.constraints != scene.constraints or after.contacts != scene.contacts:
             return True
         return self.met is not None and not set(self.met.constraints) <= set(scene.constraints)
 
     def missed(self, value: float, scene: Scene) -> str:
-        """Return why it did not happen, from its value and the scene at the end."""
+        """Reason why the event did not happen, from its value and the scene at the end."""
         if not self.changes(scene):
             return "its scene is on already, and it brings no impact"
         if self.at is not None:
@@ -115,7 +115,7 @@ class Event:
         return f"its condition is {value:.3g} at the end, and has not been above zero"
 
     def value(self, snapshot: Snapshot) -> float:
-        """Return what falls to zero at the event, at a `snapshot`."""
+        """Value of the condition at a `snapshot`; it falls to zero at the event."""
         if self.at is not None:
             return self.at - snapshot.t
         assert self.when is not None
@@ -183,7 +183,7 @@ class EventRecord:
 
     @property
     def is_of_contacts(self) -> bool:
-        """Whether contacts made it, and no `Event`."""
+        """True if contacts caused the event, and not an `Event`."""
         return bool(self.modes or self.impulses)
 
 
@@ -204,7 +204,7 @@ _NONE = 1e-12
 
 @dataclass(frozen=True, eq=False)
 class ContactEvent:
-    """What happened, with the samples before and after it.
+    """Impact, or change of contact modes, with the samples before and after it.
 
     Attributes
     ----------
@@ -237,15 +237,15 @@ class ContactEvent:
 
     @property
     def t(self) -> float:
-        """When [s]."""
+        """Time of the event [s]."""
         return self.after[0]
 
     def at(self, t: float) -> ContactEvent:
-        """Return the same at a time that differs by rounding."""
+        """The event at a time that differs by rounding."""
         return replace(self, before=(t, *self.before[1:]), after=(t, *self.after[1:]))
 
     def happened(self, sample: int) -> EventRecord:
-        """Return it as a trajectory keeps it, with the place of the sample after it."""
+        """Record of the event for a trajectory, with the index of the sample after it."""
         rows, names = contact_rows(self.candidates), self.candidates.names
         impulses = {name: self.impulse[rows[name]] for name in names}
         least = _NONE * float(np.abs(self.impulse).max(initial=0.0))
@@ -393,14 +393,14 @@ class Snapshot:
         return {n: MODES[int(c)] for n, c in zip(self._system.contacts.names, codes, strict=True)}
 
     def position(self, frame: str) -> Array:
-        """Return where the origin of a frame is in the world (3,) [m]."""
+        """Position of the origin of a frame in world axes (3,) [m]."""
         joint, placement = self._system.scene.robot.frame(frame)
         model, data = self._system.model, self._system.equations.data
         algorithms(data).forwardKinematics(model, data, self.q)
         return np.array((data.oMi[joint] * placement).translation)
 
     def velocity(self, frame: str) -> Array:
-        """Return how fast the origin of a frame moves in the world (3,) [m/s]."""
+        """Velocity of the origin of a frame in world axes (3,) [m/s]."""
         joint, placement = self._system.scene.robot.frame(frame)
         model, data = self._system.model, self._system.equations.data
         algorithms(data).forwardKinematics(model, data, self.q, self.v)
@@ -445,7 +445,7 @@ class Switch:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each."""
+        """Warnings about the impact, one sentence each."""
         return self.impact.notices if self.impact else ()
 
     def __repr__(self) -> str:

@@ -90,7 +90,7 @@ _MODEL = "model "
 def write(
     path: Path_, kind: str, robot: Robot, header: Header, arrays: Mapping[str, NDArray[Any]]
 ) -> None:
-    """Write a file of a kind: what is no array, in words and numbers, and arrays."""
+    """Write a file of a `kind`: a header of words and numbers, and arrays."""
     about = {key: getattr(robot, key) for key in _WORDS}
     about |= {key: [encode(c) for c in getattr(robot, key)] for key in _LISTS}
     about["model"], numbers = model_words(robot.model)
@@ -116,9 +116,9 @@ def read(
     names: Collection[str],
     make: Callable[[Robot, Header, Content], Result],
 ) -> Result:
-    """Return what is made of a file of a kind that has arrays of these names.
+    """Result of `make` for the header and the arrays `names` of a file of a `kind`.
 
-    InvalidArgument if it is missing, of another kind, or nothing can be made of it.
+    InvalidArgument if the file is missing, damaged or of another kind.
     """
     no_file = f"{path}: no file of {_TITLES[kind]}"
     wanted = {"header", *names}
@@ -266,7 +266,7 @@ def save(trajectory: Trajectory, path: Path_) -> None:
 
 
 def _header(trajectory: Trajectory) -> Header:
-    """Return what is no array, in words and numbers."""
+    """Header of a trajectory file: phases with constraints and contacts, and the run."""
     run = trajectory.run
     return {
         "phases": [
@@ -351,7 +351,7 @@ def _check_arrays(content: Content, robot: Robot, phases: tuple[Phase, ...]) -> 
 
 
 def _count(phases: tuple[Phase, ...]) -> int:
-    """Return how many samples there are; phases have to follow one another, each with its rows."""
+    """Number of samples in all phases; ValueError if samples or columns do not fit."""
     count = 0
     for phase in phases:
         start, stop = phase.samples.start, phase.samples.stop
@@ -383,7 +383,7 @@ def _check_run(run: Run, count: int) -> None:
 
 
 def _fits(event: EventRecord, count: int) -> bool:
-    """Return whether an event is one of a run of so many samples."""
+    """True if an event has valid names, and its sample is one of `count`."""
     struck = event.impulses
     words = (event.name, *event.added, *event.dropped, *(name for name, *_ in struck))
     words += tuple(name for name, _, _ in event.modes)

@@ -58,7 +58,7 @@ class Gaps(ABC):
 
 
 def gaps_of(system: System, metric: str) -> Gaps:
-    """Return the gaps of a system, from what its solver leaves behind if that closes them."""
+    """Gaps of a system, with the factors of its solver where these are accurate enough."""
     workspace, solver = system.workspace, system.workspace.solver
     if metric == "mass" and isinstance(solver, Proximal) and uses_the_solver(workspace, solver):
         return SolvedGaps(system, solver.weight(workspace.scene.nominal))
@@ -66,7 +66,7 @@ def gaps_of(system: System, metric: str) -> Gaps:
 
 
 def uses_the_solver(workspace: Workspace, solver: Proximal) -> bool:
-    """Whether what the solver of a workspace leaves behind closes its gaps."""
+    """True if the factors of a workspace's solver are accurate enough to close gaps."""
     scene = workspace.scene
     if not scene.rows or scene.nominal.rounded_file:
         return False
@@ -155,7 +155,7 @@ class FactorisedGaps(Gaps):
         return -steps[:, 0], -steps[:, 1]
 
     def _is_far(self) -> bool:
-        """Whether the factor is that of another place."""
+        """True if q is too far from the configuration of the factor."""
         moved = pin.difference(self._system.model, self._made_at, self._q)
         return bool(np.abs(moved).max(initial=0.0) > _NEAR)
 

@@ -85,7 +85,7 @@ class _Ground(NamedTuple):
 
 
 class _Passed(NamedTuple):
-    """How deep a body was in a plane of the ground."""
+    """Deepest penetration of a collision shape into a plane of the ground."""
 
     solid: _Solid
     plane: _Ground

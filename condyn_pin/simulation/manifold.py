@@ -257,7 +257,7 @@ class Manifold:
         return J
 
     def _turned(self, y: Array, V: Array, way: float = 1.0) -> Array:
-        """Return what is linear in V, turned by `way` times the theta of y."""
+        """V (nv,), its linear velocities of bodies rotated by `way` times the theta of y."""
         turned = V.copy()
         for _, i in self._bodies:
             a, b, c = y[i + 3 : i + 6].tolist()
@@ -278,7 +278,7 @@ class Manifold:
             J[:, i], J[:, i + 1] = c * x - s * z, s * x + c * z
 
     def largest_turn(self, theta: Array) -> tuple[str, float]:
-        """Return which of the curved joints turns furthest in theta, and by what angle [rad]."""
+        """Name of the curved joint with the largest rotation in theta, and that angle [rad]."""
         turns = [(hypot(*theta[at[0] : at[-1] + 1].tolist()), name) for name, at in self.turns]
         angle, name = max(turns, default=(0.0, ""))
         return name, angle
@@ -288,7 +288,7 @@ class Manifold:
         return None if self.is_flat else (HALF_TURN / dt) ** 2
 
     def turn_fault(self, v: Array, dt: float, balls: Container[str]) -> str:
-        """Return which body turns too far in a step of dt; nothing if none does.
+        """Message on a joint that turns too far in a step of dt; empty if none does.
 
         `balls` are joints whose bodies move the same however they are turned.
         """
@@ -314,18 +314,18 @@ class Manifold:
 
     @cached_property
     def balls(self) -> frozenset[str]:
-        """The joints that move one body, which is the same about all axes through its centre."""
+        """Joints that move one body alone, whose inertia is the same however it turns."""
         return frozenset(name for name, at in self.turns if _is_ball(self._model, name, at))
 
     @cached_property
     def reach(self) -> float:
-        """How far joints may be from the world's origin, all shifts at zero [m], at most."""
+        """Scale of joint distances from the world's origin [m]: sum of all joint offsets."""
         placements = self._model.jointPlacements
         return sum(float(np.abs(p.translation).max()) for p in placements)
 
 
 def _is_ball(model: Any, name: str, at: list[int]) -> bool:
-    """Whether all that a joint moves is one body that is the same about all axes through it."""
+    """True if a joint moves one body alone, whose inertia is the same however it turns."""
     i = model.getJointId(name)
     if i in list(model.parents):
         return False

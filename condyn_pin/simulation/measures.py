@@ -1,4 +1,4 @@
-"""What a motion says about itself: violation, energy, momentum, work.
+"""Violation, energy, momentum and work along a motion.
 
     E = 1/2 v^T M v + potential + sum_i k_i (q_i - q0_i)^2 / 2
 
@@ -132,7 +132,7 @@ class Energy:
 
 
 class Kinematics(NamedTuple):
-    """What forward kinematics says at the samples of a phase, (k,) each."""
+    """Constraint violations and energies at the samples of a phase, (k,) each."""
 
     violation: Array  # max abs(c(q)) [m, rad]; zero without constraints
     constraint_velocity: Array  # max abs(J v) [m/s, rad/s]
@@ -156,7 +156,7 @@ class Gauge:
         return BatchedGaps(self.equations)
 
     def measure(self, t: Array, q: Array, v: Array) -> Kinematics:
-        """Return what forward kinematics says at times t (k,), states q (k, nq), v (k, nv)."""
+        """Constraint violations and energies at times t (k,), states q (k, nq), v (k, nv)."""
         states, links, data = self._states, self._links, self.equations.data
         count = len(q)
         worst, energies = np.zeros((2, 2, count))
@@ -207,7 +207,7 @@ def drive_power(scene: Scene, t: Array, lam: Array) -> Array:
 
 
 def is_accurate(integrator: Integrator) -> bool:
-    """Whether a cubic spline through powers is less accurate than motions by an integrator."""
+    """True if a cubic spline of the power is less accurate than the integrator."""
     return integrator.order.v >= _ACCURATE
 
 
@@ -244,12 +244,12 @@ def work(t: Array, power: Array, rate: Array | None = None) -> Array:
 
 
 def doubt(t: Array, power: Array, done: Array, between: Array, v: Array | None = None) -> Array:
-    """Return how far an integral `done` of power over t may be off (k, ...).
+    """Estimated error of an integral `done` of power over t (k, ...), summed from the start.
 
-    Trapezoids differ by it, or the powers (k - 1, ...) of the mean velocity `between` two samples:
-    where a stiff damper alternates from step to step, those at the samples say nothing. Where
-    velocities v (k, ..., nv) bend between samples by as much as they are, nothing is known of the
-    power in between.
+    In each interval, the larger difference to the trapezoidal rule, and to the power `between`
+    (k - 1, ...) of the mean velocity of two samples: where a stiff damper alternates from step to
+    step, the powers at the samples are no estimate. Where velocities v (k, ..., nv) bend between
+    samples, the trapezoidal rule of |power| times their relative bend is added.
     """
     if len(t) < 2 or not power.any():
         return np.zeros(power.shape)
@@ -264,12 +264,13 @@ def doubt(t: Array, power: Array, done: Array, between: Array, v: Array | None =
 
 
 def _bent(v: Array) -> Array:
-    """Return how much velocities bend in each interval (k - 1, ...), as a share of what they are.
+    """Relative bend of velocities in each interval (k - 1, ...), at most 1.
 
-    (omega h)^2 of a frequency that samples resolve, 1 where they do not.
+    |v_2 - 2 v_1 + v_0| / (|v_2| + |v_0|): about (omega h)^2 / 2 of a frequency that the samples
+    resolve, 1 where they do not.
     """
     size = np.linalg.norm(v, axis=-1)
-    if len(v) < 3:  # two alone say nothing of it
+    if len(v) < 3:  # no bend from two samples
         return np.ones((len(v) - 1, *size.shape[1:]))
     bend = np.linalg.norm(v[2:] - 2.0 * v[1:-1] + v[:-2], axis=-1)
     share = bend / np.maximum(size[2:] + size[:-2], np.finfo(float).tiny)

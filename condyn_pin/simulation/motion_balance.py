@@ -137,7 +137,7 @@ def balances(trajectory: Trajectory, samples: Sequence[int]) -> Iterator[Balance
 def pressure_of(
     scene: Scene, candidates: Candidates, q: Array, lam: Array, touching: set[str]
 ) -> Pressure:
-    """Return how constraints, and the contacts that touch, press on the ground with forces lam."""
+    """Forces lam of constraints and touching contacts on the ground, and their points."""
     held = pressed(Sites(scene, q), lam[: scene.rows])
     if not touching:
         return held

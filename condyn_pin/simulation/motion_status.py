@@ -124,7 +124,7 @@ def left_open(course: Course) -> str:
 
 
 def opening_cure(solver: Solver) -> str:
-    """What keeps constraints closed."""
+    """Advice on how to keep constraints closed."""
     if not solver.exact:
         return f"{solver.title} lets them give way; use a stiffer solref"
     return "use a smaller dt, a higher order, or another drift scheme"
@@ -244,7 +244,7 @@ def unbalanced(course: Course) -> str:
 
 
 def energy_cure(course: Course) -> str:
-    """What keeps energy."""
+    """Advice on how to reduce the energy error."""
     if course.integrator.between_events.is_adaptive:
         return "use finer tolerances"
     if course.scene.contacts:
@@ -283,7 +283,7 @@ def of_a_step(course: Course) -> float:
 
 
 def smallest_energy(course: Course) -> float:
-    """Energy that no one misses [J]: rounding of energies, and what lifts the robot by 1 nm."""
+    """Negligible energy [J]: rounding of energies, and work to lift the robot by 1 nm."""
     gravity = float(np.linalg.norm(course.scene.robot.model.gravity.linear))
     lifted = tolerances.ENERGY_KEPT * course.scene.robot.mass * gravity
     return max(course.energy.kept, lifted)
@@ -296,12 +296,12 @@ def _closed_from(course: Course) -> int:
 
 
 def _is_of_first_order(integrator: Integrator) -> bool:
-    """Whether steps have springs at their end, and damp what they cannot follow."""
+    """True if a scheme has contacts, or is of order 1 in q."""
     return isinstance(integrator, ContactScheme) or integrator.order.q == 1
 
 
 def _is_hard(course: Course) -> bool:
-    """Whether constraints are held, and do not give way by the choice of a solver."""
+    """True if constraints are rigid, not softened by the choice of a solver."""
     return course.solver.exact or not any(phase.scene.rows for phase in course.phases)
 
 
@@ -359,7 +359,7 @@ class Points:
         return np.concatenate(found) if found else np.zeros((0, 3))
 
     def apart(self, q: Array, other: Array) -> float:
-        """Return how far a point is between two configurations, at most [m]."""
+        """Largest distance of a point between two configurations [m]."""
         return float(np.linalg.norm(self.at(q) - self.at(other), axis=1).max(initial=0.0))
 
 
@@ -461,5 +461,5 @@ class _Line:
         return np.asarray(self._tau + (t - self._t) * self._rate)
 
     def slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return how they change with q and v: not at all."""
+        """Derivatives of the torques by q and v (nv, nv) each: zero."""
         return self._none, self._none

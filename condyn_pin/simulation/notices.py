@@ -70,7 +70,7 @@ _NUMBER: Final = re.compile(r"\d+(\.\d+)?(e[-+]?\d+)?")
 
 
 def notices_of(trajectory: Trajectory) -> tuple[str, ...]:
-    """Return what there is to say of its end, gaps, answers, pulls, energy, error and limits."""
+    """Warnings about a motion: its end, gaps, solutions, pulls, energy, error and limits."""
     said = []
     if not trajectory.status.ok:
         said.append(f"{trajectory.status}; {trajectory.reason}")
@@ -294,7 +294,7 @@ def _answers_in(trajectory: Trajectory, phase: Phase) -> Iterator[tuple[float, S
 
 
 def _step_notices(trajectory: Trajectory) -> list[tuple[float, str]]:
-    """Return what steps with contacts say that begin at some samples, and their times [s]."""
+    """Warnings of the steps with contacts that begin at some samples, and their times [s]."""
     run, found = trajectory.run, []
     scheme, effects = run.integrator, run.effects
     if not isinstance(scheme, ContactScheme) or not (effects.springs and effects.damping):

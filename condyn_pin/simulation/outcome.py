@@ -1,6 +1,6 @@
-"""How a run ended, and the limits that it kept.
+"""Outcome of a run, and the limits of its motion.
 
-How a run was made, and how it ended.
+Run: settings, status and events of a run.
 """
 
 from __future__ import annotations
@@ -37,7 +37,7 @@ _gaps = ThreadCache[float]()
 
 @dataclass(frozen=True, kw_only=True)
 class MotionLimits:
-    """How far a motion may stray from its own laws and still be ok.
+    """Limits on violation, penetration and energy error of a motion that is ok.
 
     Sizes are those of the machine: a thousandth of the distance over which its joints are spread,
     0.2 mm or mrad at least and 1 cm or 10 mrad at most. ``inf`` switches a limit off.
@@ -149,7 +149,7 @@ class Effects:
         return replace(scene, robot=replace(scene.robot, model=model))
 
     def text(self, robot: Robot) -> str:
-        """Return in words what is on, what is off, and what the robot does not have."""
+        """Text of the effects that are on, those that are off, and those the robot lacks."""
         model = robot.model
         between = robot.spring_dampers
         springs = sum(spring.stiffness != 0 for spring in robot.springs)
@@ -168,7 +168,7 @@ class Effects:
 
 
 class RunStatus(Enum):
-    """How a run ended, or which of its limits a motion has left."""
+    """Outcome of a run, or the limit that a motion has left."""
 
     FINISHED = "it went to its end"
     ENDED = "an event ended it"
@@ -182,12 +182,12 @@ class RunStatus(Enum):
 
     @property
     def ok(self) -> bool:
-        """Whether the run came to its end, or to that of an event, within the limits."""
+        """True if the run came to its end, or an event ended it, within the limits."""
         return self in (RunStatus.FINISHED, RunStatus.ENDED)
 
     @property
     def went_on(self) -> bool:
-        """Whether the run came to its end, within the limits of the motion or not."""
+        """True if the run came to its end, within the limits of the motion or not."""
         return self.ok or self in (
             RunStatus.OPENED, RunStatus.PENETRATED, RunStatus.UNBALANCED,
         )  # fmt: skip
@@ -198,30 +198,30 @@ class RunStatus(Enum):
 
 @dataclass(frozen=True, kw_only=True)
 class Run:
-    """How a trajectory was made.
+    """Settings, status and events of a run.
 
     Attributes
     ----------
     duration, dt : float
-        What was asked for, and the step [s].
+        Duration as given, and the step [s].
     integrator, drift, solver
-        What was used.
+        Methods of the run.
     effects : Effects
-        What of the robot's model was on.
+        Effects of the robot's model that were on.
     limits : MotionLimits
-        Of what `Trajectory.status` calls ok.
+        Limits of a motion whose `Trajectory.status` is ok.
     status : RunStatus
-        How it ended.
+        Outcome of the run.
     reason : str
-        Why it ended where it did; empty if it went to its end.
+        Reason for an early end; empty if the run went to its end.
     happened : tuple of Happened
         The events.
     missed : tuple of str
         Events that did not happen, and why not.
     differenced : int
-        How often the function of torques was called for its differences.
+        Number of calls of the torque function for its differences.
     remarks : tuple of Remark
-        What its steps have to say, each once with its first time.
+        Messages of the steps, each once with its first time.
     wall_time : float
         [s]
     """
@@ -243,7 +243,7 @@ class Run:
 
     @property
     def choices(self) -> str:
-        """Integrator, drift scheme and solver, with what is not at its default."""
+        """Integrator, drift scheme and solver, with parameters that differ from the default."""
         return ", ".join(_short(choice) for choice in (self.integrator, self.drift, self.solver))
 
 
@@ -256,7 +256,7 @@ def _short(value: Any) -> str:
 
 
 def uninterrupted(motion: Trajectory) -> Trajectory:
-    """Return a motion that others are made of, unless Ctrl-C ended it: that stops the whole.
+    """Motion that others depend on; KeyboardInterrupt if Ctrl-C ended it.
 
     `simulate` keeps what it has and returns, which is right for viewing the motion, and
     wrong for comparing it with others: a part of one is no measurement.

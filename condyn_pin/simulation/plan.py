@@ -98,7 +98,7 @@ def plan(
 
 
 def _steps(duration: float, dt: float) -> tuple[int, float]:
-    """Return how many steps there are, and their size."""
+    """Number of steps, and their size [s]."""
     duration, dt = seconds("duration", duration), seconds("dt", dt)
     ratio = duration / dt
     if ratio > _MOST_STEPS:

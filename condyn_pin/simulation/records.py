@@ -1,4 +1,4 @@
-"""What a run keeps: samples, contacts, work.
+"""Samples, contacts and work that a run records.
 
 Recorder: the samples of a run, packed as they come.
 """
@@ -66,7 +66,7 @@ class Recorder:
 
     @property
     def count(self) -> int:
-        """How many samples there are."""
+        """Number of samples."""
         return self._packed + len(self.rows)
 
     @property
@@ -197,7 +197,7 @@ _WORKS, _WORKS_BEFORE = 4, 2
 
 
 def width(candidates: int, *, is_driven: bool = False) -> int:
-    """Return how many columns there are with so many candidates."""
+    """Number of columns of a contact record with this number of candidates."""
     return _WORKS + candidates + is_driven
 
 
@@ -309,11 +309,11 @@ class ContactWork(NamedTuple):
 
     @property
     def total(self) -> float:
-        """All of it [J]."""
+        """Total work [J]."""
         return self.contact + self.correction + self.algorithmic + self.driven
 
     def plus(self, other: ContactWork) -> ContactWork:
-        """Return the work of both."""
+        """Sum of two works."""
         return ContactWork(
             self.contact + other.contact,
             self.correction + other.correction,
@@ -324,7 +324,7 @@ class ContactWork(NamedTuple):
     def more(
         self, *, contact: float = 0.0, correction: float = 0.0, driven: float = 0.0
     ) -> ContactWork:
-        """Return it with more work of friction and impacts, corrections, and drives [J]."""
+        """Work with more of friction and impacts, of corrections, and of drives added [J]."""
         return self.plus(ContactWork(contact, correction, 0.0, driven))
 
 

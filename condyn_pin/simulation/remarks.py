@@ -18,22 +18,22 @@ class Note(NamedTuple):
 
 
 def notes_of(several: Iterable[Indeterminacy]) -> list[Note]:
-    """Return what contacts have to say whose velocities Coulomb's law leaves open."""
+    """Notes on contacts whose velocities Coulomb's law does not determine."""
     return [Note(each.kind, each.whole_names, each.text) for each in several]
 
 
 @dataclass(frozen=True)
 class Remark:
-    """What steps of a run have to say.
+    """Message of one or more steps of a run, with its first time.
 
     Attributes
     ----------
     text : str
-        A sentence, as the first of them has it.
+        Sentence of the first step.
     t : float
-        The time of the first [s].
+        Time of the first step [s].
     steps : int
-        How many there are.
+        Number of steps with this message.
     """
 
     text: str
@@ -52,17 +52,17 @@ class Remarks:
         self._made: dict[tuple[str, tuple[str, ...]], tuple[Remark, float]] = {}
 
     def note(self, t: float, notes: Iterable[Note]) -> None:
-        """Count what a step from t has to say; one that is taken again counts once."""
+        """Count the notes of a step from t; a step that is taken again counts once."""
         for kind, names, text in notes:
             made, last = self._made.get((kind, names), (Remark(text, t, 0), -1.0))
             if t > last:
                 self._made[kind, names] = replace(made, steps=made.steps + 1), t
 
     def clear(self) -> None:
-        """Forget all."""
+        """Remove all remarks."""
         self._made.clear()
 
     @property
     def all(self) -> tuple[Remark, ...]:
-        """All of them, in the order of their times."""
+        """Remarks in the order of their times."""
         return tuple(sorted((made for made, _ in self._made.values()), key=lambda one: one.t))

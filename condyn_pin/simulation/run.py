@@ -187,7 +187,7 @@ def simulate(
 
 
 def _is_closed(scene: Scene, q: Array, v: Array, plan: Plan) -> bool:
-    """Return whether loops are closed at a state, and their velocities."""
+    """True if loops are closed at a state, in position and velocity."""
     try:
         check_initial_state(
             scene, q, v, allowed=velocity_of_steps(scene, q, v, plan.integrator, plan.dt)
@@ -231,7 +231,7 @@ def follow(
 def _run(
     simulator: HybridSimulator, progress: Callable[[float], object] | None
 ) -> tuple[RunStatus, str]:
-    """Take a run to its end: how it ended, and why."""
+    """Status and reason of a run, taken to its end."""
     steps, q0 = simulator.plan.steps, simulator.q
     stride = max(steps // 100, 1)
 
@@ -377,7 +377,7 @@ class HybridSimulator:
 
     @property
     def remarks(self) -> tuple[Remark, ...]:
-        """What its steps have to say."""
+        """Messages of the steps of the run."""
         return self._remarks.all
 
     def missed(self) -> tuple[str, ...]:
@@ -421,7 +421,7 @@ class HybridSimulator:
         return self._watch.look(Snapshot(t, q, v, self.phase.system), self._asked)
 
     def _first(self, t1: float, values: dict[str, float]) -> tuple[Event | None, float]:
-        """Return the first event on the way to t1, and at which share of it."""
+        """First event on the way to t1, and the share of the way at which it happens."""
         first: tuple[Event | None, float] = (None, inf)
         for event in self._watch.fallen(values):
             share = self._share(event, t1, self._watch.values[event.name], values[event.name])
@@ -430,11 +430,11 @@ class HybridSimulator:
         return first
 
     def _is_there(self, t1: float) -> bool:
-        """Whether what is left to t1 is not worth a step."""
+        """True if the time left to t1 is too short for a step."""
         return t1 - self.t <= _NOTHING * self.plan.dt
 
     def _share(self, event: Event, t1: float, before: float, after: float) -> float:
-        """Return at which share of the way to t1 the value of an event is zero."""
+        """Share of the way to t1 at which the value of an event is zero [1]."""
         from scipy.optimize import brentq
 
         if self._is_there(t1):
@@ -611,7 +611,7 @@ class HybridPhase:
 
 
 def _check_solver(solver: Solver, plan: Plan) -> None:
-    """Refuse constraints that are to give way and not to."""
+    """Refuse constraints that would be both soft and rigid."""
     if solver.exact:
         return
     if plan.integrator.keeps_constraints:
@@ -646,13 +646,13 @@ LOST: Final = 1e10
 
 
 def is_lost(v: Array) -> bool:
-    """Whether a velocity is beyond that of any machine."""
+    """True if a velocity is not finite, or above that of any machine."""
     speed = float(np.abs(v).max(initial=0.0))
     return not (isfinite(speed) and speed < LOST)
 
 
 def hint_of(simulator: HybridSimulator, q0: Array) -> str:
-    """Return which damping or spring is too stiff for a run from q0, if there is one."""
+    """Message on a damper or spring that is too stiff for a run from q0, if there is one."""
     plan, system = simulator.plan, simulator.phase.system
     integrator = plan.integrator.between_events
     hint = stiff_damping(system, integrator, plan.dt, q0)
@@ -661,7 +661,7 @@ def hint_of(simulator: HybridSimulator, q0: Array) -> str:
 
 
 def remedy_of(simulator: HybridSimulator) -> str:
-    """Return what may help a run whose torques are those of a function."""
+    """Advice to pass a jacobian of the torque function; empty where steps do not need one."""
     plan = simulator.plan
     if not (plan.integrator.takes_jacobian and plan.tau.could_be_differenced):
         return ""

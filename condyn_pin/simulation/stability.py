@@ -58,7 +58,7 @@ def _slider() -> Any:
 
 
 class _Gap:
-    """What an integrator sees of one gap: q = c, v = c', the step being the unit of time.
+    """Test system of one gap: q = c, v = c', with the step as the unit of time.
 
     It is a system without springs, damping, torques or curved coordinates.
     """
@@ -81,22 +81,22 @@ class _Gap:
         return V, self.acceleration(t, q0 + y, V)
 
     def implicit(self, dt: float) -> _Gap:
-        """Return the same."""
+        """The system itself: no spring or damper acts."""
         return self
 
     def iterated(self, dt: float, last: Callable[[], Array]) -> _Gap:
-        """Return the same."""
+        """The system itself: no spring or damper acts."""
         return self
 
     def retried(self, step: Step) -> Step:
-        """Return the same."""
+        """The step itself: no torque of a function acts."""
         return step
 
     def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:
         """Do nothing."""
 
     def size(self, q: Array) -> float:
-        """Return how large its numbers are."""
+        """Scale of the coordinate: 1."""
         return 1.0
 
 
@@ -169,7 +169,7 @@ def stability_limit(integrator: Integrator, *, beta_per_alpha: float = 1.0) -> f
 
 
 def is_beyond(integrator: Integrator, drift: Baumgarte, dt: float) -> bool:
-    """Whether gains are at the stability limit of an integrator or beyond it."""
+    """True if gains are at the stability limit of an integrator, or beyond it."""
     return growth(integrator, drift, dt * (1 + _MARGIN)) > 1 + _GROWS
 
 
@@ -201,9 +201,9 @@ _FOLLOWED = 2.0
 
 
 def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -> str:
-    """Return which joint's damping an integrator cannot follow at dt [s], and what would do.
+    """Message on joint damping too stiff for an integrator at dt [s], with advice.
 
-    Nothing if there is none; q is where the inertia is that of the machine.
+    Empty if there is none; q is where the inertia is that of the machine.
     """
     between = system.passive.between
     damped = system.passive.d.any() or (between is not None and between.c.any())
@@ -223,7 +223,7 @@ def stiff_damping(system: System, integrator: Integrator, dt: float, q: Array) -
 
 
 def stiff_springs(system: System, integrator: Integrator, dt: float, q: Array) -> str:
-    """Return which spring an integrator cannot follow at dt; as `stiff_damping`."""
+    """Message on a spring too stiff for an integrator at dt; as `stiff_damping`."""
     passive, between = system.passive, system.passive.between
     sprung = passive.k.any() or (between is not None and between.k.any())
     if integrator.takes_jacobian or integrator.is_adaptive or not sprung:
@@ -250,10 +250,10 @@ def stiff_springs(system: System, integrator: Integrator, dt: float, q: Array) -
 
 
 def _fastest(system: System, q: Array) -> tuple[float, int]:
-    """Return the largest eigenvalue of P D [1/s], and which damper takes most part in it.
+    """Largest eigenvalue of P D [1/s], and the damper with the largest part in its mode.
 
     Dampers are counted joint coordinate by joint coordinate, and then from one frame to another. Of
-    several that take the same part, the first.
+    several with the same part, the first.
     """
     passive = system.passive
     root = np.diag(np.sqrt(passive.d))
@@ -278,7 +278,7 @@ def _spectrum(system: System, q: Array, root: Array) -> tuple[Array, Array, Arra
 def _named(
     system: System, i: int, sizes: tuple[Array, Array | None], units: tuple[str, str]
 ) -> str:
-    """Return which spring or damper it is, of those of the joints and then those between frames."""
+    """Name of a spring or damper, counted over the joints and then between frames."""
     model, between = system.model, system.passive.between
     if i < model.nv:
         joint = next(k for k, each in enumerate(model.joints) if 0 <= i - each.idx_v < each.nv)

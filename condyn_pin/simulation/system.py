@@ -197,7 +197,7 @@ class System:
         return V, self.acceleration(t, self.integrate(q0, y), V)
 
     def turn_fault(self, v: Array, dt: float) -> str:
-        """Return which body turns too far in a step of dt; nothing if none does."""
+        """Message on a joint that turns too far in a step of dt; empty if none does."""
         return self.manifold.turn_fault(v, dt, self._balls)
 
     @property
@@ -236,7 +236,7 @@ class System:
         return again
 
     def difference_if_stiff(self, t: float, q: Array, v: Array) -> None:
-        """Begin to difference the torques of a function, if that is what this system is for."""
+        """Begin to difference the torques of a function, in a system made for that."""
 
     def kept_rows(self, q: Array) -> Callable[[Array], Array]:
         """Return x -> rows x (m,) or (m, k) without what only the digits of the file make up at q.
@@ -248,7 +248,7 @@ class System:
         return left.kept if left else _as_they_are
 
     def size(self, q: Array) -> float:
-        """Return how large the numbers are that c(q) is a difference of [m, rad], at least 1."""
+        """Scale of the positions whose difference is c(q) [m, rad], at least 1."""
         return max(1.0, self.manifold.reach, float(np.abs(q).max(initial=0.0)))
 
     @cached_property

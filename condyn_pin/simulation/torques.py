@@ -39,10 +39,10 @@ _H: Final = 2.0**-26
 
 
 class Applied:
-    """What is applied in a run; arguments are those of `simulate`.
+    """Torques and external forces of a run; arguments are those of `simulate`.
 
-    What a user's function returns is looked at: numbers of another shape would be broadcast
-    without a word.
+    The shape of a user function's torques is checked: numpy would broadcast other shapes
+    silently.
 
     Attributes
     ----------
@@ -54,7 +54,7 @@ class Applied:
         Whether differences are taken where there are no derivatives: not before a step has failed
         without.
     differenced : int
-        How often the function was called for differences.
+        Number of calls of the function for differences.
     """
 
     def __init__(
@@ -147,12 +147,12 @@ class Applied:
 
     @property
     def slopes_are_known(self) -> bool:
-        """Whether a step may ask for them."""
+        """True if derivatives of the torques by q and v are available."""
         return self.jacobian is not None or self.differencing
 
     @property
     def could_be_differenced(self) -> bool:
-        """Whether there is a function without derivatives, of which none are taken so far."""
+        """True if there is a function without derivatives that is not differenced so far."""
         return self.constant is None and not self.slopes_are_known
 
     def slopes(self, t: float, q: Array, v: Array) -> tuple[Array, Array]:
@@ -217,7 +217,7 @@ class Passive:
 
     @staticmethod
     def of(robot: Robot, *, springs: bool = True, damping: bool = True) -> Passive:
-        """Return those of a robot that are on."""
+        """Springs and damping of a robot that are on."""
         chosen = [spring for spring in robot.springs if springs and spring.stiffness]
         at_q, at_v = indices(robot.model, [spring.joint for spring in chosen])
         acting = [
@@ -248,7 +248,7 @@ class Passive:
 
     @property
     def is_nothing(self) -> bool:
-        """Whether no spring and no damping acts."""
+        """True if no spring and no damper acts."""
         return self.between is None and not (self.d.any() or self.k.any())
 
     def inertia(self, dt: float) -> Array:
@@ -271,7 +271,7 @@ class Passive:
         return energy + self.between.energy(q) if self.between else energy
 
     def dissipation(self, q: Array, v: Array) -> Array:
-        """Return what the damping takes at states q (k, nq), v (k, nv), (k,) [W]."""
+        """Power dissipated by the damping at states q (k, nq), v (k, nv), (k,) [W]."""
         power = np.asarray(v**2 @ self.d)
         return power + self.between.dissipation(q, v) if self.between else power
 

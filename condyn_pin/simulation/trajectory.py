@@ -93,7 +93,7 @@ class Trajectory:
 
     @property
     def status(self) -> RunStatus:
-        """How the run ended, or which of its `MotionLimits` the motion has left.
+        """Outcome of the run, or the limit of `MotionLimits` that the motion has left.
 
         Ok only if constraints, their velocities, contacts, stops and energy stayed within these at
         all samples.
@@ -102,12 +102,12 @@ class Trajectory:
 
     @property
     def reason(self) -> str:
-        """Why the run ended where it did, or where, when and how far limits were left."""
+        """Reason for an early end, or place, time and size of limits that were left."""
         return self._judged[1]
 
     @cached_property
     def error(self) -> float:
-        """How far points of the bodies may be off at the end [m], estimated by doubled steps.
+        """Error of the positions of body points at the end [m], estimated by doubled steps.
 
         The errors of some steps, beside steps of twice the size, added up over the motion; NaN by
         an adaptive integrator. What the motion makes of them later is not in it. Torques of a
@@ -165,7 +165,7 @@ class Trajectory:
         return {name: self._joined(each) for name, each in parts.items()}
 
     def _joined(self, parts: list[tuple[slice, Array]]) -> Array:
-        """Return what phases have of one constraint, as wide as the widest, zero elsewhere."""
+        """Arrays of one constraint over all phases (k, columns), zero where a phase has none."""
         joined = np.zeros((len(self.t), max(part.shape[1] for _, part in parts)))
         for samples, part in parts:
             joined[samples, : part.shape[1]] = part
@@ -216,7 +216,7 @@ class Trajectory:
 
     @cached_property
     def notices(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each."""
+        """Warnings about the motion, one sentence each."""
         return notices_of(self)
 
     @cached_property
@@ -256,7 +256,7 @@ class Trajectory:
         to_csv(self, path)
 
     def to_pandas(self) -> Any:
-        """Return the same table as a `pandas.DataFrame`, the time its index.
+        """Return the table of `to_csv` as a `pandas.DataFrame`, with time as its index.
 
         Columns are named by joint: ``run.to_pandas()["q knee"].plot()``. A joint with several
         numbers has ``q root_joint[0]`` and so on.
@@ -274,7 +274,7 @@ class Trajectory:
         return len(self.t)
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+        """HTML of the trajectory for a notebook."""
         return trajectory_html(self)
 
     def __repr__(self) -> str:
@@ -387,7 +387,7 @@ def _contact_work(trajectory: Trajectory) -> tuple[Array, Array, Array]:
 
 
 def _driven_work(trajectory: Trajectory) -> tuple[Array, Array]:
-    """Return what driven constraints did between events (k,), and its doubt; steps book it."""
+    """Work of driven constraints between events (k,) [J], and its estimated error (k,) [J]."""
     booked = trajectory.contact.driven if trajectory.contact else None
     if booked is not None and isinstance(trajectory.run.integrator, ContactScheme):
         return booked, np.zeros(len(booked))
@@ -421,7 +421,7 @@ _SHOWN: Final = 20
 
 
 def trajectory_text(motion: Trajectory) -> str:
-    """Return what `print` shows of a trajectory."""
+    """Summary of a trajectory as text, for `print`."""
     run, energy, scene = motion.run, motion.energy, motion.scene
     ratio = motion.t[-1] / run.wall_time if run.wall_time else float("nan")
     return "\n".join(
@@ -440,14 +440,14 @@ def trajectory_text(motion: Trajectory) -> str:
 
 
 def _counts(scene: Scene) -> str:
-    """How many rows of constraints, and how many contacts, a scene has."""
+    """Numbers of constraint rows and of contacts of a scene, in words."""
     contacts = sum(len(bound.candidates) for bound in scene.contact_bounds)
     rows = [f"{scene.rows} rows"] if scene.rows or not contacts else []
     return ", ".join([*rows, *([counted(contacts, "contact")] if contacts else [])])
 
 
 def _constraint_lines(motion: Trajectory) -> list[str]:
-    """How far constraints were violated, how deep contacts were, and what these do at the end."""
+    """Text lines on constraint violation, depth of contacts, and contact modes at the end."""
     lines = []
     if any(phase.scene.rows for phase in motion.phases):
         lines.append(
@@ -493,7 +493,7 @@ _EVENTS = 20  # that are listed
 
 
 def trajectory_html(trajectory: Trajectory) -> str:
-    """Return how a motion was made, its errors as curves, its events and notices."""
+    """Summary of a motion as HTML: settings, error curves, events and warnings."""
     run, energy, t = trajectory.run, trajectory.energy, trajectory.t
     said = {
         "motion": f"{t[-1] - t[0]:.6g} s in steps of {1e3 * run.dt:.4g} ms, {len(t)} samples",

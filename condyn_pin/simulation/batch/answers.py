@@ -142,7 +142,7 @@ def derivatives_batch(
     chunk: int | None = None,
     progress: Progress = silent,
 ) -> BatchDerivatives:
-    """Return how accelerations and constraint forces change, at many states.
+    """Return the derivatives of accelerations and constraint forces at many states.
 
     M da - J^T dlam = dtau - r_q dq - r_v dv,    J da = -s_q dq - s_v dv,    state by state
 
@@ -200,7 +200,7 @@ def _inputs(
 
 
 def _of_solution(scene: Scene) -> dict[str, Kind]:
-    """Return what a row of each array of a `BatchSolution` is."""
+    """Row shape and dtype of each array of a `BatchSolution`."""
     return {
         "a": Kind((scene.robot.nv,)),
         "lam": Kind((scene.rows,)),
@@ -397,7 +397,7 @@ class CompiledRows:
     threads: int
 
     def __call__(self, workspace: Workspace, inputs: Arrays, outputs: Arrays) -> Messages:
-        """Fill the outputs; return what there is to say of rows."""
+        """Fill the outputs; return the messages of the rows."""
         left, said = self.work(workspace, inputs, outputs, self.threads)
         if not left.size:
             return said
@@ -410,7 +410,7 @@ class CompiledRows:
 
 
 class Workers(NamedTuple):
-    """Who does the work of a batch: by which kernel, where, and how many rows at a time."""
+    """Kernel and executor of a batch, and the number of rows in a chunk."""
 
     kernel: Kernel
     executor: Executor | None
@@ -421,27 +421,27 @@ def workers(
     executor: Executor | Native | None, work: Work, python: Kernel, *, reasons: Iterable[str],
     untaken: Callable[[], Iterable[str]], chunk: int | None, most: int,
 ) -> Workers:  # fmt: skip
-    """Return who does the work of a batch.
+    """Kernel, executor and chunk size of a batch: the compiled core, or Python.
 
     Parameters
     ----------
     executor : Executor or Native or None
-        As the user has it.
+        Argument of the user.
     work, python : callable
-        What the core does, and what Python does.
+        Work of the core, and kernel in Python.
     reasons : iterable of str
-        Why the core does not take the batch, if there are any.
+        Reasons why the core cannot solve the batch, if there are any.
     untaken : callable
-        Returns why it does not take the workspace; asked where there is no other reason.
+        Returns the reasons in the workspace itself; called where there is no other reason.
     chunk : int or None
-        As the user has it.
+        Argument of the user.
     most : int
         Rows that are handed to the threads of this process at a time, unless there is a `chunk`.
 
     Raises
     ------
     UnsupportedBackend
-        If the core does not take it.
+        If the core cannot solve the batch.
     MissingExtra
         If the core is not installed.
     """

@@ -1,4 +1,4 @@
-"""What comes into a batch, row by row: states, and forces from outside."""
+"""States and external forces of a batch, row by row."""
 
 from __future__ import annotations
 
@@ -174,7 +174,7 @@ class Recipe:
     drift: Baumgarte | None = None
 
     def workspace(self) -> Workspace:
-        """Return this thread's workspace for them."""
+        """Workspace of this thread for the scene, solver and drift control."""
         return workspace_for(self.scene, self.solver, self.drift)
 
     def pickled(self) -> PickledRecipe:

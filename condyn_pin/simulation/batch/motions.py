@@ -184,7 +184,7 @@ def simulate_batch(
 
 
 def untaken_by_core(workspace: Workspace, planned: Plan) -> Iterator[str]:
-    """Yield what the compiled core does not take of a workspace that is to move."""
+    """Reasons why the compiled core cannot simulate a workspace."""
     yield from compiled.untaken(workspace)
     if not planned.scene.contacts:  # whose steps have the rows of the scene themselves
         yield from untaken_rows(workspace, planned.drift)
@@ -349,7 +349,7 @@ MEASURED: Final = 6
 
 
 def untaken(plan: Plan, forces: bool) -> Iterator[str]:
-    """Yield what the core does not take of a plan, in words."""
+    """Reasons why the core cannot follow a plan, in words."""
     if plan.tau.constant is None or forces:
         what = "TAU is a function" if plan.tau.constant is None else "there are forces from outside"
         yield f"{what}: its motions have constant torques alone"
@@ -366,7 +366,7 @@ def untaken(plan: Plan, forces: bool) -> Iterator[str]:
 
 
 def untaken_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
-    """Yield what it does not take of the constraints, beside what no solve by it takes."""
+    """Reasons why the core cannot simulate the constraints, other than those of a solve."""
     found, solver = workspace.pinocchio_constraints, workspace.solver
     if not isinstance(solver, Proximal):
         if isinstance(drift, PostStabilization) and drift.metric != "mass":
@@ -382,7 +382,7 @@ def untaken_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class MovedRows:
-    """What the core does to some states of a `simulate_batch`."""
+    """Kernel in the compiled core for motions of a `simulate_batch` without contacts."""
 
     integrator: Integrator
     drift: Drift
@@ -430,7 +430,7 @@ class MovedRows:
 
 @dataclass(frozen=True)
 class Made:
-    """How motions were made that the core has taken: what they are judged by."""
+    """Scene, methods, step and limits by which motions of the core are judged."""
 
     scene: Scene
     integrator: Integrator
@@ -510,9 +510,9 @@ def _energies(found: dict[str, Any], tau: Array, made: Made) -> Energy:
 
 @dataclass(frozen=True)
 class SteppedMotions:
-    """What the core does to some states of a `simulate_batch` with contacts.
+    """Kernel in the compiled core for motions of a `simulate_batch` with contacts.
 
-    A motion goes on in the core behind a step that Python has taken.
+    After a step in Python, a motion continues in the core.
     """
 
     contacts: tuple[Contact, ...]

@@ -60,7 +60,7 @@ ENDS: Final = (
 
 
 def kinds_of(scene: Scene, kept: int) -> dict[str, Kind]:
-    """Return what a row of each array of a batch is, with so many samples of each motion."""
+    """Row shape and dtype of each array of a batch, with `kept` samples of each motion."""
     robot, rows = scene.robot, len(row_names(scene))
     widths: dict[str, tuple[int, ...]] = {
         "t": (),
@@ -266,11 +266,11 @@ class Samples:
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """Those that there are, by name."""
+        """Recorded arrays by name."""
         return {name: array for name, array in vars(self).items() if array is not None}
 
     def of(self, motions: Some) -> Samples:
-        """Return those of some motions."""
+        """Samples of some motions."""
         return Samples(**{name: read_only(x[motions]) for name, x in self.arrays.items()})
 
 

@@ -52,5 +52,5 @@ class PostStabilization(Drift):
         check_projection(self.metric, self.every)
 
     def start(self, system: System, dt: float) -> Correction:
-        """Return what corrects the state after a step."""
+        """Correction by one Newton step, after every `every` steps of the integrator."""
         return once_every(self.every, gaps_of(system, self.metric).newton_step)

@@ -81,11 +81,11 @@ class Projection(Drift):
 
     @property
     def closes(self) -> bool:
-        """Whether it keeps c(q) = 0."""
+        """True if the projection keeps c(q) = 0."""
         return self.position
 
     def start(self, system: System, dt: float) -> Correction:
-        """Return what projects the state after a step."""
+        """Projection of the state, after every `every` steps of the integrator."""
         gaps, integrate = gaps_of(system, self.metric), system.integrate
 
         def correct(t: float, q: Array, v: Array) -> tuple[Array, Array]:
@@ -119,14 +119,14 @@ def _shrinks(before: float, after: float) -> bool:
 
 
 def check_projection(metric: str, every: int) -> None:
-    """Refuse what says nothing."""
+    """Refuse an unknown metric, or a number of steps that is not a positive integer."""
     if metric not in METRICS:
         raise InvalidArgument(f"metric = {metric!r}: one of {', '.join(METRICS)} is needed")
     check_count("every", every)
 
 
 def once_every(steps: int, correct: Correction) -> Correction:
-    """Return a correction that leaves all states alone but those after so many steps."""
+    """Correction of the state after every `steps` steps; other states stay unchanged."""
     if steps == 1:
         return correct
     count = 0

@@ -101,17 +101,17 @@ class Integrator(ABC):
 
     @property
     def between_events(self) -> Integrator:
-        """What moves where nothing happens: itself, unless it finds events and leaves the rest."""
+        """Integrator of the smooth motion between events: itself, unless it locates events."""
         return self
 
     @property
     def takes_stiff_damping(self) -> bool:
-        """Whether the damping of the robot's joints does not limit dt."""
+        """True if the damping of the robot's joints does not limit dt."""
         return self.keeps_constraints or self.is_adaptive
 
     @property
     def takes_jacobian(self) -> bool:
-        """Whether it asks how the torques of a function change with the state."""
+        """True if steps use the derivatives of a torque function by the state."""
         return False
 
     def check(self, candidates: Candidates) -> None:

@@ -94,11 +94,11 @@ class Near(NamedTuple):
 
     @property
     def pressed(self) -> NDArray[np.bool_]:
-        """Which gaps (k,) are pushed out by less than they would be alone: nothing can follow."""
+        """Flags (k,) of penetrations pushed out by less than each would be alone."""
         return self.pushed_by_less_than(_ALL)
 
     def pushed_by_less_than(self, share: float) -> NDArray[np.bool_]:
-        """Which gaps (k,) are pushed out by less than a share of what they would be alone."""
+        """Flags (k,) of penetrations pushed out by less than a share of the push of each alone."""
         if len(self.allowed) < 2:
             return np.zeros(len(self.gaps), dtype=bool)
         alone = allowed_gaps(self.gaps, self.dt)
@@ -116,7 +116,7 @@ class Near(NamedTuple):
         return self._by_row(diagonal[self.normals], diagonal)
 
     def behind(self, strike: Strike) -> Near:
-        """Return it behind an impact: what that has thrown off may go on as it goes then.
+        """The contacts after an impact; those that rebound keep their separating velocity.
 
         g_n = J_n v_free - max(J_n v', 0),    v' the velocity behind the impact
         """
@@ -137,7 +137,7 @@ class Near(NamedTuple):
 
 
 class BiasPartials(NamedTuple):
-    """How g and R change with what a scheme sees; None where they do not.
+    """Partial derivatives of g and R of a contact scheme; None where they are zero.
 
     Attributes
     ----------
@@ -214,7 +214,7 @@ class ContactScheme(Integrator, ABC):
         return None
 
     def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
-        """Return which gaps (k,) [m, rad] are so small that their contacts take part in a step."""
+        """Flags of gaps (k,) [m, rad] so small that their contacts take part in a step."""
         return np.asarray(gaps < max(_NEAR, 2 * dt * fastest(v)))
 
     def check(self, candidates: Candidates) -> None:
@@ -232,7 +232,7 @@ class ContactScheme(Integrator, ABC):
         """Return g (m,) [m/s] and R (m,) [1/kg] of contacts that are `near`; no R if hard."""
 
     def asked_by(self, near: Near) -> BiasPartials:
-        """Return how `asked` changes with what is `near`; beside `free`, by which g goes as one."""
+        """Partial derivatives of `asked` by `near`, without that of g by `free`: the identity."""
         return BiasPartials()
 
 
@@ -253,13 +253,13 @@ def closing_velocities(near: Near) -> Array:
 
 
 def fastest(v: Array) -> float:
-    """Return the largest of velocities (nv,), of either sign."""
+    """Largest absolute value of velocities (nv,)."""
     sizes: map[float] = map(abs, v.tolist())
     return max(sizes)  # numpy's own takes three times as long for those of a robot
 
 
 def are_slower(v: Array, limit: float) -> bool:
-    """Return whether all velocities (nv,) are; most often their squares say so, at less cost."""
+    """True if all velocities (nv,) are below `limit`; the cheaper test of v . v comes first."""
     return bool(v.dot(v) < limit * limit) or fastest(v) < limit
 
 
@@ -278,13 +278,13 @@ def _allowed(gap: float, fastest: float) -> float:
 
 
 def yielding_gaps(near: Near) -> Array:
-    """Return the same of what is near, where pushes give way to each other and to what touches.
+    """Allowed decrease of gaps (k,) [m, rad], where opposing pushes yield to other contacts.
 
         y = argmin_{y >= 0}  y . (G_nn + soft) y / 2 - ask . y
 
     with ask = p and a little softness of what is pushed out, and ask = -gap / dt of all else, which
-    is hard. The motion M^-1 J_n^T y can follow p' = min(p, G_nn y), and so does what Signorini's
-    condition asks for: two walls that overlap by more than a body leave it where it is.
+    is hard. The motion M^-1 J_n^T y can follow p' = min(p, G_nn y), and Signorini's condition
+    allows it: a body between two walls that overlap by more than its size stays in place.
     """
     allowed = allowed_gaps(near.gaps, near.dt)
     if len(allowed) < 2 or not min(allowed.tolist()) < 0.0:
@@ -303,9 +303,9 @@ def yielding_gaps(near: Near) -> Array:
 
 
 def _followed(N: Array, wanted: Array, bent: Array) -> Array:
-    """Return the velocities that can be followed of those `wanted`, which are p or -gap / dt.
+    """Feasible part of the push velocities `wanted` (k,), which are p or -gap / dt [m/s].
 
-    `bent` is what paths bend by beside them.
+    `bent` is the velocity by path curvature.
     """
     from scipy.optimize import nnls
 
@@ -330,10 +330,10 @@ def _followed(N: Array, wanted: Array, bent: Array) -> Array:
 
 
 def closing_by(near: Near) -> BiasPartials:
-    """Return how `closing_velocities` change.
+    """Partial derivatives of `closing_velocities` by gaps and bends.
 
-    Where a contact rests, in the ground by up to a nanometre, as where it opens: rounding of a gap
-    that is zero decides nothing.
+    A contact that rests, up to a nanometre deep, has the slope of an open one: rounding of a zero
+    gap has no effect.
     """
     # numbers one by one: for the few of a robot they take half the time of numpy's calls
     gaps = [
@@ -344,9 +344,9 @@ def closing_by(near: Near) -> BiasPartials:
 
 
 def sizes_of_gaps() -> tuple[float, float, float, float, float]:
-    """Return what gaps are compared with, for steps taken elsewhere.
+    """Gap thresholds of a step, for the compiled core.
 
-    How near contacts are that take part [m], the share of a penetration that a step takes back, how
-    fast at most [m/s, rad/s], how deep one is that stays, and what touches [m, rad].
+    Largest gap of a contact that takes part [m], share of a penetration that a step removes, its
+    largest speed [m/s, rad/s], depth that stays, and gap of a touching contact [m, rad].
     """
     return _NEAR, _PUSHED_OUT, PUSHES, AT_REST, _TOUCHES

@@ -53,7 +53,7 @@ class CoordinatePartitioning(Integrator):
 
     @property
     def takes_stiff_damping(self) -> bool:
-        """Whether it does: no, it is explicit in the independent coordinates."""
+        """True if joint damping does not limit dt; never, for the method is explicit."""
         return False
 
     def start(self, system: System, dt: float) -> Stepper:

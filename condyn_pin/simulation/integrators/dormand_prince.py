@@ -76,7 +76,7 @@ class DormandPrince(Integrator):
 
     @property
     def order(self) -> Order:
-        """That of the method: the error falls with this power of the substeps."""
+        """Order of the method: power of the substeps with which the error falls."""
         return Order(self.method, self.method, self.method)
 
     def start(self, system: System, dt: float) -> Stepper:
@@ -159,7 +159,7 @@ class _Slope:
         return self._system.manifold.place(self._q, x[: self._n], x[self._n :].copy())
 
     def turned(self, x: Array) -> float:
-        """Return how far the body has turned in this chart that has turned furthest [rad]."""
+        """Largest rotation angle of a body in this chart [rad]."""
         return self._system.manifold.largest_turn(x[: self._n])[1]
 
     def after(self, s: float, x: Array, slope: Array) -> _Slope:
@@ -168,7 +168,7 @@ class _Slope:
         return _Slope(self._system, self.t, *self.state(x), A, s)
 
     def trouble(self) -> str:
-        """Return what keeps a step from being taken."""
+        """Reason why a step cannot be taken."""
         return self._error or (
             "the motion is too fast or not smooth there: use larger tolerances, or a tau without "
             "jumps"

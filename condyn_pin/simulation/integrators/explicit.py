@@ -74,12 +74,12 @@ class SemiImplicitEuler(Integrator):
 
     @property
     def takes_jacobian(self) -> bool:
-        """Whether torques of a function act at the end of the step, if their slopes are known."""
+        """True if torques of a function act at the end of the step, given their derivatives."""
         return self.implicit
 
     @property
     def takes_stiff_damping(self) -> bool:
-        """Whether it acts at the end of the step."""
+        """True if joint damping acts at the end of the step, and does not limit dt."""
         return self.implicit
 
     def start(self, system: System, dt: float) -> Stepper:

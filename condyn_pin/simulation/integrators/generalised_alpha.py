@@ -141,7 +141,7 @@ class _Passage:
         self._end, self._count = np.zeros(0), 0  # where the last one ended, and which it was
 
     def is_open(self, q: Array) -> bool:
-        """Whether another step may be taken, from q."""
+        """True if another step of Radau's method may begin at q."""
         if self._end is not q:
             self._count = 0
         return self._count < _LONGEST
@@ -167,7 +167,7 @@ def _begin(system: System, t: float, q: Array, v: Array, dt: float) -> tuple[Arr
 
 
 def _is_fast(a: Array, change: Array) -> bool:
-    """Whether an acceleration changes by more than itself within a step."""
+    """True if an acceleration changes by more than its own size within a step."""
     size = np.abs(a)
     return bool((np.abs(change) > size + _SMALL * size.max(initial=0.0)).any())
 

@@ -40,7 +40,7 @@ _TABLEAUS = {
 
 @dataclass(frozen=True)
 class _Radau(Integrator):
-    """What both methods have in common."""
+    """Common base of both Radau IIA methods."""
 
     solves_per_step: ClassVar[float] = 12
     a_at = "end"

@@ -103,7 +103,7 @@ class Shake(Integrator):
 
 
 class _Place(NamedTuple):
-    """What belongs to one configuration."""
+    """Mass matrix, constraint rows, inverses and damping at one configuration."""
 
     kept: Callable[[Array], Array]  # rows without what the digits of the file make up
     M: Array  # (nv, nv)
@@ -208,7 +208,7 @@ class _Hamiltonian:
         return np.asarray(v.dot(C) - g)
 
     def _place(self, q: Array) -> _Place:
-        """Return what belongs to q."""
+        """Mass matrix, constraint rows, inverses and damping at q."""
         kept = self._system.kept_rows(q)
         M, J = self._system.mass(q), kept(self._system.equations.jacobian(q))
         M_inv = inverse(M)
