@@ -124,7 +124,7 @@ def starts_of_steps(
 
 
 def kinds_of_steps(scene: Scene) -> dict[str, Kind]:
-    """Return what a row of each output is."""
+    """Row shape and dtype of each output."""
     robot, contacts = scene.robot, len(candidates_of(scene).names)
     return {
         "q": Kind((robot.nq,)), "v": Kind((robot.nv,)), "lam": Kind((len(row_names(scene)),)),
@@ -279,7 +279,7 @@ class BatchStep(BatchResult, Batch[StepSolution]):
         return self.errors[:, 0]
 
     def to_pandas(self) -> Any:
-        """Return it as a `pandas.DataFrame`, a step a row.
+        """Return the steps as a `pandas.DataFrame`, one step per row.
 
         Columns: status, q and v by joint at the end of the step, the mode of each contact, and the
         errors.
@@ -330,7 +330,7 @@ _DEEP: Final = 0.9 * tolerances.NEARLY_CLOSED
 
 
 def untaken_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
-    """Yield what the core does not take of steps with contacts, in words."""
+    """Reasons why the core cannot take steps with contacts, in words."""
     if type(integrator) is not StewartTrinkle:
         yield f"integrator = {integrator!r}: with contacts it has StewartTrinkle alone"
     elif type(integrator.contact) not in (ADMM, SemismoothNewton):
@@ -339,20 +339,20 @@ def untaken_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
 
 
 def step_plan(integrator: Integrator, dt: float) -> Array:
-    """Return how steps are taken, as ``StepPlan`` of the core has it."""
+    """Settings of a step, as the ``StepPlan`` of the core."""
     assert isinstance(integrator, StewartTrinkle)
     return _plan(dt, _method(integrator.contact))
 
 
 def rounded_plan(integrator: Integrator, dt: float) -> Array:
-    """Return the same with impulses to rounding, from which modes can be read."""
+    """``StepPlan`` with impulses accurate to rounding, from which modes can be read."""
     assert isinstance(integrator, StewartTrinkle)
     method = _method(integrator.contact)
     return _plan(dt, method._replace(alternates=False, newton_first=False, polish=0))
 
 
 class _Method(NamedTuple):
-    """How contact problems are answered, as ``ContactMethod`` of the core has it."""
+    """Settings of a contact solver, as the ``ContactMethod`` of the core."""
 
     alternates: bool
     newton_first: bool
@@ -365,7 +365,7 @@ class _Method(NamedTuple):
 
 
 def _method(solver: ContactSolver) -> _Method:
-    """Return how a solver answers.
+    """``ContactMethod`` settings of a contact solver.
 
     Where no parameter of `ADMM` is chosen, Newton's method comes first: compiled it takes less
     time, and ends at rounding.
@@ -431,7 +431,7 @@ def contacts_of(workspace: Workspace, contacts: tuple[Contact, ...]) -> Any:
 
 
 def paths_of(workspace: Workspace, dt: float) -> dict[str, Array]:
-    """Return where driven rows are to be in a step from the time of a workspace, for the core."""
+    """Driven rows and their paths in a step from the time of a workspace, for the core."""
     paths = DrivenPath(workspace, dt, 1, time_of(workspace.scene))
     return {"driven": paths.rows, "path": paths.wanted}
 
@@ -447,7 +447,7 @@ def states_of(workspace: Workspace, inputs: Arrays) -> tuple[Array, Array, Array
 
 @dataclass(frozen=True)
 class SteppedRows:
-    """What the core does to some states of a `step_batch`."""
+    """Kernel in the compiled core for states of a `step_batch`."""
 
     contacts: tuple[Contact, ...]
     dt: float  # [s]

@@ -187,11 +187,11 @@ class StepProblemBuilder:
     def _bent(
         self, at: Array, v: Array, gaps: Array, J: Array
     ) -> tuple[Array | None, Array | None]:
-        """Return how far paths bend what rests on a plane (k,), and where straight ones end.
+        """Path bend s of contacts at rest on a plane (k,) [m], and q at the end of dt v.
 
             s = gap(q (+) dt v) - gap - dt J_n v
 
-        A contact rests whose gap and rate are of the size of s, and s / dt. None where none does.
+        A contact is at rest if its gap and rate are of the size of s, and s / dt. None without one.
         """
         candidates, dt = self._candidates, self._dt
         k, small = candidates.contact_points, self._scheme.touching
@@ -211,7 +211,7 @@ class StepProblemBuilder:
         return bent, end
 
     def _is_resolved(self, M: Array, q: Array) -> bool:
-        """Whether springs and dampers move little within a step: they act in its middle then.
+        """True if springs and dampers are soft enough to act in the middle of a step.
 
         trace M^-1 (dt D + dt^2 K) <= 1: at the middle of the step stiffer ones would swing on,
         which they do not at its end.
@@ -242,9 +242,9 @@ class StepProblemBuilder:
     def impact_at(
         self, chosen: ActiveCandidates, near: Near, at: Array, v: Array
     ) -> ContactProblem:
-        """Return the same contacts before an impact at another state, the placements taken there.
+        """Contact problem of the same contacts before an impact at another state.
 
-        `near` is what they are in the step.
+        Placements are those of that state; `near` has the contacts of the step.
         """
         M, _, J_b, _ = self._equations.consistent_parts(at, v)
         _, J = self._candidates.evaluate(self._equations.data, at)
@@ -357,7 +357,7 @@ class ContactSteps(StepProblemBuilder):
         return taken
 
     def turn_fault(self, v: Array, v1: Array) -> str:
-        """Return which body turns too far in a step from v to v1; nothing if none does."""
+        """Message on a joint that turns too far in a step from v to v1; empty if none does."""
         slow = self._slow
         if slow is None or (v.dot(v) <= slow and v1.dot(v1) <= slow):
             return ""
@@ -410,7 +410,7 @@ class ContactSteps(StepProblemBuilder):
         raise StepFailed(f"contacts {names} at t = {t:g} s: {said}")
 
     def attempt(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Return the same of whatever the contact solver has answered."""
+        """Take the step even if the contact solver failed; return q, v and a as `step`."""
         tried = self._answered(t, q, v)
         posed, v1, found, natural = tried[-1]
         lam, dt, floating = posed.total(found.lam), self._dt, self.floating
@@ -482,7 +482,7 @@ class ContactSteps(StepProblemBuilder):
         return impulses
 
     def touch(self) -> Array:
-        """Return what else there is to keep of the contacts of the last step."""
+        """Contact record of the last step: natural residual, work and modes."""
         work = self._system.contact_work
         return touch_of(self.last.natural, work, self.modes(), is_driven=self._is_driven)
 
@@ -565,7 +565,7 @@ class ContactSteps(StepProblemBuilder):
         return tried
 
     def _off(self, tried: StepAttempt) -> Array | None:
-        """Return how far from where they should contacts end (k,) [m, rad]; None if near enough."""
+        """Error of gaps at the end of a step (k,) [m, rad]; None if within tolerance."""
         if not self._scheme.closes_gaps or not tried.is_answer_of(self._scheme.contact):
             return None
         return self.ends.off(tried.posed, tried.attempt.lam, tried.v)
@@ -633,7 +633,7 @@ class LoopProjection:
         return self.way(of_step, q)[-1].end if of_step.rank else q
 
     def work(self, q: Array, q1: Array, v: Array) -> float:
-        """Return what it does to the energy to move q to q1 where loops are closed [J]."""
+        """Energy gained by the move from q to q1, which closes the loops [J]."""
         model, data, passive = self._system.model, self._equations.data, self._system.passive
         won = pin.computeMechanicalEnergy(model, data, q1, v)
         won -= pin.computeMechanicalEnergy(model, data, q, v)
@@ -642,7 +642,7 @@ class LoopProjection:
         return float(won)
 
     def way(self, of_step: MinimumNorm, q: Array) -> list[Closing]:
-        """Return how q goes to where its loops are closed: a part of the way for all factors."""
+        """Path from q to closed loops by Newton steps, one part for each set of factors."""
         way, least = [Closing(of_step, q, q)], inf
         for _ in range(_CLOSINGS if of_step.rank else 0):
             c = self._equations.violation(q)

@@ -88,12 +88,12 @@ class EventSteps:
         )
 
     def sample(self, t: float, q: Array, v: Array) -> Row:
-        """Return a sample of a state: with what contacts do from there on."""
+        """Sample of a state, with the contact forces of the motion that follows."""
         now = self._at(t, q, v)
         return self._row(t, q, v, now.dynamics, now.held, now.natural)
 
     def _at(self, t: float, q: Array, v: Array) -> PhaseStart:
-        """Return how motion goes on from a state; that of the last one asked for is known."""
+        """Start of the smooth motion from a state; that of the last state is cached."""
         if self._begun is not None:
             at, begun = self._begun
             if q is begun.terms.q and v is self._v and isclose(t, at, rel_tol=1e-14):
@@ -106,7 +106,7 @@ class EventSteps:
         self._begun, self._v = (t, begun), v
 
     def _dynamics_before(self, q: Array) -> ModeDynamics | None:
-        """Return what was held at the end of the step before, if this one goes on from there."""
+        """Contact dynamics at the end of the step before, if this step begins there."""
         return self._ended[1] if self._ended is not None and self._ended[0] is q else None
 
     def _count(
@@ -123,7 +123,7 @@ class EventSteps:
     def _event(
         self, dynamics: ModeDynamics, terms: ContactTerms, now: PhaseStart, back: NDArray[np.bool_]
     ) -> ContactEvent:
-        """Return what happened between the old modes and the new ones, and what slides `back`."""
+        """Event between old and new modes; `back` flags reversed slips."""
         t, work = terms.t, self._system.contact_work
         before = self._row(
             t,
@@ -154,7 +154,7 @@ class EventSteps:
         return t, q, v, held.a, lam, self._system.applied.at_sample(t, q, v), touch
 
     def _closed(self, segment: Segment, dynamics: ModeDynamics) -> tuple[Array, Array]:
-        """Return the end of a segment with what is held closed, and still, to rounding."""
+        """End of a segment, with held contacts closed and at rest to rounding."""
         system, q, least = self._system, segment.q, inf
         if not len(dynamics.still) and not system.scene.rows:
             return segment.q, segment.v
@@ -178,7 +178,7 @@ class EventSteps:
         return best, self._factors(best, dynamics.still).at_rates(segment.v, rates)
 
     def _factors(self, q: Array, rows: Indices) -> MinimumNorm:
-        """Return those of constraints and rows of contacts."""
+        """Factors of the constraints and rows of contacts."""
         system, equations = self._system, self._system.equations
         J_b = equations.consistent_jacobian(q)
         run = algorithms(equations.data)
@@ -270,7 +270,7 @@ class Segments:
     def _guided(
         self, now: PhaseStart, guide: Guide
     ) -> tuple[ModeDynamics, _Try, NDArray[np.bool_]]:
-        """Return a segment whose guided slips turn as they have to, and which of them are off.
+        """Segment with guided slips turned as required, and flags of those that miss.
 
         By Newton's method on the rates; how speeds across slips depend on them is found at once.
         """
@@ -292,7 +292,7 @@ class Segments:
     def _turned(
         self, now: PhaseStart, guide: Guide, turning: Array
     ) -> tuple[ModeDynamics, _Try, Array]:
-        """Return a segment whose guided slips turn at some rates, and how fast they end across."""
+        """Segment with guided slips turned at given rates, and their final velocity across."""
         dynamics = now.dynamics
         if guide.guided.any():
             dynamics = dynamics.guiding(guide.guided, turning.copy(), now.terms.t)
@@ -300,7 +300,7 @@ class Segments:
         return dynamics, made, self._guide.across(dynamics, made.terms)
 
     def _moved(self, now: PhaseStart, dynamics: ModeDynamics, h: float, share: float) -> _Try:
-        """Return where a share of a segment leads to."""
+        """End of a share of a segment of length h [s], with its forces and margins."""
         terms, size = now.terms, share * h
         if size:
             smooth = SmoothMotion(self._system, dynamics, terms.q, terms.v, now.held.a)
@@ -314,7 +314,7 @@ class Segments:
     def _share(
         self, now: PhaseStart, dynamics: ModeDynamics, made: _Try, part: int, i: int
     ) -> tuple[float, int]:
-        """Return at which share of a segment a margin is zero, and which one it is."""
+        """Share of a segment at which a margin is zero, and the part of that margin."""
         from scipy.optimize import brentq
 
         begun = margins(self._candidates, dynamics, now.terms, now.terms, now.held, 0.0)
@@ -417,12 +417,12 @@ _SLIP_GUIDE_FOUND, _ROUNDED = 1e-10, 1e-13
 
 
 class Guide(NamedTuple):
-    """What to do in a segment.
+    """Length of a segment, and the slips that are guided in it.
 
     Attributes
     ----------
     h : float
-        The longest that it may be [s].
+        Largest length of the segment [s].
     guided, ends : (cones,) bool array
         Which slips are guided, and which of them along a line to their end.
     """
@@ -439,9 +439,9 @@ class SlipGuide:
         self._candidates = candidates
 
     def before(self, now: PhaseStart, left: float, bent: NDArray[np.bool_]) -> Guide:
-        """Return what to do in a segment of `left` seconds at most.
+        """Length and guided slips of a segment of `left` seconds at most.
 
-        `bent` are those that were taken to end along a line, and do not.
+        `bent` flags slips that were guided along a line to their end, and missed it.
         """
         terms, rough = now.terms, self._rough(now.dynamics)
         guided, ending = np.zeros_like(rough), np.zeros_like(rough)
@@ -467,18 +467,18 @@ class SlipGuide:
         return Guide(left, guided, ending)
 
     def has_turned(self, dynamics: ModeDynamics, end: ContactTerms) -> bool:
-        """Whether a slip that is not guided has changed its direction by more than it may."""
+        """True if a slip without guidance has turned by more than the tolerance."""
         on = np.einsum("kx,kx->k", dynamics.along, end.tangent)
         turned = end.slides & (on < _SLIP_GUIDE_TURNED * end.speed)
         return bool((self._rough(dynamics) & ~dynamics.guided & turned).any())
 
     def across(self, dynamics: ModeDynamics, end: ContactTerms) -> Array:
-        """Return how fast a guided slip is across its direction at the end (cones,) [m/s]."""
+        """Slip velocity of guided cones across their direction at the end (cones,) [m/s]."""
         s, v = dynamics.ahead(end.t), end.tangent
         return np.where(dynamics.guided, s[:, 0] * v[:, 1] - s[:, 1] * v[:, 0], 0.0)
 
     def is_off(self, guide: Guide, across: Array, end: ContactTerms) -> NDArray[np.bool_]:
-        """Return for which cones that is more than nothing."""
+        """Flags (cones,) of slip velocities `across` above the tolerance."""
         found = np.maximum(_SLIP_GUIDE_FOUND * end.speed, _ROUNDED * end.fastest)
         return np.asarray(np.abs(across) > np.where(guide.ends, _NONE * end.fastest, found))
 
@@ -486,7 +486,7 @@ class SlipGuide:
         return np.asarray((dynamics.of_cones == SLIDE) & (self._candidates.friction > 0))
 
     def _pulls(self, held: FixedModes) -> Array:
-        """Return what friction at its limit accelerates each cone by (cones,) [m/s^2]."""
+        """Acceleration of each cone by friction at its limit (cones,) [m/s^2]."""
         cones = 3 * self._candidates.cones
         normal, ease = held.lam[2:cones:3], held.ease[:cones].reshape(-1, 3)[:, :2]
         return np.asarray(self._candidates.friction * normal * ease.max(axis=1, initial=0.0))

@@ -51,7 +51,7 @@ class FixedModes(NamedTuple):
 
 
 class ModeDynamics:
-    """What contacts do until the next event.
+    """Dynamics of contacts in fixed modes, until the next event.
 
     Parameters
     ----------
@@ -59,17 +59,17 @@ class ModeDynamics:
     modes : (candidates,) array of int
         Places in `MODES`.
     along : (cones, 2) array
-        Where what slides goes, unit vectors; for those that have no velocity yet.
+        Slip directions, unit vectors; also of cones without velocity yet.
     sense : (intervals,) array
-        The same of dry friction, 1 or -1.
+        Slip directions of dry friction, 1 or -1.
     lam : (rows,) array
         Forces by which the modes were found.
     guided : (cones,) bool array, optional
-        Which of the cones that slide are guided.
+        Flags of sliding cones that are guided.
     turning : (cones,) array, optional
-        At which rate [rad/s].
+        Rotation rates of their slip directions [rad/s].
     since : float
-        Where they begin to turn [s].
+        Time at which the rotation begins [s].
     """
 
     def __init__(
@@ -109,23 +109,23 @@ class ModeDynamics:
         self._known = known[rows]
 
     def guiding(self, which: NDArray[np.bool_], turning: Array, since: float) -> ModeDynamics:
-        """Return the same modes, with these cones guided."""
+        """The modes, with the slips of these cones guided."""
         return ModeDynamics(
             self.candidates, self.modes, self.along, self.sense, self.lam, which, turning, since
         )
 
     def with_forces(self, lam: Array) -> ModeDynamics:
-        """Return the same modes, with other forces that redundant contacts stay near to."""
+        """The modes, with other forces that redundant contacts stay near to."""
         return ModeDynamics(self.candidates, self.modes, self.along, self.sense, lam)
 
     def ahead(self, t: float) -> Array:
-        """Return where cones go that are guided, and where the others went first (cones, 2)."""
+        """Slip directions at t of guided cones, and initial ones of the others (cones, 2)."""
         angle = np.where(self.guided, self.turning * (t - self.since), 0.0)
         c, s, (x, y) = np.cos(angle), np.sin(angle), self.along.T
         return np.column_stack((c * x - s * y, s * x + c * y))
 
     def reversed_in(self, after: ModeDynamics, t: float) -> NDArray[np.bool_]:
-        """Return which candidates slide on in other modes, but back (candidates,)."""
+        """Flags of candidates that slide on in other modes in reverse (candidates,)."""
         back = np.zeros(len(self.modes), dtype=bool)
         k, n = len(self.along), len(self.sense)
         back[:k] = np.einsum("kx,kx->k", self.ahead(t), after.along) < 0
@@ -260,17 +260,17 @@ class ContactTerms:
 
     @property
     def touches(self) -> NDArray[np.bool_]:
-        """Which cones and half-lines touch."""
+        """Flags of cones and half-lines that touch."""
         return np.asarray(self.gaps <= _TOUCHING)
 
     @property
     def approaches(self) -> NDArray[np.bool_]:
-        """Which of them touch and would go through."""
+        """Flags of touching cones and half-lines that approach."""
         return np.asarray(self.touches & (self.closing < -_RESTING * self.fastest))
 
     @property
     def rests(self) -> NDArray[np.bool_]:
-        """Which of them touch, and neither go through nor leave."""
+        """Flags of touching cones and half-lines that neither approach nor leave."""
         return np.asarray(self.touches & (np.abs(self.closing) <= _RESTING * self.fastest))
 
     @cached_property
@@ -280,12 +280,12 @@ class ContactTerms:
 
     @cached_property
     def speed(self) -> Array:
-        """How fast cones slide (cones,) [m/s]."""
+        """Slip speed of the cones (cones,) [m/s]."""
         return np.hypot(self.tangent[:, 0], self.tangent[:, 1])
 
     @property
     def slides(self) -> NDArray[np.bool_]:
-        """Which cones slide (cones,); what is slower than that counts as still."""
+        """Flags of sliding cones (cones,); slower slips count as zero."""
         return np.asarray(self.speed > _STILL * self.fastest)
 
     @property
@@ -302,7 +302,7 @@ class ContactTerms:
         return condense(self.factors, J_c, still, self.tau - self.h, -self.gamma, rates)
 
     def struck(self, rows: Indices) -> Condensed:
-        """Return the same for impulses: finite forces have no part in them."""
+        """Rows of contacts with the constraints eliminated, for impulses: no finite forces."""
         none = np.zeros(len(self.v))
         rates = self.path[1]
         driven = rates if self._system.scene.is_driven else None
@@ -347,7 +347,7 @@ class LoadSharing(NamedTuple):
 
 
 def shared(candidates: Candidates, dynamics: ModeDynamics, terms: ContactTerms) -> LoadSharing:
-    """Return the same modes with forces of contacts within their limits, if there are any."""
+    """Load sharing of redundant contacts with forces within their limits, where possible."""
     even = _with(candidates, dynamics, terms, np.zeros(len(terms.J)))
     if even.least > AT_ITS_END:
         return even
@@ -518,7 +518,7 @@ def margins(
 def fallen(
     now: Margins, held: FixedModes, terms: ContactTerms, begun: ContactTerms
 ) -> list[tuple[int, int]]:
-    """Return which margins have fallen below zero, by more than rounding: part and place in it."""
+    """Part and place of each margin that has fallen below zero by more than rounding."""
     force = _FORCE * float(np.abs(held.lam).max(initial=0.0))
     speed = _SPEED * terms.fastest
     gap = np.where(begun.touches, _GAP, 0.0)

@@ -128,16 +128,16 @@ class StepSolution:
     def derivatives(
         self, *, route: Route | None = None, wrt: Sequence[str] = ()
     ) -> StepDerivatives:
-        """Return how q+ and v+ change with q, v, tau and what the contacts are made of.
+        """Return the derivatives of q+ and v+ by q, v, tau, and parameters of contacts and bodies.
 
         Parameters
         ----------
         route : Route, optional
-            What is made of kinks and jumps: `ActiveSet()` by default, the derivatives within the
+            Treatment of kinks and jumps: `ActiveSet()` by default, the derivatives within the
             modes of the step.
         wrt : sequence of {"friction", "restitution", "solref", "inertias"}
-            What has to be in them beside q, v and tau. Inertias, ten columns a joint, are left out
-            unless they are named; the others are there wherever the step depends on them.
+            Parameters that are required beside q, v and tau. Inertias, ten columns a joint, are
+            left out unless they are named; the others are there wherever the step depends on them.
 
         Returns
         -------
@@ -177,7 +177,7 @@ class StepSolution:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each."""
+        """Warnings about the step, one sentence each."""
         said = []
         if not self._is_balanced:
             said.append(
@@ -205,17 +205,17 @@ class StepSolution:
 
     @property
     def _keeps_energy(self) -> bool:
-        """Whether the energies of both states differ by the work of the step, but for its order."""
+        """True if the energy changes by the work of the step, to the order of the scheme."""
         return not np.isfinite(self.energy_limit) or self.energy_error <= self.energy_limit
 
     @property
     def _is_balanced(self) -> bool:
-        """Whether the step does what Newton and Euler ask for, to the accuracy of forces."""
+        """True if the balance of momentum holds, to the accuracy of the forces."""
         return self.dynamics_error <= self.dynamics_limit
 
     @property
     def _is_closed(self) -> bool:
-        """Whether its loops end closed, but for drift."""
+        """True if the loops end closed, except for drift."""
         return self.violation <= tolerances.OUT_OF_REACH
 
     @property
@@ -304,7 +304,7 @@ class ProvedSteps:
     def step(
         self, q: Array, v: Array, tau: float | ArrayLike, forces: Sequence[AppliedForce]
     ) -> StepSolution:
-        """Return the step from a state, and what it leaves of each law."""
+        """Return the step from a state, with its residual in each law."""
         start = StepStart(*read_only((q, v, self._hold(tau, forces))), tuple(forces))
         with np.errstate(all="ignore"):  # the status says it
             return self._proved(start)
@@ -349,7 +349,7 @@ class ProvedSteps:
     def _errors(
         self, posed: StepProblem, ended: Array, a: Array, lam: Array
     ) -> tuple[float, float]:
-        """Return what is left of the balance of momentum [N s], and of J_b v+ [m/s]."""
+        """Residuals of the balance of momentum [N s, N m s], and of J_b v+ [m/s, rad/s]."""
         equations, passive = self._system.equations, self._system.passive
         self._system.at(self._steps.looks_at(self._t))
         at, v, rows = posed.at, posed.v, self._scene.rows
@@ -404,7 +404,7 @@ class ProvedSteps:
         return abs(error), limit + lifted + self._weight * tolerances.ENERGY_KEPT
 
     def _push(self, posed: StepProblem, lam: Array) -> Load:
-        """Return what contacts do to the robot, where the step has taken them."""
+        """Generalised force of the contacts, at the placements of the step."""
         model, data = self._system.model, self._system.equations.data
         bounds, floating, path = self._scene.contact_bounds, self._steps.floating, posed.path
         if path is None:

@@ -83,7 +83,7 @@ class StepProblem(NamedTuple):
 
 
 class Kept(NamedTuple):
-    """What of a step that is taken again along a path stays as it was in an attempt before."""
+    """Parts of an earlier attempt that a step keeps when it is tried again along a path."""
 
     of: NDArray[np.int_]  # (nv,), the attempt whose path each velocity has; -1 for the next one
     gaps: NDArray[np.bool_]  # of all candidates, which are taken at the beginning
@@ -94,7 +94,7 @@ class Kept(NamedTuple):
 
 
 class ActiveCandidates:
-    """The candidates that take part in a step, and what a contact problem says of them."""
+    """Candidates that take part in a step, with their data for a contact problem."""
 
     def __init__(self, candidates: Candidates, active: NDArray[np.bool_], dt: float) -> None:
         cones = candidates.cones
@@ -188,7 +188,7 @@ class EndsOfPaths:
         self._pairs = self._contacts.several
 
     def off(self, posed: StepProblem, lam: Array, v1: Array) -> Array | None:
-        """Return how far from where they should contacts end (k,) [m, rad]; None if near enough.
+        """Error of gaps at the end of a step (k,) [m, rad]; None if within tolerance.
 
         Too deep, or pressed on before it touches; or pressed on along J at the beginning where its
         path bends into the ground from there.
@@ -218,7 +218,7 @@ class EndsOfPaths:
         return off if off.max(initial=0.0) > MISSED else None
 
     def alone(self, posed: StepProblem) -> tuple[Array, Array]:
-        """Return to which group each gap and each velocity belongs that feel each other.
+        """Group of each gap and of each velocity, coupled ones in one group.
 
         Gaps that nothing moves, and velocities that move none, are in no group: -1.
         """
@@ -261,7 +261,7 @@ class EndsOfPaths:
     def takes_part(
         self, posed: StepProblem, there: EndOfStep, near: NDArray[np.bool_]
     ) -> NDArray[np.bool_]:
-        """Return which gaps take part: those that did, those that go through, pairs as they meet.
+        """Flags of gaps that take part: those before, those that close, and pairs as they meet.
 
         `near` says which are near at the end.
         """
@@ -356,7 +356,7 @@ class CurvatureCorrection:
 
 
 def step_work(scheme: ContactScheme, posed: StepProblem, lam: Array, v1: Array) -> ContactWork:
-    """Return what impulses lam (m,) did in a step that has led to v+ (nv,).
+    """Work of impulses lam (m,) in a step to v+ (nv,) [J].
 
     Contacts that give way do work of either sign, as springs: all of it is `contact`.
     """
@@ -372,7 +372,7 @@ def step_work(scheme: ContactScheme, posed: StepProblem, lam: Array, v1: Array) 
 
 
 def drive_work(posed: StepProblem, lam: Array, rows: Indices) -> float:
-    """Return what driven `rows` of the constraints did in a step with impulses lam (m,) [J].
+    """Work of driven `rows` of the constraints in a step with impulses lam (m,) [J].
 
     l_b . (J_b v + J_b v+) / 2,    J_b = U S V^T L^T
     """
@@ -414,7 +414,7 @@ class StepAttempt(NamedTuple):
     natural: float  # residual of the contact problem
 
     def is_answer_of(self, solver: ContactSolver) -> bool:
-        """Whether it is as good as the solver promises."""
+        """True if the impulses are as accurate as the solver promises."""
         if solver.exact:
             return self.natural <= tolerances.CONTACT_SOLVED
         return self.attempt.answered and isfinite(self.natural)
@@ -434,7 +434,7 @@ class AcceptedStep(NamedTuple):
 
     @property
     def notes(self) -> list[Note]:
-        """What the step has to say, beside its contact problem."""
+        """Warnings about the step, other than those of its contact problem."""
         strike, near = self.posed.strike, self.posed.near
         notes = [] if strike is None else [Note(*note) for note in strike.notes]
         deep = near.gaps < -_SEEN

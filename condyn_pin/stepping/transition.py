@@ -1,4 +1,4 @@
-"""Transition: what has to happen in an instant before motion goes on smoothly.
+"""Transition: impacts and shocks at one instant, before motion goes on smoothly.
 
     what approaches                       an impact
     what no force lets slide on           a shock
@@ -54,16 +54,16 @@ class PhaseStart:
     ----------
     terms : ContactTerms
         The state behind all that has happened in this instant.
-    dynamics, held : ModeDynamics, Held
+    dynamics, held : ModeDynamics, FixedModes
         Modes, and accelerations and forces.
     natural : float
         Residual of the problem that gave the modes [1].
     impulse : (rows,) array
-        Of what has happened [N s].
+        Impulses of the instant [N s].
     work : float
-        The same [J].
+        Their work [J].
     driven : float
-        What driven constraints did in it [J].
+        Work of driven constraints in the instant [J].
     what : str
         ``impact``, ``shock``, or nothing.
     """
@@ -78,12 +78,12 @@ class PhaseStart:
     what: str = ""
 
     def without_impulse(self) -> PhaseStart:
-        """Return the same once its impulse is counted."""
+        """The state without its impulse and work, once these are counted."""
         return replace(self, impulse=np.zeros_like(self.impulse), work=0.0, driven=0.0, what="")
 
 
 class Transition:
-    """Lets happen what has to, for one system.
+    """Impacts and shocks at one instant, for one system.
 
     Parameters
     ----------
@@ -98,9 +98,9 @@ class Transition:
         self._choice = choice
 
     def at(self, t: float, q: Array, v: Array, *, at_end: bool = False) -> PhaseStart:
-        """Return how motion goes on from a state.
+        """Start of the smooth motion from a state, behind its impacts and shocks.
 
-        `at_end` says that a force has just come to the end of what its contact can give.
+        `at_end` is true if a force has just reached the limit of its contact.
         """
         impulse, what = np.zeros(self._system.contacts.rows), ""
         work = driven = 0.0
@@ -129,14 +129,14 @@ class Transition:
         raise ZenoDetected(f"contacts go on striking at t = {t:g} s; take a stepper, as Moreau()")
 
     def _note(self, t: float) -> None:
-        """Note what the last contact problem leaves open."""
+        """Note the velocities that the last contact problem does not determine."""
         if self._choice.several:
             self._system.remarks.note(t, notes_of(self._choice.several))
 
     def _shared(
         self, terms: ContactTerms, dynamics: ModeDynamics, at_end: bool
     ) -> tuple[ModeDynamics, FixedModes]:
-        """Return the modes with which motion goes on, the load shared; what has to lets go."""
+        """Modes of the motion that follows and their forces, with the load shared."""
         shares = shared(self._system.contacts, dynamics, terms)
         if not at_end or shares.least > AT_ITS_END:
             return shares.dynamics, shares.held
@@ -144,7 +144,7 @@ class Transition:
         return dynamics, dynamics.solve(terms)
 
     def _settled(self, terms: ContactTerms, dynamics: ModeDynamics, held: FixedModes) -> Array:
-        """Return v without what returns at once, and without what is left of what stands still."""
+        """Velocity v without too short bounces, and with contacts at rest to rounding (nv,)."""
         normals = self._system.contacts.normals
         rate, leaving = held.rate[normals], terms.touches & ~terms.rests
         back = leaving & (2 * terms.closing < -self._shortest * rate)
@@ -188,7 +188,7 @@ _NONE = 1e-8
 
 
 class Choice(NamedTuple):
-    """What contacts do next."""
+    """Next modes of the contacts, and the residual of their problem."""
 
     dynamics: ModeDynamics | None  # None if no force lets what slides go on
     natural: float  # residual of the problem [1]
@@ -218,7 +218,7 @@ class NextModes:
         self._parts = slice(0, 3 * k), slice(3 * k, 3 * k + n), slice(3 * k + n, candidates.rows)
 
     def next(self, terms: ContactTerms) -> Choice:
-        """Return what contacts do from a state on where nothing approaches."""
+        """Modes of the contacts from a state in which none approaches."""
         candidates, (cones, lines, dry) = self._candidates, self._parts
         active = np.concatenate((terms.rests, self._all_dry))
         rows, lam, rate = candidates.rows_of(active), np.zeros(len(terms.J)), np.zeros(len(terms.J))
@@ -248,7 +248,7 @@ class NextModes:
         return Choice(ModeDynamics(candidates, modes, along, sense, lam), natural, lam)
 
     def impact(self, terms: ContactTerms) -> ImpactResult:
-        """Return what follows where contacts approach, by the law of restitution."""
+        """Impact of approaching contacts, by the law of restitution."""
         e = np.zeros(len(terms.gaps))
         e[: self._candidates.cones] = self._candidates.restitution
         struck, natural = self._struck(terms, e, None)
@@ -272,7 +272,7 @@ class NextModes:
             raise blocked_path_error(self._named(which), terms.t)
 
     def shock(self, terms: ContactTerms, choice: Choice) -> ImpactResult:
-        """Return the impulse that stops what no force lets slide on."""
+        """Shock that stops slips where no finite force allows them to go on."""
         struck, natural = self._struck(terms, np.zeros(len(terms.gaps)), choice.guess)
         changed = np.abs(struck.v - terms.v).max(initial=0.0) > _NONE * terms.fastest
         if not (natural <= tolerances.CONTACT_SOLVED and changed):
@@ -297,9 +297,9 @@ class NextModes:
     def _struck(
         self, terms: ContactTerms, e: Array, guess: Array | None
     ) -> tuple[ImpactResult, float]:
-        """Return what impulses of all that touches do, and their natural residual.
+        """Impact of all touching contacts, and its natural residual.
 
-        What the law of restitution answers by itself is thrown off first, and the rest by Newton's.
+        Contacts that the law of restitution resolves by itself rebound first, the rest by Newton's.
         """
         active = np.concatenate((terms.touches, ~self._all_dry))
         rows, impulse = self._candidates.rows_of(active), np.zeros(len(terms.J))

@@ -118,7 +118,7 @@ class EventDriven(Integrator):
 
     @property
     def takes_stiff_damping(self) -> bool:
-        """Whether the integrator between events does."""
+        """True if joint damping does not limit dt of the integrator between events."""
         return self.inner.takes_stiff_damping
 
     def check(self, candidates: Candidates) -> None:

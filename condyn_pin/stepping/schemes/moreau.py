@@ -86,7 +86,7 @@ class Moreau(ContactScheme):
         return g, None
 
     def asked_by(self, near: Near) -> BiasPartials:
-        """Return how `asked` changes with what is `near`."""
+        """Partial derivatives of `asked` by `near`."""
         before = np.zeros_like(near.free)
         before[near.normals] = near.restitution
         approach = near.before[near.normals]

@@ -88,7 +88,7 @@ class SoftStep(ContactScheme):
         return near.free - near.before - near.dt * a_ref, R
 
     def asked_by(self, near: Near) -> BiasPartials:
-        """Return how `asked` changes with what is `near`."""
+        """Partial derivatives of `asked` by `near`."""
         c, d, solref = self._given(near)
         d_gap = np.sign(near.depth) * impedance_slope(np.abs(near.depth), self.solimp)
         b, k, k_d, by_solref = reference_by(c, near.before, d, solref, self.solimp)

@@ -52,7 +52,7 @@ class StewartTrinkle(ContactScheme):
         return closing_velocities(near), None
 
     def asked_by(self, near: Near) -> BiasPartials:
-        """Return how `asked` changes with what is `near`."""
+        """Partial derivatives of `asked` by `near`."""
         return closing_by(near)
 
     def start(self, system: System, dt: float) -> Stepper:
