@@ -110,7 +110,7 @@ def _within_modes(problem: ContactProblem, lam: Array) -> Polished:
 
 
 def margin(problem: ContactProblem, lam: Array, sigma: Array, modes: Modes) -> float:
-    """Return how far the nearest contact is from another mode."""
+    """Distance of the nearest contact from another mode, in units of the problem [1]."""
     (stiff, speed), sets, codes = problem.scale, problem.sets, modes.tolist()
     x, y = (lam * stiff / speed).tolist(), (sigma / speed).tolist()
     (t1, t2, n), mu = sets.axes, sets.coefficients

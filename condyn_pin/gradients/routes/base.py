@@ -75,7 +75,7 @@ class Route(ABC):
         return scheme
 
     def parameters(self, scheme: ContactScheme) -> tuple[str, ...]:
-        """Return what there are derivatives by, beside q, v and tau, of steps by a `scheme`."""
+        """Parameters of the derivatives of steps by a `scheme`, beside q, v and tau."""
         taken = self.scheme(scheme)
         found = ["friction"]
         if taken.takes_restitution:
@@ -88,7 +88,7 @@ class Route(ABC):
     def at(
         self, steps: LinearizedStep, t: float, q: Array, v: Array, taken: AcceptedStep | None = None
     ) -> StepDerivatives:
-        """Return the end of a step of `steps` from a state, and how it changes.
+        """Return the end of a step of `steps` from a state, with its derivatives.
 
         `taken` is the same step, if it is at hand: nothing has to be solved again.
         """
@@ -101,7 +101,7 @@ class Route(ABC):
         self, scene: Scene, scheme: ContactScheme, dt: float, start: StepStart,
         wrt: Sequence[str] = (), taken: AcceptedStep | None = None,
     ) -> StepDerivatives:  # fmt: skip
-        """Return how the end of a step of a `scheme` changes with its `start`, and by `wrt`.
+        """Derivatives of the end of a step of a `scheme`, by its `start` and by `wrt`.
 
         `taken` is the step, if it is at hand.
         """
@@ -137,7 +137,7 @@ class LawRoute(Route, ABC):
     def at(
         self, steps: LinearizedStep, t: float, q: Array, v: Array, taken: AcceptedStep | None = None
     ) -> StepDerivatives:
-        """Return the end of a step of `steps` from a state, and how it changes."""
+        """Return the end of a step of `steps` from a state, with its derivatives."""
         with np.errstate(all="ignore"):  # what is not finite is refused
             law, path = (partial(of, size=steps.size) for of in (self.law, self.path))
             ended = steps.end(t, q, v, law, taken, path)
@@ -196,7 +196,7 @@ State = tuple[Array, Array]
 
 
 class Adjoint(NamedTuple):
-    """The gradient of what is asked of the states of a motion."""
+    """The gradient of a function of the states of a motion."""
 
     state: Array  # (2 nv,), by the start; tangent
     tau: Array  # (steps, nv)

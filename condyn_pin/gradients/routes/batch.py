@@ -1,4 +1,4 @@
-"""The verb step_derivatives_batch: how one step with contacts changes, from many states."""
+"""The verb step_derivatives_batch: derivatives of one step with contacts, at many states."""
 
 from __future__ import annotations
 
@@ -69,7 +69,7 @@ def step_derivatives_batch(
     chunk: int | None = None,
     progress: Progress = silent,
 ) -> BatchStepDerivatives:
-    """Return how the ends of one step with contacts change with its start, from many states.
+    """Return the derivatives of one step with contacts by its start, from many states.
 
     M dv+ - J_b^T dl_b - J_c^T dlam = df,    J_b dv+ = ds,    the law of the route for dlam
 
@@ -78,8 +78,8 @@ def step_derivatives_batch(
     scene, Q, V, TAU, dt, integrator
         As in `step_batch`.
     route : Route, optional
-        What is made of kinks and jumps: `ActiveSet()` by default, the derivatives within the modes
-        of the step.
+        Treatment of kinks and jumps: `ActiveSet()` by default, the derivatives within the modes of
+        the step.
     wrt : sequence of {"friction", "restitution", "solref", "inertias"}
         As in `StepSolution.derivatives`.
     executor, progress
@@ -131,7 +131,7 @@ def step_derivatives_batch(
 
 
 def kinds_of(scene: Scene, wrt: Sequence[str]) -> dict[str, Kind]:
-    """Return what a row of each output is."""
+    """Row shape and dtype of each output."""
     robot, candidates = scene.robot, candidates_of(scene)
     inertias = 10 * (robot.model.njoints - 1) if "inertias" in wrt else 0
     matrix = Kind((robot.nv, Columns(robot.nv, candidates.cones, inertias).size))
@@ -143,7 +143,7 @@ def kinds_of(scene: Scene, wrt: Sequence[str]) -> dict[str, Kind]:
 
 @dataclass(frozen=True)
 class DerivativesKernel:
-    """The kernel: some rows of states in, their steps out, and how those change."""
+    """The kernel: some rows of states in, their steps and derivatives out."""
 
     steps: StepKernel
     route: Route
@@ -235,12 +235,12 @@ class BatchStepDerivatives(Batch[StepDerivatives]):
 
     @property
     def ok(self) -> bool:
-        """Whether all states have derivatives."""
+        """True if all states have derivatives."""
         return not self.failed.size
 
     @property
     def one_sided(self) -> NDArray[np.bool_]:
-        """Which have a contact so near to another mode that they hold on one side (N,)."""
+        """True where a contact is near another mode, and derivatives hold on one side (N,)."""
         return np.asarray(self.margins < tolerances.SWITCHES)
 
     @property
@@ -282,7 +282,7 @@ class BatchStepDerivatives(Batch[StepDerivatives]):
 
     @property
     def columns(self) -> Columns:
-        """Where each part stands in `dq` and `dv`."""
+        """Columns of each part in `dq` and `dv`."""
         n, cones = self.v.shape[1], candidates_of(self.step.scene).cones
         return Columns(n, cones, self.dv.shape[2] - Columns(n, cones).size)
 
@@ -320,7 +320,7 @@ class BatchStepDerivatives(Batch[StepDerivatives]):
 
 
 def untaken_route(route: Route, wrt: Sequence[str]) -> Iterator[str]:
-    """Yield what the core does not take of a route to derivatives, in words."""
+    """Reasons why the core cannot follow a route to derivatives, in words."""
     if type(route) is not ActiveSet:
         yield f"route = {route!r}: it has ActiveSet() alone"
     if "inertias" in wrt:
@@ -329,7 +329,7 @@ def untaken_route(route: Route, wrt: Sequence[str]) -> Iterator[str]:
 
 @dataclass(frozen=True)
 class DifferentiatedRows:
-    """What the core does to some states of a `step_derivatives_batch`."""
+    """Kernel in the compiled core for states of a `step_derivatives_batch`."""
 
     contacts: tuple[Contact, ...]
     dt: float  # [s]

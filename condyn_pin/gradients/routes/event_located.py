@@ -66,7 +66,7 @@ class EventLocated(Route):
     def at(
         self, steps: LinearizedStep, t: float, q: Array, v: Array, taken: AcceptedStep | None = None
     ) -> StepDerivatives:
-        """Return the end of a step of `steps` from a state, and how it changes."""
+        """Return the end of a step of `steps` from a state, with its derivatives."""
         with np.errstate(all="ignore"):  # what is not finite is refused
             return LocatedStep(steps).differentiated(self, t, q, v)
 

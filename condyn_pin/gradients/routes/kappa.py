@@ -45,7 +45,7 @@ class _InteriorMoreau(Moreau):
         return g, None
 
     def asked_by(self, near: Near) -> BiasPartials:
-        """Return how `asked` changes with what is `near`."""
+        """Partial derivatives of `asked` by `near`."""
         opens = (near.gaps > 0) / near.dt
         return super().asked_by(near)._replace(gaps=opens)
 
@@ -235,7 +235,7 @@ class Barrier:
         return np.concatenate((lam, np.full(others, np.sqrt(k))))
 
     def _residual(self, x: Array, k: float) -> tuple[Array, Array]:
-        """Return what is left of all equations, and the size of their terms."""
+        """Residuals of all equations, and the velocities sigma of the contacts."""
         lam, s, eta, p, q = self._parts(x)
         sigma = self._problem.velocities(lam)
         most, T, S = self._mu * lam[self._n], lam[self._t], sigma[self._t]
@@ -311,7 +311,7 @@ class Barrier:
         )
 
     def _way(self, x: Array, step: Array) -> float:
-        """Return how many steps it is to the nearest wall."""
+        """Distance to the nearest wall of the barrier along a step, in such steps [1]."""
         lam, s, eta, p, q = self._parts(x)
         d_lam, d_s, d_eta, d_p, d_q = self._parts(step)
         values = np.concatenate((

@@ -1,4 +1,4 @@
-"""LinearSteps: a step with contacts, and how its end changes with its start.
+"""LinearizedStep: a step with contacts, and the derivatives of its end by its start.
 
     M dv+ - J_b^T dl_b - J_c^T dlam = df,    J_b dv+ = ds
     dsigma = G dlam + J_c dv_0 + (J_c v+)_q dq + ...,    the law of the route for dlam
@@ -71,7 +71,7 @@ _Law = Callable[[ContactProblem, Array, float], ContactLaw]
 
 
 class Ended(NamedTuple):
-    """The end of a step, and how it changes with all `Columns`."""
+    """The end of a step, and its derivatives by all `Columns`."""
 
     q: Array
     v: Array
@@ -85,7 +85,7 @@ class Ended(NamedTuple):
 class LinearizedStep:
     """The steps of one scene by one scheme and dt, with their derivatives.
 
-    `wrt` names parameters that have to be among them, as `StepSolution.derivatives` does.
+    `wrt` names parameters to differentiate by, as `StepSolution.derivatives` does.
 
     Not to be shared between threads.
     """
@@ -136,7 +136,7 @@ class LinearizedStep:
 
     @cached_property
     def without_gravity(self) -> Linearisation:
-        """The same without gravity."""
+        """The equations of the constraints, linearised, without gravity."""
         return Linearisation(without_gravity(self.system.model), self.scene.bilateral.bounds)
 
     def end(
@@ -197,7 +197,7 @@ class LinearizedStep:
         return q1, v1
 
     def ended(self, t: float, q: Array, v: Array, law: _Law) -> tuple[Array, Array]:
-        """Return what `end` does, without derivatives."""
+        """q+ and v+ of a step by a `law` of contacts, without derivatives."""
         self.steps.attempt(t, q, v)
         posed, _, attempt, natural = self.steps.last.tried[-1]
         self.steps.check_turn(v, self.steps.last.v)
@@ -290,9 +290,9 @@ class StartChainRule:
         self._held = dict[float, Array | None]()  # by how far ahead springs and damping act
 
     def chain(self, t: float, q: Array, v: Array, posed: StepProblem) -> Array | None:
-        """Return where the equations are, their v and tau by q, v and tau (3 nv, 3 nv).
+        """Derivatives of q, v and tau of the equations by those of the step (3 nv, 3 nv).
 
-        None where they are these: 1.
+        None where they are the same: the identity.
         """
         n, ahead, start = len(v), posed.span, (q, v)
         if self._scheme.at_midpoint:

@@ -59,7 +59,7 @@ class LocatedStep:
         return q, v
 
     def differentiated(self, route: Route, t: float, q: Array, v: Array) -> StepDerivatives:
-        """Return the end of the step, and how it changes with its start."""
+        """Return the end of the step, and its derivatives by its start."""
         columns, n, landings = self._steps.columns, len(v), self._landings
         dq, dv, done, ds = columns.empty(), columns.empty(), 0.0, np.zeros(columns.size)
         dq[:, columns.q], dv[:, columns.v] = np.eye(n), np.eye(n)
@@ -109,25 +109,25 @@ class LocatedStep:
         return joined, min(margin, ended.law.margin)
 
     def _from_landing(self, q: Array, v: Array) -> float:
-        """Return how far a gap that closes is from zero, where a step begins or ends.
+        """Distance of closing gaps from zero at the start or end of a step, as a share of it.
 
-        There a landing would come into the step, or leave it.
+        At zero a landing would enter the step, or leave it.
         """
         each = np.column_stack(self._landings.approach(q, v)).tolist()
         return min((self._missed(*one) for one in each if one[1] < -RESTS), default=inf)
 
     def _missed(self, gap: float, opening: float) -> float:
-        """Return how far a gap (m, rad) that closes is from zero, as a share of a step."""
+        """Distance of a closing gap (m, rad) from zero, as a share of a step."""
         return abs(gap) / self._dt / max(-opening, self._steps.falls)
 
     def _settled(
         self, flow: Ended, t: float, q: Array, v: Array, by: tuple[Array, Array, Array]
     ) -> Array:
-        """Return how v changes once what rests in a flow has come to rest again.
+        """Derivative of v by all columns, with contacts at rest again after a disturbance.
 
-        Velocities that open or close it last for no time: those that close end at once. What opens
-        by e v is back after 2 e v / a, and ends too, with the slip that it has then. Any other slip
-        takes its time, and ends in the flow.
+        Velocities that open or close a contact last for no time: closing ones end at once. A
+        contact that opens by e v is back after 2 e v / a, and its slip of that time ends too. Any
+        other slip ends later, in the flow.
         """
         assert flow.law.modes is not None  # as `ActiveSet` has read them
         modes, held = flow.law.modes.copy(), flow.posed.chosen.near
@@ -161,7 +161,7 @@ class LocatedStep:
         return self._made(cut.length, cut.held).ended(t + cut.start, q, v, self._law)
 
     def _rates(self, cut: Cut, t: float, q: Array, v: Array, middle: Array) -> tuple[Array, Array]:
-        """Return how the end of a flow, `middle`, changes with its length (nv,) each."""
+        """Derivatives of q and v at the end of a flow by its length (nv,); `middle` is that q."""
         by, model = _SHARE * self._dt, self._system.model
         (q1, v1), (q0, v0) = (
             self._flow(cut._replace(length=cut.length + x), t, q, v) for x in (by, -by)
@@ -170,7 +170,7 @@ class LocatedStep:
         return moved / (2 * by), (v1 - v0) / (2 * by)
 
     def _struck_late(self, ended: Ended, t: float) -> Array:
-        """Return how v behind an instant changes with its time (nv,): by s'' of driven rows."""
+        """Derivative of v behind an instant by its time (nv,), from s'' of driven rows."""
         (condensed, law), equations = (ended.posed.condensed, ended.law), self._system.equations
         if not equations.is_driven:
             return np.zeros(len(ended.v))
@@ -183,7 +183,7 @@ class LocatedStep:
     def _late(
         self, part: LinearizedStep, t: float, q: Array, v: Array, ds: Array
     ) -> tuple[Array, Array]:
-        """Return how the end of a flow changes with its time, if ds is: its length stays."""
+        """Derivatives of the end of a flow by its start time, at the same length (nv,) each."""
         system, none = self._system, np.zeros(len(v))
         by = min(_SHARE * self._dt, 0.1 * part.dt)
         is_of_time = system.scene.is_driven or system.applied.constant is None
@@ -300,18 +300,18 @@ class Landings:
         return q, v
 
     def struck(self, q: Array, v: Array) -> NDArray[np.bool_] | None:
-        """Return which contacts touch, if one of them closes; None if none does."""
+        """Flags of touching contacts, if one of them closes; None if none does."""
         gaps, closing = self.approach(q, v)
         touches = gaps <= TOUCHES
         return touches if (touches & (closing < -RESTS)).any() else None
 
     @property
     def rebounds(self) -> bool:
-        """Whether what is struck now rebounds: what has done so too often comes to rest."""
+        """True if struck contacts rebound; after many landings in a step they come to rest."""
         return self._cuts < _CUTS
 
     def approach(self, q: Array, v: Array) -> tuple[Array, Array]:
-        """Return the gaps, and how fast they open."""
+        """Gaps, and their opening velocities."""
         system = self._system
         data = system.equations.data
         algorithms(data).computeJointJacobians(system.model, data, q)
@@ -355,7 +355,7 @@ class Landings:
         return self.approach(there, v)[0]
 
     def _located(self, whole: Cut, t: float, q: Array, v: Array, i: int) -> float:
-        """Return when a gap closes, by secants within an interval that holds the root.
+        """Time at which a gap closes, by secants within an interval around the root.
 
         The end of the flow, if it never opens.
         """

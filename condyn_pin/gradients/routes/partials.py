@@ -45,9 +45,9 @@ def linearised(steps: LinearizedStep, posed: StepProblem, v1: Array, l_b: Array)
 def left_of_momentum(
     steps: LinearizedStep, of: Linearised, posed: StepProblem, v1: Array, mean: Array | None = None
 ) -> Array:
-    """Return df (nv, columns), what the balance of momentum leaves.
+    """Right-hand side df of the differentiated balance of momentum (nv, columns).
 
-    `mean` (nv, columns) is how the velocity of h changes, if it is not the one before.
+    `mean` (nv, columns) has the derivatives of the velocity of h, if not the one before.
     """
     n, dt, columns = len(v1), steps.dt, steps.columns
     M = steps.system.equations.mass(posed.at) if of.M is None else of.M
@@ -162,7 +162,7 @@ class RowPartials(NamedTuple):
 def row_partials(
     steps: LinearizedStep, posed: StepProblem, lam: Array, v1: Array, along: Array | None
 ) -> RowPartials:
-    """Return how rows and bends change; `along` (nv, columns) is how the path of contacts does."""
+    """Derivatives of rows and bends; `along` (nv, columns) is that of the path of contacts."""
     if posed.path is not None:
         assert along is not None  # where a step goes along a path, one has led to it
         return _at_the_end(steps, posed, posed.path, lam, v1, along)
@@ -182,7 +182,7 @@ def _at_the_beginning(
 
 
 def _bends(steps: LinearizedStep, posed: StepProblem, before: Array) -> Array:
-    """Return how the bends along the velocity before change."""
+    """Derivatives of the bends along the velocity before the step (k, 2 nv)."""
     dt, system, chosen, v = steps.dt, steps.system, posed.chosen, posed.v
     bends, there = np.zeros((len(posed.near.bends), 2 * len(v))), posed.straight
     if there is None:
@@ -305,7 +305,7 @@ def _closed(
 
 
 def _violation_by_q(system: System, q: Array) -> Array:
-    """Return how c changes with q (m, nv): where loops are open J is not that. By differences."""
+    """Derivative of c by q (m, nv), by differences: not J where loops are open."""
     moves = _APART * np.eye(system.model.nv)
     ends = [
         [system.equations.violation(system.integrate(q, s * x)) for s in (1, -1)] for x in moves
@@ -335,7 +335,7 @@ _BESIDE: Final = 1e-6
 
 
 def impact_partials(steps: LinearizedStep, posed: StepProblem) -> tuple[Array, Array]:
-    """Return how impulses (m, columns), and velocities that they throw off (k, columns), change."""
+    """Derivatives of impulses (m, columns), and of rebound velocities (k, columns)."""
     columns, strike = steps.columns, posed.strike
     assert strike is not None
     e, mu = posed.chosen.restitution, posed.chosen.friction
@@ -385,7 +385,7 @@ def impact_partials(steps: LinearizedStep, posed: StepProblem) -> tuple[Array, A
 
 
 def is_open(posed: StepProblem) -> bool:
-    """Whether redundant contacts strike at once: how they share the impact is not determined."""
+    """True if redundant contacts strike at once: their shares of the impact are not unique."""
     if posed.strike is None or np.count_nonzero(posed.strike.apart) < 2:
         return False
     problem = posed.chosen.impact(posed.near)
@@ -395,7 +395,7 @@ def is_open(posed: StepProblem) -> bool:
 
 
 def agrees_by_chance(steps: LinearizedStep, posed: StepProblem) -> bool:
-    """Whether Newton's law is that of an impact here, and not at the states beside it."""
+    """True if Newton's law gives the impact here, and not at the states beside it."""
     near, chosen = posed.near, posed.chosen
     e = chosen.restitution
     if steps.scheme.impacts is None or not e.any() or not chosen.friction.any():
@@ -420,7 +420,7 @@ def agrees_by_chance(steps: LinearizedStep, posed: StepProblem) -> bool:
 
 
 def _by_inertias(steps: LinearizedStep, posed: StepProblem, m: int) -> Iterator[tuple[int, Array]]:
-    """Return the columns of inertias that G of an impact changes with, and how (m, m)."""
+    """Columns of inertias on which G of an impact depends, with its derivatives (m, m)."""
     if not steps.inertias:
         return
     Y = posed.condensed.factors.solve(posed.J_c[:m].T, np.zeros((steps.system.equations.m, m)))[0]
@@ -432,7 +432,7 @@ def _by_inertias(steps: LinearizedStep, posed: StepProblem, m: int) -> Iterator[
 
 
 def _size(G: Array, by: Array) -> float:
-    """Return how much of a parameter changes G by as much as it is."""
+    """Change of a parameter that changes G by the size of G."""
     return float(np.abs(G).max() / np.abs(by).max())
 
 

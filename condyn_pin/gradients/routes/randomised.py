@@ -86,7 +86,7 @@ class Randomised(Route):
     def at(
         self, steps: LinearizedStep, t: float, q: Array, v: Array, taken: AcceptedStep | None = None
     ) -> StepDerivatives:
-        """Return the end of a step of `steps` from a state, and how it changes."""
+        """Return the end of a step of `steps` from a state, with its derivatives."""
         if steps.system.applied.constant is None:
             raise InvalidArgument(
                 "route = Randomised(): it varies torques that are constant; for others take "
@@ -118,7 +118,7 @@ class Randomised(Route):
         return made(self, steps, centre, (dq, dv), named, inf)
 
     def _varied(self, steps: LinearizedStep, t: float, q: Array, v: Array) -> Iterator[_Varied]:
-        """Yield what is varied: q, v, tau, and the parameters that are asked for."""
+        """Varied quantities of a step: q, v, tau, and the parameters in `wrt`."""
         n, columns, system, step = len(v), steps.columns, steps.system, steps.step
         held = np.array(system.applied.constant)
         felt = self.sigma * np.diag(system.mass(q)) / steps.dt
@@ -147,7 +147,7 @@ class Randomised(Route):
 
 
 class _Varied(NamedTuple):
-    """Something that the end of a step changes with."""
+    """Quantity on which the end of a step depends."""
 
     columns: slice | Indices
     basis: Array  # (numbers, directions), sigma long

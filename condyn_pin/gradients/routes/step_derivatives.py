@@ -1,4 +1,4 @@
-"""StepDerivatives: how the end of a step with contacts changes with its start."""
+"""StepDerivatives: derivatives of the end of a step with contacts by its start."""
 
 from __future__ import annotations
 
@@ -40,17 +40,17 @@ class StepDerivatives:
     modes : dict of str to str
         Of each contact: open, stick or slide.
     margin : float
-        How far the nearest contact is from another mode, in units of the contact problem [1].
+        Distance of the nearest contact from another mode, in units of the contact problem [1].
     route : Route
     names : tuple of str
         The contacts with friction: the columns by friction and by restitution.
     parameters : tuple of str
-        What there are derivatives by, beside q, v and tau.
+        Parameters of the derivatives, beside q, v and tau.
     matrices : tuple of (nv, columns) array
         q+ and v+ by q, v, tau, friction, restitution and solref, side by side [mixed], and by
         inertias if they were asked for.
     notes : tuple of Note
-        Why the derivatives are those of a rule, or of one side: Coulomb's law does not determine
+        Reasons for derivatives by a rule, or of one side: Coulomb's law does not determine
         velocities, contacts share an impact in several ways, or pushes give way to each other.
     """
 
@@ -66,15 +66,15 @@ class StepDerivatives:
 
     @property
     def one_sided(self) -> bool:
-        """Whether the derivative holds on one side only, or by a rule.
+        """True if the derivative holds on one side only, or by a rule.
 
-        A contact is so near to another mode, or `notes` say why.
+        A contact is so near to another mode, or `notes` give the reason.
         """
         return self.margin < tolerances.SWITCHES
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each."""
+        """Warnings about the derivatives, one sentence each."""
         return tuple(note.text for note in self.notes)
 
     @property
@@ -155,7 +155,7 @@ class StepDerivatives:
 
     @property
     def columns(self) -> Columns:
-        """Where each part stands in `matrices`."""
+        """Columns of each part in `matrices`."""
         n, k = len(self.v), len(self.names)
         return Columns(n, k, self.matrices[0].shape[1] - Columns(n, k).size)
 
@@ -197,7 +197,7 @@ def made(
 
 
 def found_parameters(route: Route, scheme: ContactScheme, wrt: Sequence[str]) -> tuple[str, ...]:
-    """Return what there are derivatives by, beside q, v and tau, where `wrt` is asked for."""
+    """Parameters of the derivatives beside q, v and tau, those of `wrt` included."""
     left_out = set(route.on_request) - set(wrt)
     return tuple(name for name in route.parameters(scheme) if name not in left_out)
 
@@ -220,7 +220,7 @@ def _found(problem: ContactProblem, law: ContactLaw) -> list[int]:
 
 
 def _is_at_a_kink(steps: LinearizedStep, posed: StepProblem) -> bool:
-    """Return whether a gap is where a scheme begins to push out, or lets a contact take part.
+    """True if a gap is at the threshold of push-out, or at that of taking part.
 
     Between a gap of zero and a penetration of a nanometre nothing is pushed out, deeper a fifth of
     it, and no gap closes further than to zero: kinks of a scheme, whatever the law of a route.
@@ -232,7 +232,7 @@ def _is_at_a_kink(steps: LinearizedStep, posed: StepProblem) -> bool:
 
 
 def _margin(steps: LinearizedStep, ended: Ended) -> float:
-    """Return how far a step is from other modes, relative to its velocities and to g dt.
+    """Distance of a step from other modes, relative to its velocities and to g dt [1].
 
     By complementarity: a contact changes its mode where both of a pair are small, impulse and
     velocity, or slip and what is left of the cone. Of what takes no part the impulse is zero,

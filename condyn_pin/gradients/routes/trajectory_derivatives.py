@@ -1,4 +1,4 @@
-"""The verb trajectory_derivatives: how the end of a motion with contacts changes with its start.
+"""The verb trajectory_derivatives: derivatives of the end of a motion with contacts.
 
     x_i+1 = step(x_i, tau + u_i, p),    dx_i+1 = A_i dx_i + B_i du_i + P_i dp
 
@@ -78,7 +78,7 @@ class TrajectoryDerivatives:
 
     @property
     def notices(self) -> tuple[str, ...]:
-        """What deserves attention, a sentence each."""
+        """Warnings about the derivatives, one sentence each."""
         self._sweep()
         remarks = Remarks()
         for i in sorted(self._notes):
@@ -177,7 +177,7 @@ def trajectory_derivatives(
     forces: Sequence[AppliedForce] = (),
     jacobian: TorqueJacobian | None = None,
 ) -> TrajectoryDerivatives:
-    """Return how the end of a motion with contacts changes with its start and its parameters.
+    """Return the derivatives of the end of a motion with contacts by its start and parameters.
 
     x_i+1 = step(x_i, tau + u_i, p),    dx_i+1 = A_i dx_i + B_i du_i + P_i dp
 
