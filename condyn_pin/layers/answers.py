@@ -35,7 +35,7 @@ from condyn_pin.simulation.plan import check_scheme
 
 
 class SolveChange:
-    """How an answer changes, with inertias behind q, v and tau."""
+    """Derivatives of a solution by q, v, tau and, last, inertias."""
 
     def __init__(self, of: Any, bodies: int) -> None:
         self.of, self._shape = of, (bodies, 10)
@@ -105,7 +105,7 @@ class SolveMap(StateMap):
 
 
 class StepChange:
-    """How the end of a step changes, with the parameters of a layer behind q, v and tau."""
+    """Derivatives of the end of a step by q, v, tau and, last, the parameters of a layer."""
 
     def __init__(self, of: StepDerivatives, parameters: Parameters) -> None:
         n = len(of.v)
@@ -168,7 +168,7 @@ class StepMap(StateMap):
 
 
 def check_steps(scene: Scene, dt: float, integrator: ContactScheme, route: Route) -> None:
-    """Refuse what no steps of a layer can be made of."""
+    """Refuse arguments of which no steps of a layer can be made."""
     check_scene(scene)
     if not isinstance(integrator, ContactScheme):
         raise InvalidArgument(
@@ -192,7 +192,7 @@ def check_steps(scene: Scene, dt: float, integrator: ContactScheme, route: Route
 
 
 class RunMap(LayerMap):
-    """q and v at the end of so many steps as tau is long, or after each `every` of them."""
+    """q and v after all steps of tau, or after each `every` of them."""
 
     def __init__(
         self, scene: Scene, dt: float, integrator: ContactScheme, route: Route,
@@ -273,7 +273,7 @@ class RunMap(LayerMap):
         return RunMap, (scene, self._dt, scheme, route, wrt, self._every)
 
     def _shaped(self, states: Sequence[Pair]) -> Pair:
-        """Return the states that are asked for, of all from the start on."""
+        """Return the requested states, out of all from the start on."""
         every = self._every
         chosen = states[every::every] if every else states[-1:]
         x, y = (np.array(each) for each in zip(*chosen, strict=True))

@@ -156,7 +156,7 @@ class Action:
 
     @one_blas_thread
     def derivatives(self, x: ArrayLike, u: ArrayLike) -> tuple[Array, Array]:
-        """Return how the next state changes, in the tangent.
+        """Return the derivatives of the next state by x and u, in the tangent space.
 
         Parameters
         ----------

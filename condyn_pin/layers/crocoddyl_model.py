@@ -1,4 +1,4 @@
-"""What crocoddyl calls: an `Action` with costs as its ActionModelAbstract. It imports crocoddyl."""
+"""An `Action` with costs as crocoddyl's ActionModelAbstract. This module imports crocoddyl."""
 
 from __future__ import annotations
 

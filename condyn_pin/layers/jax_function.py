@@ -85,7 +85,7 @@ def _value(of: LayerMap, *inputs: Any) -> Arrays:
 
 
 def _ask(of: LayerMap, function: Any, arrays: Arrays, shapes: Sequence[Shape]) -> Arrays:
-    """Return what a function of a map gives for arrays; of those that jax traces, by a callback."""
+    """Values of a map's function for arrays; for arrays that jax traces, by a callback."""
     first = next(iter(of.inputs.values()))
     leading = arrays[0].shape[: arrays[0].ndim - len(first)]
     kinds = tuple(jax.ShapeDtypeStruct((*leading, *shape), np.float64) for shape in shapes)

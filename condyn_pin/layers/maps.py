@@ -99,7 +99,7 @@ class LayerMap(ABC):
     Attributes
     ----------
     inputs : mapping of str to shape
-        What it is a function of, in order.
+        Shapes of the arguments by name, in order.
     """
 
     def __init__(self, inputs: Mapping[str, Wanted]) -> None:
@@ -170,7 +170,7 @@ class LayerMap(ABC):
         return found
 
     def not_broadcast(self, shapes: Sequence[Shape]) -> str:
-        """Return what to say of leading axes that do not broadcast."""
+        """Message on leading axes that do not broadcast."""
         shown = ", ".join(str(tuple(shape)) for shape in shapes)
         return (
             f"{', '.join(self.inputs)} have the shapes {shown}: leading axes that broadcast are "
@@ -180,7 +180,7 @@ class LayerMap(ABC):
     def each(
         self, one: Callable[..., Sequence[Array]], arrays: Sequence[Array], shapes: Sequence[Shape]
     ) -> tuple[Array, ...]:
-        """Return what `one` gives for each state, arrays of these `shapes`, stacked."""
+        """Arrays of these `shapes`, the values of `one` stacked over all states."""
         for name, array in zip(self.inputs, arrays, strict=False):
             finite(name, array, array.shape)
         first = next(iter(self.inputs.values()))
@@ -248,7 +248,7 @@ class Parameters:
         return linear_steps(scene, route.scheme(scheme), dt, tuple(self.shapes)), route
 
     def of(self, rows: Array, columns: Columns) -> list[Array]:
-        """Return what rows (k, columns) have for each parameter (k, numbers)."""
+        """Blocks (k, numbers) of derivative rows (k, columns), one for each parameter."""
         found = []
         for name in self.shapes:
             block = rows[..., columns.of(name)]
@@ -423,7 +423,7 @@ def _of_joint(x: Array, head: int) -> Array:
 
 
 class Change(Protocol):
-    """How x and y change with q, v, tau and parameters, in the tangent."""
+    """Derivatives of x and y by q, v, tau and parameters, in the tangent space."""
 
     def jvp(self, dq: Array, dv: Array, dtau: Array, /, *more: Array) -> Pair:
         """Return (dx, dy) along a direction, each part (nv,)."""

@@ -78,7 +78,7 @@ class _Function(torch.autograd.Function):  # type: ignore[misc]
 
 
 class _Slopes(torch.autograd.Function):  # type: ignore[misc]
-    """What a `jvp` or a `vjp` of a map returns, `count` tensors; differentiated no further."""
+    """`count` tensors of a `jvp` or `vjp` of a map, without derivatives of their own."""
 
     @staticmethod
     def forward(slopes: Any, count: int, *tensors: Tensor) -> tuple[Tensor, ...]:

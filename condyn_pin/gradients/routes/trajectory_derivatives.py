@@ -186,14 +186,14 @@ def trajectory_derivatives(
     motion : Trajectory
         By a scheme with contacts, and without events.
     tau : 0, (nv,) array_like or callable, optional
-        What was applied: as `simulate` was given it [N, N m].
+        Applied torques, as given to `simulate` [N, N m].
     wrt : sequence of {"tau", "friction", "restitution", "solref", "inertias"}
-        What matrices are formed by, beside the start; the gradient of `vjp` has all of them, but
+        Parameters of the matrices, beside the start; the gradient of `vjp` has all of them, but
         inertias, ten columns a joint, only if they are named, as all of `Randomised`.
     route : Route, optional
         `ActiveSet()` by default.
     forces, jacobian : optional
-        As `simulate` was given them. Without a jacobian, differences are taken of a function tau.
+        As given to `simulate`. Without a jacobian, differences are taken of a function tau.
 
     Returns
     -------
