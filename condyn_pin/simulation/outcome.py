@@ -109,7 +109,7 @@ def _gap_of(model: Any) -> float:
 
 @dataclass(frozen=True, kw_only=True)
 class Effects:
-    """Which effects of a robot's model are on: gravity, springs, damping, armature.
+    """Effects of a robot's model in a run: gravity, springs, damping, armature.
 
     Parameters
     ----------

@@ -456,7 +456,7 @@ class SteppedRows:
     def __call__(
         self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
     ) -> tuple[NDArray[np.intp], Messages]:
-        """Fill the outputs; return the rows that are left to Python, and nothing to say."""
+        """Fill the outputs; return the rows that Python has to solve, and no messages."""
         count = len(inputs["q0"])
         done, codes = np.zeros(count, np.int32), np.zeros(outputs["codes"].shape, np.int32)
         contacts_of(workspace, self.contacts).step(

@@ -131,7 +131,7 @@ class LawRoute(Route, ABC):
         """
 
     def path(self, problem: ContactProblem, lam: Array, natural: float, size: float) -> ContactLaw:
-        """Return the law by which the scheme found the paths that it takes a step again along."""
+        """Law by which the scheme finds the paths of a step that is tried again."""
         return self.law(problem, lam, natural, size)
 
     def at(

@@ -338,7 +338,7 @@ class DifferentiatedRows:
     def __call__(
         self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
     ) -> tuple[NDArray[np.intp], Messages]:
-        """Fill the outputs; return the rows that are left to Python, and nothing to say."""
+        """Fill the outputs; return the rows that Python has to solve, and no messages."""
         count, shape = len(inputs["q0"]), outputs["codes"].shape
         done, codes, read = np.zeros(count, np.int32), *np.zeros((2, *shape), np.int32)
         contacts_of(workspace, self.contacts).differentiate(

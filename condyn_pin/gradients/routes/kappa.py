@@ -35,7 +35,7 @@ class _InteriorMoreau(Moreau):
     reach: float = 0.0  # [m/s^2], times dt^2
 
     def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
-        """Return which contacts push in the middle of the step."""
+        """Flags of contacts that push in the middle of the step."""
         return np.asarray(super().near(gaps - self.reach * dt * dt, v, dt))
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:

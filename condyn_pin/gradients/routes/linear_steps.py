@@ -250,7 +250,7 @@ class LinearizedStep:
 
 
 def _notes(posed: StepProblem, several: Sequence[Indeterminacy]) -> Iterator[Note]:
-    """Yield why derivatives of a step are those of a rule, or of one side."""
+    """Reasons for derivatives of a step by a rule, or of one side."""
     for each in several:
         text = f"slopes are those of the rule: {each.text}"
         yield Note(each.kind, each.whole_names, text)

@@ -56,7 +56,7 @@ class TrajectoryDerivatives:
         How many there are.
     one_sided : tuple of int
         The steps in which a contact is so near to another mode that derivatives hold on one side,
-        or moves by a rule where Coulomb's law leaves its velocity open. It takes a sweep, if none
+        or moves by a rule where Coulomb's law leaves its velocity open. Costs a sweep if none
         was made.
     """
 

@@ -394,7 +394,7 @@ class MovedRows:
     def __call__(
         self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
     ) -> tuple[NDArray[np.intp], Messages]:
-        """Fill the outputs; return the rows that are left to Python, and why others are not ok."""
+        """Fill the outputs; return the rows left for Python, and messages of failed ones."""
         model, count = workspace.model, len(inputs["q0"])
         kept, nv = len(range(0, self.steps, self.every)) + 1, workspace.model.nv
         drives = driven_path_of(workspace, self.dt, self.steps)
@@ -525,7 +525,7 @@ class SteppedMotions:
     def __call__(
         self, workspace: Workspace, inputs: Arrays, outputs: Arrays, threads: int
     ) -> tuple[NDArray[np.intp], Messages]:
-        """Fill the outputs; return the rows that are left to Python, and why others are not ok."""
+        """Fill the outputs; return the rows left for Python, and messages of failed ones."""
         q, v, tau = states_of(workspace, inputs)
         ways = _Ways(self, workspace, outputs, q, v.copy())
         core = contacts_of(workspace, self.contacts)

@@ -120,7 +120,7 @@ class BatchSolution(BatchResult, Batch[Solution]):
         return found
 
     def to_pandas(self) -> Any:
-        """Return it as a `pandas.DataFrame`, a state a row.
+        """Return the solutions as a `pandas.DataFrame`, one state per row.
 
         Columns: status, q and a by joint, lam by row, the errors, iterations and solve_times [s].
 

@@ -17,7 +17,7 @@ class PostStabilization(Drift):
 
     q <- integrate(q, -W^-1 J^T G^+ c),    v <- v - W^-1 J^T G^+ J v,    G = J W^-1 J^T
 
-    What one Newton step leaves, of the order of the square of the gap, is left to the next step.
+    The remainder of one Newton step, of the order of the gap squared, is for the next step.
     The acceleration of the state before the correction is used for the state after it: they differ
     by the error of one step of the integrator. So with `Proximal` in the metric of M a step costs
     no more solves than without drift control.

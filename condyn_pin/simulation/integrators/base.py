@@ -23,8 +23,8 @@
    One that holds c(q) = 0 alone sets `needs_positions`: wheels and knives have none.
 7. Iterations that do not converge raise `StepFailed`, which names what would do, such as a smaller
    dt. Numbers that are not finite need no care: the next solve finds them.
-8. An implicit method that asks for the slopes of torques (`Applied.slopes`) sets `takes_jacobian`.
-9. An explicit method asks for a small dt where the damping of joints is stiff, and a run that
+8. An implicit method that uses the slopes of torques (`Applied.slopes`) sets `takes_jacobian`.
+9. An explicit method needs a small dt where the damping of joints is stiff, and a run that
    breaks down says so; one that does not overrides `takes_stiff_damping`.
 10. A scheme whose contacts open and slide inherits from `ContactScheme`, whose file says how; one
     that finds the times at which they do leaves these in `System.located`: `locates_events`.

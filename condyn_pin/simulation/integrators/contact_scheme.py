@@ -6,9 +6,9 @@
 A scheme says where M, h and J are taken, which contacts take part, what g is, and how the velocity
 moves the configuration. All else is that of `ContactSteps`.
 
-1. Add one file to `integrators/` with a frozen dataclass that inherits from `ContactScheme`.
+1. Add one file to `stepping/schemes/` with a frozen dataclass that inherits from `ContactScheme`.
 2. Set `law`, and `at_midpoint` if M, h, J and the gaps are those of q (+) dt v / 2; then q moves by
-   dt (v + v+) / 2, else by dt v+. Set `closes_gaps` if g asks for gaps at the end of the step.
+   dt (v + v+) / 2, else by dt v+. Set `closes_gaps` if g closes gaps at the end of the step.
 3. Write `near`, `asked`, which returns g and R, and `asked_by`, how they change. Write `start`,
    which returns `contact_stepper(self, system, dt)`.
 """
@@ -264,7 +264,7 @@ def are_slower(v: Array, limit: float) -> bool:
 
 
 def allowed_gaps(gaps: Array, dt: float) -> Array:
-    """Return by how much gaps may shrink in a step: to zero, and penetrations by -0.2 of them.
+    """Allowed decrease of gaps in a step (k,): to zero, and penetrations by -0.2 of them.
 
     A penetration of up to a nanometre stays; no other is pushed out faster than at `PUSHES`.
     """

@@ -56,7 +56,7 @@ class SemiImplicitEuler(Integrator):
     implicit : bool
         Whether the robot's springs and damping act with q1 and v1 (`System.implicit`), and torques
         of a function that brings its `jacobian`. By default they do, as in MuJoCo: the damping of a
-        light rod asks for a dt of microseconds otherwise. Where there are any, samples have
+        light rod needs a dt of microseconds otherwise. Where there are any, samples have
         (v1 - v0) / dt as a, and the lam that belongs to it: the mean over the step, not what
         `solve` says of its beginning.
 

@@ -76,7 +76,7 @@ class Moreau(ContactScheme):
         return self.restitution_law
 
     def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
-        """Return which contacts touch in the middle of the step."""
+        """Flags of contacts that touch in the middle of the step."""
         return np.asarray(gaps <= self.touching)
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:

@@ -77,7 +77,7 @@ class SoftStep(ContactScheme):
         object.__setattr__(self, "solimp", solimp)
 
     def near(self, gaps: Array, v: Array, dt: float) -> NDArray[np.bool_]:
-        """Return which contacts touch."""
+        """Flags of touching contacts."""
         return np.asarray(gaps <= 0)
 
     def asked(self, near: Near) -> tuple[Array, Array | None]:
