@@ -63,7 +63,8 @@ def _read_rotors(model: Any, root: Element) -> None:
     for element, joint in _joints(model, root.findall("rotor_params")):
         model.rotorInertia[joint.idx_v] = _number(element, "mass")  # [kg m^2]
         model.rotorGearRatio[joint.idx_v] = _number(element, "gear_ratio")
-    model.armature = np.array(model.rotorInertia) * np.array(model.rotorGearRatio) ** 2
+        rotor, ratio = model.rotorInertia[joint.idx_v], model.rotorGearRatio[joint.idx_v]
+        model.armature[joint.idx_v] = rotor * ratio**2
 
 
 def _configuration(model: Any, state: Element) -> Array:

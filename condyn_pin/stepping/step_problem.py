@@ -395,7 +395,7 @@ def _pushing_out(near: Near, lam: Array, work: float) -> float:
     return now + min(left, max(work - now, 0.0))
 
 
-# Tried: a step with an answer of its contact solver, and how it comes by one.
+# StepAttempt: a step with an answer of its contact solver, and how it comes by one.
 
 
 # How deep a penetration is that is spoken of [m, rad].
