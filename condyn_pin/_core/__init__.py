@@ -1,4 +1,4 @@
-"""What every room stands on.
+"""Foundations of every room.
 
 Knows which Pinocchio is installed, and what it lacks; numbers and names as they come in; errors
 and tolerances; linear algebra; files that appear whole or not at all; processes, shared memory and

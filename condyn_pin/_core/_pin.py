@@ -1,4 +1,4 @@
-"""The only place that knows which Pinocchio is installed, 3.9 or 4.x.
+"""Calls that differ between Pinocchio 3.9 and 4.x.
 
 | what                | 3.9                             | 4.x                                |
 |---------------------|---------------------------------|------------------------------------|
@@ -72,7 +72,7 @@ NUMBERS_OF_V = tuple(
 
 
 def init_constraint_dynamics(model: Any, data: Any, models: Any, datas: Any) -> None:
-    """Size the constraint part of `data` for exactly these constraints."""
+    """Allocate the constraint part of `data` for exactly these constraints."""
     if _IS_4:
         pin.initConstraintDynamics(model, data, models, datas)
     else:
@@ -110,7 +110,7 @@ def constraint_cholesky(data: Any) -> Any:
 def factorise_constraints(
     model: Any, data: Any, models: Any, datas: Any, q: NDArray[np.float64], mu: float
 ) -> Any:
-    """Return Pinocchio's Cholesky factor at q: what it reads from `data` is computed first."""
+    """Return Pinocchio's Cholesky factor at q, after computing all that it reads from `data`."""
     pin.crba(model, data, q, pin.Convention.WORLD)
     if _IS_4:
         for constraint_model, constraint_data in zip(models, datas, strict=True):
@@ -121,7 +121,7 @@ def factorise_constraints(
 
 
 def placement_view(placement: Any) -> NDArray[np.float64]:
-    """Return [R p] (3, 4) of a pin.SE3, a view into its memory: who reads several copies once.
+    """Matrix [R p] (3, 4) of a pin.SE3, as a view into its memory.
 
     p lies behind R there, in every Pinocchio that is supported.
     """
@@ -132,7 +132,7 @@ def placement_view(placement: Any) -> NDArray[np.float64]:
 
 
 def placements_view(placements: Any, first: int, count: int) -> NDArray[np.float64]:
-    """Return ([R p], [R p], ...) (3, 4 count) of placements side by side, as they are in memory."""
+    """Matrices ([R p], [R p], ...) (3, 4 count) of placements side by side, as a view."""
     view = placement_view(placements[first])
     last = placement_view(placements[first + count - 1])
     if last.ctypes.data - view.ctypes.data != (count - 1) * view.nbytes:
@@ -143,7 +143,7 @@ def placements_view(placements: Any, first: int, count: int) -> NDArray[np.float
 def constraints_jacobian(
     model: Any, data: Any, models: Any, datas: Any
 ) -> Callable[[], NDArray[np.float64]]:
-    """Return what evaluates J of all constraints, from the Jacobians of the joints in `data`."""
+    """Function that returns J of all constraints, from the joint Jacobians in `data`."""
     jacobian = placed_jacobian(model, data, models, datas)
     if not _IS_4:
         return jacobian
@@ -163,14 +163,14 @@ def constraints_jacobian(
 def placed_jacobian(
     model: Any, data: Any, models: Any, datas: Any
 ) -> Callable[[], NDArray[np.float64]]:
-    """What evaluates J of all constraints where `constraintDynamics` has just placed them."""
+    """Function that returns J of all constraints, right after `constraintDynamics`."""
     return partial(pin.getConstraintsJacobian, model, data, models, datas)
 
 
 def proximal_settings(
     absolute_accuracy: float, relative_accuracy: float, mu: float, max_iterations: int
 ) -> Any:
-    """Return Pinocchio's settings; it takes Python's numbers, and not those of numpy."""
+    """Pinocchio's proximal settings; its bindings accept Python numbers, but not those of numpy."""
     return pin.ProximalSettings(
         float(absolute_accuracy), float(relative_accuracy), float(mu), int(max_iterations)
     )
@@ -189,7 +189,7 @@ def lcaba() -> Callable[..., NDArray[np.float64]]:
 
 
 def missing_lcaba() -> str:
-    """Return what `lcaba` needs that is not there; nothing where it is."""
+    """Reason why `lcaba` is unavailable; empty if it is available."""
     if HAS_LCABA:
         return ""
     from condyn_pin._core.doctor import MEND_4
@@ -203,7 +203,7 @@ def _lcaba_or_refuse() -> None:
 
 
 def features() -> dict[str, str]:
-    """Return what the installed Pinocchio can do, for `condyn doctor`."""
+    """Version and optional features of the installed Pinocchio, for `condyn doctor`."""
     return {
         "pinocchio": f"{pin.__version__} from {Path(pin.__file__).parent}",
         "LCABA": "yes" if HAS_LCABA else "no: needs Pinocchio 4",
@@ -236,14 +236,14 @@ _NO_RELATIVE: Final = 1e-14  # tolerance, which solvers add to the absolute one
 
 
 class Conic(NamedTuple):
-    """What Pinocchio answers to a contact problem, whether it believes it or not."""
+    """Contact forces and iteration count of Pinocchio's contact solver, converged or not."""
 
     lam: Array  # (m,)
     iterations: int
 
 
 def solves_contacts(ncp: bool, intervals: int) -> bool:
-    """Return whether `admm` and `pgs` take the law, and rows with dry friction."""
+    """True if `admm` and `pgs` support the contact law and the dry-friction `intervals`."""
     return _IS_4 or (ncp and not intervals)
 
 
@@ -259,7 +259,7 @@ def admm(
     anderson: int,
     guess: Array | None,
 ) -> Conic:
-    """Return what Pinocchio's ADMM answers: rows of cones (t1, t2, n), then of intervals.
+    """Contact forces by Pinocchio's ADMM: rows of cones (t1, t2, n), then of intervals.
 
     Pinocchio 3 has no Anderson acceleration.
     """
@@ -286,7 +286,7 @@ def pgs(
     over_relaxation: float,
     guess: Array | None,
 ) -> Conic:
-    """Return what Pinocchio's projected Gauss-Seidel answers, rows as in `admm`; always an ncp."""
+    """Contact forces of the NCP by Pinocchio's projected Gauss-Seidel, rows as in `admm`."""
     if not _IS_4:
         solver = pin.PGSContactSolver(len(g))
         _set_precision(solver, tolerance, max_iterations)
@@ -333,7 +333,7 @@ def _conic(
     friction: Array, limits: Array,
     guess: Array | None,
 ) -> Conic:  # fmt: skip
-    """Return what a solver of Pinocchio 4 answers; memory and sets are kept, nothing else."""
+    """Contact forces by a solver of Pinocchio 4, in reused memory, without its last solution."""
     models, datas = _sets(friction, limits)
     if guess is not None:
         result.setConstraintImpulseGuess(guess)
@@ -344,13 +344,13 @@ def _conic(
 
 
 class _Memory(threading.local):
-    """What a thread keeps for its next problems, by what it is for."""
+    """Solvers and constraint sets that one thread reuses, by kind and size or by content."""
 
     def __init__(self) -> None:
         self._kept: dict[Any, Any] = {}
 
     def of(self, key: Any, make: Callable[[], Any]) -> Any:
-        """Return what was made for a key, or make it."""
+        """Stored object of a key, made by `make` if there is none."""
         made = self._kept.get(key)
         if made is None:
             if len(self._kept) >= _MOST_KEPT:
@@ -364,7 +364,7 @@ _memory = _Memory()
 
 
 def _solver(kind: Any, size: int) -> Any:
-    """Return a solver of Pinocchio 4: memory for problems of a size, and nothing of their answers.
+    """Pinocchio 4 solver for problems of a size; only its memory is reused, not its last solution.
 
     To make one takes as long as three iterations.
     """
@@ -372,7 +372,7 @@ def _solver(kind: Any, size: int) -> Any:
 
 
 def _sets(friction: Array, limits: Array) -> tuple[Any, Any]:
-    """Return models and datas of a mechanism that does not matter, for the sizes and sets in them.
+    """Models and datas of a placeholder mechanism with the sizes and sets of the contact problem.
 
     Solvers read nothing else of them, and write nothing: the next problem often has the same sets.
     """

@@ -1,4 +1,4 @@
-"""Arguments of users: checks, names, parameters, registries, and the errors that refuse them.
+"""Arguments of users: checks, names, parameters, registries and their errors.
 
 What users hand in: sizes, finiteness, unit quaternions.
 """
@@ -128,7 +128,7 @@ class Arguments:
         return q_, finite("v", v, nv), joint_torques("tau", tau, nv)
 
     def configuration(self, name: str, q: ArrayLike) -> Array:
-        """Return the q of a state that a user handed in, normalised to rounding.
+        """Configuration q (nq,) of a user's state, normalised to rounding.
 
         InvalidArgument if its quaternions are further from norm 1 than `check` allows.
         """
@@ -147,7 +147,7 @@ class Arguments:
 
 
 def not_of_norm_one(name: str, at: str, x: Array, norm: float, row: str = "") -> InvalidArgument:
-    """Return the error of a quaternion, or a (cos, sin), in a state."""
+    """Error for a quaternion, or a (cos, sin), of a state that is not of norm one."""
     index = f"{row}, {at}" if row else at
     of = f"{name}[{row}]" if row else name
     return InvalidArgument(
@@ -157,17 +157,17 @@ def not_of_norm_one(name: str, at: str, x: Array, norm: float, row: str = "") ->
 
 
 def joint_torques(name: str, tau: ArrayLike, nv: int) -> Array:
-    """Return torques (nv,) that a user handed in, where 0 stands for none."""
+    """Torques (nv,) of a user; the plain number 0 stands for none."""
     return finite(name, np.zeros(nv) if is_none(tau) else tau, nv)
 
 
 def is_none(tau: object) -> bool:
-    """Return whether what a user handed in is the plain 0 that stands for no torques."""
+    """True if the torques of a user are the plain number 0, which stands for none."""
     return isinstance(tau, int | float) and not isinstance(tau, bool) and tau == 0
 
 
 def normalised(model: Any, name: str, q: ArrayLike) -> Array:
-    """Return a guess or a posture that a user handed in, its quaternions normalised.
+    """Configuration of a user, a guess or a posture, its quaternions normalised.
 
     One that is normalised already is returned as it is, digit by digit: pin.normalize would move
     the last bits of it again and again.
@@ -182,7 +182,7 @@ def normalised(model: Any, name: str, q: ArrayLike) -> Array:
 
 
 def _unit_parts(model: Any) -> tuple[slice, ...]:
-    """Return where q holds quaternions and (cos, sin) pairs, which have to be normalised."""
+    """Slices of q with quaternions and (cos, sin) pairs, which have norm one."""
     parts = []
     for name, joint in zip(model.names, model.joints, strict=True):
         if joint.idx_q < 0 or joint.nq == joint.nv:  # the world, or a plain joint
@@ -204,7 +204,7 @@ _NAMES_SHOWN = 8
 
 
 def checked(argument: str, names: Any, known: Sequence[str], what: str) -> tuple[str, ...]:
-    """Return a list of names without repetition, each of which exists."""
+    """List of names, each of which exists and occurs once."""
     if isinstance(names, str) or not isinstance(names, Iterable):
         raise InvalidArgument(f"{argument} = {names!r}: a list of names is needed")
     found = []
@@ -218,23 +218,23 @@ def checked(argument: str, names: Any, known: Sequence[str], what: str) -> tuple
 
 
 def listed(names: Sequence[str]) -> str:
-    """Return names for a sentence, the first few of many."""
+    """Names joined for a sentence, the first few of many."""
     more = len(names) - _NAMES_SHOWN
     return ", ".join(names[:_NAMES_SHOWN]) + (f" and {more} more" if more > 0 else "")
 
 
 def few(names: Sequence[str]) -> str:
-    """Return up to four names, or how many joints there are."""
+    """Names of up to four joints, or the number of joints."""
     return ", ".join(names) if len(names) <= 4 else f"{len(names)} joints"
 
 
 def quoted(names: Iterable[str]) -> str:
-    """Return names as errors list them."""
+    """Names in quotes, for error messages."""
     return ", ".join(repr(name) for name in names)
 
 
 def counted(number: int, thing: str) -> str:
-    """Return a number of things: 1 loop, 2 loops."""
+    """Number and noun of things: 1 loop, 2 loops."""
     return f"{number} {thing}{'s' * (number != 1)}"
 
 
@@ -256,13 +256,13 @@ _MOST_ITERATIONS = 2**31 - 1  # Pinocchio counts in a C int
 
 
 def check_damping(mu: float) -> None:
-    """Refuse a damping that cannot be used."""
+    """Raise InvalidArgument unless a damping is usable."""
     if finite("mu", mu, ()) < 0:
         raise InvalidArgument(f"mu = {shown(mu)}: a number >= 0 [1/kg] is needed")
 
 
 def check_proximal(mu: float | str | None, max_iterations: int, *, smallest_mu: float) -> None:
-    """Refuse a proximal weight or an iteration limit that cannot be used."""
+    """Raise InvalidArgument unless a proximal weight and an iteration limit are usable."""
     if mu is not None and not finite("mu", mu, ()) >= smallest_mu:
         limit = ">= 0" if smallest_mu == 0 else f">= {smallest_mu:g}"
         raise InvalidArgument(f"mu = {shown(mu)}: a finite number {limit} [1/kg] is needed")
@@ -270,7 +270,7 @@ def check_proximal(mu: float | str | None, max_iterations: int, *, smallest_mu: 
 
 
 def check_iterations(max_iterations: int) -> None:
-    """Refuse an iteration limit that cannot be used."""
+    """Raise InvalidArgument unless an iteration limit is usable."""
     if not is_whole(max_iterations) or not 1 <= max_iterations <= _MOST_ITERATIONS:
         raise InvalidArgument(
             f"max_iterations = {shown(max_iterations)}: a whole number from 1 to "
@@ -279,7 +279,7 @@ def check_iterations(max_iterations: int) -> None:
 
 
 def check_refinements(refinements: int) -> None:
-    """Refuse a number of corrections that cannot be used."""
+    """Raise InvalidArgument unless a number of corrections is usable."""
     if not is_whole(refinements) or not 0 <= refinements <= _MOST_REFINEMENTS:
         raise InvalidArgument(
             f"refinements = {shown(refinements)}: a whole number from 0 to {_MOST_REFINEMENTS}; "
@@ -288,18 +288,18 @@ def check_refinements(refinements: int) -> None:
 
 
 def check_flag(name: str, value: object) -> None:
-    """Refuse what is neither True nor False, of Python or of numpy."""
+    """Raise InvalidArgument unless a value is True or False, of Python or of numpy."""
     if not isinstance(value, bool | np.bool_):
         raise InvalidArgument(f"{name} = {shown(value)}: True or False is needed")
 
 
 def is_whole(value: object) -> bool:
-    """Whether a value is a whole number, of Python or of numpy; True and False are none."""
+    """True if a value is a whole number of Python or of numpy; True and False are none."""
     return isinstance(value, int | np.integer) and not isinstance(value, bool)
 
 
 def check_count(name: str, value: int, *, least: int = 1, most: int | None = None) -> None:
-    """Refuse what is not a whole number that is large enough, and not too large."""
+    """Raise InvalidArgument unless a value is a whole number within its bounds."""
     if most is not None and is_whole(value) and value > most:
         raise InvalidArgument(f"{name} = {shown(value)}: {most} is the largest")
     if not is_whole(value) or value < least:
@@ -309,7 +309,7 @@ def check_count(name: str, value: int, *, least: int = 1, most: int | None = Non
 
 
 def check_accuracy(name: str, value: float) -> None:
-    """Refuse an accuracy that cannot be used."""
+    """Raise InvalidArgument unless an accuracy is usable."""
     if finite(name, value, ()) < 0:
         raise InvalidArgument(f"{name} = {shown(value)}: a number >= 0 is needed")
 
@@ -322,13 +322,13 @@ def check_accuracy_of_a(accuracy: float) -> float:
 
 
 def check_share(name: str, value: float) -> None:
-    """Refuse what is not between 0 and 1, both excluded."""
+    """Raise InvalidArgument unless a number is between 0 and 1, both excluded."""
     if not 0 < finite(name, value, ()) < 1:
         raise InvalidArgument(f"{name} = {shown(value)}: between 0 and 1")
 
 
 def seconds(name: str, value: float) -> float:
-    """Return a time that a user handed in [s]; InvalidArgument if it is not above zero."""
+    """Positive time of a user [s]; InvalidArgument if it is not above zero."""
     if not finite(name, value, ()) > 0:
         raise InvalidArgument(f"{name} = {value!r}: a number > 0 [s] is needed")
     return float(value)  # of numpy it may have fewer digits
@@ -346,7 +346,7 @@ def step_size(dt: float) -> float:
 
 
 def check_called(name: str, function: object, words: str) -> None:
-    """Refuse what cannot be called with these arguments.
+    """Raise InvalidArgument unless a value can be called with these arguments.
 
     Parameters
     ----------
@@ -399,7 +399,7 @@ class Call(NamedTuple):
 
 
 def read_call(text: str) -> Call:
-    """Return what is in ``Name(parameter=value)``, or in a bare name.
+    """Parse a call, ``Name(parameter=value)``, or a bare name.
 
     A value is plain, or again a call: ``Moreau(contact=ADMM(tolerance=1e-06))``.
 
@@ -466,7 +466,7 @@ class renamed:  # noqa: N801  used as a function is
         self._text = f"{owner.__name__}.{name} is {place}.{self._now} now"
 
     def __get__(self, instance: Any, owner: type) -> Any:
-        """Return what the member of today is; of the class itself, this."""
+        """Member under its new name; the descriptor itself on the class."""
         if instance is None:
             return self
         warn(self._text, DeprecationWarning, stacklevel=2)

@@ -1,4 +1,4 @@
-"""Arrays: as they come in, as values, and their floating-point errors.
+"""Arrays: their checks, values that act as arrays, and floating-point errors.
 
 Arrays of numbers: their type, and how they come in.
 """
@@ -34,7 +34,7 @@ _SHOWN: Final = 200  # characters of a value in an error
 
 
 def read_only(value: T) -> T:
-    """Return a value that is kept and shared, every array in it made read-only."""
+    """Return a value with every array in it made read-only."""
     if isinstance(value, np.ndarray):
         value.flags.writeable = False
     elif isinstance(value, tuple):
@@ -46,26 +46,26 @@ def read_only(value: T) -> T:
 
 
 def entries(places: NDArray[np.int_]) -> NDArray[np.int_] | slice:
-    """Return places in an array as a slice where they are one run: numpy then copies nothing."""
+    """Indices into an array, as a slice if they are consecutive: numpy then copies nothing."""
     if len(places) and (np.diff(places) == 1).all():
         return slice(int(places[0]), int(places[-1]) + 1)
     return places
 
 
 def diagonal_of(matrix: Array) -> Array:
-    """Return the diagonal of a whole matrix (n, n), to be written to: a view into it."""
+    """Diagonal of a contiguous matrix (n, n), as a writable view."""
     return matrix.ravel("K")[:: len(matrix) + 1]
 
 
 def locked(array: Array) -> Array:
-    """Return the same numbers as an array that is not to be written to."""
+    """Read-only view of an array."""
     view = array.view()
     view.flags.writeable = False
     return view
 
 
 def check_overflow(name: str, value: Array, *results: Array) -> None:
-    """Refuse an argument, finite itself, from which numbers overflow."""
+    """Raise InvalidArgument if numbers computed from a finite argument overflow."""
     if not all(np.isfinite(each).all() for each in results):
         raise InvalidArgument(
             f"{name} has numbers up to {np.abs(value).max():.3g}: what is computed from it "
@@ -74,7 +74,7 @@ def check_overflow(name: str, value: Array, *results: Array) -> None:
 
 
 def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
-    """Return what a user handed in as a float array, or raise InvalidArgument.
+    """Float array of a user's numbers, checked for size and finiteness.
 
     The text names the argument, the entry and its value, and what would do.
     """
@@ -115,7 +115,7 @@ def finite(name: str, value: ArrayLike, shape: int | tuple[int, ...]) -> Array:
 
 
 def shown(value: object) -> str:
-    """Return a value as errors show it: not too long, whatever it is."""
+    """Text of a value for error messages, shortened."""
     try:
         text = repr(value)
     except (ValueError, RecursionError):  # an int of thousands of digits; lists without an end
@@ -124,12 +124,12 @@ def shown(value: object) -> str:
 
 
 def _has_flags(value: object) -> bool:
-    """Return whether a list of numbers has True or False in it, which numpy makes 1 and 0."""
+    """True if a list of numbers contains True or False, which numpy converts to 1 and 0."""
     return isinstance(value, (list, tuple)) and any(isinstance(x, (bool, np.bool_)) for x in value)
 
 
 def finite_rows(name: str, value: ArrayLike, size: int) -> Array:
-    """Return one row of numbers or many, (..., size), as `finite` does."""
+    """Float array of one row of numbers or many, (..., size), checked as by `finite`."""
     try:
         many = np.shape(value)[:-1]
     except ValueError:  # of lists that differ in length, and `finite` says so
@@ -141,7 +141,7 @@ def finite_rows(name: str, value: ArrayLike, size: int) -> Array:
 
 
 class ArrayValue(NDArrayOperatorsMixin):
-    """What has `components`, and can stand wherever NumPy takes an array of them."""
+    """Value with `components` that NumPy accepts in place of an array."""
 
     components: Array
 
@@ -170,15 +170,15 @@ class ArrayValue(NDArrayOperatorsMixin):
         return self.components.size
 
     def copy(self) -> Array:
-        """Return the components in an array of their own."""
+        """Copy of the components."""
         return self.components.copy()
 
     def tolist(self) -> list[float]:
-        """Return the components as a list."""
+        """Components as a list."""
         return [float(x) for x in self.components]
 
     def round(self, decimals: int = 0) -> Array:
-        """Return the components rounded to some `decimals`."""
+        """Components rounded to some `decimals`."""
         return self.components.round(decimals)
 
 
@@ -190,7 +190,7 @@ _Answer = TypeVar("_Answer")
 
 
 def ignore_float_errors(function: Callable[_Arguments, _Answer]) -> Callable[_Arguments, _Answer]:
-    """Return `function`, called where numpy is silent: the status of an answer says it.
+    """Decorate `function` to run without numpy's warnings: the status of a solution reports them.
 
     numpy keeps its settings in the context of Python. `np.errstate` changes them before a call and
     back after it, half a microsecond in a solve that takes ten; here they are those of a context

@@ -1,4 +1,4 @@
-"""BLAS threads: one while this library computes, as many as before at any other time.
+"""BLAS threads: one during this library's computations, the user's number at other times.
 
 The matrices of a robot are 10 to 200 wide. The BLAS of numpy and that of scipy share even a 3 x 3
 triangle among all cores, and the first thread then waits for the last: microseconds on an idle
@@ -41,7 +41,7 @@ def _set_to() -> str:
 
 
 class _OneThread(threading.local, ContextDecorator):
-    """A context, and a decorator, that may be entered again inside itself.
+    """Reentrant context and decorator that limits BLAS to one thread.
 
     Each Python thread puts back what it has changed, and that is never from 1: where several are
     inside, one that leaves early lets the others go on with more threads, and none is left with 1.
@@ -78,7 +78,7 @@ one_blas_thread = _OneThread()
 
 @cache
 def decided() -> str:
-    """Return how the user has set the number of threads, ``OMP_NUM_THREADS=4``, or nothing.
+    """User's setting of the BLAS threads, such as ``OMP_NUM_THREADS=4``, or empty.
 
     The command line asks first, and sets it then.
     """
@@ -95,14 +95,14 @@ def loaded() -> tuple[Any, ...]:
 
 
 def features() -> dict[str, str]:
-    """Return what is loaded and how many threads it uses, for `condyn doctor`."""
+    """BLAS libraries that are loaded, and their threads, for `condyn doctor`."""
     found = {f"{each.internal_api} {each.version} for {each.architecture}" for each in loaded()}
     set_to = f"as you set it, {decided()}" if decided() else _BY_US
     return {"BLAS": ", ".join(sorted(found)), "BLAS threads": set_to}
 
 
 def keep_to_one_thread() -> None:
-    """Use one thread in this process from now on, unless the user has decided: for workers."""
+    """Limit BLAS to one thread in a worker process, unless the user has set a number."""
     if not decided():
         for _, put in _libraries():
             put(1)

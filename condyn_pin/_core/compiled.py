@@ -1,4 +1,4 @@
-"""Modules that are compiled: the core, control ticks, recursions of Pinocchio 3.9.
+"""Compiled modules: the core, control ticks, recursions of Pinocchio 3.9.
 
 The compiled core: whether it is there, and which.
 
@@ -57,7 +57,7 @@ def _module(name: str, protocol: int, missing: str) -> Any:
 
 
 def features() -> dict[str, str]:
-    """Return what there is of it, for `condyn doctor`."""
+    """Availability of the compiled core and of compiled control ticks, for `condyn doctor`."""
     return {"compiled core": _said_of_core(), "compiled control ticks": _said_of_ticks()}
 
 
@@ -102,7 +102,7 @@ def compiled_lcaba() -> Any:
 
 @cache
 def missing_constrained_aba() -> str:
-    """Return what is missing, and what installs it; nothing where it is there."""
+    """Reason why ConstrainedABA and PV are missing, and the remedy; empty if they are there."""
     try:
         import_module("condyn_pin_native._constrained_aba")
     except ImportError as error:
@@ -111,7 +111,7 @@ def missing_constrained_aba() -> str:
 
 
 def features_of_constrained_aba() -> dict[str, str]:
-    """Return what there is of it, for `condyn doctor`."""
+    """Availability of ConstrainedABA and PV, for `condyn doctor`."""
     if missing := missing_constrained_aba():
         return {"ConstrainedABA, PV": f"no: {missing}"}
     module = constrained_aba()

@@ -1,4 +1,4 @@
-"""Say what is installed, whether Pinocchio imports, and the exact line that repairs it when not.
+"""Diagnosis of the installation: versions, the import of Pinocchio, and the command of repair.
 
 This module imports nothing that could fail: it has to work when Pinocchio does not.
 """
@@ -37,7 +37,7 @@ _WATCHED = (
 
 @dataclass(frozen=True)
 class Diagnosis:
-    """What `condyn doctor` found.
+    """Diagnosis of the installation by `condyn doctor`.
 
     Attributes
     ----------
@@ -80,7 +80,7 @@ def _mend(pin: str | None) -> str:
 
 
 def mixed_install() -> tuple[tuple[str, ...], str]:
-    """Return what does not fit together among the installed distributions, and the remedy."""
+    """Conflicts among the installed distributions, and the remedy."""
     pin, lib = installed_version("pin"), installed_version("libpinocchio")
     mend = _mend(pin)
     if pin is None and installed_version("pinocchio"):
@@ -115,7 +115,7 @@ def advise(error: BaseException) -> str:
 
 
 def diagnose() -> Diagnosis:
-    """Look at the installation; never raises."""
+    """Diagnose the installation; never raises."""
     versions = {name: v for name in _WATCHED if (v := installed_version(name))}
     probe = subprocess.run(
         [sys.executable, "-c", "import pinocchio; pinocchio.Model"],

@@ -1,4 +1,4 @@
-"""Files: what is written appears whole or not at all; what is read is measured first.
+"""Files: atomic writes, and reads of limited size.
 
 Files written beside their place, and put there once they are whole.
 
@@ -38,7 +38,7 @@ _MARK = ".condyn-"  # of all files that are being written
 
 @contextmanager
 def atomic_write(path: str | PathLike[str]) -> Iterator[Path]:
-    """Give the path of a new file in the same folder, which takes the place of `path` at the end.
+    """Yield the path of a temporary file in the same folder, renamed to `path` at the end.
 
     A file that was there keeps its permissions, a link stays a link. What is no file, such as
     /dev/stdout, is written to as it is.
@@ -67,7 +67,7 @@ def atomic_write(path: str | PathLike[str]) -> Iterator[Path]:
 
 
 def check_format(path: str | PathLike[str], *endings: str) -> None:
-    """Refuse a file whose name says another format than it would have."""
+    """Raise InvalidArgument if the suffix of a file is that of another format."""
     ending = Path(path).suffix
     if ending and ending.lower() not in endings:
         raise InvalidArgument(
@@ -83,7 +83,7 @@ def write_text(path: str | PathLike[str], text: str) -> None:
 
 
 def check_writable(path: str | PathLike[str]) -> None:
-    """Raise InvalidArgument if a file could not be written; nothing is left behind."""
+    """Raise InvalidArgument if a file could not be written; no file is left behind."""
     target = _target(path)
     try:
         if target.exists() and not target.is_file() and not target.is_dir():
@@ -97,7 +97,7 @@ def check_writable(path: str | PathLike[str]) -> None:
 
 
 def _target(path: str | PathLike[str]) -> Path:
-    """Return the file that a path means, behind its links."""
+    """Target file of a path, its links resolved."""
     try:
         return Path(os.path.realpath(path))
     except (TypeError, ValueError) as error:
@@ -133,13 +133,13 @@ def _new_file(target: Path, suffix: str) -> tuple[Path, int | None]:
 
 
 def _release(lock: int | None) -> None:
-    """Give the lock of a file back, if there is one."""
+    """Release the lock of a file, if there is one."""
     if lock is not None:
         os.close(lock)
 
 
 def _remove_abandoned(folder: Path) -> None:
-    """Remove what writers have left that live no more: their locks went with them."""
+    """Remove temporary files of writers that were killed: no process holds their locks."""
     if fcntl is None:
         return
     for left in folder.glob(f"{_MARK}*"):
@@ -186,7 +186,7 @@ def write_npz(path: str | PathLike[str], arrays: Mapping[str, NDArray[Any]]) -> 
 
 
 def read_npz(path: str | PathLike[str], wanted: Callable[[str], bool]) -> Arrays:
-    """Return the arrays whose names are wanted.
+    """Arrays of an npz file, those of the wanted names.
 
     Raises
     ------
@@ -215,7 +215,7 @@ def read_npz(path: str | PathLike[str], wanted: Callable[[str], bool]) -> Arrays
 
 
 def _array(name: str, content: bytes) -> NDArray[Any]:
-    """Return the array of an npy file, whose numbers have to be all there and no more."""
+    """Array of an npy file; ValueError if its size does not match its shape."""
     wide = 2 if content[6:7] == b"\x01" else 4
     start = 8 + wide
     end = start + int.from_bytes(content[8:start], "little")
@@ -243,7 +243,7 @@ _LINES: Final = str.maketrans("\n\r\t", "   ")
 
 
 def read_bytes(path: str | PathLike[str]) -> bytes:
-    """Return a file; OSError or ValueError if there is none, or it is no text file."""
+    """Bytes of a file; OSError or ValueError if there is none, or if it is no text file."""
     path = Path(path)
     if path.exists() and not (path.is_file() or path.is_dir()):  # a device without an end
         raise ValueError("it is not a file")
@@ -254,7 +254,7 @@ def read_bytes(path: str | PathLike[str]) -> bytes:
 
 
 def check_size(size: int) -> None:
-    """Raise ValueError if a text is larger than any that is read here."""
+    """Raise ValueError if a text exceeds the size limit."""
     if size > LARGEST:
         raise ValueError(f"it is larger than {LARGEST / 1e6:.0f} MB")
 
@@ -265,12 +265,12 @@ def read_text(path: str | PathLike[str]) -> str:
 
 
 def parse_json(text: str | bytes) -> Any:
-    """Return what a json says, or raise ValueError."""
+    """Parsed JSON; ValueError if it cannot be read."""
     return _parsed(json.loads, text, json.JSONDecodeError)
 
 
 def parse_toml(text: str) -> dict[str, Any]:
-    """Return what a toml says, or raise ValueError."""
+    """Parsed TOML; ValueError if it cannot be read."""
     try:
         config: dict[str, Any] = _parsed(tomllib.loads, text, tomllib.TOMLDecodeError)
     except tomllib.TOMLDecodeError as error:
@@ -280,7 +280,7 @@ def parse_toml(text: str) -> dict[str, Any]:
 
 
 def _line_of(text: str, said: str) -> str:
-    """Return the line that an error speaks of, and what is wrong there most often."""
+    """Line of the TOML that an error is about, and its most likely fault."""
     found = re.search(r"at line (\d+)", said)
     if not found:
         return ""
@@ -291,7 +291,7 @@ def _line_of(text: str, said: str) -> str:
 
 
 def written_out(value: Any) -> Any:
-    """Return what was parsed with its texts printable: who reads them prints them."""
+    """Parsed value with all texts printable, ready for messages."""
     if isinstance(value, str):
         return printable(value.replace("\t", " "))
     if isinstance(value, dict):
@@ -314,13 +314,13 @@ def _parsed(parse: Callable[[Any], Any], text: Any, known: type[ValueError]) -> 
 
 
 def _may_need_it(text: str | bytes) -> bool:
-    """Whether a text may have other letters than those that are printed, as they are or escaped."""
+    """True if a text may contain characters that are not printable, literal or escaped."""
     letters = text if isinstance(text, str) else text.decode("latin-1")
     return "\\" in letters or not letters.translate(_LINES).isprintable()
 
 
 def _check_depth(value: Any, most: int = 32) -> None:
-    """Refuse tables of tables of tables: keys with dots in them make some without brackets."""
+    """Raise ValueError if tables are nested too deeply: dotted keys nest without brackets."""
     level = [value]
     for _ in range(most):
         inner = (x.values() if isinstance(x, dict) else x for x in level)

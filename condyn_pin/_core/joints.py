@@ -39,7 +39,7 @@ _LOOKS = ((0.7, 1.3), (0.4, 2.9), (0.9, 4.1))
 
 
 def indices(model: Any, joints: Sequence[str]) -> tuple[Indices, Indices]:
-    """Return where q and where v hold some joints, in the order given."""
+    """Indices of some joints in q and in v, in the order given."""
     chosen = [model.joints[model.getJointId(name)] for name in joints]
     index_q = [i for joint in chosen for i in range(joint.idx_q, joint.idx_q + joint.nq)]
     index_v = [i for joint in chosen for i in range(joint.idx_v, joint.idx_v + joint.nv)]
@@ -47,7 +47,7 @@ def indices(model: Any, joints: Sequence[str]) -> tuple[Indices, Indices]:
 
 
 def lengths(joint: Any) -> tuple[bool, ...]:
-    """Return which coordinates of a joint with nq = nv are lengths [m]; the others are [rad]."""
+    """Flag of each coordinate of a joint with nq = nv: length [m], or else angle [rad]."""
     if joint.shortname() == "JointModelComposite":
         return tuple(length for part in joint.extract().joints for length in lengths(part))
     return (joint.shortname().startswith(_SLIDERS),) * int(joint.nv)
@@ -70,13 +70,13 @@ def difference(model: Any, q0: NDArray[np.float64], q1: NDArray[np.float64]) -> 
 
 
 def unbounded(model: Any) -> tuple[int, ...]:
-    """Return where v holds the rates of angles that q holds as (cos, sin)."""
+    """Indices in v of the rates of angles that q has as (cos, sin)."""
     chosen = [joint for joint in model.joints if joint.shortname().startswith(_PAIRS)]
     return tuple(joint.idx_v + joint.nv - 1 for joint in chosen)
 
 
 def turning(model: Any) -> tuple[int, ...]:
-    """Return the joints whose axes turn with their own q: S(q) is no constant in the body's axes.
+    """Joints whose axes turn with their own q: S(q) is not constant in the body's axes.
 
     Pinocchio's derivatives, and its Coriolis matrix, take S for one. S is looked at itself, at a
     few configurations, so that no list of kinds has to be complete. A joint of one coordinate is a
@@ -94,7 +94,7 @@ def turning(model: Any) -> tuple[int, ...]:
 
 
 def axes(joint: Any, q: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return S(q) (6, nv) of a joint of a model, in the axes of the body that it carries."""
+    """Motion subspace S(q) (6, nv) of a joint of a model, in the axes of its body."""
     data = joint.createData()
     joint.calc(data, q)
     return np.array(data.S).reshape(6, joint.nv)
@@ -104,7 +104,7 @@ def axes(joint: Any, q: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def rotation_fault(R: Array) -> str:
-    """Return what is wrong with a rotation matrix; nothing if it is one."""
+    """Fault of a rotation matrix; empty if it is one."""
     if not np.isfinite(R).all():
         return "it is not finite"
     error = float(np.abs(R @ R.T - np.eye(3)).max())
@@ -114,6 +114,6 @@ def rotation_fault(R: Array) -> str:
 
 
 def z_along(direction: Array) -> Array:
-    """Return the least rotation (3, 3) that turns z to a direction (3,), of any length."""
+    """Smallest rotation (3, 3) that turns z to a direction (3,), of any length."""
     turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), direction)
     return np.array(turn.matrix())

@@ -41,7 +41,7 @@ _NONE, _EMPTY = np.zeros(0), np.zeros((0, 0))
 
 
 class MinimumNorm(NamedTuple):
-    """The factors of one M and J.
+    """Factors of one M and J for minimum-norm constraint forces.
 
     Attributes
     ----------
@@ -70,7 +70,7 @@ class MinimumNorm(NamedTuple):
 
     @property
     def weights(self) -> Array:
-        """W (nv,): square roots of the diagonal of M^-1."""
+        """Weights W (nv,): square roots of the diagonal of M^-1."""
         return self.mass.weights
 
     def solve(self, r: Array, s: Array) -> tuple[Array, Array]:
@@ -84,17 +84,17 @@ class MinimumNorm(NamedTuple):
         return dtrtrs(self.L.T, y + self.V @ z)[0], U @ (z.T / S).T
 
     def left_out(self, lam: Array) -> Array:
-        """Return the part of lam (m,) along combinations of rows that count as redundant."""
+        """Component of lam (m,) along redundant combinations of rows."""
         U = self.U[:, : self.rank]
         return np.asarray(lam - U @ (U.T @ lam))
 
     def closing(self, c: Array) -> Array:
-        """Return the least move (nv,) in the metric of M that takes c (m,) back: J dq = -c."""
+        """Smallest move dq (nv,), in the metric of M, that closes c (m,): J dq = -c."""
         along = c.dot(self.U[:, : self.rank]) / -self.S[: self.rank]
         return np.asarray(lapack().dtrtrs(self.L.T, self.V.dot(along))[0])
 
     def moved(self, s: Array) -> Array:
-        """Return how far a (nv,) moves where J a is off by about s (m,), each row by itself."""
+        """Change of a (nv,) by errors s (m,) of J a, independent from row to row."""
         from scipy.linalg.lapack import dtrtrs
 
         if not self.rank:
@@ -103,7 +103,7 @@ class MinimumNorm(NamedTuple):
         return np.asarray(np.linalg.norm((along @ self.U[:, : self.rank].T) * s, axis=1))
 
     def pushed(self, r: Array) -> Array:
-        """Largest changes of a (nv,) by torques that are off by r (nv,), all positive.
+        """Largest change of a (nv,) by errors r (nv,) of the torques, all positive.
 
         |L^-T (1 - V V^T) L^-1| r: bodies that do not touch do not move each other.
         """
@@ -118,17 +118,17 @@ class MinimumNorm(NamedTuple):
         return np.asarray(cho_solve((self.L, True), r, check_finite=False))
 
     def blur(self, P: Array) -> float:
-        """Return eps |P w|, what rounding of J does to Jw, for P what J is a difference of."""
+        """Rounding error of Jw, eps |P w|, where J is a difference of terms of size P."""
         return _EPS * float(np.linalg.norm(P * self.weights))
 
     def at_most(self, rank: int) -> MinimumNorm:
-        """Return the same with the largest singular values only."""
+        """Factors truncated to the largest `rank` singular values."""
         if rank >= self.rank:
             return self
         return self._replace(V=self.V[:, :rank], rank=rank)
 
     def above_rounding(self, P: Array) -> MinimumNorm:
-        """Return the same without the singular values that rounding of J makes up."""
+        """Factors without singular values within the rounding error of J."""
         least = tolerances.BLURRED * self.blur(P)
         return self.at_most(len(self.S) - int(np.count_nonzero(least >= self.S)))
 
@@ -191,7 +191,7 @@ def factorise_rows(
 
 
 def least_change(mass: MassFactor, J: Array, s: Array, rank_tolerance: float) -> Array:
-    """Return the least d (nv,), in the metric of M, with J d = s; for rows that agree.
+    """Smallest d (nv,), in the metric of M, with J d = s; for consistent rows.
 
     L^T d = Q R^-T s    with    J L^-T = R^T Q^T, the rows pivoted, as many as are independent
 
@@ -250,14 +250,14 @@ def pivots(A: Array, least: float) -> tuple[list[int], Array]:
 
 
 def first_of_largest(sizes: Array) -> int:
-    """Return where the first entry stands that is as large as the largest, but for rounding."""
+    """Index of the first entry that equals the largest one to rounding."""
     return int(np.argmax(sizes >= (1.0 - tolerances.TIED) * sizes.max()))
 
 
 def redundant_rows(
     null_space: Array, names: Sequence[str], first: Sequence[str] = ()
 ) -> tuple[str, ...]:
-    """Return rows that can go without lowering the rank.
+    """Names of rows that can be dropped without lowering the rank.
 
     A set of k rows can go if and only if its k x k block of the left null space N (m, k) is
     regular: pivots of N^T are such a set, the best conditioned first; those named in `first` before
@@ -269,17 +269,17 @@ def redundant_rows(
 
 
 def counted(S: NDArray[np.floating[Any]], share: float = tolerances.RANK) -> NDArray[np.bool_]:
-    """Return which singular values are more than a share of the largest, by default rounding."""
+    """Flag of each singular value: above a share of the largest, by default rounding."""
     return np.asarray(share * S.max(initial=0.0) < S)
 
 
 def rank_of(S: NDArray[np.floating[Any]], share: float = tolerances.RANK) -> int:
-    """Return how many singular values count."""
+    """Numerical rank: number of singular values above a share of the largest."""
     return int(np.count_nonzero(counted(S, share)))
 
 
 def null_space(A: Array) -> Array:
-    """Return an orthonormal basis of what A (m, n) takes to zero, (n - rank, n)."""
+    """Orthonormal basis of the null space of A (m, n), (n - rank, n)."""
     _, S, Vt = np.linalg.svd(A)
     return np.asarray(Vt[rank_of(S) :])
 
@@ -295,7 +295,7 @@ def null_space(A: Array) -> Array:
 
 @dataclass(frozen=True, eq=False)
 class RangeSpace:
-    """The factors of one M and J with independent rows, or with rows that are damped.
+    """Factors of one M and J with independent rows, or with rows that are damped.
 
     Attributes
     ----------
@@ -403,7 +403,7 @@ _BLOCK: Final = 32
 
 
 class ConstraintBasis(NamedTuple):
-    """The motions of one M and J.
+    """Basis of constrained and free motions of one M and J.
 
     Attributes
     ----------
@@ -424,38 +424,38 @@ class ConstraintBasis(NamedTuple):
         return self.motion(x, y), self.force(x, y)
 
     def motion(self, x: Array, y: Array) -> Array:
-        """Return a (nv,) or (nv, k)."""
+        """Acceleration a (nv,) or (nv, k)."""
         moved = self.B.dot(x)
         moved[: self.K.shape[1]] = self.K.T.dot(y)
         a: Array = self.B.T.dot(moved)
         return a
 
     def force(self, x: Array, y: Array) -> Array:
-        """Return lam (m,) or (m, k)."""
+        """Constraint forces lam (m,) or (m, k)."""
         asked = self.K.T.dot(y)
         asked -= self.B[: self.K.shape[1]].dot(x)
         lam: Array = self.K.dot(asked)
         return lam
 
     def held(self, y: Array) -> Array:
-        """Return the motion (nv,) with J a = y (m,) that has no part along what is free."""
+        """Motion (nv,) with J a = y (m,) and no component along free motions."""
         a: Array = self.K.T.dot(y).dot(self.B[: self.K.shape[1]])
         return a
 
     @property
     def mobility(self) -> Array:
-        """B_f^T B_f (nv, nv): how torques accelerate what is free."""
+        """Mobility B_f^T B_f (nv, nv): map from torques to accelerations along free motions."""
         free = self.B[self.K.shape[1] :]
         return np.asarray(free.T.dot(free))
 
     @property
     def support(self) -> Array:
-        """-K B_h (m, nv): what constraints push back when torques push."""
+        """Map -K B_h (m, nv) from torques to constraint forces."""
         return np.asarray(-self.K.dot(self.B[: self.K.shape[1]]))
 
 
 def held_and_free(L_inv: Array, J: Array, share: float, most: int | None = None) -> ConstraintBasis:
-    """Return the motions of M = L L^T and J (m, nv).
+    """Return the constrained and the free motions of M = L L^T and J (m, nv).
 
     Rows count as independent whose part of J L^-T is more than a share of the largest, and no more
     of them than `most`.
@@ -483,7 +483,7 @@ def held_and_free(L_inv: Array, J: Array, share: float, most: int | None = None)
 
 @cache
 def _numbered(m: int) -> Array:
-    """Return the columns of the unit matrix (m, m + 1) by their numbers, from 1 as in LAPACK."""
+    """Columns of the unit matrix (m, m + 1) by their pivot numbers, counted from 1 as in LAPACK."""
     return read_only(np.eye(m, m + 1, 1))
 
 
@@ -499,7 +499,7 @@ _NOT_POSITIVE: Final = "the mass matrix is not positive definite at this q"
 
 @dataclass(eq=False)
 class MassFactor:
-    """One mass matrix, factorised.
+    """Factors of one mass matrix.
 
     Attributes
     ----------
@@ -513,18 +513,18 @@ class MassFactor:
 
     @cached_property
     def L_inv(self) -> Array:
-        """L^-1 (nv, nv): a product takes a tenth of the time that LAPACK needs for many columns."""
+        """Inverse factor L^-1 (nv, nv): ten times as fast as LAPACK's solve of many columns."""
         return np.asarray(lapack().dtrtri(self.L, lower=1)[0])
 
     @cached_property
     def weights(self) -> Array:
-        """W (nv,): square roots of the diagonal of M^-1."""
+        """Weights W (nv,): square roots of the diagonal of M^-1."""
         return np.asarray(np.sqrt(np.einsum("ij,ij->j", self.L_inv, self.L_inv)))
 
     @cached_property
     @one_blas_thread
     def rounding(self) -> float:
-        """What no acceleration can be better than: eps cond(D M D), D = diag(M_jj^-1/2)."""
+        """Rounding error of the best acceleration: eps cond(D M D), D = diag(M_jj^-1/2)."""
         rows = np.linalg.norm(self.L, axis=1)  # M_jj^1/2
         return _EPS * float(np.linalg.cond(self.L / rows[:, None])) ** 2
 
@@ -536,11 +536,11 @@ class MassFactor:
 
     @cached_property
     def pivots(self) -> Array:
-        """D (nv,) of M = U D U^T."""
+        """Pivots D (nv,) of M = U D U^T."""
         return cholesky_pivots(self.M)
 
     def condition_exceeds(self, limit: float) -> bool:
-        """Whether the condition number is above a limit: traces say no at less cost.
+        """True if the condition number is above a limit; traces rule out most cases at less cost.
 
         |M| |M^-1| <= tr M tr M^-1
         """
@@ -549,7 +549,7 @@ class MassFactor:
 
 
 def factorise_mass(M: Array, *, why: Callable[[], str] = str) -> MassFactor:
-    """Factorise M (nv, nv); `why` says why it is not positive definite, or nothing.
+    """Factorise M (nv, nv); `why` returns the reason for M not being positive definite, or nothing.
 
     Raises
     ------
@@ -563,7 +563,7 @@ def factorise_mass(M: Array, *, why: Callable[[], str] = str) -> MassFactor:
 
 
 def inverse_factor(M: Array) -> Array:
-    """Return L^-1 (nv, nv) of M = L L^T.
+    """Inverse Cholesky factor L^-1 (nv, nv) of M = L L^T.
 
     Raises
     ------
@@ -578,7 +578,7 @@ def inverse_factor(M: Array) -> Array:
 
 
 def cholesky_pivots(M: Array) -> Array:
-    """Return D (nv,) of M = U D U^T; NaN if M is not positive definite."""
+    """Pivots D (nv,) of M = U D U^T; NaN if M is not positive definite."""
     from_the_tips = M.ravel()[::-1].copy().reshape(M.shape)
     factor, info = lapack().dpotrf(from_the_tips.T, 1, 0, 1)  # M is symmetric
     if info:
@@ -589,7 +589,7 @@ def cholesky_pivots(M: Array) -> Array:
 
 @cache
 def lapack() -> Any:
-    """Return LAPACK's own routines: half the time of numpy's at the size of robots."""
+    """LAPACK's own routines: half the time of numpy's at the size of robots."""
     from scipy.linalg import lapack  # takes as long to import as Pinocchio
 
     return lapack

@@ -14,7 +14,7 @@ _LONG: Final = 20  # a cell that is longer is a text, and may be folded
 
 
 def print_whole(table: Table, console: Console) -> None:
-    """Print a table with no cell cut, as wide as it is: what is too wide gets long lines.
+    """Print a table without cut cells; wide tables have long lines.
 
     On a terminal that is too narrow, the frame is left out, and headings and texts are folded.
     """
@@ -32,7 +32,7 @@ def _width(table: Table, console: Console) -> Measurement:
 
 
 def _fold(table: Table) -> None:
-    """Fold what may be folded; a number is not."""
+    """Wrap the text columns of a table; numbers are never broken."""
     table.box, table.padding, table.pad_edge = None, (0, 1, 0, 0), False
     for column in table.columns:
         column.overflow = "fold"

@@ -1,4 +1,4 @@
-"""Rows of arrays over an executor, and how each of them ended.
+"""Rows of batches over an executor, and the status of each row.
 
 Rows of arrays over an executor: the common part of everything that is done to many states.
 """
@@ -51,7 +51,7 @@ _SMALLER: Final = 5
 
 @dataclass(frozen=True)
 class Rows:
-    """What is done to the rows of arrays, and by whom.
+    """Work on the rows of batch arrays: kernel, executor and chunk size.
 
     Without an executor this process does the work. Workers are handed `chunk` rows at a time; by
     default a sixteenth of what is left, up to `most`, which should take a tenth of a second or
@@ -74,7 +74,7 @@ class Rows:
     def fill(
         self, count: int, inputs: Arrays, kinds: Kinds, batch: Callable[[Arrays], SomeBatch]
     ) -> SomeBatch:
-        """Return the `batch` that is made of the outputs, one row per state.
+        """Fill the outputs, one row per state, and return the `batch` that is made of them.
 
         Inputs with two axes have one row per state; with one, they are the same for all. `kinds`
         says what a row of each output is; one of them is ``statuses``: MISSING where nobody has
@@ -100,7 +100,7 @@ class Rows:
         return found()
 
     def _transport(self, inputs: Arrays, outputs: Arrays, chunks: list[slice]) -> Transport:
-        """Return the transport to whoever does the work."""
+        """Transport to the workers of the executor, or within this process."""
         if self.executor is None:
             return InPlace(self.kernel, self.recipe, inputs, outputs)
         recipe = self.recipe.pickled()
@@ -119,7 +119,7 @@ class Rows:
         return PickleTransport(self.kernel, recipe, inputs, outputs)
 
     def _check_travels(self) -> None:
-        """Refuse what cannot be sent to a process: its chunks would only be called lost."""
+        """Raise InvalidArgument if the kernel cannot be pickled for worker processes."""
         try:
             pickle.dumps(self.kernel)
         except (pickle.PicklingError, AttributeError, TypeError) as error:
@@ -129,7 +129,7 @@ class Rows:
             ) from error
 
     def _chunks(self, count: int) -> list[slice]:
-        """Return the rows of each chunk: the last ones few, as all wait for the last one."""
+        """Rows of each chunk; the last chunks are small, so that workers finish together."""
         chunks, start = [], 0
         least = min(_part(count, _SHARES), _part(self.most, _SMALLER))
         while start < count:
@@ -146,7 +146,7 @@ class Rows:
         words: NDArray[Any],
         done: NDArray[np.bool_],
     ) -> None:
-        """Have all chunks done; put down what is said of rows, and which of them are done."""
+        """Run all chunks; collect the messages of rows, and flags of the rows that are done."""
         results = in_flight(
             transport.work, len(chunks), lambda i, place: transport.send(chunks[i], place),
             self.executor, transport.places,
@@ -160,7 +160,7 @@ class Rows:
 
 
 def _sealed(outputs: Arrays, done: NDArray[np.bool_]) -> Arrays:
-    """Return the outputs, NaN where they are missing, and read-only."""
+    """Outputs made read-only, with NaN in missing rows."""
     some_missing = not done.all()
     outputs["statuses"][~done] = MISSING
     for array in outputs.values():
@@ -187,11 +187,11 @@ Some = slice | list[int] | NDArray[Any]  # of the rows, as NumPy takes them
 
 
 class Batch(ABC, Generic[One]):
-    """Many answers: ``batch[i]`` is one, ``batch[2:4]`` a batch of some."""
+    """Sequence of solutions: ``batch[i]`` is one, ``batch[2:4]`` a batch of some."""
 
     @abstractmethod
     def __len__(self) -> int:
-        """Return how many there are."""
+        """Number of rows."""
 
     @abstractmethod
     def _one(self, i: int) -> One:
@@ -217,7 +217,7 @@ class Batch(ABC, Generic[One]):
 
 
 class BatchResult:
-    """What a batch says of its rows; `statuses` are places in `_endings`, and 0 is ok."""
+    """Statuses of the rows of a batch, as indices into `_endings`; 0 is ok."""
 
     _endings: ClassVar[Sequence[Enum]]
 
@@ -225,7 +225,7 @@ class BatchResult:
 
     @property
     def ok(self) -> bool:
-        """Whether every status is ok."""
+        """True if every status is ok."""
         return not self.statuses.any()
 
     @property
@@ -235,12 +235,12 @@ class BatchResult:
 
     @property
     def missing(self) -> NDArray[np.intp]:
-        """Indices of the rows that no worker got to: after a `WorkersLost` or an `Interrupted`."""
+        """Indices of rows that were never computed: after a `WorkersLost` or an `Interrupted`."""
         return np.flatnonzero(self.statuses == MISSING)
 
     @property
     def counts(self) -> dict[str, int]:
-        """How many rows have which status, by its name; those that none has are left out."""
+        """Number of rows of each status, by its name; statuses without rows are left out."""
         found = {name: int((self.statuses == i).sum()) for i, name in self._names.items()}
         return {name: number for name, number in found.items() if number}
 
@@ -260,11 +260,11 @@ class BatchResult:
         return page(title, notes(bad), facts(map(_in_two, lines)), ok=self.ok)
 
     def _counted(self) -> str:
-        """Return the counts in words."""
+        """Counts of the statuses as text."""
         return ", ".join(f"{number} {name}" for name, number in self.counts.items()) or "none"
 
     def _not_ok(self) -> list[str]:
-        """Return a line for each status but ok: the first few rows that have it, and what it is."""
+        """Line for each status but ok: its first few rows, and its meaning."""
         texts = {MISSING: "missing: no worker got to it"}
         texts |= {i: str(ending) for i, ending in enumerate(self._endings)}
         lines = []
@@ -275,12 +275,12 @@ class BatchResult:
         return lines
 
     def _named(self, i: int) -> str:
-        """Return what to call a row."""
+        """Name of a row."""
         return str(i)
 
 
 def _in_two(line: str) -> tuple[str, str]:
-    """Return what a line of a summary is about, and what it says."""
+    """Label and text of a line of a summary."""
     label, gap, text = line.partition("  ")
     if not gap:  # a label that fills its column
         label, _, text = line.partition(" ")
@@ -342,5 +342,5 @@ class Native:
 
     @property
     def at_work(self) -> int:
-        """How many threads there are."""
+        """Number of threads."""
         return cores() if self.threads is None else self.threads

@@ -35,14 +35,14 @@ _FOLD: Final = 12  # rows of a table that are seen at once
 
 
 def page(title: str, *parts: str, ok: bool | None = None) -> str:
-    """Return a title, with a dot that says whether it is as it should be, and what is below it."""
+    """HTML of a title, with a dot for good or bad, and the content below it."""
     dot = "" if ok is None else f'<span style="color:{_GOOD if ok else _BAD}">&#9679;</span> '
     head = f'<div style="font-weight:600;margin-bottom:2px">{dot}{escape(title)}</div>'
     return f'<div style="max-width:60em;line-height:1.4">{head}{"".join(parts)}</div>'
 
 
 def facts(pairs: Iterable[tuple[str, str]]) -> str:
-    """Return labels and texts, a line each."""
+    """HTML of labels and texts, one line each."""
     rows = "".join(
         f'<tr style="background:transparent"><th style="{_CELL};font-weight:normal;opacity:0.7;'
         f'vertical-align:top;white-space:nowrap">{escape(label)}</th>'
@@ -53,7 +53,7 @@ def facts(pairs: Iterable[tuple[str, str]]) -> str:
 
 
 def grid(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """Return a table without its empty columns; those of numbers are right-aligned."""
+    """HTML table without its empty columns; numbers are right-aligned."""
     if not rows:
         return ""
     used = [any(column) for column in zip(*rows, strict=True)]
@@ -80,7 +80,7 @@ def grid(headings: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
 
 
 def folded(title: str, content: str, *, count: int = _FOLD + 1) -> str:
-    """Return content below a line that opens it; at once what has few rows."""
+    """HTML of content below a line that unfolds it; a few rows are shown at once."""
     if not content:
         return ""
     opened = " open" if count <= _FOLD else ""
@@ -91,7 +91,7 @@ def folded(title: str, content: str, *, count: int = _FOLD + 1) -> str:
 
 
 def notes(texts: Iterable[str]) -> str:
-    """Return what deserves attention, a line each."""
+    """HTML of warnings, one line each."""
     return "".join(
         f'<div style="border-left:3px solid {_BAD};padding-left:8px;margin:3px 0">'
         f"{escape(text)}</div>"
@@ -100,7 +100,7 @@ def notes(texts: Iterable[str]) -> str:
 
 
 def curve(title: str, x: Array, y: Array, unit: str) -> str:
-    """Return a small curve, its extremes and its end in words."""
+    """HTML of a small curve, with its extremes and its end as text."""
     known = np.isfinite(x) & np.isfinite(y)
     if np.count_nonzero(known) < 2:
         return ""
@@ -134,7 +134,7 @@ def _is_number(text: str) -> bool:
 
 
 def require_pandas() -> Any:
-    """Return the module, or raise MissingExtra."""
+    """Module pandas, or MissingExtra."""
     try:
         import pandas
     except ImportError as error:
@@ -231,7 +231,7 @@ OTHER: Final = ("#CC79A7", "d")
 
 
 def line(i: int) -> dict[str, Any]:
-    """Return colour and dashes of line i: no two of the first 32 are alike."""
+    """Colour and dashes of line i; the first 32 lines all differ."""
     dashes = DASHES[(i + i // len(COLOURS)) % len(DASHES)]
     return {"color": COLOURS[i % len(COLOURS)], "ls": dashes, "lw": 1.3}
 
@@ -257,7 +257,7 @@ def finished(ax: Any, *, title: str, x: str, y: str) -> Any:
 
 
 def write_figure(figure: Any, path: str | Path, *, dpi: int = 150) -> None:
-    """Write a figure of matplotlib; the ending of `path` says which format, PNG if it has none."""
+    """Write a figure of matplotlib; the suffix of `path` is its format, PNG without one."""
     path = Path(path)
     with atomic_write(path if path.suffix else path.with_name(f"{path.name}.png")) as new:
         figure.savefig(new, dpi=dpi)

@@ -1,4 +1,4 @@
-"""Memory of one thread: one at a time in a workspace, and caches that threads do not share.
+"""Thread safety: workspaces for one thread at a time, and caches of each thread.
 
 One thread at a time: memory that threads share by mistake gives each the numbers of the other.
 
@@ -24,18 +24,18 @@ Self = TypeVar("Self", bound="OneThread")
 
 
 class OneThread:
-    """What one thread at a time may use; by the same thread again, also within a call."""
+    """Object for one thread at a time; reentrant within that thread."""
 
     _user = 0  # the thread that is at work in it; 0 if none is
 
     def check_alone(self) -> None:
-        """Raise `SharedWorkspace` if another thread is at work in it."""
+        """Raise `SharedWorkspace` if another thread is using the object."""
         if self._user and self._user != get_ident():
             raise in_use()
 
 
 def alone(method: Callable[Concatenate[Self, P], R]) -> Callable[Concatenate[Self, P], R]:
-    """Return a method that raises `SharedWorkspace` while another thread is at work."""
+    """Decorate a method to raise `SharedWorkspace` while another thread is using the object."""
 
     @wraps(method)
     def guarded(self: Self, /, *args: P.args, **options: P.kwargs) -> R:
@@ -52,7 +52,7 @@ def alone(method: Callable[Concatenate[Self, P], R]) -> Callable[Concatenate[Sel
 
 
 def in_use(what: str = "another thread is at work in this Workspace") -> SharedWorkspace:
-    """Return the error."""
+    """Error of a second thread in one workspace."""
     return SharedWorkspace(
         f"{what}: its memory belongs to one at a time, and the answers would be mixed up; make one "
         "Workspace(scene) a thread, or call solve and derivatives, which keep one for each thread"
@@ -60,7 +60,7 @@ def in_use(what: str = "another thread is at work in this Workspace") -> SharedW
 
 
 def of_workspace(method: Callable[Concatenate[Any, P], R]) -> Callable[Concatenate[Any, P], R]:
-    """Return a method, of what has a `_workspace`, that works in it alone, as `alone` does."""
+    """Decorate a method to use the object's `_workspace` alone, as `alone` does."""
 
     @wraps(method)
     def guarded(self: Any, /, *args: P.args, **options: P.kwargs) -> R:
@@ -88,7 +88,7 @@ T = TypeVar("T")
 
 
 class ThreadCache(Generic[T]):
-    """What each thread has made last, of one kind.
+    """Cache of the latest objects of one kind, separate for each thread.
 
     Parameters
     ----------
@@ -100,7 +100,7 @@ class ThreadCache(Generic[T]):
         self._most, self._of_thread = most, threading.local()
 
     def of(self, owner: object, asked: object, make: Callable[[], T]) -> T:
-        """Return what this thread has made for an object, asked for like this; or make it."""
+        """Cached object of an owner and of the arguments `asked`; made by `make` if missing."""
         places: _Places | None = getattr(self._of_thread, "places", None)
         if places is None:
             self._of_thread.places = places = _Places()
@@ -122,7 +122,7 @@ class ThreadCache(Generic[T]):
 
 @dataclass(eq=False)
 class _Place:
-    """Where something is kept: by its owner, under this very object."""
+    """Key of a cached object, which is stored on its owner."""
 
     owner: ref[Any]
     asked: object
@@ -140,7 +140,7 @@ class _Place:
 
 
 class _Places(list[_Place]):
-    """Those of one thread, oldest first; what is kept there goes with the thread."""
+    """Cache keys of one thread, oldest first; their objects are dropped when the thread ends."""
 
     def __del__(self) -> None:
         for place in self:

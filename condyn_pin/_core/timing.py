@@ -1,4 +1,4 @@
-"""Times of calls, and the machine that took them.
+"""Times of calls, and the machine that they were measured on.
 
 Timing in one process, interleaved: what drifts in the machine drifts for all.
 
@@ -32,7 +32,7 @@ _Key = TypeVar("_Key", bound=Hashable)
 
 @dataclass(frozen=True)
 class Times:
-    """Times of one candidate [us], a sample a round."""
+    """Times of one candidate [us], one sample per round."""
 
     samples: tuple[float, ...]
 
@@ -47,7 +47,7 @@ class Times:
         return float(np.percentile(self.samples, 95))
 
     def ratio(self, other: Times) -> float:
-        """Return the median over the rounds of this time over the other's."""
+        """Median over the rounds of this time over the other's."""
         return float(np.median(np.divide(self.samples, other.samples)))
 
 
@@ -60,7 +60,7 @@ def interleaved(
     enough: float = inf,
     tick: Callable[[], None] = lambda: None,
 ) -> dict[_Key, Times]:
-    """Time callables on the same states.
+    """Time callables on the same states, round by round.
 
     Parameters
     ----------
@@ -107,7 +107,7 @@ def interleaved(
 
 
 def _warm_up(call: Call, states: Sequence[State], most: int, enough: float) -> int:
-    """Call at every state, for memory, caches and lazy imports; return how many make a sample."""
+    """Call at every state to fill memory, caches and lazy imports; return the calls per sample."""
     spent = []
     for state in states:
         start = perf_counter()

@@ -1,4 +1,4 @@
-"""The tolerances that answers, states and models are judged by, each with its reason."""
+"""Tolerances of solutions, states and models, each with its reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Data of a model with many trees: Pinocchio's of each tree, where that of all is too large.
+"""Data of a model with many trees: one pin.Data per tree, where that of the model is too large.
 
 A `pin.Data` has four tensors for second derivatives, nv^3 numbers each: 0.4 GB of forty free
 bodies, 7 GB of a hundred, although bodies that no joint connects have nothing in common. The
@@ -28,7 +28,7 @@ _SMALL: Final = 2**25
 
 
 def data_of(model: Any) -> Any:
-    """Memory for Pinocchio's algorithms, with `algorithms` to call: of each tree, or of all.
+    """Memory for Pinocchio's algorithms, a pin.Data or a `Forest`; see `algorithms`.
 
     Raises
     ------
@@ -39,7 +39,7 @@ def data_of(model: Any) -> Any:
 
 
 def whole_data(model: Any) -> Any:
-    """Return the `pin.Data` of a model, or refuse it before the memory is taken.
+    """`pin.Data` of a model; refused before its memory is allocated.
 
     Raises
     ------
@@ -61,12 +61,12 @@ def whole_data(model: Any) -> Any:
 
 
 def tensors_of(model: Any) -> float:
-    """Memory that the tensors of a `pin.Data` take: 4 nv x nv x nv numbers [bytes]."""
+    """Memory of the tensors of a `pin.Data`: 4 nv x nv x nv numbers [bytes]."""
     return float(4 * 8 * model.nv**3)
 
 
 def available_memory() -> float:
-    """Memory that is free, or that can be freed [bytes]: to ask for more may end the process."""
+    """Free or reclaimable memory [bytes]; a process that exceeds it may be killed."""
     try:
         lines = Path("/proc/meminfo").read_text(encoding="ascii").splitlines()
         return 1024.0 * next(int(line.split()[1]) for line in lines if "MemAvailable" in line)
@@ -78,23 +78,23 @@ def available_memory() -> float:
 
 
 def algorithms(data: Any) -> Any:
-    """What has the algorithms for a memory, by the names that they have in Pinocchio."""
+    """Pinocchio's algorithms for a memory, under their names in Pinocchio: a `Forest`, or `pin`."""
     return data if isinstance(data, Forest) else pin
 
 
 def is_forest(model: Any) -> bool:
-    """Whether a model has trees of which it is worth while to keep the memory apart."""
+    """True if a model has several trees and is large enough for a pin.Data per tree."""
     return tensors_of(model) > _SMALL and len(model.children[0]) > 1 and _is_in_order(model)
 
 
 def _is_in_order(model: Any) -> bool:
-    """Whether the joints of each tree come one after the other."""
+    """True if the joints of each tree are contiguous."""
     roots = _roots(model)
     return roots == sorted(roots)
 
 
 def _roots(model: Any) -> list[int]:
-    """Return the first joint of the tree of each joint, but for the world."""
+    """Root joint of the tree of each joint, without the world."""
     roots = [0]
     for joint in range(1, model.njoints):
         parent = model.parents[joint]
@@ -103,7 +103,7 @@ def _roots(model: Any) -> list[int]:
 
 
 class Tree(NamedTuple):
-    """A tree of a model by itself, and where it is in that."""
+    """One tree of a model, as a model of its own, and its indices in the whole."""
 
     model: Any
     data: Any
@@ -113,7 +113,7 @@ class Tree(NamedTuple):
 
 
 def trees_of(model: Any) -> Iterator[Tree]:
-    """Yield the trees of a model whose joints are in order, without armature.
+    """Yield the trees of a model with contiguous joints, without armature.
 
     That is what steps change in a model, so that the model at hand has it.
     """
@@ -165,16 +165,16 @@ class Forest:
         self.J = np.zeros((6, model.nv), order="F")
 
     def is_sound(self) -> bool:
-        """Whether Pinocchio takes each of the trees."""
+        """True if each tree passes Pinocchio's check of model and data."""
         return all(tree.model.check(tree.data) for tree in self._trees)
 
     def forwardKinematics(self, model: Any, data: Any, q: Array, *rates: Array) -> None:
-        """Placements, velocities and accelerations of the joints."""
+        """Compute placements, velocities and accelerations of the joints."""
         self._each(pin.forwardKinematics, q, *rates)
         self._place()
 
     def computeJointJacobians(self, model: Any, data: Any, *q: Array) -> Array:
-        """Placements and J; without q those of the last call."""
+        """Compute placements and J; without q at those of the last call."""
         self._each(pin.computeJointJacobians, *q)
         self._place()
         for tree in self._trees:
@@ -182,7 +182,7 @@ class Forest:
         return self.J
 
     def crba(self, model: Any, data: Any, q: Array, convention: Any = None) -> Array:
-        """Return M (nv, nv), owned by the caller; Jacobians of joints are left behind."""
+        """Mass matrix M (nv, nv), owned by the caller; computes the Jacobians of the joints too."""
         self.computeJointJacobians(model, data, q)
         M = np.zeros((self._nv, self._nv))
         how = () if convention is None else (convention,)
@@ -192,15 +192,15 @@ class Forest:
         return M
 
     def nonLinearEffects(self, model: Any, data: Any, q: Array, v: Array) -> Array:
-        """Return h (nv,)."""
+        """Bias torques h (nv,): Coriolis, centrifugal and gravity."""
         return self._joined(pin.nonLinearEffects, q, v)
 
     def rnea(self, model: Any, data: Any, q: Array, v: Array, a: Array, *wrenches: Any) -> Array:
-        """Return M a + h (nv,), less what wrenches on the joints do."""
+        """Torques M a + h (nv,), less those of external wrenches on the joints."""
         return np.asarray(self._joined(pin.rnea, q, v, a, *wrenches) + model.armature * a)
 
     def aba(self, model: Any, data: Any, q: Array, v: Array, tau: Array, *wrenches: Any) -> Array:
-        """Return the acceleration (nv,) under tau, and wrenches on the joints."""
+        """Acceleration (nv,) under tau and external wrenches on the joints."""
         for tree in self._trees:
             tree.model.armature = np.array(model.armature[tree.v])
         a = self._joined(pin.aba, q, v, tau, *wrenches)
@@ -209,19 +209,19 @@ class Forest:
         return a
 
     def computeGeneralizedGravity(self, model: Any, data: Any, q: Array) -> Array:
-        """Return the torques (nv,) that hold everything up."""
+        """Gravity torques (nv,)."""
         return self._joined(pin.computeGeneralizedGravity, q)
 
     def computeStaticTorque(self, model: Any, data: Any, q: Array, wrenches: Any) -> Array:
-        """Return the torques (nv,) that hold everything up against wrenches on the joints."""
+        """Static torques (nv,) against gravity and external wrenches on the joints."""
         return self._joined(pin.computeStaticTorque, q, wrenches)
 
     def computeKineticEnergy(self, model: Any, data: Any, *state: Array) -> float:
-        """Return the kinetic energy of the links [J]; without a state that of the last call."""
+        """Kinetic energy of the links [J]; without a state that of the last call."""
         return float(sum(self._each(pin.computeKineticEnergy, *state)))
 
     def computePotentialEnergy(self, model: Any, data: Any, *q: Array) -> float:
-        """Return the potential energy [J]; without q that of the last call."""
+        """Potential energy [J]; without q that of the last call."""
         return float(sum(self._each(pin.computePotentialEnergy, *q)))
 
     def getFrameJacobian(
@@ -236,7 +236,7 @@ class Forest:
         return J
 
     def computeCentroidalMomentum(self, model: Any, data: Any, q: Array, v: Array) -> Any:
-        """Return the momentum about the centre of all masses, a pin.Force."""
+        """Centroidal momentum, a pin.Force."""
         total, mass, moment = pin.Force.Zero(), 0.0, np.zeros(3)
         momenta = self._each(pin.computeCentroidalMomentum, q, v)
         for tree, momentum in zip(self._trees, momenta, strict=True):
@@ -249,7 +249,7 @@ class Forest:
         return np.concatenate(self._each(algorithm, *arguments))
 
     def _each(self, algorithm: Callable[..., Any], *arguments: Any) -> list[Any]:
-        """Return the answers of an algorithm for each tree; the first argument is q.
+        """Results of an algorithm for each tree; the first argument is q.
 
         ValueError of arrays of another size, as Pinocchio has it.
         """
@@ -264,7 +264,7 @@ class Forest:
 
 
 def _part(tree: Tree, arguments: tuple[Any, ...]) -> Iterator[Any]:
-    """Yield what belongs to a tree: of q, of vectors along v, and of wrenches on the joints."""
+    """Yield the arguments of one tree: its part of q, of vectors along v, and of joint wrenches."""
     for i, argument in enumerate(arguments):
         if isinstance(argument, np.ndarray):
             yield argument[tree.v if i else tree.q]
@@ -279,7 +279,7 @@ def _part(tree: Tree, arguments: tuple[Any, ...]) -> Iterator[Any]:
 
 
 class _OfJoints:
-    """What each joint has in the memory of its tree."""
+    """Quantity of each joint, read from the memory of its tree."""
 
     def __init__(self, trees: list[Tree], name: str) -> None:
         self._of = [

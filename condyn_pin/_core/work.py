@@ -1,4 +1,4 @@
-"""Chunks of work over an executor, and what happens when a worker is lost."""
+"""Chunks of work over an executor, and the loss of workers."""
 
 from __future__ import annotations
 
@@ -50,7 +50,7 @@ _LOSSES: Final = 3
 
 
 def silent(done: int, total: int) -> None:
-    """Show no progress."""
+    """Ignore progress."""
 
 
 def map_chunks(
@@ -111,7 +111,7 @@ def in_flight(
     executor: Executor | None,
     places: int = IN_FLIGHT,
 ) -> Generator[tuple[int, Result], None, None]:
-    """Yield as `map_chunks` does, of chunks that `send` makes when they are handed out.
+    """Yield as `map_chunks` does; `send` makes each chunk when it is submitted.
 
     No more than so many `places` are in flight, and a chunk keeps its place to itself until the
     result that was yielded for it is asked to be followed by the next.
@@ -130,7 +130,7 @@ def in_flight(
 
 @dataclass(frozen=True)
 class _Answer(Generic[Result]):
-    """What `work` returned, or what it raised; all else that is raised is the executor's."""
+    """Result of `work`, or its exception; any other exception is the executor's."""
 
     result: Result | None
     error: Exception | None
@@ -199,7 +199,7 @@ class _Run(Generic[Chunk, Result]):
                 self._flying[future] = self._left.popleft(), self._places.pop()
 
     def _collect(self, future: Future[Any], i: int) -> _Answer[Result] | None:
-        """Return the answer of chunk i, or None if it was lost and is to be done again."""
+        """Result of chunk i, or None if it was lost and has to be repeated."""
         try:
             answer: _Answer[Result] = future.result()
         except BrokenExecutor as error:  # every chunk in flight is lost with the pool
@@ -302,21 +302,21 @@ class Processes(Executor):
 
     @property
     def pids(self) -> tuple[int, ...]:
-        """Process ids of the workers; there are none before the first call."""
+        """Process ids of the workers; empty before the first call."""
         return tuple(self._pool._processes or ())
 
     @property
     def began(self) -> bool:
-        """Whether any worker has ever come so far that it could work."""
+        """True if any worker has ever started."""
         return bool(self._began.value)
 
     def submit(self, fn: Callable[..., Result], /, *args: Any, **kwargs: Any) -> Future[Result]:
-        """Hand out a call, as `concurrent.futures.Executor.submit`."""
+        """Submit a call, as `concurrent.futures.Executor.submit`."""
         self._check_found(fn)
         return self._pool.submit(fn, *args, **kwargs)
 
     def shutdown(self, wait: bool = True, *, cancel_futures: bool = False) -> None:
-        """End the workers, as `concurrent.futures.Executor.shutdown`."""
+        """Stop the workers, as `concurrent.futures.Executor.shutdown`."""
         self._pool.shutdown(wait=wait, cancel_futures=cancel_futures)
 
     def renew(self) -> None:
@@ -325,7 +325,7 @@ class Processes(Executor):
         self._pool = self._new()
 
     def _check_found(self, fn: Callable[..., object]) -> None:
-        """Refuse a function that a worker would not find: it breaks the pool, and says not why."""
+        """Raise InvalidArgument for a function that workers cannot import: it breaks the pool."""
         typed = not hasattr(sys.modules["__main__"], "__file__")
         if typed and self.start_method != "fork" and getattr(fn, "__module__", "") == "__main__":
             raise InvalidArgument(
@@ -341,7 +341,7 @@ class Processes(Executor):
 
 
 def _begin(began: Any) -> None:
-    """Leave Ctrl-C, which a terminal sends to all, to the parent; end when the parent is killed."""
+    """Initialise a worker: ignore Ctrl-C, which the parent handles; exit when the parent dies."""
     began.value = 1
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     # a pool waits for the workers that it terminates: none may have a fork's handler of its parent
@@ -358,13 +358,13 @@ def _end_with_the_parent() -> None:
 
 
 def workers_of(pool: Processes | ProcessPoolExecutor) -> int:
-    """Return how many processes a pool has when all of them have work."""
+    """Number of worker processes of a pool at full load."""
     found: int = pool.workers if isinstance(pool, Processes) else vars(pool)["_max_workers"]
     return found
 
 
 def cores() -> int:
-    """Return the number of cores that this process may use."""
+    """Number of cores available to this process."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
     return os.cpu_count() or 1
@@ -392,12 +392,12 @@ class Kind(NamedTuple):
 
     @property
     def size(self) -> int:
-        """Bytes that it takes, with what is left free behind it."""
+        """Size in memory, padded to the alignment [bytes]."""
         size = prod(self.shape) * np.dtype(self.dtype).itemsize
         return -(-size // _ALIGNED) * _ALIGNED
 
     def times(self, count: int) -> Kind:
-        """Return so many of it."""
+        """Shape and type of `count` such arrays, stacked."""
         return Kind((count, *self.shape), self.dtype)
 
 
@@ -407,7 +407,7 @@ Arrays = dict[str, NDArray[Any]]
 
 @dataclass(frozen=True)
 class Address:
-    """Where shared arrays are, for another process of this machine."""
+    """Address of shared arrays, for other processes of this machine."""
 
     path: str
     inode: int  # which file it is: the number in the path is given to others after it is closed
@@ -445,12 +445,12 @@ class SharedArrays:
         self.address = Address(path, inode, dict(kinds))
 
     def close(self) -> None:
-        """Let no other process open the arrays any more."""
+        """Close the arrays to processes that have not opened them yet."""
         os.close(self._file)
 
 
 def _views(memory: mmap.mmap, kinds: Kinds) -> Arrays:
-    """Return the arrays one behind the other in a piece of memory, which they keep alive."""
+    """Arrays laid out one after the other in shared memory; they keep it alive."""
     arrays, offset = {}, 0
     for name, kind in kinds.items():
         arrays[name] = np.ndarray(kind.shape, kind.dtype, memory, offset)
@@ -478,54 +478,54 @@ Kernel = Callable[[Any, Arrays, Arrays], Messages]
 
 
 class Maker(Protocol):
-    """What makes the workspace of a kernel."""
+    """Source of the workspace of a kernel."""
 
     def workspace(self) -> Any:
-        """Return the workspace of this thread, made when it is first asked for."""
+        """Workspace of this thread, made at the first call."""
 
 
 class Recipe(Maker, Protocol):
-    """What makes it here, and can be sent to make it elsewhere."""
+    """Source of the workspace in this process, which can be sent to workers."""
 
     def pickled(self) -> Maker:
-        """Return what travels, pickled once for all chunks."""
+        """Picklable source of the workspace, made once for all chunks."""
 
 
 class Transport(ABC):
-    """What a worker is sent, does, and sends back."""
+    """Transport of inputs to workers, and of outputs back."""
 
     work: Callable[[Any], Any]  # what the worker does with what it is sent
     places: int = IN_FLIGHT  # chunks that may be in flight at a time
 
     @abstractmethod
     def send(self, rows: slice, place: int) -> Any:
-        """Return what the worker needs for some rows; while it works, the place is theirs."""
+        """Message to a worker about some rows; the worker owns the `place` until it is done."""
 
     @abstractmethod
     def receive(self, rows: slice, found: Any) -> Messages:
-        """Put into the outputs what the worker found, as `work` returned it; return its words."""
+        """Write the outputs of a worker into their rows; return its messages."""
 
     def close(self) -> None:  # noqa: B027 - most ways take nothing
-        """Give back what the way took."""
+        """Release the resources of the transport."""
 
 
 class InPlace(Transport):
-    """In this process: there is nothing to send."""
+    """Transport within this process: no data is copied."""
 
     def __init__(self, kernel: Kernel, recipe: Maker, inputs: Arrays, outputs: Arrays) -> None:
         self.work = partial(_fill, kernel, recipe.workspace(), inputs, outputs)
 
     def send(self, rows: slice, place: int) -> slice:
-        """Return the rows: the arrays are here."""
+        """Rows of the arrays, which are in this process."""
         return rows
 
     def receive(self, rows: slice, found: Messages) -> Messages:
-        """Return the words: the outputs are filled."""
+        """Messages of the rows; the outputs are written already."""
         return found
 
 
 class SharedMemoryTransport(Transport):
-    """To processes of this machine, in memory that they share with this one.
+    """Transport to processes of this machine in shared memory.
 
     It has room for so many chunks (`places`) of so many rows (`most`); OSError if there is not.
     """
@@ -554,26 +554,26 @@ class SharedMemoryTransport(Transport):
         self.work = _InMemory(kernel, recipe, memory.address, tuple(inputs))
 
     def send(self, rows: slice, place: int) -> slice:
-        """Return where the inputs of the rows are in shared memory now."""
+        """Slice of the shared inputs, after copying the rows there."""
         there = slice(place * self._most, place * self._most + rows.stop - rows.start)
         for name, array in self._inputs.items():
             self._shared[name][there] = array[rows]
         return there
 
     def receive(self, rows: slice, found: tuple[slice, Messages]) -> Messages:
-        """Copy out of shared memory."""
+        """Copy the outputs out of shared memory; return the messages."""
         there, words = found
         for name, array in self._outputs.items():
             array[rows] = self._shared[name][there]
         return words
 
     def close(self) -> None:
-        """Let no worker open the memory any more."""
+        """Close the shared memory to workers that have not opened it yet."""
         self._memory.close()
 
 
 class PickleTransport(Transport):
-    """To workers anywhere, as pickled copies."""
+    """Transport to workers anywhere, as pickled copies."""
 
     def __init__(self, kernel: Kernel, recipe: Maker, inputs: Arrays, outputs: Arrays) -> None:
         self._inputs, self._outputs = inputs, outputs
@@ -581,11 +581,11 @@ class PickleTransport(Transport):
         self.work = _OnCopies(kernel, recipe, kinds)
 
     def send(self, rows: slice, place: int) -> tuple[int, Arrays]:
-        """Return the number of rows and their inputs."""
+        """Number of rows, and their inputs."""
         return rows.stop - rows.start, _inputs_of(self._inputs, rows)
 
     def receive(self, rows: slice, found: tuple[Arrays, Messages]) -> Messages:
-        """Put the copies into their place."""
+        """Copy the outputs into their rows; return the messages."""
         arrays, words = found
         for name, array in arrays.items():
             self._outputs[name][rows] = array
@@ -594,7 +594,7 @@ class PickleTransport(Transport):
 
 @dataclass(frozen=True)
 class _InMemory:
-    """The work of a process that shares memory with the one that asks for it."""
+    """Work of a process that shares memory with its parent."""
 
     kernel: Kernel
     recipe: Maker
@@ -610,13 +610,13 @@ class _InMemory:
 
 @lru_cache(maxsize=1)
 def _opened(address: Address) -> Arrays:
-    """Return the arrays of a batch, kept from one chunk to the next."""
+    """Shared arrays of a batch, kept open from one chunk to the next."""
     return address.open()
 
 
 @dataclass(frozen=True)
 class _OnCopies:
-    """The work of a worker anywhere."""
+    """Work of a process anywhere, on copies."""
 
     kernel: Kernel
     recipe: Maker
@@ -630,11 +630,11 @@ class _OnCopies:
 
 
 def _fill(kernel: Kernel, workspace: Any, inputs: Arrays, outputs: Arrays, rows: slice) -> Messages:
-    """Have a kernel fill some rows."""
+    """Run a kernel on some rows."""
     chosen = {name: array[rows] for name, array in outputs.items()}
     return kernel(workspace, _inputs_of(inputs, rows), chosen)
 
 
 def _inputs_of(arrays: Arrays, rows: slice) -> Arrays:
-    """Return some rows of the inputs; what has one axis is the same for all."""
+    """Inputs of some rows; arrays of one axis are common to all rows."""
     return {name: array if array.ndim == 1 else array[rows] for name, array in arrays.items()}
