@@ -1,4 +1,4 @@
-"""What can go wrong, each case with one name.
+"""Errors of the library, one class for each cause.
 
 Every error that the library raises is a `CondynError`. Its text names the argument or the file, the
 value that was found, and what would do instead. Errors that answer a failed solve or
@@ -42,7 +42,7 @@ __all__ = [
 
 
 def printable(text: str) -> str:
-    r"""Return a text with everything but its letters and lines as ``\x1b``.
+    r"""Return a text with its unprintable characters escaped as ``\x1b``.
 
     Names come from files, and a terminal obeys what it is sent.
     """
@@ -238,7 +238,7 @@ class UnmodelledWarning(UserWarning):
 
 
 def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:
-    """Return the error for a name that does not exist, with the nearest names that do."""
+    """Error for a name that does not exist, with the nearest names that do."""
     known = list(known)
     near = get_close_matches(name, known, n=4, cutoff=0.6) or _with_part(name, known)[:4]
     if near:
@@ -251,5 +251,5 @@ def unknown_name(kind: str, name: str, known: Iterable[str]) -> UnknownName:
 
 
 def _with_part(name: str, known: list[str]) -> list[str]:
-    """Return the names that a name of two letters or more is part of."""
+    """Names that contain a name of two letters or more."""
     return [each for each in known if len(name) > 1 and name.lower() in each.lower()]

@@ -55,7 +55,7 @@ def coordinate_names(model: Any, of: Literal["q", "v"]) -> Iterator[str]:
 
 
 def index(robot: Robot, name: str, of: Literal["q", "v"]) -> int:
-    """Return where q or v has the one number of a joint; see `Robot.index_q`."""
+    """Index of a joint with one coordinate in q or in v; see `Robot.index_q`."""
     joint = joint_of(robot.model, name)
     start, size = (joint.idx_q, joint.nq) if of == "q" else (joint.idx_v, joint.nv)
     if size != 1:
@@ -68,7 +68,7 @@ def index(robot: Robot, name: str, of: Literal["q", "v"]) -> int:
 
 
 def with_values(model: Any, q: Array, values: Values, where: str = "") -> Array:
-    """Return q with the values of some joints.
+    """Configuration q with the values of some joints.
 
     A joint that is (cos, sin) also takes its angle [rad].
     """
@@ -105,7 +105,7 @@ def joint_values(robot: Robot, q: ArrayLike) -> dict[str, float | Array]:
 
 
 def joint_vector(robot: Robot, values: Values) -> Array:
-    """Return a vector in the coordinates of v by joint names; see `Robot.joint_vector`."""
+    """Return a vector along v by joint names; see `Robot.joint_vector`."""
     vector = np.zeros(robot.nv)
     for name, value in _pairs(values):
         joint = joint_of(robot.model, name)
@@ -127,7 +127,7 @@ def center_of_mass(robot: Robot, q: ArrayLike) -> Array:
 
 
 def _checked(robot: Robot, q: ArrayLike) -> Array:
-    """Return a configuration (nq,) that was checked."""
+    """Configuration (nq,), checked for size and norms."""
     still = np.zeros(robot.nv)
     return robot.arguments.check(q, still, still)[0]
 
@@ -145,12 +145,12 @@ def _numbers(name: str, value: Any, size: int) -> Array:
 
 
 def _is_one(value: Any) -> bool:
-    """Whether it is one number; lists are none, also those of which numpy makes no array."""
+    """True if a value is a single number; lists are none, even where numpy cannot convert them."""
     return not isinstance(value, (list, tuple)) and np.ndim(value) == 0
 
 
 def model_with_limits(robot: Robot, limits: Mapping[str, tuple[float, float]]) -> Any:
-    """Return a model with other limits of position; see `Robot.with_limits`."""
+    """Return a model with other joint limits; see `Robot.with_limits`."""
     changed = pin.Model(robot.model)
     for name, ends in _pairs(limits):
         place, words = index(robot, name, "q"), f"limits of {name}"
@@ -182,7 +182,7 @@ def model_with_masses(model: Any, masses: Mapping[str, float]) -> Any:
 
 @dataclass(frozen=True, eq=False)
 class Limits:
-    """Limits of the joints that have some, and whose coordinates are plain numbers.
+    """Joint limits of the joints whose coordinates are plain numbers.
 
     Attributes
     ----------
@@ -226,11 +226,11 @@ class Limits:
         )
 
     def clip(self, q: Array) -> None:
-        """Move every limited coordinate of q inside, in place."""
+        """Clip q to the joint limits, in place."""
         q[self.iq] = np.minimum(np.maximum(q[self.iq], self.lower), self.upper)
 
     def beyond(self, q: Array) -> dict[str, ConstraintViolation]:
-        """Return the joints that are outside their limits, and how far; the most of a joint."""
+        """Violation of the joint limits, by joint; the largest of each joint's coordinates."""
         x = q[self.iq]
         out = np.maximum(self.lower - x, x - self.upper)
         found: dict[str, ConstraintViolation] = {}
@@ -244,7 +244,7 @@ class Limits:
         return found
 
     def pushed(self, q: Array, step: Array) -> NDArray[np.int_]:
-        """Return the velocity indices at a limit that a step would push through."""
+        """Indices in v of coordinates at a limit that a step would violate."""
         x, dx = q[self.iq], step[self.iv]
         through = ((x <= self.lower) & (dx < 0)) | ((x >= self.upper) & (dx > 0))
         return self.iv[through]

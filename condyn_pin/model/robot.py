@@ -49,12 +49,12 @@ _MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {
 
 
 def lists() -> Mapping[str, tuple[type, ...]]:
-    """Return the fields that are lists, and what is in them."""
+    """Fields of a robot that are lists, and the types of their members."""
     return {"loops": of_loops(), **_MEMBERS}
 
 
 def members(argument: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
-    """Return a list of things of some kinds as a tuple, or raise InvalidArgument."""
+    """Tuple of a list whose members are of some kinds, or InvalidArgument."""
     wanted = " or ".join(kind.__name__ for kind in kinds)
     if isinstance(value, (str, Mapping)) or not isinstance(value, Iterable):
         raise InvalidArgument(f"{argument} = {value!r}: a list of {wanted} is needed")
@@ -78,7 +78,7 @@ def check_origin(name: Any, model: Any) -> None:
 
 
 def check_precision(precision: Any) -> None:
-    """Raise InvalidArgument unless a precision is a number that leaves rows to count."""
+    """Raise InvalidArgument unless a precision is a number from 0 to the largest usable one."""
     if not 0.0 <= finite("precision", precision, ()) <= tolerances.LEAST_PRECISE:
         raise InvalidArgument(
             f"precision = {precision!r}: a number from 0 to {tolerances.LEAST_PRECISE:g} is "
@@ -110,7 +110,7 @@ def check_ends(robot: Robot) -> None:
 
 
 def postures(model: Any, value: Any) -> Mapping[str, Array]:
-    """Return configurations by name, normalised and not to be written, or raise InvalidArgument."""
+    """Configurations by name, normalised and read-only; InvalidArgument if they are none."""
     if not isinstance(value, Mapping):
         raise InvalidArgument(f"postures = {value!r}: a mapping of names is needed")
     return MappingProxyType({name: _posture(model, name, q) for name, q in value.items()})
@@ -128,7 +128,7 @@ def _posture(model: Any, name: str, q: ArrayLike) -> Array:
 
 
 def find_frame(robot: Robot, name: str) -> tuple[int, Any]:
-    """Return the joint that carries a frame, and where it is on it; see `Robot.frame`."""
+    """Joint that carries a frame, and the frame's placement on it; see `Robot.frame`."""
     if not isinstance(name, str):
         raise InvalidArgument(f"frame = {name!r}: the name of a frame is needed")
     found = [frame for frame in robot.model.frames if frame.name == name]
@@ -282,7 +282,7 @@ class Robot:
 
     @property
     def unedited(self) -> Any:
-        """A copy of the model as it was when it was checked: no edit reaches it."""
+        """Copy of the model from when it was checked, which edits do not reach."""
         return self._pristine  # type: ignore[attr-defined]
 
     @property
@@ -669,7 +669,7 @@ class Robot:
         return Robot, (*state, self.actuated, self.springs, self.unused, *rest)
 
     def _repr_html_(self) -> str:
-        """Return what a notebook shows."""
+        """HTML summary for notebooks."""
         return robot_html(self)
 
     def __repr__(self) -> str:
@@ -684,7 +684,7 @@ class Robot:
 
 
 def robot_html(robot: Robot) -> str:
-    """Return what a robot is, its joints, loops, contacts, and what is not used."""
+    """HTML summary of a robot: its joints, loops, contacts, and unused parts of its description."""
     joints = [
         (name, _kind(joint), _indices(joint.idx_q, joint.nq), _indices(joint.idx_v, joint.nv),
          "motor" if name in robot.actuated else "")

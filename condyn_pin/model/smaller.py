@@ -85,7 +85,7 @@ def with_held(
 def sifted(
     robot: Robot, constraints: Sequence[_AnyConstraint]
 ) -> tuple[tuple[_AnyConstraint, ...], tuple[_AnyConstraint, ...]]:
-    """Return the constraints that constrain this robot, and those that do not.
+    """Constraints between bodies of this robot, and the others.
 
     A constraint is idle if both of its sides belong to one body, or if a body of it was cut off.
     """
@@ -104,7 +104,7 @@ def _constrains(robot: Robot, constraint: Constraint) -> bool:
 
 
 def _pulls(robot: Robot, each: SpringDamper) -> bool:
-    """Whether a spring-damper has its ends on two bodies of this robot."""
+    """True if the ends of a spring-damper are on two bodies of this robot."""
     try:
         return robot.frame(each.frame_a)[0] != robot.frame(each.frame_b)[0]
     except UnknownName:
@@ -112,7 +112,7 @@ def _pulls(robot: Robot, each: SpringDamper) -> bool:
 
 
 def free_flyers(robot: Robot) -> tuple[str, ...]:
-    """Return the joints by which the robot floats in the world."""
+    """Names of the free-flyer joints by which the robot floats in the world."""
     model = robot.model
     return tuple(
         str(name)
@@ -122,7 +122,7 @@ def free_flyers(robot: Robot) -> tuple[str, ...]:
 
 
 def smaller_tree(model: Any, joints: Collection[str], q: Array, *, cut: bool = False) -> Any:
-    """Return a model without some joints, the others depth-first, every other number of it kept.
+    """Model without some joints; the others are depth-first, with all their numbers.
 
     Parameters
     ----------
@@ -191,7 +191,7 @@ def depth_first(model: Any) -> tuple[Any, Indices, Indices]:
 
 
 def _depth_first(model: Any) -> Iterator[int]:
-    """Yield all joints, each before what it carries, and that before what is beside it."""
+    """Yield all joints depth-first: the children of a joint before its siblings."""
     children = [list[int]() for _ in range(model.njoints)]
     for i in range(model.njoints - 1, 0, -1):
         children[model.parents[i]].append(i)
@@ -223,7 +223,7 @@ def _copy_frames(
 
 
 def copy_numbers(model: Any, made: Any, joints: Sequence[str]) -> None:
-    """Give a model the limits, armatures and so on that another one has of these joints."""
+    """Copy limits, armatures and other numbers of some joints from one model to another."""
     of_q, of_v = zip(indices(model, joints), indices(made, joints), strict=True)
     for (old, new), numbers in ((of_q, _pin.NUMBERS_OF_Q), (of_v, _pin.NUMBERS_OF_V)):
         for each in numbers:
@@ -274,7 +274,7 @@ def lock_joints(robot: Robot, names: Sequence[str]) -> Robot:
 
 
 def _rest(robot: Robot) -> Array:
-    """Return the configuration with every spring at its reference, and neutral otherwise."""
+    """Configuration (nq,) with every spring at its reference, and neutral elsewhere."""
     q = np.array(pin.neutral(robot.model))
     for spring in robot.springs:
         q[robot.model.joints[robot.model.getJointId(spring.joint)].idx_q] = spring.reference
@@ -282,7 +282,7 @@ def _rest(robot: Robot) -> Array:
 
 
 def _check_couplings(robot: Robot, locked: Sequence[str]) -> None:
-    """Refuse to lock one joint of a coupling without the other."""
+    """Raise InvalidModel if one joint of a coupling is locked without the other."""
     for loop in robot.loops:
         if 0 < len(set(loop.joints) & set(locked)) < len(set(loop.joints)):
             raise InvalidModel(
@@ -292,7 +292,7 @@ def _check_couplings(robot: Robot, locked: Sequence[str]) -> None:
 
 
 def _check_idle(robot: Robot, small: Robot, q: Array) -> None:
-    """Refuse locked joints that hold a loop open which has nothing left to close it."""
+    """Raise InvalidModel if locked joints hold a loop open."""
     for loop in robot.loops:
         if loop in small.loops:
             continue
@@ -310,7 +310,7 @@ def _check_idle(robot: Robot, small: Robot, q: Array) -> None:
 
 
 def together(robots: Mapping[str, Robot]) -> Robot:
-    """Return several robots as one; nothing holds them together.
+    """Return several robots as one, without constraints between them.
 
     Parameters
     ----------
@@ -375,7 +375,7 @@ def _prefixed(prefix: str) -> Callable[[str], str]:
 
 
 def _model(robots: Mapping[str, Robot], renames: Mapping[str, Callable[[str], str]]) -> Any:
-    """Return the trees beside each other, every number of them kept."""
+    """Model with the trees of all robots side by side, with all their numbers."""
     made = pin.Model()
     made.name = " + ".join(robots)
     for name, robot in robots.items():
@@ -388,7 +388,7 @@ def _model(robots: Mapping[str, Robot], renames: Mapping[str, Callable[[str], st
 
 
 def _add_joints(model: Any, made: Any, new: Callable[[str], str]) -> list[int]:
-    """Add the joints and bodies of a model; return their numbers in what is made."""
+    """Add the joints and bodies of a model; return their new numbers."""
     numbers, nq, nv = [0], int(made.nq), int(made.nv)
     for i in range(1, model.njoints):
         carrier = numbers[model.parents[i]]
@@ -433,7 +433,7 @@ def _postures(robots: Mapping[str, Robot]) -> dict[str, Array]:
 
 
 def weighing(robot: Robot, inertias: Array) -> Robot:
-    """Return the robot with other inertial parameters (bodies, 10).
+    """Robot with other inertial parameters (bodies, 10).
 
     InvalidModel if no body has them.
     """

@@ -1,4 +1,4 @@
-"""Models on which Pinocchio's algorithms are silently wrong, or crash: they are refused."""
+"""Soundness of models: Pinocchio's algorithms are silently wrong, or crash, on some."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ MOST_JOINTS: Final = 2000  # the Data of Pinocchio takes 32 GB of half as many
 
 
 def check_model(model: Any) -> None:
-    """Refuse a model on which Pinocchio's algorithms are silently wrong or crash.
+    """Raise InvalidModel for a model on which Pinocchio's algorithms are silently wrong or crash.
 
     Cost: one pin.Data, which is what takes time and memory in a long chain.
     """
@@ -47,7 +47,7 @@ def check_model(model: Any) -> None:
 
 
 def _check_placements(model: Any) -> None:
-    """Refuse joints and frames whose axes are no rotation: lengths would depend on direction."""
+    """Raise InvalidModel if the axes of a joint or frame are no rotation."""
     joints = zip(model.names, model.jointPlacements, strict=True)
     placements = [(f"joint {name!r}", M) for name, M in joints]
     placements += [(f"frame {frame.name!r}", frame.placement) for frame in model.frames]
@@ -63,7 +63,7 @@ def _check_placements(model: Any) -> None:
 
 
 def _check_forces(model: Any) -> None:
-    """Refuse gravity that turns or overflows, and damping that drives."""
+    """Raise InvalidModel for angular or huge gravity, and for negative damping or armature."""
     gravity, turning = model.gravity.linear, model.gravity.angular
     if (np.abs(gravity) > HUGE).any() or turning.any():
         raise InvalidModel(
@@ -81,7 +81,7 @@ def _check_forces(model: Any) -> None:
 
 
 def _check_bodies(model: Any) -> None:
-    """Refuse what moves with a joint and is no body."""
+    """Raise InvalidModel if the inertia on a joint is not that of a body."""
     largest = max(float(np.abs(Y.inertia).max()) for Y in model.inertias)
     for name, Y in zip(model.names, model.inertias, strict=True):
         if not np.isfinite([Y.mass, *Y.lever, *Y.inertia.ravel()]).all():
@@ -115,7 +115,7 @@ def _check_bodies(model: Any) -> None:
 
 
 def _check_mass_matrix(model: Any, data: Any) -> None:
-    """Refuse joints that move no inertia at any configuration: M would always be singular.
+    """Raise InvalidModel if joints move no inertia at any configuration: M is always singular.
 
     Where M is singular at some of them, as that of a point mass on a slider on a hinge where the
     slider is at zero, those alone are refused, when they are called for. What moves no inertia in
@@ -140,7 +140,7 @@ def _check_mass_matrix(model: Any, data: Any) -> None:
 
 
 def _unmoved(model: Any, data: Any, q: Array) -> NDArray[np.bool_]:
-    """Return which coordinates move no inertia at q (nv,).
+    """Flags of the coordinates that move no inertia at q (nv,).
 
     Turns are compared with turns [kg m^2], and shifts with shifts [kg]: in millimetres a machine is
     as sound as in metres.
@@ -158,7 +158,7 @@ def _unmoved(model: Any, data: Any, q: Array) -> NDArray[np.bool_]:
 def massless_motion(
     model: Any, q: Array, *, share: float = tolerances.MASSLESS, data: Any = None
 ) -> str:
-    """Return which joints can move at q without moving inertia; nothing if M is definite.
+    """Message about joints that move no inertia at q; empty if M is definite.
 
     Parameters
     ----------
@@ -200,12 +200,12 @@ def massless_motion(
 
 
 def singular_mass(model: Any, q: Array) -> Callable[[], str]:
-    """Return what says, if asked, which joints move no inertia at q: to look takes a while."""
+    """Deferred message about joints that move no inertia at q: to compute it is expensive."""
     return partial(massless_motion, model, q)
 
 
 def _least_moved(model: Any, M: Array) -> tuple[float, tuple[str, ...]]:
-    """Return the least eigenvalue of M with a unit diagonal, and the joints that it is of."""
+    """Smallest eigenvalue of M scaled to a unit diagonal, and the joints of its eigenvector."""
     scale = 1 / np.sqrt(np.maximum(M.diagonal(), HUGE**-3))
     values, vectors = np.linalg.eigh(M * scale * scale[:, None])  # scale^2 may overflow
     moved = np.flatnonzero(np.abs(vectors[:, 0]) > 0.1)

@@ -125,7 +125,7 @@ _SLACK: Final = 1e-12
 
 
 class Stretch(NamedTuple):
-    """How far the ends of each spring-damper are apart at one configuration."""
+    """Lengths, directions and Jacobians of the spring-dampers at one configuration."""
 
     length: Array  # (s,) [m]
     n: Array  # (s, 3), from a to b; zero where the ends coincide
@@ -160,7 +160,7 @@ class SpringDampers:
         self.rest = np.array([each.rest_length for each in chosen], dtype=float)
 
     def stretch(self, q: Array) -> Stretch:
-        """Return lengths, directions and Jacobians."""
+        """Lengths, directions and Jacobians at q."""
         model, data = self._model, self._data
         pin.computeJointJacobians(model, data, q)
         r, J = np.zeros((len(self.k), 3)), np.zeros((len(self.k), 3, model.nv))
@@ -175,7 +175,7 @@ class SpringDampers:
         return Stretch(length, n, J)
 
     def torque(self, q: Array, v: Array, dt: float = 0.0) -> Array:
-        """Return the torques (nv,) [N, N m]; those at the end of a step dt, were it not for a."""
+        """Torques (nv,) [N, N m]; with dt the explicit part of an implicit step of that size."""
         at = self.stretch(q)
         rate = at.J @ v
         along = np.einsum("sj,sj->s", at.n, rate)
@@ -185,12 +185,12 @@ class SpringDampers:
         return np.asarray(-np.einsum("sin,si->n", at.J, force))
 
     def energy(self, q: Array) -> Array:
-        """Return the energy of the springs at configurations q (..., nq) [J]."""
+        """Energy of the springs at configurations q (..., nq) [J]."""
         length = np.array([self.stretch(each).length for each in q.reshape(-1, q.shape[-1])])
         return np.asarray(0.5 * (length - self.rest) ** 2 @ self.k).reshape(q.shape[:-1])
 
     def dissipation(self, q: Array, v: Array) -> Array:
-        """Return what the dampers take at states q (k, nq), v (k, nv), (k,) [W]."""
+        """Power of the dampers at states q (k, nq), v (k, nv), (k,) [W]."""
         power = np.zeros(len(q))
         if self.c.any():
             for i in range(len(q)):
@@ -199,13 +199,13 @@ class SpringDampers:
         return power
 
     def stiffness(self, q: Array) -> Array:
-        """Return K (nv, nv), symmetric and not negative."""
+        """Stiffness matrix K (nv, nv), symmetric and positive semidefinite."""
         at = self.stretch(q)
         K3 = self._stiffness(at)
         return np.asarray(np.einsum("sin,sij,sjm->nm", at.J, K3, at.J, optimize=True))
 
     def damping(self, q: Array) -> Array:
-        """Return D (nv, nv), symmetric and not negative."""
+        """Damping matrix D (nv, nv), symmetric and positive semidefinite."""
         rows = self.damping_rows(q)
         return rows.T @ rows
 
@@ -224,7 +224,7 @@ class SpringDampers:
         return rows[kept], weights[kept]
 
     def _stiffness(self, at: Stretch) -> Array:
-        """Return K3 (s, 3, 3)."""
+        """Stiffness K3 (s, 3, 3) of each spring between its ends."""
         along = np.einsum("si,sj->sij", at.n, at.n)
         share = 1 - self.rest / np.maximum(at.length, _COINCIDE)
         across = (self.k * np.maximum(share, 0.0))[:, None, None] * (np.eye(3) - along)

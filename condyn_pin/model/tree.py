@@ -1,4 +1,4 @@
-"""A Pinocchio tree while it grows, joint by joint: what every reader and every mechanism needs.
+"""Construction of a Pinocchio tree, joint by joint, for readers and mechanisms.
 
 `DrawnTree` takes bodies where they are drawn, as MJCF has them. A body b moves from there by its
 joints one after the other. With p the point and s the axis of a joint, q its coordinate and q0 the
@@ -27,7 +27,7 @@ from condyn_pin.errors import InvalidModel
 
 
 class Tree:
-    """A Pinocchio model while it grows."""
+    """Pinocchio model under construction."""
 
     def __init__(self, name: str) -> None:
         self.model = pin.Model()
@@ -85,7 +85,7 @@ class DrawnJoint:
 
     @property
     def scalar(self) -> bool:
-        """Whether it has one coordinate."""
+        """True if the joint has one coordinate."""
         return self.kind in ("slide", "hinge")
 
 
@@ -137,7 +137,7 @@ class DrawnTree(Tree):
         self.add_frame(name, i, iMb * bMx, "OP_FRAME")
 
     def _add(self, joint: DrawnJoint, carrier: int, iMb: Any) -> tuple[int, Any]:
-        """Return Pinocchio's joint, and what follows it in its axes."""
+        """Pinocchio's joint, and the placement of the body on it."""
         if joint.name in self.joints:
             raise InvalidModel(f"two joints are named {joint.name!r}; rename one")
         self.joints[joint.name] = joint
@@ -157,7 +157,7 @@ class DrawnTree(Tree):
         return self.add_joint(carrier, made, iMj, joint.name, limits=limits, **settings), jMb
 
     def configuration(self) -> Array:
-        """Return the configuration (nq,) that is drawn."""
+        """Configuration (nq,) of the tree as drawn."""
         q = np.array(pin.neutral(self.model))
         for name, joint in self.joints.items():
             start = self.model.joints[self.model.getJointId(name)].idx_q
@@ -169,7 +169,7 @@ class DrawnTree(Tree):
 
 
 def orthonormal(M: Any) -> Any:
-    """Return a pose with the nearest rotation: R + R (1 - RᵀR) / 2, a step of Newton's method.
+    """Pose with the nearest rotation: R + R (1 - RᵀR) / 2, a step of Newton's method.
 
     This ends at 4e-16 off orthonormal; the normalised quaternion and the SVD end at 2e-15.
     """
@@ -178,7 +178,7 @@ def orthonormal(M: Any) -> Any:
 
 
 def one_coordinate(axis: Array | None, *, hinge: bool) -> Any:
-    """Return Pinocchio's hinge or slider along a unit vector."""
+    """Pinocchio's hinge or slider along a unit vector."""
     x, y, z = np.asarray(axis)
     along = {(1.0, 0.0, 0.0): "X", (0.0, 1.0, 0.0): "Y", (0.0, 0.0, 1.0): "Z"}.get((x, y, z))
     if along is not None:  # Pinocchio computes faster along these

@@ -84,5 +84,5 @@ def delta() -> Robot:
 
 
 def _slope(alpha: float) -> float:
-    """Return beta of alpha."""
+    """Slope beta of the rods at the arm angle alpha [rad]."""
     return acos((_TOP - _BASE - _ARM * cos(alpha)) / _LENGTH)
