@@ -1,4 +1,4 @@
-"""The contract of a constraint: what a kind is lies in one file, and the rest of the program asks.
+"""Contract of a constraint: one file for each kind, and the questions that the program asks of it.
 
     J(q) v = 0,        J a + gamma = a_ref,        c(q) = 0 where the kind has a position
 
@@ -80,7 +80,7 @@ KINDS: dict[str, type[Constraint]] = {}
 
 @dataclass(frozen=True, kw_only=True)
 class Constraint(ABC):
-    """What every constraint has: a name, a number of rows, and an answer to every question.
+    """Base of every constraint: a name, a number of rows, and defaults of the contract.
 
     Parameters
     ----------
@@ -113,10 +113,10 @@ class Constraint(ABC):
 
     @abstractmethod
     def bind(self, machine: Machine, rows: slice) -> BoundConstraint:
-        """Return it on the joints and columns of a machine, at some rows."""
+        """Return the constraint bound to the joints and columns of a machine, at some rows."""
 
     def bind_to_drive(self, machine: Machine, rows: slice) -> BoundConstraint:
-        """Return it bound so that J v is the rate of c wherever c is, as `Driven` needs, or raise.
+        """Return the constraint bound so that J v = c' at any c, as `Driven` needs, or raise.
 
         InvalidConstraint where that is so at c = 0 alone. `machine` and `rows` are those of `bind`.
         """
@@ -125,26 +125,26 @@ class Constraint(ABC):
         raise not_to_drive(self)
 
     def at(self, t: float) -> Self:
-        """Return it at a time [s]: itself, unless it follows a path."""
+        """Return the constraint at a time t [s]: itself, unless it follows a path."""
         return self
 
     @property
     def is_rheonomic(self) -> bool:
-        """Whether time enters its rows."""
+        """True if time enters the rows."""
         return False
 
     @property
     def on_velocity(self) -> bool:
-        """Whether some of its rows are on the velocity alone."""
+        """True if some rows are on the velocity alone."""
         return False
 
     @abstractmethod
     def sides(self, machine: Machine) -> tuple[int, ...]:
-        """Return the numbers of the joints of a machine that it ties, 0 is the world."""
+        """Return the numbers of the joints of a machine that it ties; 0 is the world."""
 
     @abstractmethod
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
-        """Return whom its force is on, by whom, and in whose axes.
+        """Return the body under the force, the body that exerts it, and the frame of its axes.
 
         Parameters
         ----------
@@ -154,76 +154,76 @@ class Constraint(ABC):
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """The frames of the robot, or of the world, that it names: two, one or none."""
+        """Frames of the robot, or of the world, that the constraint names: two, one or none."""
         return ()
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The joints whose coordinates it ties: none for what is between frames."""
+        """Joints whose coordinates the constraint ties: none for a constraint between frames."""
         return ()
 
     @property
     def title(self) -> str:
-        """What it is, for summaries."""
+        """Name of the kind, for summaries."""
         return type(self).__name__
 
     @property
     def called(self) -> str:
-        """What it is, within a sentence."""
+        """Name of the kind within a sentence."""
         return type(self).__name__
 
     @property
     def presses(self) -> bool:
-        """Whether it is a contact with a normal force, which no ground lets pull."""
+        """True for a contact with a normal force, which cannot pull."""
         return self.support is not None
 
     @property
     def support(self) -> Support | None:
-        """What of a contact lies on the floor; None for what does not press on one."""
+        """Support of a contact on the floor: a point, an edge or a rectangle; None without one."""
         return None
 
     @property
     def feet(self) -> tuple[Foot, ...]:
-        """What of a contact touches a floor, point by point."""
+        """Points of a contact that touch the floor."""
         return ()
 
     @property
     def point(self) -> Vector3 | None:
-        """The point of its frame that it holds wherever it is, and nothing else; None if not so."""
+        """Point of the frame that is held wherever it is, if nothing else is held; else None."""
         return None
 
     @property
     def is_pin(self) -> bool:
-        """Whether it ties a point of one body to one of another, in space or in a plane."""
+        """True if a point of one body is pinned to one of another, in space or in a plane."""
         return False
 
     @property
     def in_mjcf(self) -> bool:
-        """Whether MuJoCo has an equality for it."""
+        """True if MuJoCo has an equality for the constraint."""
         return False
 
     @property
     def by_points_called(self) -> str:
-        """What studies call its equivalent by points; empty if it has none."""
+        """Name of the equivalent by points in studies; empty without one."""
         return ""
 
     def anchored_at(self, c1: Any, c2: Any) -> Constraint:
-        """Return it anchored where its frames c1 and c2 are; itself if it belongs everywhere."""
+        """Return the constraint anchored at its frames c1 and c2; itself if it has no anchor."""
         return self
 
     def by_points(self, robot: Any) -> tuple[Any, tuple[Constraint, ...]]:
-        """Return its equivalent by points, and the robot with frames for them; itself without one.
+        """Return a robot with frames for the equivalent by points, and its constraints; or itself.
 
         The rows are more, and say the same.
         """
         return robot, (self,)
 
     def as_planar_pin(self, frame: str) -> Constraint | None:
-        """Return the same without the row along z of a frame at its first one, for a ball."""
+        """Return a ball without its row along z of a `frame` at its first one; None for others."""
         return None
 
     def renamed(self, new: Callable[[str], str]) -> Constraint:
-        """Return it between frames and joints of other names, under a new name of its own."""
+        """Return the constraint between frames and joints of new names, its own name too."""
         named = ("frame", "joint")  # fields that name one begin so
         changed = {
             field: new(value)
@@ -233,11 +233,11 @@ class Constraint(ABC):
         return replace(self, name=new(self.name), **changed)
 
     def with_held(self, values: Mapping[str, float]) -> Constraint:
-        """Return it where joints are held at values: the same for what is between frames."""
+        """Return the constraint with joints held at values: itself if it is between frames."""
         return self
 
     def in_units(self, length: float, of_joint: Callable[[str], float]) -> Constraint:
-        """Return it with lengths times `length`, and coordinates of joints times `of_joint`."""
+        """Return the constraint with lengths times `length` and joint values times `of_joint`."""
 
         def scaled(value: Any) -> Any:
             if not isinstance(value, tuple):
@@ -254,11 +254,11 @@ class Constraint(ABC):
         return replace(self, **changed)
 
     def write_mjcf(self, to: MjcfWriter) -> None:
-        """Write the equalities that are the constraint `to` a file, if it is `in_mjcf`."""
+        """Write the equalities of the constraint `to` a file, if it is `in_mjcf`."""
         raise NotImplementedError(f"{self.name}: MuJoCo has no equality for a {self.called}")
 
     def patch(self, size: float) -> Patch | None:
-        """Return what a contact is drawn with, in a scene of some size [m]; None for the others."""
+        """Return the picture of a contact in a scene of some size [m]; None for the others."""
         return None
 
 
@@ -270,7 +270,7 @@ def _has_numbers(value: Any) -> bool:
 
 
 class Machine(Protocol):
-    """What constraints are bound to: a `pinocchio.Model` with frames by name, such as a `Robot`."""
+    """A `pinocchio.Model` with frames by name, such as a `Robot`, to bind constraints to."""
 
     @property
     def model(self) -> Any:
@@ -278,18 +278,18 @@ class Machine(Protocol):
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """Names of the joints, the world's not among them."""
+        """Names of the joints, without the world's."""
 
     @property
     def longest_link(self) -> float:
-        """The longest way from a joint to the next one [m]."""
+        """Largest distance from a joint to the next one [m]."""
 
     def frame(self, name: str) -> tuple[int, Any]:
         """Return the joint that carries a frame and its placement on it, or raise UnknownName."""
 
 
 class MjcfGeomWriter(Protocol):
-    """What a contact writes itself to as MJCF."""
+    """Writer of contacts as MJCF."""
 
     def collide(
         self,
@@ -298,14 +298,14 @@ class MjcfGeomWriter(Protocol):
         second: Any,
         friction: float,
     ) -> None:
-        """Write a frame, an offset in it and a shape; and the plane, or frame and shape, below."""
+        """Write the geoms of a shape at an offset in a frame, and of a plane or another shape."""
 
     def dry(self, joint: str, torque: float | None) -> None:
         """Write the dry friction of a joint [N m, N]."""
 
 
 class MjcfWriter(Protocol):
-    """What a constraint writes itself to as MJCF."""
+    """Writer of constraints as MJCF."""
 
     robot: Any
 
@@ -313,10 +313,10 @@ class MjcfWriter(Protocol):
         """Write an equality."""
 
     def fixed_tendon(self, name: str, weights: Mapping[str, float]) -> str:
-        """Return the name of a new tendon: a weighted sum of joint coordinates."""
+        """Write a fixed tendon, a weighted sum of joint coordinates; return its name."""
 
     def site(self, frame: str, new: str) -> str:
-        """Return the site of a frame; it is made, and called `new`, where there is none."""
+        """Return the site of a frame; it is made with the name `new` if there is none."""
 
     def site_beside(self, frame: str, new: str, shift: Vector3) -> str:
         """Return a new site, shifted from a frame in its axes [m]."""
@@ -329,7 +329,7 @@ class MjcfWriter(Protocol):
 
 
 class Support(NamedTuple):
-    """What of a contact lies on the floor, in the axes of its frame: a point by default."""
+    """Support of a contact on the floor, in the axes of its frame: a point by default."""
 
     half_length: float | None = 0.0  # [m]; None where nothing says it
     half_width: float | None = 0.0  # [m]
@@ -337,7 +337,7 @@ class Support(NamedTuple):
 
     @property
     def is_point(self) -> bool:
-        """Whether it has no size at all."""
+        """True if the support has no size."""
         return self.half_length == 0.0
 
 
@@ -368,7 +368,7 @@ Placement = tuple[float, float, float, float, float, float, float]
 
 
 def floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
-    """Return a sequence of numbers as a tuple, or raise InvalidArgument."""
+    """Tuple of a sequence of numbers, or InvalidArgument."""
     try:
         array = finite(argument, value, size)
     except InvalidArgument as error:
@@ -380,7 +380,7 @@ def floats(argument: str, value: Any, size: int) -> tuple[float, ...]:
 
 
 def not_negative(argument: str, value: Any) -> float:
-    """Return a number that is not negative, or raise InvalidArgument."""
+    """Number that is not negative, or InvalidArgument."""
     number = float(finite(argument, value, ()))
     if number < 0:
         raise InvalidArgument(f"{argument} = {shown(value)}: a number >= 0 is needed")
@@ -389,7 +389,7 @@ def not_negative(argument: str, value: Any) -> float:
 
 
 def check_size(argument: str, *numbers: float) -> None:
-    """Refuse numbers so large that what is computed from them overflows."""
+    """Raise InvalidArgument if numbers are so large that results overflow."""
     for number in numbers:
         if abs(number) > tolerances.HUGE:
             raise InvalidArgument(
@@ -399,12 +399,12 @@ def check_size(argument: str, *numbers: float) -> None:
 
 
 def direction(argument: str, value: Any) -> tuple[float, ...]:
-    """Return three numbers as a vector of unit length, or raise InvalidArgument."""
+    """Unit vector of three numbers, or InvalidArgument."""
     return unit(floats(argument, value, 3), f"{argument} = (0, 0, 0): a direction is needed")
 
 
 def unit(vector: Sequence[float], fault: str) -> tuple[float, ...]:
-    """Return a vector at unit length; InvalidArgument says the fault of one that is zero."""
+    """Unit vector along a vector; InvalidArgument with the given fault if it is zero."""
     exponent = math.frexp(max(map(abs, vector)))[1]
     scaled = [math.ldexp(x, -exponent) for x in vector]  # exact, and no longer subnormal
     norm = math.hypot(*scaled)
@@ -414,14 +414,14 @@ def unit(vector: Sequence[float], fault: str) -> tuple[float, ...]:
 
 
 def text(argument: str, value: Any, what: str = "frame") -> str:
-    """Return the name of something, or raise InvalidArgument."""
+    """Name as a text that is not empty, or InvalidArgument."""
     if not isinstance(value, str) or not value:
         raise InvalidArgument(f"{argument} = {shown(value)}: the name of a {what} is needed")
     return value
 
 
 def check_positive(kind: str = "number", /, **values: float) -> None:
-    """Refuse values, by name, that are not positive."""
+    """Raise InvalidArgument unless values, by name, are positive."""
     for name, value in values.items():
         try:
             number = isinstance(value, Real) and not isinstance(value, bool)
@@ -434,19 +434,19 @@ def check_positive(kind: str = "number", /, **values: float) -> None:
 
 
 def check_lengths(**lengths: float | None) -> None:
-    """Refuse lengths, by name, that are not positive; None is left out."""
+    """Raise InvalidArgument unless lengths, by name, are positive; None is left out."""
     said = {name: length for name, length in lengths.items() if length is not None}
     check_positive("length [m]", **said)
 
 
 def check_axis(axis: Any) -> None:
-    """Refuse what is not the name of an axis."""
+    """Raise InvalidArgument unless a value is the name of an axis."""
     if axis not in get_args(Axis):
         raise InvalidArgument(f"axis = {shown(axis)}: one of {', '.join(get_args(Axis))} is needed")
 
 
 def placement(argument: str, value: object) -> Placement | None:
-    """Return a placement in the world with a unit quaternion, or raise InvalidArgument."""
+    """Placement in the world with a unit quaternion, or InvalidArgument."""
     if value is None:
         return None
     if isinstance(value, pin.SE3):
@@ -465,7 +465,7 @@ def placement(argument: str, value: object) -> Placement | None:
 
 
 class BetweenFrames(Constraint, ABC):
-    """Between two frames."""
+    """Constraint between two frames."""
 
     closes: ClassVar[bool] = True
 
@@ -474,7 +474,7 @@ class BetweenFrames(Constraint, ABC):
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Both frames."""
+        """The two frames."""
         return self.frame_a, self.frame_b
 
     def sides(self, machine: Machine) -> tuple[int, int]:
@@ -482,12 +482,12 @@ class BetweenFrames(Constraint, ABC):
         return machine.frame(self.frame_a)[0], machine.frame(self.frame_b)[0]
 
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
-        """Return that its force is on the first frame by the second, in the axes of its rows."""
+        """Return the first frame, the second, and the frame whose axes the rows are in."""
         return self.frame_a, self.frame_b, self.frame_b if swapped else self.frame_a
 
 
 def lever(machine: Machine, *placements: Any) -> float:
-    """Return the size of the bodies that meet: two points of them are to be that far apart.
+    """Size of the bodies that meet [m], as the distance between two points on them.
 
     A short lever turns rounding of the points into moments: 1/lever^2 enters the condition. A frame
     near the middle of its joint says nothing about the size; then it is that of the robot's links.
@@ -505,13 +505,13 @@ THIN: Final = 0.004  # thickness of what is drawn, the same
 
 
 class WithWorld(Constraint, ABC):
-    """Between one frame of the robot and the world."""
+    """Constraint between one frame of the robot and the world."""
 
     frame: str
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """Its frame."""
+        """The frame."""
         return (self.frame,)
 
     def sides(self, machine: Machine) -> tuple[int, int]:
@@ -519,7 +519,7 @@ class WithWorld(Constraint, ABC):
         return machine.frame(self.frame)[0], 0
 
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
-        """Return that its force is on the frame by the world, in the axes of the frame."""
+        """Return the frame, the world, and the frame again for its axes."""
         return self.frame, "world", self.frame
 
     def patch(self, size: float) -> Patch:
@@ -528,11 +528,11 @@ class WithWorld(Constraint, ABC):
 
 
 def plane(normal: Sequence[float] | Array, height: float | None) -> Any:
-    """Return a frame in a plane of the world, z along its normal."""
+    """Frame in a plane of the world, z along its normal."""
     up = np.array(normal)
     return pin.SE3(z_along(up), (height or 0.0) * up)
 
 
 def shifted(placement: Any, offset: Vector3) -> Any:
-    """Return a placement shifted in its own axes."""
+    """Placement shifted in its own axes."""
     return placement * pin.SE3(np.eye(3), np.array(offset))

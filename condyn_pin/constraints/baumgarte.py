@@ -1,4 +1,4 @@
-"""Baumgarte stabilisation: an a_ref that closes the gaps which drift has opened."""
+"""Baumgarte stabilisation: an a_ref that closes gaps opened by drift."""
 
 from __future__ import annotations
 
@@ -166,10 +166,10 @@ class Baumgarte(Drift):
 
     @property
     def closes(self) -> bool:
-        """Whether both gains are positive: else a gap stays, or oscillates."""
+        """True if both gains are positive: else a gap stays, or oscillates."""
         return self.alpha > 0 and self.beta > 0
 
     @property
     def rows(self) -> Baumgarte:
-        """What is asked of the rows: itself."""
+        """Stabilisation of the rows: itself."""
         return self

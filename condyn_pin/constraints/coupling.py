@@ -91,7 +91,7 @@ class Coupling(Constraint):
 
     @property
     def weights(self) -> dict[str, float]:
-        """w_i of each joint, in c = sum w_i q_i - offset."""
+        """Weight w_i of each joint, in c = sum w_i q_i - offset."""
         if isinstance(self.joint_a, str):
             return {self.joint_a: 1.0, self.joint_b: -self.ratio}
         return dict(self.joint_a)
@@ -102,7 +102,7 @@ class Coupling(Constraint):
         return (self.joint_a, self.joint_b) if isinstance(self.joint_a, str) else (*self.weights,)
 
     def bind(self, machine: Machine, rows: slice) -> BoundCoupling:
-        """Return it on the coordinates of its joints."""
+        """Return the coupling on the coordinates of its joints."""
         if self.joint_a == self.joint_b:
             raise InvalidConstraint(f"{self.name}: both joints are {self.joint_a!r}")
         joints = [one_coordinate(machine, joint, self.name) for joint in self.joints]
@@ -117,23 +117,23 @@ class Coupling(Constraint):
         )
 
     def bind_to_drive(self, machine: Machine, rows: slice) -> BoundCoupling:
-        """Return it as it is."""
+        """Return the coupling as it is."""
         return self.bind(machine, rows)
 
     def sides(self, machine: Machine) -> tuple[int, ...]:
-        """Return its joints."""
+        """Return the joints of the coupling."""
         for joint in self.joints:
             if joint not in machine.joints:
                 raise unknown_name("joint", joint, machine.joints)
         return tuple(machine.model.getJointId(joint) for joint in self.joints)
 
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
-        """Return that its force is on its first joint by the others, in no axes."""
+        """Return the first joint, the other joints, and no axes."""
         first, *others = self.joints
         return first, listed(others), ""
 
     def renamed(self, new: Callable[[str], str]) -> Coupling:
-        """Return it between joints of other names."""
+        """Return the coupling between joints of other names."""
         if isinstance(self.joint_a, str):
             return replace(
                 self, name=new(self.name), joint_a=new(self.joint_a), joint_b=new(self.joint_b)
@@ -142,7 +142,7 @@ class Coupling(Constraint):
         return replace(self, name=new(self.name), joint_a=weights)
 
     def with_held(self, values: Mapping[str, float]) -> Coupling:
-        """Return it over the other joints; itself where fewer than two are left."""
+        """Return the coupling of the joints not held; itself where fewer than two are left."""
         left = {joint: w for joint, w in self.weights.items() if joint not in values}
         if isinstance(self.joint_a, str) or len(left) < 2:
             return self
@@ -150,7 +150,7 @@ class Coupling(Constraint):
         return replace(self, joint_a=left, offset=self.offset - held)
 
     def in_units(self, length: float, of_joint: Callable[[str], float]) -> Coupling:
-        """Return it with its coordinates in other units."""
+        """Return the coupling with its coordinates in other units."""
         units = [of_joint(joint) for joint in self.joints]
         first, offset = units[0], units[0] * self.offset
         if isinstance(self.joint_a, str):
@@ -165,7 +165,7 @@ class Coupling(Constraint):
 
     @property
     def in_mjcf(self) -> bool:
-        """True, unless its curve is of a degree above 4."""
+        """True unless the curve is of a degree above 4."""
         return len(self.higher) < _MJCF_DEGREE
 
     def write_mjcf(self, to: MjcfWriter) -> None:
@@ -186,7 +186,7 @@ class Coupling(Constraint):
 
 
 def _weights(given: Any) -> tuple[tuple[str, float], ...]:
-    """Return joints with their weights, as pairs."""
+    """Pairs of joints and their weights."""
     pairs = tuple(given.items()) if isinstance(given, Mapping) else given
     if not isinstance(pairs, Sequence) or not all(
         isinstance(pair, Sequence) and len(pair) == 2 for pair in pairs
@@ -205,7 +205,7 @@ def _weights(given: Any) -> tuple[tuple[str, float], ...]:
 
 
 def one_coordinate(machine: Machine, name: str, of: str) -> Any:
-    """Return a joint of the model with one coordinate, for a constraint of some name, or raise."""
+    """Joint of the model with one coordinate, for a constraint of some name, or raise."""
     if name not in machine.joints:
         raise unknown_name("joint", name, machine.joints)
     joint = machine.model.joints[machine.model.getJointId(name)]

@@ -1,4 +1,4 @@
-"""The contract of a drift scheme, and how to write one.
+"""Contract of a drift scheme.
 
 Integrators solve J a + gamma = 0, and what they leave in J v and c(q) adds up. A scheme of one kind
 changes what is asked of the rows, J a + gamma = a_ref; one of the other kind moves the state back
@@ -39,7 +39,7 @@ Correction = Callable[[float, Array, Array], tuple[Array, Array]]
 
 
 class Drift(ABC):
-    """A way to keep the constraints closed; a frozen value."""
+    """Drift scheme, which keeps the constraints closed; a frozen value."""
 
     title: ClassVar[str]
     cost: ClassVar[str]
@@ -53,14 +53,14 @@ class Drift(ABC):
 
     @property
     def rows(self) -> Baumgarte | None:
-        """What is asked of the rows; None for J a + gamma = 0."""
+        """Baumgarte stabilisation of the rows; None for J a + gamma = 0."""
         return None
 
     @property
     def closes(self) -> bool:
-        """Whether it closes a gap that a motion begins with."""
+        """True if the scheme closes a gap at the beginning of a motion."""
         return self.corrects
 
     def start(self, system: Any, dt: float) -> Correction | None:
-        """Return what corrects the state after each step of size dt; None for nothing."""
+        """Return the correction of the state after each step of size dt; None without one."""
         return None

@@ -90,17 +90,17 @@ class Driven(Constraint):
         return self.constraint.rows
 
     def bind(self, machine: Machine, rows: slice) -> BoundConstraint:
-        """Return the constraint bound, its rows driven."""
+        """Return the constraint bound, with driven rows."""
         bound: Any = self.constraint.bind_to_drive(machine, rows)
         return replace(bound, name=self.name, drive=Drive(self.along, self.time))  # type: ignore[no-any-return]
 
     def at(self, t: float) -> Self:
-        """Return it at a time [s]."""
+        """Return the constraint at a time t [s]."""
         return replace(self, time=t)
 
     @property
     def is_rheonomic(self) -> bool:
-        """Whether time enters its rows: it does."""
+        """True: time enters the rows."""
         return True
 
     def sides(self, machine: Machine) -> tuple[int, ...]:
@@ -108,53 +108,53 @@ class Driven(Constraint):
         return self.constraint.sides(machine)
 
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
-        """Return whom the force of the constraint is on, by whom, and in whose axes."""
+        """Return the body under the force, the body that exerts it, and the frame of its axes."""
         return self.constraint.acting(swapped=swapped)
 
     @property
     def frames(self) -> tuple[str, ...]:
-        """The frames of the constraint."""
+        """Frames of the constraint."""
         return self.constraint.frames
 
     @property
     def joints(self) -> tuple[str, ...]:
-        """The joints of the constraint."""
+        """Joints of the constraint."""
         return self.constraint.joints
 
     @property
     def title(self) -> str:
-        """What it is, for summaries."""
+        """Name of the kind, for summaries."""
         return f"{self.constraint.title}, driven"
 
     @property
     def called(self) -> str:
-        """What it is, within a sentence."""
+        """Name of the kind within a sentence."""
         return f"driven {self.constraint.called}"
 
     @property
     def on_velocity(self) -> bool:
-        """Whether some rows of the constraint are on the velocity alone."""
+        """True if some rows of the constraint are on the velocity alone."""
         return self.constraint.on_velocity
 
     def anchored_at(self, c1: Any, c2: Any) -> Self:
-        """Return it with the constraint anchored there."""
+        """Return the driven constraint anchored at c1 and c2."""
         return replace(self, constraint=self.constraint.anchored_at(c1, c2))
 
     def renamed(self, new: Callable[[str], str]) -> Self:
-        """Return it between frames and joints of other names."""
+        """Return the driven constraint between frames and joints of other names."""
         return replace(self, name=new(self.name), constraint=self.constraint.renamed(new))
 
     def with_held(self, values: Mapping[str, float]) -> Self:
-        """Return it with the constraint where joints are held."""
+        """Return the driven constraint with joints held."""
         return replace(self, constraint=self.constraint.with_held(values))
 
     def in_units(self, length: float, of_joint: Callable[[str], float]) -> Self:
-        """Refuse: a path is a function of time, in units of its own."""
+        """Raise: a path is a function of time in its own units."""
         raise InvalidArgument(f"{self.name}: nothing says what unit its path has")
 
 
 def not_to_drive(constraint: Constraint) -> InvalidConstraint:
-    """Return the error of a constraint whose rows are the rate of c where c = 0, and only there."""
+    """Error for a constraint whose rows are the rate of c only where c = 0."""
     return InvalidConstraint(
         f"{constraint.name}: J v of a {constraint.called} is the rate of c only where c = 0, so "
         "that it cannot follow a path; drive a HeldJoint, a Coupling, or a Loop that is a ball, "

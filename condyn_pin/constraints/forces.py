@@ -1,4 +1,4 @@
-"""Forces from outside: on frames, and as generalised forces.
+"""External forces: on frames, and as generalised forces.
 
 AppliedForce: a force from outside, at a frame of the robot.
 
@@ -77,21 +77,21 @@ class AppliedForce:
 
     @property
     def is_function(self) -> bool:
-        """Whether it is a function of (t, q, v)."""
+        """True if the force is a function of (t, q, v)."""
         return callable(self.force)
 
     @property
     def has_rows(self) -> bool:
-        """Whether it has one row per state, for a batch."""
+        """True if the force has one row per state of a batch."""
         return not self.is_function and self.numbers.ndim == 2
 
     @property
     def numbers(self) -> Array:
-        """Its numbers, where it is no function: (3,), (6,), or a row of these a state [N, N m]."""
+        """Components of a force that is no function: (3,), (6,), or a row per state [N, N m]."""
         return self.force  # type: ignore[return-value]
 
     def at(self, t: float, q: Array, v: Array) -> AppliedForce:
-        """Return what it is at a time and a state."""
+        """Return the force at a time t and a state q, v."""
         if not callable(self.force):
             return self
         found = _numbers(f"{self._what}({t:g}, q, v)", self.force(t, q, v))
@@ -100,7 +100,7 @@ class AppliedForce:
         return replace(self, force=found)
 
     def row(self, i: Any) -> AppliedForce:
-        """Return what it is at state i of a batch, or at some states."""
+        """Return the force at state i of a batch, or at some states."""
         return replace(self, force=self.numbers[i]) if self.has_rows else self
 
     @property
@@ -122,7 +122,7 @@ class AppliedForce:
 def applied_forces(
     forces: object, *, functions: bool = False, rows: int | None = None
 ) -> tuple[AppliedForce, ...]:
-    """Return the forces that a caller handed in, or raise InvalidArgument.
+    """Applied forces of a user, or InvalidArgument.
 
     `functions` says whether they may be functions of (t, q, v), and `rows` the number of states,
     where a force may have a row each.
@@ -154,7 +154,7 @@ def applied_forces(
 
 
 def _numbers(name: str, force: Any) -> Array:
-    """Return a force as an array of its own, not to be written to."""
+    """Components of a force in a read-only array."""
     try:
         shape = np.shape(force)
     except ValueError:  # of lists that differ in length, and `finite` says so
@@ -185,14 +185,14 @@ ALIGNED = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class ForceSite(NamedTuple):
-    """Where a frame is: on which joint, and how."""
+    """Joint that carries a frame, and the placement of the frame on it."""
 
     joint: int
     placement: Any
 
 
 class PointForce(NamedTuple):
-    """A force bound to a model."""
+    """Applied force bound to a model."""
 
     place: ForceSite
     in_world: bool  # whether it keeps its direction in the world, or turns with the frame
@@ -200,7 +200,7 @@ class PointForce(NamedTuple):
 
 
 class Load(NamedTuple):
-    """What forces are at one configuration.
+    """Total of applied forces at one configuration.
 
     Attributes
     ----------
@@ -220,7 +220,7 @@ class Load(NamedTuple):
     forces: tuple[AppliedForce, ...]
 
     def on_top_of(self, wrenches: Any) -> Any:
-        """Return the wrenches on the joints with these added."""
+        """Return the wrenches on the joints plus those of the load."""
         total = pin.StdVec_Force(wrenches)
         for joint, wrench in self.wrenches:
             total[joint] += wrench
@@ -228,7 +228,7 @@ class Load(NamedTuple):
 
 
 class Loads:
-    """The forces on the frames of one robot, or what has frames by name; the data is written to."""
+    """Forces on the frames of one robot, or of any machine with frames; the data is written to."""
 
     def __init__(self, robot: Machine, model: Any, data: Any) -> None:
         self._robot, self.model, self.data = robot, model, data
@@ -236,11 +236,11 @@ class Loads:
 
     @cached_property
     def turning(self) -> frozenset[int]:
-        """The joints whose axes turn with their own q."""
+        """Joints whose axes turn with their own q."""
         return frozenset(turning(self.model))
 
     def place(self, name: str) -> ForceSite:
-        """Return where a frame is that can be pushed."""
+        """Return the joint and the placement of a frame on a moving body."""
         if name not in self._places:
             joint, placement = self._robot.frame(name)
             if joint == 0:
@@ -252,14 +252,14 @@ class Loads:
         return self._places[name]
 
     def bind(self, forces: Sequence[AppliedForce]) -> tuple[PointForce, ...]:
-        """Return forces, all constant, bound to the model."""
+        """Return constant forces bound to the model."""
         return tuple(
             PointForce(self.place(each.frame), each.frame_of == "world", _six(each.numbers))
             for each in forces
         )
 
     def at(self, q: Array, forces: Sequence[AppliedForce]) -> Load:
-        """Return what forces, all constant, are at q."""
+        """Return the load of constant forces at q."""
         model, data = self.model, self.data
         algorithms(data).computeJointJacobians(model, data, q)
         torque, size, wrenches = np.zeros(model.nv), np.zeros(model.nv), []
@@ -275,17 +275,17 @@ class Loads:
 
 
 def frame_jacobian(model: Any, data: Any, joint: int, placement: Any, axes: Any) -> Array:
-    """Return the Jacobian (6, nv) of a frame, after `pin.computeJointJacobians`."""
+    """Jacobian (6, nv) of a frame, after `pin.computeJointJacobians`."""
     J = algorithms(data).getFrameJacobian(model, data, joint, placement, axes)
     # a single column comes as a vector
     return J if J.ndim == 2 else J[:, None]  # type: ignore[no-any-return]
 
 
 def in_axes(R: Array, wrench: Array) -> Array:
-    """Return a wrench (6,) of the world in axes that are turned by R."""
+    """Wrench (6,) of the world in axes turned by R."""
     return np.asarray(wrench.reshape(2, 3) @ R).ravel()
 
 
 def _six(force: Array) -> Array:
-    """Return a force as a wrench (6,)."""
+    """Force as a wrench (6,)."""
     return force if len(force) == 6 else np.concatenate([force, np.zeros(3)])

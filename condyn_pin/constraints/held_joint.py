@@ -61,32 +61,32 @@ class HeldJoint(Constraint):
         return (self.joint,)
 
     def bind(self, machine: Machine, rows: slice) -> BoundCoupling:
-        """Return it on the coordinate of its joint."""
+        """Return the constraint on the coordinate of its joint."""
         joint = one_coordinate(machine, self.joint, self.name)
         q, v = int(joint.idx_q), int(joint.idx_v)
         return BoundCoupling(self.name, rows, (q,), (v,), (1.0,), self.value)
 
     def bind_to_drive(self, machine: Machine, rows: slice) -> BoundCoupling:
-        """Return it as it is."""
+        """Return the constraint as it is."""
         return self.bind(machine, rows)
 
     def sides(self, machine: Machine) -> tuple[int, ...]:
-        """Return the joint, and the one before it."""
+        """Return the joint and its parent."""
         if self.joint not in machine.joints:
             raise unknown_name("joint", self.joint, machine.joints)
         joint = machine.model.getJointId(self.joint)
         return joint, int(machine.model.parents[joint])
 
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
-        """Return that its force is on the joint by the body before it, in no axes."""
+        """Return the joint, the body before it, and no axes."""
         return self.joint, "the body before it", ""
 
     def in_units(self, length: float, of_joint: Callable[[str], float]) -> HeldJoint:
-        """Return it with its coordinate in other units."""
+        """Return the constraint with its coordinate in other units."""
         return replace(self, value=of_joint(self.joint) * self.value)
 
     def write_mjcf(self, to: MjcfWriter) -> None:
-        """Write an equality of one joint: MuJoCo counts from where the file draws it."""
+        """Write an equality of one joint; MuJoCo counts from the coordinate in the file."""
         shift = self.value - to.coordinate(self.joint)
         polynomial = [shift, 0.0, 0.0, 0.0, 0.0]
         to.equate("joint", name=self.name, joint1=self.joint, polycoef=polynomial)

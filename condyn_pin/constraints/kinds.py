@@ -28,17 +28,17 @@ from condyn_pin.constraints.driven import Driven as Driven
 
 
 def named(name: str) -> type[Constraint] | None:
-    """Return the kind of a name, if there is one."""
+    """Kind of constraint with a name, or None."""
     return KINDS.get(name)
 
 
 def of_loops() -> tuple[type[Constraint], ...]:
-    """Return the kinds that robots list among their loops."""
+    """Kinds of constraints that robots list among their loops."""
     return tuple(kind for kind in KINDS.values() if kind.closes)
 
 
 def worded(*, closes: bool) -> dict[str, type[Constraint]]:
-    """Return the kinds of loops, or of contacts, that robot.toml has a word for."""
+    """Kinds of loops, or of contacts, by their word in robot.toml."""
     own = [kind for kind in KINDS.values() if vars(kind).get("word")]
     return {kind.word: kind for kind in own if kind.closes == closes}
 

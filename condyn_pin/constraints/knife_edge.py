@@ -52,7 +52,7 @@ class KnifeEdge(Nonholonomic):
         self._set_name(self.frame)
 
     def bind(self, machine: Machine, rows: slice) -> Bound:
-        """Return it with c1 at the point, in the axes of the frame."""
+        """Return the constraint with c1 at the point, in the axes of the frame."""
         joint, placement = machine.frame(self.frame)
         chosen = ("xyz".index(self.axis),)
         point, world = shifted(placement, self.offset), pin.SE3.Identity()

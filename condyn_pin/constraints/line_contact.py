@@ -1,4 +1,4 @@
-"""An edge on the world: the rows of a surface but the turn about the edge."""
+"""Edge contact with the world: the rows of a surface but the turn about the edge."""
 
 from __future__ import annotations
 
@@ -81,7 +81,7 @@ class LineContact(WithWorld):
         self._set_name(self.frame)
 
     def ends(self) -> tuple[PointContact, PointContact]:
-        """Return the same support as two points: 6 rows, of which 1 is redundant.
+        """Return an equivalent support by two points: 6 rows, of which 1 is redundant.
 
         Raises
         ------
@@ -101,7 +101,7 @@ class LineContact(WithWorld):
         return front, back
 
     def bind(self, machine: Machine, rows: slice) -> Bound:
-        """Return it with c1 its frame, without the turn about the edge, and c2 the anchor."""
+        """Return the contact with c1 its frame and c2 the anchor, free to turn about the edge."""
         joint, placement = machine.frame(self.frame)
         place = pin.XYZQUATToSE3(np.array(self.anchor)) if self.anchor else pin.SE3.Identity()
         axis = "xyz".index(self.axis)
@@ -113,20 +113,20 @@ class LineContact(WithWorld):
 
     @property
     def support(self) -> Support:
-        """An edge."""
+        """The edge."""
         return Support(self.half_length, 0.0, "xyz".index(self.axis))
 
     @property
     def feet(self) -> tuple[Foot, ...]:
-        """Its ends."""
+        """Ends of the edge."""
         return tuple(foot for end in self.ends() for foot in end.feet)
 
     def anchored_at(self, c1: Any, c2: Any) -> LineContact:
-        """Return it anchored where its frame is."""
+        """Return the contact anchored at its frame c1."""
         return replace(self, anchor=tuple(pin.SE3ToXYZQUAT(c1).tolist()))
 
     def by_points(self, robot: Any) -> tuple[Any, tuple[Constraint, ...]]:
-        """Return its two ends, if it says its length."""
+        """Return the two ends, if the edge has a length."""
         return robot, self.ends() if self.half_length else (self,)
 
     def patch(self, size: float) -> Patch:

@@ -1,4 +1,4 @@
-"""Loops: the joint that closes a chain, cut.
+"""Loops: a chain closed by a cut joint.
 
 A loop asks two frames, c1 and c2, to keep a part of their relative placement. With r the position
 of c2's origin in c1, R the axes of c2 in c1, and every velocity in the axes of its own frame, body
@@ -58,7 +58,7 @@ _APART: Final = 0.1  # [m]
 
 
 def axis_of(kind: str, axis: Axis = "z") -> Axis | None:
-    """Return the axis of a loop of a kind that has one, and None for the other kinds."""
+    """Axis of a loop of a kind that has one; None for other kinds."""
     return axis if kind in _AXES else None
 
 
@@ -127,7 +127,7 @@ class Loop(BetweenFrames):
         self._set_name(f"{self.frame_a}~{self.frame_b}")
 
     def _check_axis(self) -> None:
-        """Refuse a kind without the axis that it needs, and one with an axis that it has not."""
+        """Raise InvalidArgument for a missing axis, or for one that the kind does not have."""
         if self.kind in _AXES:
             if self.axis is None:
                 raise InvalidArgument(
@@ -143,7 +143,7 @@ class Loop(BetweenFrames):
 
     @property
     def _axis(self) -> int:
-        """Column of the axis in the axes of `frame_a`; that of z for a kind that reads none."""
+        """Column of the axis in the axes of `frame_a`; that of z for a kind without an axis."""
         return "xyz".index(self.axis or "z")
 
     @property
@@ -153,7 +153,7 @@ class Loop(BetweenFrames):
 
     @property
     def _selected(self) -> tuple[int, ...]:
-        """The rows x y z rx ry rz of s that stay zero; none for a rod."""
+        """Rows x y z rx ry rz of s that stay zero; none for a rod."""
         axis = self._axis
         return {
             "ball": POINT,
@@ -165,7 +165,7 @@ class Loop(BetweenFrames):
         }[self.kind]
 
     def bind(self, machine: Machine, rows: slice) -> Bound:
-        """Return it with c1 its first frame and c2 its second one.
+        """Return the loop with c1 its first frame and c2 its second one.
 
         Where the first one is the world's they are exchanged, for rows that Pinocchio has: in the
         LOCAL frame with a moving joint first none of its algorithms is wrong.
@@ -192,28 +192,28 @@ class Loop(BetweenFrames):
 
     @property
     def title(self) -> str:
-        """What it is, with its kind."""
+        """Class and kind of the loop."""
         return f"Loop ({self.kind})"
 
     @property
     def called(self) -> str:
-        """Its kind."""
+        """Kind of the loop."""
         return self.kind
 
     @property
     def is_pin(self) -> bool:
-        """Whether it ties a point of one body to one of the other, in space or in a plane."""
+        """True if a point of one body is pinned to one of the other, in space or in a plane."""
         return self.kind in ("ball", "planar")
 
     def as_planar_pin(self, frame: str) -> Loop | None:
-        """Return a ball without the row along z of a frame at `frame_a`."""
+        """Return a ball without its row along z of a `frame` at `frame_a`; None for other kinds."""
         if self.kind != "ball":
             return None
         return Loop(frame, self.frame_b, "planar", axis="z", name=self.name)
 
     @property
     def by_points_called(self) -> str:
-        """How studies call a hinge and a weld by points."""
+        """Name of a hinge or a weld by points, in studies; empty for other kinds."""
         return {"hinge": "two points for hinges", "weld": "three points for welds"}.get(
             self.kind, ""
         )
@@ -233,7 +233,7 @@ class Loop(BetweenFrames):
 
     @property
     def in_mjcf(self) -> bool:
-        """Whether MuJoCo has an equality of its kind."""
+        """True if MuJoCo has an equality of this kind."""
         return self.kind in _EQUALITIES
 
     def write_mjcf(self, to: MjcfWriter) -> None:

@@ -42,16 +42,16 @@ class Nonholonomic(WithWorld, ABC):
 
     @property
     def on_velocity(self) -> bool:
-        """True."""
+        """True: some rows are on the velocity alone."""
         return True
 
     def bind_to_drive(self, machine: Machine, rows: slice) -> BoundConstraint:
-        """Return it as it is: its rows are driven by the rate of a path."""
+        """Return the constraint as it is: its rows are driven by the rate of a path."""
         return self.bind(machine, rows)
 
 
 class OnPlane(Nonholonomic, ABC):
-    """What rolls on a plane of the world."""
+    """Rolling contact with a plane of the world."""
 
     has_normal: ClassVar[bool] = True
     lengths: ClassVar[tuple[str, ...]] = ("radius", "height")
@@ -79,9 +79,9 @@ class OnPlane(Nonholonomic, ABC):
         )  # fmt: skip
 
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
-        """Return that its force is on the frame by the world, in the axes of the rows."""
+        """Return the frame, the world, and the frame of the rows' axes."""
         return self.frame, "world", f"{self.name}/touching"
 
     def anchored_at(self, c1: Any, c2: Any) -> Self:
-        """Return it with the plane where it touches."""
+        """Return the contact with the plane through its lowest point."""
         return replace(self, height=float(np.dot(self.normal, c1.translation)))  # type: ignore[call-arg]

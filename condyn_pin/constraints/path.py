@@ -1,4 +1,4 @@
-"""Paths: what driven rows follow, functions of time with their first two derivatives.
+"""Paths of driven rows: functions of time with their first two derivatives.
 
     t -> (s(t), s'(t), s''(t))
 
@@ -34,7 +34,7 @@ _POINTS: Final = 16
 
 
 class Path(ABC):
-    """A path that is a frozen value; a dataclass of numbers and tuples of numbers."""
+    """Path that is a frozen value; a dataclass of numbers and tuples of numbers."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -45,7 +45,7 @@ class Path(ABC):
         """Return s, s' and s'' at t [s]."""
 
     def _freeze(self) -> None:
-        """Take every number for a tuple of one; all have to be of one length."""
+        """Convert every number to a tuple; all tuples need one length."""
         longest = max(np.size(value) for value in vars(self).values())
         for name, value in tuple(vars(self).items()):
             if np.size(value) not in (1, longest):
@@ -201,7 +201,7 @@ class _Analytic:
 
 
 def analytic(values: Callable[[Any], ArrayLike], *, radius: float = 0.05) -> Along:
-    """Return the path of an analytic formula for s alone: its rates come by Cauchy's formula.
+    """Return the path of an analytic formula for s; its rates are by Cauchy's formula.
 
     s^(k)(t) = k! / (N r^k) sum_j s(t + r z^j) z^-jk,    z = exp(2 pi i / N),  N = 16
 
@@ -246,7 +246,7 @@ _OFF: Final = 0.05
 
 
 def along_at(along: Along, t: float, rows: int, name: str) -> Array:
-    """Return s, s' and s'' (3, rows) of a path, or say what is wrong with it."""
+    """Path s, s' and s'' (3, rows) at a time, or InvalidArgument."""
     value = along(t)
     try:
         found = np.array([np.atleast_1d(np.asarray(each, dtype=float)) for each in value])
@@ -263,7 +263,7 @@ def along_at(along: Along, t: float, rows: int, name: str) -> Array:
 
 
 def check_along(along: Along, rows: int, name: str, at: Sequence[float] = (0.0,)) -> None:
-    """Refuse what is no path: a wrong size, or rates that its own differences contradict.
+    """Raise InvalidArgument for a path of a wrong size, or with rates unlike its differences.
 
     It is checked at some times [s], twice at each, because a path may have a kink.
     """
@@ -279,7 +279,7 @@ def check_along(along: Along, rows: int, name: str, at: Sequence[float] = (0.0,)
 
 
 def _fault(along: Along, rows: int, name: str, t: float) -> str:
-    """Return what differences say against the rates of a path; empty if nothing."""
+    """Contradiction between the rates of a path and its differences; empty if there is none."""
     before, here, after = (along_at(along, t + k * _NEAR, rows, name) for k in (0, 1, 2))
     size = np.abs([before, here, after]).max(axis=(0, 2))
     for i, what in ((0, "second value is not the rate of the first"),

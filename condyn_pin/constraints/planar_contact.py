@@ -79,7 +79,7 @@ class PlanarContact(WithWorld):
         self._set_name(self.frame)
 
     def bind(self, machine: Machine, rows: slice) -> Bound:
-        """Return it with c1 the plane, z along its normal, and c2 the robot's point."""
+        """Return the contact with c1 the plane, z along its normal, and c2 the robot's point."""
         joint, placement = machine.frame(self.frame)
         return Bound(
             self.name, rows, 0, plane(self.normal, self.height),
@@ -88,7 +88,7 @@ class PlanarContact(WithWorld):
         )  # fmt: skip
 
     def acting(self, *, swapped: bool) -> tuple[str, str, str]:
-        """Return that its force is on the frame by the world, in the axes of the plane."""
+        """Return the frame, the world, and the plane for its axes."""
         return self.frame, "world", f"{self.name}/plane"
 
     @property
@@ -102,7 +102,7 @@ class PlanarContact(WithWorld):
         return (Foot(self.name, self.frame, self.offset),)
 
     def anchored_at(self, c1: Any, c2: Any) -> PlanarContact:
-        """Return it with the plane through the point."""
+        """Return the contact with the plane through the point."""
         return replace(self, height=float(np.dot(self.normal, c2.translation)))
 
     def patch(self, size: float) -> Patch:

@@ -71,7 +71,7 @@ class PointContact(WithWorld):
         self._set_name(self.frame)
 
     def bind(self, machine: Machine, rows: slice) -> Bound:
-        """Return it with c1 at the point, in the axes of the frame, and c2 at the anchor."""
+        """Return the contact with c1 at the point, in the frame's axes, and c2 at the anchor."""
         joint, placement = machine.frame(self.frame)
         place = pin.SE3.Identity()
         if self.anchor:
@@ -93,16 +93,16 @@ class PointContact(WithWorld):
 
     @property
     def point(self) -> Vector3 | None:
-        """The point, in the axes of its frame, if it belongs where it is."""
+        """Point in the axes of its frame, if the contact has no anchor."""
         return None if self.anchor else self.offset
 
     def anchored_at(self, c1: Any, c2: Any) -> PointContact:
-        """Return it anchored where the point is."""
+        """Return the contact anchored at its point."""
         return replace(self, anchor=tuple(c1.translation.tolist()))
 
 
 def point_of(contact: Any, name: str, offset: Array) -> PointContact:
-    """Return a point of an extended contact, anchored where the contact is."""
+    """Point contact of an extended contact, anchored at the same place."""
     anchor = None
     if contact.anchor is not None:
         anchor = tuple(pin.XYZQUATToSE3(np.array(contact.anchor)).act(offset))

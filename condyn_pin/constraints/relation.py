@@ -62,19 +62,19 @@ class FrameRelation(BetweenFrames, ABC):
 
     @property
     def row_words(self) -> tuple[str, ...]:
-        """What its rows are called, behind its name."""
+        """Name of each row, behind that of the constraint."""
         return tuple(str(i + 1) for i in range(self.rows))
 
     @property
     def angles(self) -> tuple[bool, ...]:
-        """Which of its rows are angles, not lengths."""
+        """Flag of each row: angle, or else length."""
         return (False,) * self.rows
 
     def bind(self, machine: Machine, rows: slice) -> BoundRelation:
-        """Return it with c1 its first frame and c2 its second one."""
+        """Return the relation with c1 its first frame and c2 its second one."""
         one, two = machine.frame(self.frame_a), machine.frame(self.frame_b)
         return BoundRelation(self.name, rows, *one, *two, self)
 
     def bind_to_drive(self, machine: Machine, rows: slice) -> BoundRelation:
-        """Return it as it is: W is the derivative of c everywhere."""
+        """Return the relation as it is: W is the derivative of c everywhere."""
         return self.bind(machine, rows)

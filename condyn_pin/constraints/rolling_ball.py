@@ -53,7 +53,7 @@ class RollingBall(OnPlane):
         self._set_name(self.frame)
 
     def bind(self, machine: Machine, rows: slice) -> BoundRolling:
-        """Return it with c1 its frame, and c2 the plane."""
+        """Return the constraint with c1 its frame, and c2 the plane."""
         return self._rolled(machine, rows, (0, 1, 2), axle=None)
 
     @property

@@ -70,23 +70,23 @@ class RollingWheel(OnPlane):
         return len(self.holds)
 
     def bind(self, machine: Machine, rows: slice) -> BoundRolling:
-        """Return it with c1 its frame, and c2 the plane."""
+        """Return the constraint with c1 its frame, and c2 the plane."""
         holds = tuple(EVERY.index(each) for each in self.holds)
         return self._rolled(machine, rows, holds, axle="xyz".index(self.axis))
 
     @property
     def title(self) -> str:
-        """What it is, with the directions in which it does not slip."""
+        """Name of the kind, with the directions without slip."""
         return f"RollingWheel ({', '.join(self.holds)})"
 
     @property
     def support(self) -> Support | None:
-        """A point, if it does not leave the plane."""
+        """A point, if the wheel is held to the plane."""
         return Support() if "normal" in self.holds else None
 
 
 def _in_order(holds: object) -> tuple[Direction, ...]:
-    """Return the directions in the order of the rows, or raise InvalidArgument."""
+    """Directions in the order of the rows, or InvalidArgument."""
     asked = tuple(holds) if isinstance(holds, Iterable) and not isinstance(holds, str) else ()
     if not asked or any(asked.count(each) > 1 or each not in EVERY for each in asked):
         raise InvalidArgument(

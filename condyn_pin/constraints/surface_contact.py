@@ -76,7 +76,7 @@ class SurfaceContact(WithWorld):
         self._set_name(self.frame)
 
     def corners(self) -> tuple[PointContact, ...]:
-        """Return the same support as four points: 12 rows, of which 6 are redundant.
+        """Return an equivalent support by four points: 12 rows, of which 6 are redundant.
 
         Raises
         ------
@@ -96,7 +96,7 @@ class SurfaceContact(WithWorld):
         )
 
     def bind(self, machine: Machine, rows: slice) -> Bound:
-        """Return it with c1 its frame, and c2 the anchor."""
+        """Return the contact with c1 its frame, and c2 the anchor."""
         joint, placement = machine.frame(self.frame)
         place = pin.XYZQUATToSE3(np.array(self.anchor)) if self.anchor else pin.SE3.Identity()
         return Bound(
@@ -111,15 +111,15 @@ class SurfaceContact(WithWorld):
 
     @property
     def feet(self) -> tuple[Foot, ...]:
-        """Its corners."""
+        """Corners of the surface."""
         return tuple(foot for corner in self.corners() for foot in corner.feet)
 
     def anchored_at(self, c1: Any, c2: Any) -> SurfaceContact:
-        """Return it anchored where its frame is."""
+        """Return the contact anchored at its frame c1."""
         return replace(self, anchor=tuple(pin.SE3ToXYZQUAT(c1).tolist()))
 
     def by_points(self, robot: Any) -> tuple[Any, tuple[Constraint, ...]]:
-        """Return its four corners, if it says its size."""
+        """Return the four corners, if the surface has a size."""
         return robot, self.corners() if self.half_length and self.half_width else (self,)
 
     def patch(self, size: float) -> Patch:

@@ -1,1 +1,1 @@
-"""What may let go: contacts with friction, stops and dry friction of joints, one file a kind."""
+"""Contacts that may open: friction, stops and dry friction of joints, one file for each kind."""

@@ -1,4 +1,4 @@
-"""The contract of a contact: what may let go, and is asked for gaps and rows.
+"""Contract of a contact that may open, with gaps and rows.
 
     gap(q) >= 0,    lam_n >= 0,    gap lam_n = 0,    |lam_t| <= mu lam_n
 
@@ -29,7 +29,7 @@ CONTACTS: dict[str, type[Contact]] = {}
 
 @dataclass(frozen=True, kw_only=True)
 class Contact(ABC):
-    """What every contact that may let go has: a name, and a way onto the joints of a model.
+    """Base of every contact that may open.
 
     Parameters
     ----------
@@ -50,16 +50,16 @@ class Contact(ABC):
         object.__setattr__(self, "name", self.name or default)
 
     def owns(self, candidate: str) -> bool:
-        """Whether a candidate of this name is its own."""
+        """True if a `candidate` of this name belongs to the contact."""
         return candidate == self.name or candidate.startswith(f"{self.name}/")
 
     @abstractmethod
     def bind(self, machine: Machine) -> BoundContact:
-        """Return it on the joints of a machine."""
+        """Return the contact bound to the joints of a machine."""
 
     @abstractmethod
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
-        """Return what holds it while it neither lets go nor changes its mode.
+        """Return the constraints that hold the contact while its candidates stay in their modes.
 
         Parameters
         ----------
@@ -74,7 +74,7 @@ class Contact(ABC):
         """
 
     def write_mjcf(self, to: MjcfGeomWriter) -> None:
-        """Write it to a file for MuJoCo; by default MuJoCo has nothing like it."""
+        """Write the contact `to` a file for MuJoCo; by default MuJoCo has no equivalent."""
         raise InvalidModel(
             f"contact {self.name!r} is a {type(self).__name__}, for which MuJoCo has nothing; "
             "leave it out of contacts=[...]"
@@ -85,14 +85,14 @@ class Contact(ABC):
 
 
 def joint_named(machine: Machine, name: str) -> Any:
-    """Return a joint of the model, or raise UnknownName."""
+    """Joint of the model, or UnknownName."""
     if name not in machine.joints:
         raise unknown_name("joint", name, machine.joints)
     return machine.model.joints[machine.model.getJointId(name)]
 
 
 def not_held(contact: Contact, joint: str, modes: Mapping[str, Mode] | None) -> tuple[()]:
-    """Return no constraints, or raise UnsupportedConstraint if a candidate of a joint sticks."""
+    """No constraints; UnsupportedConstraint if a candidate of a joint sticks."""
     for candidate, mode in (modes or {}).items():
         if mode == "stick" and contact.owns(candidate):
             raise UnsupportedConstraint(

@@ -1,4 +1,4 @@
-"""All candidates of a scene for contact, evaluated together: gaps, contact points and rows.
+"""Contact candidates of a scene, evaluated together: gaps, contact points and rows.
 
 Cones come first, three rows (t1, t2, n) each, with n from the ground to the robot: those on planes,
 and then those of pairs of bodies. Then come half-lines,
@@ -108,14 +108,14 @@ class Candidates:
         self.blocks = read_only(np.repeat(np.arange(len(self.names)), self._sizes))
 
     def with_coefficients(self, friction: Array, restitution: Array) -> Candidates:
-        """Return the same candidates with others, one a cone; they share what they evaluate in."""
+        """Candidates with other coefficients, one for each cone; memory is shared."""
         other = copy(self)
         other.friction, other.restitution = read_only((friction, restitution))
         return other
 
     @cached_property
     def exact(self) -> Candidates:
-        """The same candidates, with the distances of pairs for their gaps."""
+        """Candidates whose gaps of pairs are exact distances."""
         return Candidates(*self._made_of, exact=True)
 
     @property
@@ -131,7 +131,7 @@ class Candidates:
         return self._with_stops(gaps, q)
 
     def gaps_over_planes(self, data: Any) -> Array:
-        """Return the signed distances of the first cones, those on planes [m]; reads data.oMi."""
+        """Signed distances of the first cones, those on planes [m]; reads data.oMi."""
         return self._touches.gaps(data)
 
     def normals_over_planes(self, data: Any) -> Array:
@@ -167,7 +167,7 @@ class Candidates:
 
     @property
     def pairs(self) -> int:
-        """How many of the cones, the last ones, are where shapes of two bodies meet."""
+        """Number of cones between shapes of two bodies; they are the last ones."""
         return self.cones - self.contact_points
 
     def _with_stops(self, gaps: Array, q: Array) -> Array:
@@ -182,7 +182,7 @@ class Candidates:
         return np.concatenate((np.arange(2, 3 * self.cones, 3), lines))
 
     def rows_of(self, active: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Return a flag for each row: whether its candidate is active."""
+        """Flag of each row: its candidate is active."""
         return np.repeat(active, self._sizes)
 
     def points(self, data: Any, q: Array) -> Array:
@@ -271,7 +271,7 @@ class Pairs:
         return self._evaluated(data)[2]
 
     def are_balls(self, data: Any) -> NDArray[np.bool_]:
-        """Return which pairs are so far apart that the balls round their shapes meet instead."""
+        """Flag of each pair: so far apart that bounding balls replace the shapes."""
         self._evaluated(data)
         return self._far
 
@@ -282,7 +282,7 @@ class Pairs:
         return relative_rows(points.T, axes.transpose(1, 0, 2).reshape(3, -1), J, self._moves)
 
     def _evaluated(self, data: Any) -> tuple[Array, Array, Array]:
-        """Return gaps, points and axes; the last ones where no body has moved since."""
+        """Gaps, points and axes; reused if no body has moved."""
         now = self._placements.read(data)
         if not np.array_equal(now, self._at):
             middles = now.dot(self._middles).T.reshape(-1, 2, 3)
@@ -303,14 +303,14 @@ class Pairs:
     def _far_away(
         self, i: int, data: Any, middle: Array, normal: Array, gap: float
     ) -> ContactPoints:
-        """Return where two shapes are nearest, or the balls round them: most pairs are far."""
+        """Nearest points of two shapes, or of their bounding balls: most pairs are far apart."""
         if self._distances:
             return self._distances[i](data)
         point = middle - self._pairs[i].shape.reach * normal
         return ContactPoints(np.array([gap]), point[None], normal[None])
 
     def _closely(self, i: int, data: Any) -> ContactPoints:
-        """Return where the features of two shapes meet; what seams hide is infinitely far."""
+        """Contact points of the features of two shapes; hidden ones have infinite gaps."""
         pair = self._pairs[i]
         A, B = data.oMi[pair.joint], data.oMi[pair.ground]
         found = meetings(
@@ -329,14 +329,14 @@ class Pairs:
 
 
 class Distance:
-    """The distance of two shapes that are far apart, by coal, to 1e-10 m."""
+    """Distance of two shapes that are far apart, by coal, to 1e-10 m."""
 
     def __init__(self, pair: Pair) -> None:
         self._pair = pair
         self._made: tuple[Any, ...] = ()
 
     def __call__(self, data: Any) -> ContactPoints:
-        """Return where they are nearest; reads data.oMi."""
+        """Nearest points of the two shapes; reads data.oMi."""
         import coal
 
         pair = self._pair
@@ -356,7 +356,7 @@ class Distance:
 
 
 def _coal_shape(core: Core) -> tuple[Any, Any]:
-    """Return a shape for coal, and its placement on ours."""
+    """Shape for coal, and its placement on ours."""
     import coal
 
     if core.is_point:
@@ -371,7 +371,7 @@ def _coal_shape(core: Core) -> tuple[Any, Any]:
 
 
 def pieces_of(pairs: Sequence[Pair]) -> Iterator[tuple[Piece, ...]]:
-    """Yield both shapes of each pair as pieces of their bodies; nothing where these have no seams.
+    """Yield both shapes of each pair as pieces of their bodies; nothing for shapes without seams.
 
     What is beside a piece counts where it meets the same other body.
     """
@@ -388,7 +388,7 @@ def pieces_of(pairs: Sequence[Pair]) -> Iterator[tuple[Piece, ...]]:
 
 
 def _filled(found: ContactPoints, points: int) -> ContactPoints:
-    """Return what was found, and places without a point behind it."""
+    """Contact points, padded to a number of points with infinite gaps."""
     count = len(found.gaps)
     filled = found.taken(np.minimum(np.arange(points), count - 1))
     filled.gaps[count:] = np.inf
@@ -424,7 +424,7 @@ _LEVEL: Final = 0.99
 
 
 class Piece:
-    """A solid of a body, and what else of this body is beside it, in the axes of its joint.
+    """A solid of a body, and its neighbours on this body, in the axes of its joint.
 
     Parameters
     ----------
@@ -439,11 +439,11 @@ class Piece:
 
     @property
     def has_seams(self) -> bool:
-        """Whether there is anything beside it."""
+        """True if the piece has a neighbour."""
         return bool(self._beside)
 
     def hides(self, x: Array, n: Array) -> NDArray[np.bool_]:
-        """Return which points x (k, 3) on it, with outward normals n, are covered [m]."""
+        """Flag of each point x (k, 3), with outward normals n: covered by a neighbour."""
         eps, hidden = self._width, np.zeros(len(x), dtype=bool)
         for other in self._beside:
             at = x.dot(other.normals.T) - other.heights  # (k, faces)
@@ -464,7 +464,7 @@ class Piece:
 
 
 def _is_beside(core: Core, other: Core, width: float) -> bool:
-    """Return whether boxes along the axes, round two different solids, are not apart."""
+    """True if the axis-aligned boxes round two different solids touch within a width."""
     if not (core.is_solid and other.is_solid) or np.array_equal(core.vertices, other.vertices):
         return False
     (low, high), (lowest, highest) = (

@@ -1,4 +1,4 @@
-"""A part of a body on a plane, or on another body, that may let go and slide.
+"""Frictional contact of a body with a plane, or with another body.
 
 gap >= 0,  lam_n >= 0,  gap lam_n = 0,        |lam_t| <= friction lam_n
 """
@@ -212,7 +212,7 @@ class FrictionalContact(Contact):
 
 
 def _solids(*placed: tuple[int, Any, Shape]) -> tuple[BoundShape, ...]:
-    """Return what is to be drawn of shapes on joints."""
+    """Shapes on joints that are drawn."""
     return tuple(
         BoundShape(joint, at, shape.patch) for joint, at, shape in placed if shape.patch is not None
     )

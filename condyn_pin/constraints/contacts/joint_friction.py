@@ -1,4 +1,4 @@
-"""The dry friction of a joint.
+"""Dry friction of a joint.
 
 |lam| <= torque,        lam = -torque sign(v) where it slides
 """
@@ -62,9 +62,9 @@ class JointFriction(Contact):
         return BoundContact(self.name, dry=tuple(map(BoundJointFriction, names, numbers, limits)))
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
-        """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""
+        """Return nothing; a joint that sticks is locked by `Scene.lock`, not by a constraint."""
         return not_held(self, self.joint, modes)
 
     def write_mjcf(self, to: MjcfGeomWriter) -> None:
-        """Write it as the joint's frictionloss."""
+        """Write the joint's frictionloss."""
         to.dry(self.joint, self.torque)

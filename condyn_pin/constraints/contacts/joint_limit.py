@@ -1,4 +1,4 @@
-"""The stops of a joint.
+"""Stops of a joint.
 
 lower <= q <= upper,        lam >= 0 at each,        (q - lower) lam = 0
 """
@@ -78,7 +78,7 @@ class JointLimit(Contact):
         return BoundContact(self.name, stops=tuple(stops))
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
-        """Return nothing; a joint that sticks is locked by `Scene.lock`, and no constraint."""
+        """Return nothing; a joint that sticks is locked by `Scene.lock`, not by a constraint."""
         return not_held(self, self.joint, modes)
 
     def write_mjcf(self, to: MjcfGeomWriter) -> None:

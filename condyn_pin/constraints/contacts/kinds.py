@@ -53,7 +53,7 @@ def held_contacts(
     bounds: Sequence[BoundContact],
     modes: Mapping[str, Mode] | None,
 ) -> tuple[Constraint, ...]:
-    """Return the constraints that hold the candidates of contacts in some modes."""
+    """Constraints that hold the candidates of contacts in some modes."""
     known = [name for bound in bounds for name in bound.candidates]
     for name, mode in (modes or {}).items():
         if name not in known:
@@ -69,7 +69,7 @@ def held_contacts(
 def feet_of(
     contacts: Sequence[Constraint], friction: float, on: Plane | None
 ) -> tuple[FrictionalContact, ...]:
-    """Return contacts of a robot as contacts that may let go, by their points."""
+    """Contacts of a robot as contacts that may open, by their points."""
     for contact in contacts:
         if not contact.feet:
             raise InvalidArgument(

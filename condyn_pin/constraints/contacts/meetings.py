@@ -1,4 +1,4 @@
-"""Where two shapes meet: points, normals and gaps of the features that face each other.
+"""Contact points of two shapes: points, normals and gaps of features that face each other.
 
     corner on face    gap = n . (corner - face),                  n of the face
     edge on edge      gap = n . (point of A - point of B),        n = d_A x d_B
@@ -40,24 +40,24 @@ _CAPSULE_ON_SOLID: Final = 4  # two ends, and two edges
 
 
 class ContactPoints(NamedTuple):
-    """The points where two shapes are near each other."""
+    """Contact points of two shapes."""
 
     gaps: Array  # (k,) [m]
     points: Array  # (k, 3) on the first shape, in the world [m]
     normals: Array  # (k, 3) from the second shape to the first
 
     def turned(self) -> ContactPoints:
-        """Return the same for the shapes in the other order."""
+        """Contact points with the shapes in the other order."""
         return ContactPoints(
             self.gaps, self.points - self.gaps[:, None] * self.normals, -self.normals
         )
 
     def taken(self, chosen: Indices) -> ContactPoints:
-        """Return some of them."""
+        """Some of the contact points."""
         return ContactPoints(*(part[chosen] for part in self))
 
     def least(self, count: int) -> ContactPoints:
-        """Return the nearest few, the nearest one first."""
+        """Nearest few contact points, the nearest one first."""
         # without the digits that rounding makes [m]
         return self.taken(np.round(self.gaps, 12).argsort(kind="stable")[:count])
 
@@ -67,7 +67,7 @@ def _joined(*parts: ContactPoints) -> ContactPoints:
 
 
 def most_meetings(A: Core, B: Core) -> int:
-    """Return at how many points two shapes meet at most."""
+    """Largest number of contact points of two shapes."""
     if A.is_point or B.is_point:
         return 1
     if A.is_solid and B.is_solid:
@@ -76,7 +76,7 @@ def most_meetings(A: Core, B: Core) -> int:
 
 
 def meetings(A: Core, B: Core) -> ContactPoints:
-    """Return where two shapes, placed in the world, meet: no more than `most_meetings`.
+    """Contact points of two shapes placed in the world, no more than `most_meetings`.
 
     The least gap is the distance of the shapes; where they penetrate, the least shift that takes
     them apart, negative.
@@ -95,13 +95,13 @@ def meetings(A: Core, B: Core) -> ContactPoints:
 
 
 def _round(A: Core, B: Core) -> ContactPoints:
-    """Return where the balls round the corners of A meet B."""
+    """Contact points of the balls round the corners of A with B."""
     distances, normals = nearest(B, A.vertices)
     return ContactPoints(distances - A.radius - B.radius, A.vertices - A.radius * normals, normals)
 
 
 def _between(A: Core, B: Core) -> ContactPoints:
-    """Return where corners of B, and edges of both between their ends, are nearest to A.
+    """Contact points of corners of B, and of crossing edges of both, with A.
 
     For cores that are apart.
     """
@@ -112,7 +112,7 @@ def _between(A: Core, B: Core) -> ContactPoints:
 
 
 def _solids(A: Core, B: Core) -> ContactPoints:
-    """Return where a solid A, or the segment of a capsule that is in B, meets a solid B."""
+    """Contact points of a solid A, or the segment of a capsule inside B, with a solid B."""
     axis, gap, by_edges = _separation(A, B)
     top = int(B.normals.dot(axis).argmax())
     corners, edges = A.vertices, A.edges
@@ -139,20 +139,20 @@ def _solids(A: Core, B: Core) -> ContactPoints:
 
 
 def _first(A: Core, axis: Array, gap: float) -> ContactPoints:
-    """Return the corner of A that is first along an axis, at a gap."""
+    """Contact point at the lowest corner of A along an axis, with a given gap."""
     first = int(A.vertices.dot(axis).argmin())
     return ContactPoints(np.array([gap]), A.vertices[first][None], axis[None])
 
 
 def _nearest(found: ContactPoints, size: float) -> ContactPoints:
-    """Return those at different points that are nearest, in the order in which they came."""
+    """Nearest contact points at different places, in their given order."""
     order = np.round(found.gaps, 12).argsort(kind="stable")
     distinct = order[_distinct(found.taken(order), size)]
     return found.taken(np.sort(distinct[:_SOLID]))
 
 
 def _separation(A: Core, B: Core) -> tuple[Array, float, bool]:
-    """Return the axis along which two solids are furthest apart, how far, and if edges give it."""
+    """Axis of the largest separation of two solids, the separation, and whether edges give it."""
     over_B = A.vertices.dot(B.normals.T).min(axis=0) - B.heights
     over_A = B.vertices.dot(A.normals.T).min(axis=0) - A.heights
     margin = tolerances.EDGE_ON * max(A.size, B.size)
@@ -182,12 +182,12 @@ def _edge_axes(A: Core, B: Core) -> Array:
 
 
 def _every_pair(one: Array, two: Array) -> tuple[Array, Array]:
-    """Return each row of one beside each row of another."""
+    """All pairs of rows of two arrays."""
     return np.repeat(one, len(two), axis=0), np.tile(two, (len(one), 1))
 
 
 def _corners_on(corners: Array, B: Core, face: int) -> ContactPoints:
-    """Return the corners (k, 3) that are over a face of B."""
+    """Contact points of corners (k, 3) over a face of B."""
     normal = B.normals[face]
     gaps = corners.dot(normal) - B.heights[face]
     over = on_face(B, corners - gaps[:, None] * normal)
@@ -195,7 +195,7 @@ def _corners_on(corners: Array, B: Core, face: int) -> ContactPoints:
 
 
 def _edges_on_edges(A: Core, of_A: Indices, B: Core, of_B: Indices, axis: Array) -> ContactPoints:
-    """Return where edges of A cross edges of B, one above the other along an axis."""
+    """Contact points of edges of A crossing edges of B, one above the other along an axis."""
     p, q, one, two = _crossings(A, of_A, B, of_B)
     normals, _ = across(one, two)
     cosines = normals.dot(axis)
@@ -233,14 +233,14 @@ def _around(core: Core, face: int) -> Indices:
 
 
 def _lowest(core: Core, axis: Array) -> Indices:
-    """Return the edges whose middles are lowest along an axis."""
+    """Edges with the lowest middles along an axis."""
     along = core.vertices.dot(axis)[core.edges].sum(axis=1)
     lowest: NDArray[np.bool_] = along <= along.min() + tolerances.EDGE_ON * core.size
     return core.edges[lowest]
 
 
 def _distinct(found: ContactPoints, size: float) -> Indices:
-    """Return the numbers of those whose point none before them has."""
+    """Indices of the contact points that repeat no earlier one."""
     apart = np.abs(found.points[:, None] - found.points).max(axis=2)
     again = np.tril(apart <= tolerances.ONE_POINT * size, -1).any(axis=1)
     return np.flatnonzero(~again)

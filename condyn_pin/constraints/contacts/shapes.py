@@ -1,4 +1,4 @@
-"""Shapes of bodies that touch: points, balls, capsules and boxes.
+"""Shapes of bodies in contact: points, balls, capsules, boxes and convex solids.
 
 What of a shape meets a plane are its contact points, points with a radius: the gap of one at p over
 a plane n . x = height is n . p - height - radius, and the gap of the shape is the least of them.
@@ -93,16 +93,16 @@ class Core(NamedTuple):
 
     @property
     def is_point(self) -> bool:
-        """Whether it has no size."""
+        """True if the core is a single vertex."""
         return len(self.vertices) == 1
 
     @property
     def is_solid(self) -> bool:
-        """Whether it has an inside."""
+        """True if the core has faces."""
         return len(self.normals) > 0
 
     def placed(self, at: Any) -> Core:
-        """Return it in the world, at a placement."""
+        """Return the core in the world, at a placement."""
         R, p = at.rotation, at.translation
         normals = self.normals.dot(R.T)
         return self._replace(
@@ -177,7 +177,7 @@ def nearest(core: Core, points: Array) -> tuple[Array, Array]:
 
 
 def _from_edges(core: Core, points: Array) -> tuple[Array, Array]:
-    """Return the distances of points from the edges of a core, or from its only corner."""
+    """Distances of points from the edges of a core, or from its only corner."""
     away = points[:, None] - core.vertices
     if len(core.edges):
         start, along = segments(core)
@@ -198,13 +198,13 @@ def lengths_of(vectors: Array) -> tuple[Array, Array]:
 
 
 def on_face(core: Core, points: Array) -> NDArray[np.bool_]:
-    """Return for points (k, 3) of the planes of its faces whether they are on the core."""
+    """Flags of points (k, 3) in planes of faces of a core: on the face."""
     heights = points.dot(core.normals.T) - core.heights
     return np.asarray((heights <= tolerances.ON_FACE * core.size).all(axis=1))
 
 
 def segments(core: Core, chosen: Indices | None = None) -> tuple[Array, Array]:
-    """Return where edges start and the vectors to their ends (e, 3), of all by default."""
+    """Starts of edges, and vectors to their ends (e, 3), of all edges by default."""
     edges = core.edges if chosen is None else chosen
     start = core.vertices[edges[:, 0]]
     return start, core.vertices[edges[:, 1]] - start
@@ -236,7 +236,7 @@ class ContactPoint(NamedTuple):
 
 
 class Shape(ABC):
-    """What has contact points."""
+    """Shape of a body, with contact points."""
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -245,16 +245,16 @@ class Shape(ABC):
     @property
     @abstractmethod
     def contact_points(self) -> tuple[ContactPoint, ...]:
-        """The points that may touch a plane."""
+        """Points that may touch a plane."""
 
     @property
     def patch(self) -> Patch | None:
-        """What it is drawn as; None for what has no size."""
+        """Picture of the shape; None without a size."""
         return None
 
     @property
     def core(self) -> Core:
-        """Itself without its round skin; what contact points there are make a ball or a capsule."""
+        """Shape without its round skin; contact points alone make a ball or a capsule."""
         radius = self.contact_points[0].radius
         return points_core(*(each.middle for each in self.contact_points), radius=radius)
 
@@ -265,7 +265,7 @@ class Point(Shape):
 
     @property
     def contact_points(self) -> tuple[ContactPoint, ...]:
-        """Itself."""
+        """The point itself."""
         return (ContactPoint("", (0.0, 0.0, 0.0), 0.0),)
 
 
@@ -292,12 +292,12 @@ class Ball(Shape):
 
     @property
     def contact_points(self) -> tuple[ContactPoint, ...]:
-        """Its middle."""
+        """Middle of the ball."""
         return (ContactPoint("", (0.0, 0.0, 0.0), self.radius),)
 
     @property
     def patch(self) -> Patch:
-        """Itself."""
+        """The ball."""
         return Patch("ball", (self.radius,))
 
 
@@ -328,7 +328,7 @@ class Capsule(Shape):
 
     @property
     def contact_points(self) -> tuple[ContactPoint, ...]:
-        """The middles of its ends."""
+        """Middles of the two ends."""
         return (
             ContactPoint("end 1", (0.0, 0.0, self.half_length), self.radius),
             ContactPoint("end 2", (0.0, 0.0, -self.half_length), self.radius),
@@ -336,7 +336,7 @@ class Capsule(Shape):
 
     @property
     def patch(self) -> Patch:
-        """Itself."""
+        """The capsule."""
         return Patch("capsule", (self.radius, 2.0 * self.half_length))
 
 
@@ -366,13 +366,13 @@ class Box(Shape):
 
     @property
     def contact_points(self) -> tuple[ContactPoint, ...]:
-        """Its corners, from (x, y, z) to (-x, -y, -z); the sign of z changes fastest."""
+        """Corners, from (x, y, z) to (-x, -y, -z); the sign of z changes fastest."""
         corners = product((self.x, -self.x), (self.y, -self.y), (self.z, -self.z))
         return tuple(ContactPoint(f"corner {i}", at, 0.0) for i, at in enumerate(corners, start=1))
 
     @property
     def patch(self) -> Patch:
-        """Itself."""
+        """The box."""
         return Patch("box", (2.0 * self.x, 2.0 * self.y, 2.0 * self.z))
 
     @property
@@ -426,7 +426,7 @@ class Convex(Shape):
 
     @property
     def contact_points(self) -> tuple[ContactPoint, ...]:
-        """Its corners."""
+        """Corners of the solid."""
         return tuple(
             ContactPoint(f"corner {i}", at, 0.0) for i, at in enumerate(self.vertices, start=1)
         )

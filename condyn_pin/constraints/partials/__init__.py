@@ -1,1 +1,1 @@
-"""How the rows of constraints change with q and v, and their forces with them."""
+"""Partial derivatives by q and v of the rows of constraints, and of their forces."""

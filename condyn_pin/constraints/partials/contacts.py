@@ -1,6 +1,4 @@
-"""How gaps and rows of contacts change with q.
-
-How the rows of contacts that may let go change with q.
+"""Partial derivatives by q of gaps and rows of contacts.
 
 Column i of the rows of a contact point P is m_i u_i, the velocity of P that a unit of coordinate i
 gives to the body, m = 1, or to the ground, m = -1. With w_i its angular velocity, P moved along by
@@ -46,7 +44,7 @@ _H: Final = 2.0**-12  # [rad, m]: rounding leaves 1e-12
 
 
 class ContactTurning:
-    """The partials of the rows of all candidates of one model; not to be shared between threads."""
+    """Partials of the rows of all candidates of one model; not to be shared between threads."""
 
     def __init__(self, model: Any, bounds: Sequence[BoundContact]) -> None:
         self._model, self._data = model, whole_data(model)
@@ -60,7 +58,7 @@ class ContactTurning:
         self._differences = self._moves and not closed
 
     def go(self, q: Array, J: Array) -> None:
-        """Go to a configuration; J (rows, nv) are the rows of all candidates there."""
+        """Evaluate at a configuration q; J (rows, nv) are the rows of all candidates there."""
         self._q = q
         if self._over_planes is None and self._meetings is None:
             return
@@ -71,7 +69,7 @@ class ContactTurning:
             self._differences = not self._meetings.go(self._data)
 
     def by_q(self, velocities: Sequence[Array], lam: Array) -> tuple[Array, Array]:
-        """Return how rows turn: J w by q of each w, and J^T lam by q.
+        """Partials of the rows by q: of J w for each w, and of J^T lam.
 
         Parameters
         ----------
@@ -99,13 +97,13 @@ class ContactTurning:
         return self._slips(W), pulls
 
     def velocity_by_q(self, w: Array) -> Array:
-        """Return J w by q (rows, nv), w (nv,) fixed."""
+        """Partials of J w by q (rows, nv), w (nv,) fixed."""
         if self._differences:
             return np.asarray(self.by_q((w,), np.zeros(self._candidates.rows))[0][0])
         return np.asarray(self._slips(w[None])[0])
 
     def _slips(self, W: Array) -> Array:
-        """Return J w by q of all rows; those of stops and dry friction stay."""
+        """Partials of J w by q of all rows; the rows of stops and dry friction are constant."""
         by_q, first = np.zeros((len(W), self._candidates.rows, self._model.nv)), 0
         for part in (self._over_planes, self._meetings):
             if part is not None:
@@ -132,7 +130,7 @@ class ContactTurning:
 
 
 class _OverPlanes:
-    """Contact points over planes, in closed form, all of it in the axes of their planes.
+    """Partials of contact points over planes, in closed form, in the axes of their planes.
 
     Attributes
     ----------
@@ -162,7 +160,7 @@ class _OverPlanes:
         self._is_below, self._rest = self._below > 0, 1.0 - self._below
 
     def go(self, data: Any, J: Array) -> None:
-        """Go to where data.oMi and data.J are; J (3 k, nv) are the rows there."""
+        """Evaluate at data.oMi and data.J; J (3 k, nv) are the rows there."""
         axes = self._placements.read(data).dot(self._axes).T  # (5 k, 3)
         turning = axes.dot(data.J.reshape(6, -1)[3:]).reshape(5, self._k, self._n)
         self._w, self._u = turning * self._moves, J.take(self._rows, axis=0)
@@ -170,7 +168,7 @@ class _OverPlanes:
             self._rolled = _crossed(self._w, self._radial).take(_CYCLE, axis=0)
 
     def slips(self, W: Array) -> Array:
-        """Return J x by q for all x in the rows of W (count, 3 k, nv).
+        """Partials of J x by q for all x in the rows of W (count, 3 k, nv).
 
         Column j is m_j w_j x (what is below moves) + (what is not below turns) x m_j u_j, and the
         other way round where it moves the ground.
@@ -188,7 +186,7 @@ class _OverPlanes:
         return by_q.transpose(1, 2, 0, 3).reshape(len(W), -1, self._n)
 
     def pulls(self, lam: Array) -> Array:
-        """Return J^T lam by q (nv, nv).
+        """Partials of J^T lam by q (nv, nv).
 
         Entry i, j is m_i m_j (u_i x lam) . w_j where i is below j, and else that of j, i; the other
         way round where j moves the ground.
@@ -208,19 +206,19 @@ class _OverPlanes:
 
 
 def _sums(each: Array, which: Array) -> Array:
-    """Return the sums (..., n) over columns (..., n) that belong to each: `which` (n, n)."""
+    """Sums (..., n) over columns (..., n) that belong to each: `which` (n, n)."""
     return np.asarray(each.reshape(-1, len(which)).dot(which)).reshape(each.shape)
 
 
 def _crossed(a: Array, b: Array) -> Array:
-    """Return a x b (3, ...), of vectors as (5, ...): x, y, z, and x, y once more."""
+    """Cross products a x b (3, ...), of vectors as (5, ...): x, y, z, and x, y once more."""
     by = a[1:4] * b[2:5]
     by -= a[2:5] * b[1:4]
     return by
 
 
 def _paired(a: Array, b: Array) -> Array:
-    """Return a_i . b_j, summed over all contacts (n, n), of a and b (3, k, n)."""
+    """Scalar products a_i . b_j, summed over all contacts (n, n), of a and b (3, k, n)."""
     n = a.shape[-1]
     return np.asarray(a.reshape(-1, n).T.dot(b.reshape(-1, n)))
 
@@ -247,7 +245,7 @@ _STILL: Final = np.zeros((3, 3))
 
 
 class Sliding(NamedTuple):
-    """How the point of A and the normal turn: U, R and G, as above."""
+    """Motion of the point of A and of the normal with the bodies: U, R and G, as above."""
 
     U: Array  # (3, 3)
     R: Array  # (3, 3) [1/m]
@@ -255,19 +253,19 @@ class Sliding(NamedTuple):
 
 
 class Feature(NamedTuple):
-    """What of a core has a point: a corner, an edge with its direction, a face, or nothing."""
+    """Smallest feature of a core at a point: corner, edge with its direction, face or none."""
 
     kind: int
     along: Array
 
 
 def of_balls(normal: Array, between: float) -> Sliding:
-    """Return how the nearest points of two balls move, `between` their middles [m]."""
+    """Motion of the nearest points of two balls, `between` their middles [m]."""
     return Sliding(_STILL, _across(normal) / between, between)
 
 
 def sliding(A: Core, B: Core, a: Array, normal: Array, between: float) -> Sliding | None:
-    """Return how a point of the core of A moves that meets B, or None if that is in doubt."""
+    """Motion of the contact point on the core of A with B; None if it has no derivative."""
     b = a - between * normal
     one, two = feature(A, a), feature(B, b)
     if one.kind == CORNER and (two.kind == FACE or _has_face(B, b, normal)):
@@ -285,7 +283,7 @@ def sliding(A: Core, B: Core, a: Array, normal: Array, between: float) -> Slidin
 
 
 def feature(core: Core, point: Array) -> Feature:
-    """Return the smallest feature of a core that has a point."""
+    """Smallest feature of a core at a point."""
     off, none = tolerances.ON_FACE * core.size, np.zeros(3)
     if lengths_of(core.vertices - point)[0].min() <= off or core.is_point:
         return Feature(CORNER, none)
@@ -304,7 +302,7 @@ def feature(core: Core, point: Array) -> Feature:
 
 
 def _has_face(core: Core, point: Array, normal: Array) -> bool:
-    """Return whether a point is in the plane of a face with a normal."""
+    """True if a point is in the plane of a face with a normal."""
     turned = np.abs(core.normals - normal).max(axis=1, initial=0.0)
     off = np.abs(core.normals.dot(point) - core.heights)
     near = (turned <= tolerances.ON_FACE) & (off <= tolerances.ON_FACE * core.size)
@@ -331,7 +329,7 @@ def _across(normal: Array) -> Array:
 
 
 class MeetingTurning:
-    """The partials of the rows of all pairs of one model; not to be shared between threads.
+    """Partials of the rows of all pairs of one model; not to be shared between threads.
 
     Attributes
     ----------
@@ -355,7 +353,7 @@ class MeetingTurning:
         self._moves = supports[self._bodies][:, None] - self._grounds  # m (k, 1, nv)
 
     def go(self, data: Any) -> bool:
-        """Go to where data.oMi and data.J are, and return whether all points have derivatives."""
+        """Evaluate at data.oMi and data.J; return True if all points have derivatives."""
         self._S = S = data.J.reshape(6, -1).copy()
         self._P, self._E = self._places.points(data), self._places.axes(data)
         gaps, n = self._places.gaps(data), self._E[:, :, 2]
@@ -376,7 +374,7 @@ class MeetingTurning:
         return True
 
     def slips(self, W: Array) -> Array:
-        """Return J w by q for all w in the rows of W (count, rows, nv)."""
+        """Partials of J w by q for all w in the rows of W (count, rows, nv)."""
         return np.array([self._slip(w) for w in W])
 
     def _slip(self, w: Array) -> Array:
@@ -395,7 +393,7 @@ class MeetingTurning:
         return np.asarray(by_q.reshape(self.size, -1))
 
     def pulls(self, lam: Array) -> Array:
-        """Return J^T lam by q (nv, nv)."""
+        """Partials of J^T lam by q (nv, nv)."""
         S, P, m = self._S, self._P, self._moves
         f = (self._E @ lam.reshape(-1, 3, 1))[:, :, 0]
         P_moved = self._grounds * (S[:3] - skews(P) @ S[3:]) + m * self._P_moved
@@ -415,7 +413,7 @@ _NOWHERE: Final = Sliding(np.zeros((3, 3)), np.zeros((3, 3)), 0.0)
 def _slidings(
     data: Any, pair: Pair, are_balls: bool, gaps: Array, points: Array, normals: Array
 ) -> Iterator[tuple[Sliding | None, float]]:
-    """Yield how each place of a pair moves, None where that is in doubt, and the skin of A [m]."""
+    """Yield the motion of each contact point of a pair, or None, and the skin of A [m]."""
     A = pair.shape.placed(data.oMi[pair.joint] * pair.placement)
     B = pair.ground_shape.placed(data.oMi[pair.ground] * pair.ground_placement)
     r, other = (A.reach, B.reach) if are_balls else (A.radius, B.radius)
@@ -430,5 +428,5 @@ def _slidings(
 
 
 def _cross(a: Array, b: Array) -> Array:
-    """Return a x b of (k, 3, nv) and (3, nv)."""
+    """Cross products a x b of (k, 3, nv) and (3, nv)."""
     return np.cross(a, b, axisa=1, axisb=0, axisc=1)

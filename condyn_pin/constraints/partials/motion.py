@@ -1,6 +1,6 @@
-"""How relative motions of two frames change with q and v.
+"""Partial derivatives by q and v of relative motions of two frames.
 
-The motion of one frame relative to another, and its partial derivatives at fixed accelerations.
+Accelerations are fixed.
 
 With delta = J_s dq the displacement of c1 relative to c2 by a step dq, in the axes of c1,
 
@@ -26,7 +26,7 @@ _skew = pin.skew
 
 
 class RelativeMotion(NamedTuple):
-    """The velocity of c1 relative to c2 and its rate, component by component in the axes of c1.
+    """Velocity of c1 relative to c2, its rate, and their partials, in the axes of c1.
 
     Of one constraint, or of many, stacked.
     """
@@ -40,12 +40,12 @@ class RelativeMotion(NamedTuple):
     dr: Array  # (3, nv), of r by q
 
     def of(self, i: int) -> RelativeMotion:
-        """Return that of one constraint among many."""
+        """Relative motion of one constraint among many."""
         return RelativeMotion(*(part[i] for part in self))
 
 
 def twist_of(one: End, two: End, X: Array) -> RelativeMotion:
-    """Return the relative twist, a spatial motion with its linear part at the origin of c1.
+    """Relative twist, a spatial motion with its linear part at the origin of c1.
 
     u = v1 - X v2,    s = u' = a1 - X a2 + u x X v2
     """
@@ -61,13 +61,13 @@ def twist_of(one: End, two: End, X: Array) -> RelativeMotion:
 
 
 def _of_lever(J: Array, X: Array) -> Array:
-    """Return r by q, -(J_lin + J_ang x r), with X of R and r."""
+    """Partials of r by q, -(J_lin + J_ang x r), with X of R and r."""
     R, r_x_R = X[..., :3, :3], X[..., :3, 3:]
     return np.asarray(r_x_R @ (R.swapaxes(-1, -2) @ J[..., 3:, :]) - J[..., :3, :])
 
 
 def at_c2(twist: RelativeMotion, r: Array) -> RelativeMotion:
-    """Return the relative motion with its linear part at the origin of c2.
+    """Relative motion with its linear part at the origin of c2.
 
     With w the angular part, the linear one is
 
@@ -88,7 +88,7 @@ def at_c2(twist: RelativeMotion, r: Array) -> RelativeMotion:
 
 
 def apart(one: End, two: End, c1Mc2: Any, twist: RelativeMotion) -> RelativeMotion:
-    """Return the relative motion of the two origins, as if r were zero."""
+    """Relative motion of the two origins, as if r were zero."""
     R, Ja = c1Mc2.rotation, twist.J[3:]
     (a1, a1_q, a1_v), (a2, a2_q, a2_v) = one.classical(), two.classical()
     v2, a2 = R @ two.v[:3], R @ a2
@@ -105,7 +105,7 @@ def _with_linear(
     velocity_q: Array,
     s: Array,
 ) -> RelativeMotion:
-    """Return a relative motion with another linear part and the same angular one."""
+    """Relative motion with another linear part and the same angular one."""
     J, s_q, s_v = (
         np.concatenate((part, whole[..., 3:, :]), axis=-2)
         for part, whole in zip(rows, twist, strict=False)
@@ -119,12 +119,12 @@ def _with_linear(
 
 
 def _times(A: Array, x: Array) -> Array:
-    """Return A x, of one vector or of many."""
+    """Products A x, of one vector or of many."""
     return np.asarray((A @ x[..., None])[..., 0])
 
 
 def spatial_cross(x: Array) -> Array:
-    """Return the matrices (..., 6, 6) of the spatial cross product x times."""
+    """Matrices (..., 6, 6) of the spatial cross product x times."""
     return np.asarray((x @ _SPATIAL).reshape(*x.shape, 6))
 
 
@@ -145,7 +145,7 @@ _SPATIAL: Final = np.array([pin.Motion(e).action.ravel() for e in np.eye(6)])
 
 
 class At(NamedTuple):
-    """The ends of k constraints at one state."""
+    """Ends of k constraints at one state."""
 
     one: End
     two: End
@@ -155,7 +155,7 @@ class At(NamedTuple):
 
 
 class EndPartials:
-    """The ends of all constraints between two frames in one scene."""
+    """Ends of all constraints between two frames in one scene, with their partials."""
 
     def __init__(self, frames: Frames, bounds: Sequence[TwoFrameConstraint]) -> None:
         data, n, k = frames.data, frames.nv, len(bounds)
@@ -172,7 +172,7 @@ class EndPartials:
         self._X = np.zeros((2 * k, 6, 6))
 
     def evaluate(self) -> At:
-        """Return the ends, from what Newton-Euler's derivatives have left."""
+        """Ends of the constraints, by the derivatives of Newton-Euler's recursion."""
         (J, dJ, A_q, A_v), columns, X = self._left, self._columns, self._X
         columns[:, 0], columns[:, 1], columns[:, 2], columns[:, 3] = A_v - dJ, J, A_q, A_v
         E = self._ends.placements().reshape(-1, 4, 3)
@@ -217,7 +217,7 @@ class End(NamedTuple):
     J: Array
 
     def classical(self) -> tuple[Array, Array, Array]:
-        """Return the acceleration of the origin, and its derivatives by q and v."""
+        """Acceleration of the origin, and its partials by q and v."""
         v, w = self.v[:3], self.v[3:]
         W, V = _skew(w), _skew(v)
         return (
@@ -227,17 +227,17 @@ class End(NamedTuple):
         )
 
     def of(self, i: int) -> End:
-        """Return one among many."""
+        """One end among many."""
         return End(*(part[i] for part in self))
 
     def by_twist(self) -> End:
-        """Return it with its partials by a twist of the frame on its body."""
+        """End with its partials by a twist of the frame on its body."""
         turning = spatial_cross(self.v), spatial_cross(self.a)
         return End(self.v, self.a, *turning, np.zeros((6, 6)), np.eye(6))
 
 
 class Frames:
-    """The frames that constraints hold, from what Pinocchio's derivatives left in its data."""
+    """Frames of the constraints, by Pinocchio's derivatives in its data."""
 
     def __init__(self, model: Any, data: Any) -> None:
         self._model, self.data = model, data
@@ -249,7 +249,7 @@ class Frames:
         return int(self._model.nv)
 
     def moves(self, joint: int) -> Array:
-        """Return one where a coordinate moves a joint (nv,)."""
+        """Flags (nv,) as numbers: one for each coordinate that moves a joint."""
         moved = np.zeros(self.nv)
         for above in list(self._model.supports[joint])[1:]:
             at = self._model.idx_vs[above]
@@ -257,23 +257,23 @@ class Frames:
         return moved
 
     def between(self, b: Bound | BoundRelation) -> Any:
-        """Return c1Mc2."""
+        """Relative placement c1Mc2."""
         oMi = self.data.oMi
         return (oMi[b.joint1] * b.placement1).actInv(oMi[b.joint2] * b.placement2)
 
     def ends(self, b: Bound | BoundRelation) -> tuple[End, End]:
-        """Return c1 and c2."""
+        """Ends c1 and c2."""
         return self.end(b.joint1, b.placement1), self.end(b.joint2, b.placement2)
 
     def end(self, joint: int, placement: Any) -> End:
-        """Return a frame on a joint as the end of a constraint."""
+        """Frame on a joint as the end of a constraint."""
         if joint == 0:
             return self._world
         v, a = placement.actInv(self.data.v[joint]), placement.actInv(self.data.a[joint])
         return End(v.vector, a.vector, *self.partials(joint, placement))
 
     def partials(self, joint: int, placement: Any) -> tuple[Array, Array, Array, Array]:
-        """Return v_q, a_q, a_v and J of a frame on a joint."""
+        """Partials v_q, a_q, a_v and J of a frame on a joint."""
         found: tuple[Array, Array, Array, Array] = pin.getFrameAccelerationDerivatives(
             self._model, self.data, joint, placement, LOCAL
         )
@@ -294,7 +294,7 @@ class Partials(NamedTuple):
 
 
 def of_frame(b: Bound, _v_q: Array, a_q: Array, a_v: Array, J: Array) -> Partials:
-    """Return the partials of a surface or an edge: rows of the frame's own velocity."""
+    """Partials of a surface or an edge: rows of the frame's own velocity."""
     if b.selection == FRAME:
         return Partials(J, a_q, a_v)
     chosen = list(b.selection)
@@ -302,13 +302,13 @@ def of_frame(b: Bound, _v_q: Array, a_q: Array, a_v: Array, J: Array) -> Partial
 
 
 def of_point(one: End) -> Partials:
-    """Return the partials of a point on the world."""
+    """Partials of a point on the world."""
     _, a_q, a_v = one.classical()
     return Partials(one.J[:3], a_q, a_v)
 
 
 def of_pair(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
-    """Return the partials of a loop between two bodies, or with an anchor in the world."""
+    """Partials of a loop between two bodies, or with an anchor in the world."""
     X = c1Mc2.toActionMatrix()
     twist = twist_of(one, two, X)
     if b.is_plain and b.size == 6:
@@ -322,12 +322,12 @@ def of_pair(b: Bound, one: End, two: End, c1Mc2: Any, lam: Array) -> Partials:
 
 
 def of_weld(twist: RelativeMotion, X: Array, lam: Array) -> Partials:
-    """Return the partials of a weld between two bodies."""
+    """Partials of a weld between two bodies."""
     return Partials(twist.J, twist.s_q, twist.s_v, None, X.T @ dual_cross(lam) @ twist.J)
 
 
 def of_cut(b: Bound, of: RelativeMotion, R: Array, lam: Array) -> Partials:
-    """Return the partials of a ball or of a cut joint between two bodies."""
+    """Partials of a ball or of a cut joint between two bodies."""
     chosen, six = list(b.selection), np.zeros(6)
     six[chosen] = lam
     F, T = _skew(six[:3]), _skew(six[3:])
@@ -338,7 +338,7 @@ def of_cut(b: Bound, of: RelativeMotion, R: Array, lam: Array) -> Partials:
 
 
 def of_rod(R: Array, r: Array, of: RelativeMotion, lam: float) -> Partials:
-    """Return the partials of n . s' - (|s|^2 - (n . s)^2) / |r|, and of the force lam n."""
+    """Partials of n . s' - (|s|^2 - (n . s)^2) / |r|, and of the force lam n."""
     v, v_q, dr = of.velocity[:3], of.velocity_q[:3], of.dr
     distance, J = float(np.linalg.norm(r)), of.J[:3]
     n, n_q = direction(r, dr)
@@ -355,14 +355,14 @@ def of_rod(R: Array, r: Array, of: RelativeMotion, lam: float) -> Partials:
 
 
 def direction(r: Array, dr: Array) -> tuple[Array, Array]:
-    """Return n = r / |r| and how it changes."""
+    """Direction n = r / |r|, and its partials."""
     distance = np.linalg.norm(r)
     n = r / distance
     return n, (np.eye(3) - np.outer(n, n)) @ dr / distance
 
 
 def dual_cross(wrench: Array) -> Array:
-    """Return the matrix D with D x = x x* wrench, for a spatial motion x."""
+    """Matrix D with D x = x x* wrench, for a spatial motion x."""
     D, F = np.zeros((6, 6)), _skew(-wrench[:3])
     D[:3, 3:] = D[3:, :3] = F
     D[3:, 3:] = _skew(-wrench[3:])
@@ -383,7 +383,7 @@ def dual_cross(wrench: Array) -> Array:
 
 
 def of_relation(b: BoundRelation, of: RelativeMotion, R: Array, r: Array, lam: Array) -> Partials:
-    """Return the partials of the rows, and of the wrenches on both bodies."""
+    """Partials of the rows, and of the wrenches on both bodies."""
     W, D = b.relation.weights(R, r), _rates(b, R, r)
     at_s = np.tensordot(of.velocity, D, 1)  # D(s)
     bend = np.einsum("irk,k->ri", b.relation.weights_bend(R, r, of.velocity), of.velocity)
@@ -401,13 +401,13 @@ def of_relation(b: BoundRelation, of: RelativeMotion, R: Array, r: Array, lam: A
 def gap_of_relation(
     b: BoundRelation, of: RelativeMotion, R: Array, r: Array
 ) -> tuple[Array, Array]:
-    """Return the partials of c and of J v: that of c is J, for c' = J v."""
+    """Partials of c and of J v: that of c is J, for c' = J v."""
     W = b.relation.weights(R, r)
     return W @ of.J, W @ of.velocity_q + _applied(_rates(b, R, r), of.velocity) @ of.J
 
 
 def wrenches_of_relation(b: BoundRelation, c1Mc2: Any, lam: Array) -> tuple[Array, Array]:
-    """Return the force at the origin of c1 in its axes, and the same for c2."""
+    """Wrench at the origin of c1 in its axes, and the same for c2."""
     R, r = c1Mc2.rotation, c1Mc2.translation
     f = b.relation.weights(R, r).T @ lam
     at_c2 = np.concatenate([R.T @ f[:3], R.T @ f[3:]])
@@ -415,10 +415,10 @@ def wrenches_of_relation(b: BoundRelation, c1Mc2: Any, lam: Array) -> tuple[Arra
 
 
 def _rates(b: BoundRelation, R: Array, r: Array) -> Array:
-    """Return the rate of W at each of the six unit velocities (6, rows, 6)."""
+    """Rates of W at each of the six unit velocities (6, rows, 6)."""
     return np.array([b.relation.weights_rate(R, r, e) for e in np.eye(6)])
 
 
 def _applied(D: Array, x: Array) -> Array:
-    """Return the matrix (rows, 6) of delta to D(delta) x."""
+    """Matrix (rows, 6) of delta to D(delta) x."""
     return np.asarray(np.einsum("irk,k->ri", D, x))

@@ -1,13 +1,11 @@
-"""How the rows of all constraints change with q and v.
+"""Partial derivatives by q and v of the rows of all constraints.
 
-The partial derivatives of all constraints of one scene, group by group.
+The linearised equations of one scene need
 
-Of what the linearised equations ask for,
+    -[[r_q, r_v], [s_q, s_v]],             r = M a + h - tau - J^T lam,    s = J a + gamma - a_ref.
 
-    -[[r_q, r_v], [s_q, s_v]],             r = M a + h - tau - J^T lam,    s = J a + gamma - a_ref
-
-groups add what turns of J^T lam to -r_q, the `pulls` (nv, nv), and write `by_state`, -[s_q, s_v]
-(m, 2 nv) and their rows of J.
+Each group adds the turning of J^T lam to -r_q, the `pulls` (nv, nv), and writes `by_state`,
+-[s_q, s_v] (m, 2 nv), and its rows of J.
 """
 
 from __future__ import annotations
@@ -53,7 +51,7 @@ from condyn_pin.constraints.rows.special import (
 
 
 class ConstraintPartials:
-    """The partials of all constraints of one scene.
+    """Partials of all constraints of one scene.
 
     `data` holds what `pin.computeRNEADerivatives` leaves.
 
@@ -77,7 +75,7 @@ class ConstraintPartials:
     def write(
         self, lam: Array, pulls: Array, by_state: Array, J: Array, ends: PointEnds | None = None
     ) -> None:
-        """Write all rows but those of couplings into by_state and J, arrays that `make` has made.
+        """Write all rows but those of couplings into by_state and J, arrays made by `make`.
 
         `ends` are those of the loops of three rows, where this answer was evaluated already.
         """
@@ -92,7 +90,7 @@ class ConstraintPartials:
     def write_couplings(
         self, state: tuple[Array, Array, Array, Array], rhs: Array, J: Array
     ) -> None:
-        """Write the rows of couplings at (q, v, a, lam), and what those that bend do to -r_q."""
+        """Write the rows of couplings at (q, v, a, lam), and the terms of bent ones in -r_q."""
         q, v, a, lam = state
         n = J.shape[1]
         by_state = rhs[n:]
@@ -122,7 +120,7 @@ class ConstraintPartials:
                 part.turning(out)
 
     def by_frame(self, name: str, lam: Array, end: int) -> tuple[Array, Array]:
-        """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2 of a constraint, in its axes."""
+        """Partials r (nv, 6) and s (rows, 6) by a twist of a constraint's c1 or c2, in its axes."""
         b = self._bounds[name]
         if isinstance(b, BoundRolling):
             return self._rolling.by_frame(b, lam[b.rows])
@@ -144,7 +142,7 @@ _STRAIGHT = 1e-4  # [rad]; below, the series of (1 - angle cot(angle)) / sin^2 i
 
 
 class PairPartials:
-    """The partials of all constraints between two frames in one scene, but those of points."""
+    """Partials of all constraints between two frames in one scene, but those of points."""
 
     def __init__(
         self, frames: Frames, bounds: Sequence[BoundConstraint], drift: Baumgarte | None
@@ -162,7 +160,7 @@ class PairPartials:
         self._ends = EndPartials(frames, self._between) if several else None
 
     def write(self, lam: Array, pulls: Array, by_state: Array, J: Array) -> None:
-        """Write J (m, nv) and by_state, -[s_q, s_v]; add what turns of J^T lam to pulls, -r_q."""
+        """Write J (m, nv) and by_state, -[s_q, s_v]; add the turning of J^T lam to pulls, -r_q."""
         n = J.shape[1]
         s_q, s_v = by_state[:, :n], by_state[:, n:]  # with the other sign
         for b, of in self._partials(lam, pulls):
@@ -176,7 +174,7 @@ class PairPartials:
     def _partials(
         self, lam: Array, pulls: Array
     ) -> Iterator[tuple[Bound | BoundRelation, Partials]]:
-        """Yield the partials of each constraint; add what turns of J^T lam to -r_q, `pulls`."""
+        """Yield the partials of each constraint; add the turning of J^T lam to `pulls`, -r_q."""
         for held in self._held:
             yield held, of_frame(held, *self._frames.partials(held.joint1, held.placement1))
         for b, one, two, of in self._of_between(lam):
@@ -219,7 +217,7 @@ class PairPartials:
                 out[b.rows] = b.sign * v_q
 
     def by_frame(self, b: Bound | BoundRelation, lam: Array, end: int) -> tuple[Array, Array]:
-        """Return r (nv, 6) and s (rows, 6) by a twist of c1 or c2, of a ball too."""
+        """Partials r (nv, 6) and s (rows, 6) by a twist of c1 or c2, of a ball too."""
         (one, two), c1Mc2 = self._frames.ends(b), self._frames.between(b)
         moved, rest = (one, two) if end == 1 else (two, one)
         nothing, force = np.zeros((6, 6)), b.sign * lam
@@ -247,7 +245,7 @@ class PairPartials:
 
 
 def wrenches(b: Bound | BoundRelation, c1Mc2: Any, force: Array) -> tuple[Array, Array]:
-    """Return the force of a constraint at the origin of c1 in its axes, and the same for c2."""
+    """Wrench of a constraint at the origin of c1 in its axes, and the same for c2."""
     if isinstance(b, BoundRelation):
         return wrenches_of_relation(b, c1Mc2, force)
     six = np.zeros(6)
@@ -267,7 +265,7 @@ def wrenches(b: Bound | BoundRelation, c1Mc2: Any, force: Array) -> tuple[Array,
 
 
 def _of_pair(b: Bound | BoundRelation, one: End, two: End, c1Mc2: Any, force: Array) -> Partials:
-    """Return the partials of a constraint whose other side is somewhere."""
+    """Partials of a constraint whose other side has a place."""
     if isinstance(b, BoundRelation):
         R, r = c1Mc2.rotation, c1Mc2.translation
         of = at_c2(twist_of(one, two, c1Mc2.toActionMatrix()), r)
@@ -276,12 +274,12 @@ def _of_pair(b: Bound | BoundRelation, one: End, two: End, c1Mc2: Any, force: Ar
 
 
 def _force(b: Bound | BoundRelation, lam: Array) -> Array:
-    """Return the rows of lam that act on body 1."""
+    """Rows of lam that act on body 1."""
     return lam[b.rows] if b.sign > 0 else -lam[b.rows]
 
 
 def gap_of(b: Bound | BoundRelation, one: End, two: End, c1Mc2: Any) -> tuple[Array, Array]:
-    """Return the partials (rows, nv) of c, zero without an anchor, and of J v by q.
+    """Partials (rows, nv) of c, zero without an anchor, and of J v by q.
 
     With delta = J_s dq the displacement of c1 relative to c2, M = E1^-1 E2 and u = R e the axis of
     a hinge,
@@ -308,7 +306,7 @@ def gap_of(b: Bound | BoundRelation, one: End, two: End, c1Mc2: Any) -> tuple[Ar
 
 
 def _turned(b: Bound, R: Array, Ja: Array) -> Array:
-    """Return the partials of the angular part of c."""
+    """Partials of the angular part of c."""
     if not b.is_hinge:
         return np.asarray(pin.Jlog3(R) @ R.T @ Ja)
     e = np.eye(3)[b.axis]
@@ -360,7 +358,7 @@ _J, _J_ANG, _A, _A_ANG, _AV, _AV_ANG, _DJ_ANG, _DJ = range(0, 24, 3)
 
 
 def _factors(*terms: tuple[int, float, int | None, int]) -> Array:
-    """Return the map of what is known of an end to the factors of its columns, the first of them.
+    """Map from the known quantities of an end to the factors of its first columns.
 
     Of terms (part, number, x, columns), with x None for the product with 1. There are three rows a
     part, and the parts alternate: the x of all of them come first.
@@ -393,7 +391,7 @@ _MOVED: Final = _factors(
 
 
 class PointPartials:
-    """The partials of all points in one scene.
+    """Partials of all points in one scene.
 
     `data` holds what `pin.computeRNEADerivatives` leaves.
 
@@ -420,7 +418,7 @@ class PointPartials:
         self._chosen = np.ascontiguousarray(np.broadcast_to(self._moved, self._parts.shape))
 
     def _make_room(self, data: Any, n: int) -> None:
-        """Make the memory of columns and parts, and the views into it that are wanted."""
+        """Allocate columns and parts, and make the views into them."""
         k, between = self.k, self.between
         # views into data's own memory; of a single coordinate Pinocchio has vectors
         J, A, A_v, dJ = (part.reshape(6, n) for part in (data.J, data.dAdq, data.dAdv, data.dJ))
@@ -442,7 +440,7 @@ class PointPartials:
     def write(
         self, lam: Array, pulls: Array, by_state: Array, J: Array, ends: PointEnds | None = None
     ) -> None:
-        """Write J (m, nv) and by_state, -[s_q, s_v]; add what turns of J^T lam to pulls, -r_q.
+        """Write J (m, nv) and by_state, -[s_q, s_v]; add the turning of J^T lam to pulls, -r_q.
 
         `ends` are those of all points, if they were evaluated with this lam already.
         """
@@ -469,7 +467,7 @@ class PointPartials:
         out[self._rows] = self._v_q(self._ends).reshape(-1, self._n)
 
     def _evaluated(self, lam: Array) -> PointEnds:
-        """Return where the points are, with their forces if those have a part in it."""
+        """Ends of the points, with the forces of those between two bodies."""
         self._ends.evaluate()
         if self.between:
             self._ends.push(self._signs * lam[self._rows].reshape(-1, 1, 3))
@@ -478,12 +476,12 @@ class PointPartials:
     def _of_ends(
         self, known: Array, factors: Array, columns: Array, out: Array | None = None
     ) -> Array:
-        """Return what some factors make of the columns, for c1 and behind all of them c2."""
+        """Products of the columns with some factors, of c1 and after them of c2."""
         known = known[: self.k + self.between]
         return known.dot(factors).reshape(-1, len(columns)).dot(columns, out)  # type: ignore[no-any-return]
 
     def _v_q(self, ends: PointEnds) -> Array:
-        """Return the partials of J v by q (k, 3, nv)."""
+        """Partials of J v by q (k, 3, nv)."""
         known = ends.known.copy()
         known[: self.k, _MOVING] = known[self.k :, _MOVING]
         parts = self._of_ends(known, _MOVED, self._columns).reshape(-1, 3, self._n)
@@ -492,14 +490,14 @@ class PointPartials:
         return np.asarray(ends.axes1 @ parts[: self.k])
 
     def _c_q(self, ends: PointEnds, J: Array) -> Array:
-        """Return the partials of the violation (k, 3, nv), zero without an anchor."""
+        """Partials of the violation (k, 3, nv), zero without an anchor."""
         apart = skews(ends.places[1, :, _P] - ends.places[0, :, _P])
         turned = ends.axes1 @ apart @ (self._moved[: self.k, 0] * self._left[0][3:])
         return np.asarray(self._anchored * (J[self._rows].reshape(self.k, 3, -1) - turned))
 
 
 def _moved(model: Any, points: Sequence[Bound]) -> Array:
-    """Return (2, k, 1, 1, nv): one where a column moves the body of c1, or that of c2."""
+    """Flags (2, k, 1, 1, nv) as numbers: one for a column that moves the body of c1, or of c2."""
     moved = np.zeros((2, len(points), 1, 1, model.nv))
     for i, b in enumerate(points):
         for end, joint in enumerate((b.joint1, b.joint2)):
@@ -522,7 +520,7 @@ def _moved(model: Any, points: Sequence[Bound]) -> Array:
 
 
 class RollingPartials:
-    """The partials of all that rolls in one scene."""
+    """Partials of all rolling constraints in one scene."""
 
     def __init__(
         self, frames: Frames, bounds: Sequence[BoundConstraint], drift: Baumgarte | None
@@ -532,7 +530,7 @@ class RollingPartials:
         self.k = len(self._bounds)
 
     def write(self, lam: Array, pulls: Array, by_state: Array, J: Array) -> None:
-        """Write J (m, nv) and by_state, -[s_q, s_v]; add what turns of J^T lam to pulls, -r_q."""
+        """Write J (m, nv) and by_state, -[s_q, s_v]; add the turning of J^T lam to pulls, -r_q."""
         n = J.shape[1]
         for b in self._bounds:
             one = self._frames.end(b.joint1, b.placement1)
@@ -547,13 +545,13 @@ class RollingPartials:
             out[b.rows] = v_q_of_touch(self._touch(b, self._frames.end(b.joint1, b.placement1)))
 
     def by_frame(self, b: BoundRolling, lam: Array) -> tuple[Array, Array]:
-        """Return r (nv, 6) and s (rows, 6) by a twist of the frame in the middle on its body."""
+        """Partials r (nv, 6) and s (rows, 6) by a twist of the middle frame on its body."""
         one = self._frames.end(b.joint1, b.placement1)
         of = self._rows(b, one.by_twist(), lam)
         return -one.J.T @ (of.wrench_q + dual_cross(self._wrench(b, lam))), of.s_q
 
     def _rows(self, b: BoundRolling, one: End, lam: Array) -> Rows:
-        """Return the partials of one; s_q has the part of drift control."""
+        """Partials of one constraint; s_q includes the drift control."""
         touch = self._touch(b, one)
         of = rows_of_touch(touch, lam)
         if self._drift:
@@ -569,14 +567,14 @@ class RollingPartials:
         return touch_of(b, one, R)
 
     def _wrench(self, b: BoundRolling, lam: Array) -> Array:
-        """Return the wrench (6,) of a force at the origin of c1, in its axes."""
+        """Wrench (6,) of a force at the origin of c1, in its axes."""
         oMi = self._frames.data.oMi[b.joint1]
         at_point = pin.Force(b.whole(lam), np.zeros(3))
         return np.array((oMi * b.placement1).actInv(b.touching(oMi)).act(at_point).vector)
 
 
 class Vector(NamedTuple):
-    """A vector that turns with the state, in the axes of the body."""
+    """Vector in the axes of the body, its rate, and their partials by q."""
 
     x: Array  # (3,)
     x_q: Array  # (3, nv)
@@ -584,11 +582,11 @@ class Vector(NamedTuple):
     dot_q: Array  # (3, nv)
 
     def mapped(self, A: Array) -> Vector:
-        """Return A x for a constant matrix."""
+        """Product A x with a constant matrix."""
         return Vector(*(A @ part for part in self))
 
     def cross(self, y: Vector) -> Vector:
-        """Return x x y."""
+        """Cross product x x y."""
         X, Y, X_dot, Y_dot = (_skew(part) for part in (self.x, y.x, self.dot, y.dot))
         return Vector(
             X @ y.x,
@@ -598,7 +596,7 @@ class Vector(NamedTuple):
         )
 
     def unit(self) -> Vector:
-        """Return x / |x|; zero where x vanishes."""
+        """Unit vector x / |x|; zero where x vanishes."""
         size = float(np.linalg.norm(self.x))
         shrink = 1.0 / size if size > FLAT else 0.0
         x = shrink * self.x
@@ -611,7 +609,7 @@ class Vector(NamedTuple):
 
 
 class Touch(NamedTuple):
-    """The lowest point r, the axes of the rows that are held, and the slip with its rate."""
+    """Lowest point r, axes of the rows that are held, and slip with its rate."""
 
     r: Vector
     axes: tuple[Vector, ...]
@@ -633,7 +631,7 @@ class Rows(NamedTuple):
 
 
 def touch_of(b: BoundRolling, one: End, R: Array) -> Touch:
-    """Return how the lowest point moves; R turns vectors of the plane into the body's axes."""
+    """Contact point of a rolling constraint; R turns vectors of the plane into the body's axes."""
     n = _fixed_in_world(one, R[:, 2])
     if b.axle is None:
         t, r = _fixed_in_world(one, R[:, 0]), n.mapped(-b.radius * np.eye(3))
@@ -656,7 +654,7 @@ def touch_of(b: BoundRolling, one: End, R: Array) -> Touch:
 
 
 def rows_of_touch(of: Touch, lam: Array) -> Rows:
-    """Return the partials of the rows and of the force lam."""
+    """Partials of the rows and of the force lam."""
     J = np.array([t.x @ of.slip_v for t in of.axes])
     s_q = np.array(
         [t.x @ of.rate_q + of.rate @ t.x_q + t.dot @ of.slip_q + of.slip @ t.dot_q for t in of.axes]
@@ -669,7 +667,7 @@ def rows_of_touch(of: Touch, lam: Array) -> Rows:
 
 
 def v_q_of_touch(of: Touch) -> Array:
-    """Return the partials of J v by q."""
+    """Partials of J v by q."""
     return np.array([t.x @ of.slip_q + of.slip @ t.x_q for t in of.axes])
 
 

@@ -1,6 +1,6 @@
-"""A constraint bound to a model, and what the program asks it.
+"""Constraint bound to a model, and the questions that the program asks of it.
 
-A constraint between two bodies, bound to a model: joints, placements and rows for names.
+Names are replaced by joints, placements and rows.
 
 The rest of the program asks it what every `BoundConstraint` answers. Its own fields, and those of
 `BoundCoupling`, `BoundRolling` and `BoundRelation`, are for the groups that evaluate them together.
@@ -57,7 +57,7 @@ class CompiledRows(NamedTuple):
 
 
 def placement(M: Any) -> list[float]:
-    """Return 12 numbers of a placement: the rotation by rows, and the translation [m]."""
+    """Twelve numbers of a placement: the rotation by rows, and the translation [m]."""
     return [*M.rotation.ravel(), *M.translation]
 
 
@@ -72,10 +72,9 @@ _EPS = float(np.finfo(np.float64).eps)
 
 @dataclass(frozen=True)
 class Drive:
-    """What moves driven rows: c = s(t), J v = s'(t), J a + gamma = s''(t).
+    """Path of driven rows: c = s(t), J v = s'(t), J a + gamma = s''(t).
 
-    `along` returns the three at a time; `time` is the one at which the constraint is evaluated, and
-    None where that has not been said.
+    `along` returns the three at a time; `time` is the time of evaluation, None if it is not set.
     """
 
     along: Along
@@ -83,7 +82,7 @@ class Drive:
 
 
 class BoundConstraint(ABC):
-    """What every bound constraint has, and answers.
+    """Base of every bound constraint.
 
     Attributes
     ----------
@@ -112,50 +111,50 @@ class BoundConstraint(ABC):
     @property
     @abstractmethod
     def row_names(self) -> tuple[str, ...]:
-        """A name for each row: the constraint's, and what it is along."""
+        """Name of each row: the constraint's, and its direction."""
 
     @property
     def positioned(self) -> range:
-        """Its rows that have a position error."""
+        """Rows with a position error."""
         return range(self.rows.start, self.rows.stop if self.anchored else self.rows.start)
 
     @property
     def is_plain(self) -> bool:
-        """Whether Pinocchio has a constraint of these very rows."""
+        """True if Pinocchio has a constraint of the same rows."""
         return False
 
     @property
     def is_ball(self) -> bool:
-        """Whether it is a point of one moving body on one of another, and nothing else."""
+        """True for a point of one moving body held on a point of another."""
         return False
 
     @property
     def is_scalar(self) -> bool:
-        """Whether its force is one number, along a line or a joint."""
+        """True if the force is recorded by its rows, not by components along axes."""
         return False
 
     @property
     def leans(self) -> bool:
-        """True if its rows are along directions that are computed, and not axes of its frames."""
+        """True if the rows are along computed directions, not along axes of the frames."""
         return False
 
     @property
     def hinge_axis(self) -> int | None:
-        """The axis of c1 about which a hinge turns: 0, 1 or 2; None if it is no hinge."""
+        """Axis of c1 about which a hinge turns: 0, 1 or 2; None for others."""
         return None
 
     @property
     def joints(self) -> tuple[int, int] | None:
-        """The joints that carry its frames c1 and c2; None if it has no frames."""
+        """Joints that carry the frames c1 and c2; None without frames."""
         return None
 
     @property
     def one_body(self) -> int | None:
-        """The joint of the body that both its sides are on; None where they are on two."""
+        """Joint of the body that carries both sides; None for two bodies."""
         return None
 
     def within(self, joints: Container[int]) -> bool:
-        """Return whether both its sides are on bodies of these joints.
+        """True if both sides are on bodies of these joints.
 
         Moving them as one body then changes nothing, also where it is open and J says otherwise.
         """
@@ -163,16 +162,16 @@ class BoundConstraint(ABC):
 
     @property
     def on_robot(self) -> int:
-        """Which of its two frames is on the robot: 0 for c1, 1 for c2."""
+        """Index of the frame on the robot: 0 for c1, 1 for c2."""
         return 0
 
     @property
     def meets(self) -> bool:
-        """Whether the origins of its two frames belong at one place."""
+        """True if the origins of the two frames coincide when the constraint is closed."""
         return False
 
     def compiled(self) -> CompiledRows | None:
-        """Return its rows as the compiled core has them; None if it has no such rows.
+        """Rows in the format of the compiled core; None if it has no such rows.
 
         Those that follow a path are those that do not: the core is told where the path is.
         """
@@ -180,62 +179,62 @@ class BoundConstraint(ABC):
 
     @abstractmethod
     def moved(self, joints: Sequence[int]) -> Self:
-        """Return it on other joints: the new number of each."""
+        """Constraint on other joints: the new number of each."""
 
     @abstractmethod
     def ends(self, oMi: Any) -> tuple[Any, Any] | None:
-        """Return its frames c1 and c2 in the world; None if it has none.
+        """Frames c1 and c2 in the world; None without frames.
 
         The axes of c1 are those of its force.
         """
 
     def whole(self, lam: Array) -> Array:
-        """Return the force with the components that the kind does not transmit: they are zero."""
+        """Force with zeros for the components that the kind does not transmit."""
         return lam.copy()
 
     def force(self, lam: Array, ends: Callable[[], tuple[Any, Any]]) -> Array:
-        """Return the components of the force in the axes of c1; `ends` finds c1 and c2."""
+        """Components of the force in the axes of c1; `ends` returns c1 and c2."""
         return self.whole(lam)
 
     @abstractmethod
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
-        """Return the point of the world at which its force acts, or the opposite one."""
+        """Point of the world where the force acts, on the first body or on the other."""
 
     def reaction(self, *, on_first: bool) -> float:
-        """Return how many times as large as a force the one on the other side is."""
+        """Ratio of the reaction on the other side to the force."""
         return 1.0
 
     @abstractmethod
     def turns(self, model: Any) -> NDArray[np.bool_]:
-        """Return for each row whether it is an angle, not a length."""
+        """Flag of each row: angle, or else length."""
 
     def opening(self, model: Any, c: Array) -> tuple[float, float]:
-        """Return how far it is open, from its rows of c: length [m] and angle [rad]."""
+        """Gap by the rows of c: length [m] and angle [rad]."""
         return self.rates(model, c)
 
     def rates(self, model: Any, velocity: Array) -> tuple[float, float]:
-        """Return how fast its sides move apart, from its rows of J v: [m/s] and [rad/s]."""
+        """Rate of the gap by the rows of J v: [m/s] and [rad/s]."""
         angular = self.turns(model)
         # no square overflows
         return math.hypot(*velocity[~angular]), math.hypot(*velocity[angular])
 
     @abstractmethod
     def end(self, frame: str) -> Literal[1, 2]:
-        """Return which of c1 and c2 its "first" or "second" frame is, or raise InvalidArgument."""
+        """Return 1 or 2 for the "first" or "second" frame as c1 or c2, or raise InvalidArgument."""
 
     @abstractmethod
     def yields(
         self, body: Callable[[int], Array], columns: Callable[[Sequence[int]], float | Array]
     ) -> Any:
-        """Return what MuJoCo takes for the diagonal of J M^-1 J^T, a number a row or one for all.
+        """MuJoCo's approximate diagonal of J M^-1 J^T, a number per row or one for all.
 
-        `body` returns what the body of a joint gives way to a force and to a moment (2,), `columns`
-        the sum of what some velocities give way.
+        `body` returns the inverse inertia of the body of a joint under a force and under a moment
+        (2,), `columns` the sum of those of some coordinates of v.
         """
 
 
 class TwoFrameConstraint(BoundConstraint, ABC):
-    """What has a frame c1 on joint 1, and a frame c2 on joint 2."""
+    """Bound constraint between a frame c1 on joint 1 and a frame c2 on joint 2."""
 
     joint1: int
     placement1: Any
@@ -253,7 +252,7 @@ class TwoFrameConstraint(BoundConstraint, ABC):
         return self.joint1 if self.joint1 == self.joint2 else None
 
     def within(self, joints: Container[int]) -> bool:
-        """Return whether joints 1 and 2 are among them."""
+        """True if joints 1 and 2 are among these joints."""
         return self.joint1 in joints and self.joint2 in joints
 
     @property
@@ -262,33 +261,33 @@ class TwoFrameConstraint(BoundConstraint, ABC):
         return 0 if self.joint1 else 1
 
     def moved(self, joints: Sequence[int]) -> Self:
-        """Return it on other joints: the new number of each."""
+        """Constraint on other joints: the new number of each."""
         new = {"joint1": joints[self.joint1], "joint2": joints[self.joint2]}
         return replace(self, **new)  # type: ignore[type-var]
 
     def ends(self, oMi: Any) -> tuple[Any, Any]:
-        """Return the frames c1 and c2 in the world."""
+        """Frames c1 and c2 in the world."""
         return oMi[self.joint1] * self.placement1, oMi[self.joint2] * self.placement2
 
     def arm(self, oMi: Any) -> float:
-        """Return how far what the rows are about is from c1: the origin of c2 [m]."""
+        """Distance from c1 to the origin of c2, which the rows are about [m]."""
         c1, c2 = self.ends(oMi)
         return length(c2.translation - c1.translation)
 
     def reach(self, oMi: Any) -> float:
-        """Sum of the lengths that the places of c1 and c2 in the world are made of [m]."""
+        """Sum of the lengths that add up to the positions of c1 and c2 in the world [m]."""
         ends = (self.joint1, self.placement1), (self.joint2, self.placement2)
         return sum(length(oMi[j].translation) + length(P.translation) for j, P in ends)
 
     def shares(self, oMi: Any) -> Array:
-        """Sizes of shifts and of turns in its rows (size, 2), if it leans.
+        """Sizes of shifts and of turns in the rows (size, 2), if the constraint leans.
 
         The errors of their directions by rounding, over eps, are among them.
         """
         raise NotImplementedError
 
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
-        """Return the origin of c2."""
+        """Origin of c2."""
         return np.array(c2.translation)
 
     def end(self, frame: str) -> Literal[1, 2]:
@@ -305,7 +304,7 @@ class TwoFrameConstraint(BoundConstraint, ABC):
         body: Callable[[int], Array],
         columns: Callable[[Sequence[int]], float | Array],
     ) -> Any:
-        """Return what both bodies give way to a force, and for turns to a moment."""
+        """Sum of both bodies' inverse inertias: for shifts linear, for turns 4 times angular."""
         linear, angular = body(self.joint1) + body(self.joint2)
         # MuJoCo's angular rows are half of ours
         return [4 * angular if turns else linear for turns in self.turns(None)]
@@ -317,7 +316,7 @@ def tilt(by: float, over: float) -> float:
 
 
 def length(x: Array) -> float:
-    """Return the length of a vector."""
+    """Length of a vector."""
     return math.sqrt(x.dot(x))
 
 
@@ -367,62 +366,62 @@ class Bound(TwoFrameConstraint):
 
     @property
     def is_rod(self) -> bool:
-        """Whether its row is a distance."""
+        """True for a rod: its row is a distance."""
         return not self.selection
 
     @property
     def is_hinge(self) -> bool:
-        """Whether its rows are all but one turn."""
+        """True for a hinge: its rows are all but one turn."""
         return self.size == 5 and self.selection[:3] == POINT
 
     @property
     def hinge_axis(self) -> int | None:
-        """Its axis, if it is a hinge."""
+        """Axis of a hinge; None for others."""
         return self.axis if self.is_hinge else None
 
     @property
     def is_planar(self) -> bool:
-        """Whether its rows are all shifts but one."""
+        """True for a pin in a plane: its rows are two shifts."""
         return self.size == 2
 
     @property
     def is_plain(self) -> bool:
-        """Whether Pinocchio has a constraint of these very rows."""
+        """True if Pinocchio has a constraint of the same rows."""
         return self.selection in (POINT, FRAME)
 
     @property
     def is_point(self) -> bool:
-        """Whether it is a point on another one, or on one of the world, and nothing else."""
+        """True for a point held on a point of a body or of the world."""
         return self.selection == POINT
 
     @property
     def is_ball(self) -> bool:
-        """Whether it is a point of one moving body on one of another, and nothing else."""
+        """True for a point of one moving body held on a point of another."""
         return self.selection == POINT and self.joint1 > 0 and self.joint2 > 0
 
     @property
     def is_scalar(self) -> bool:
-        """Whether it is a rod."""
+        """True for a rod, whose force is along its line."""
         return self.is_rod
 
     @property
     def meets(self) -> bool:
-        """Whether it has a place."""
+        """True if the constraint has an anchor."""
         return self.anchored
 
     @property
     def is_held(self) -> bool:
-        """Whether the rows are those of c1 in its own axes: but for c, no world enters them."""
+        """True if the rows are the velocity of c1 in its own axes; the world enters c alone."""
         return self.joint2 == 0 and (self.is_plain or not self.anchored)
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """A name for each row: the constraint's and the axis."""
+        """Name of each row: the constraint's and the axis."""
         axes = [_AXES[i] for i in self.selection] or ["length"]
         return tuple(f"{self.name}.{axis}" for axis in axes)
 
     def compiled(self) -> CompiledRows:
-        """Return its rows as the compiled core has them."""
+        """Rows in the format of the compiled core."""
         if self.is_held:
             how = HELD
         elif self.is_rod:
@@ -440,7 +439,7 @@ class Bound(TwoFrameConstraint):
         return CompiledRows(integers, [*placed, self.sign, length, 0.0])
 
     def whole(self, lam: Array) -> Array:
-        """Return the force with the components that the kind does not transmit: they are zero.
+        """Force with zeros for the components that the kind does not transmit.
 
         (3,) [N], or (6,) [N, N m] for kinds that transmit moments. A rod's direction is not known
         here.
@@ -450,7 +449,7 @@ class Bound(TwoFrameConstraint):
         return force
 
     def force(self, lam: Array, ends: Callable[[], tuple[Any, Any]]) -> Array:
-        """Return the components of the force in the axes of c1; `ends` finds c1 and c2."""
+        """Components of the force in the axes of c1; `ends` returns c1 and c2."""
         if not self.is_rod:
             return self.whole(lam)
         c1, c2 = ends()
@@ -459,7 +458,7 @@ class Bound(TwoFrameConstraint):
 
     @property
     def leans(self) -> bool:
-        """True of a rod: its direction is the difference of two places over its length."""
+        """True for a rod: its direction is the difference of two positions over its length."""
         return self.is_rod
 
     def shares(self, oMi: Any) -> Array:
@@ -467,7 +466,7 @@ class Bound(TwoFrameConstraint):
         return np.array([[1.0 + tilt(self.reach(oMi), self.arm(oMi)), 0.0]])
 
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
-        """Return the origin of c2, where nothing else is known of the pair of forces."""
+        """Point of the world where the force acts: for other kinds than points and welds, c2."""
         if not self.anchored and self.joint2 == 0:
             return np.array(c1.translation)  # nothing says where c2 is
         if self.is_plain:  # a weld keeps its wrench whole, a ball acts at each body's own point
@@ -476,14 +475,14 @@ class Bound(TwoFrameConstraint):
         return super().acts_at(c1, c2, on_first=on_first)
 
     def turns(self, model: Any) -> NDArray[np.bool_]:
-        """Return for each row whether it is an angle."""
+        """Flag of each row: angle, or else length."""
         return np.array([row > 2 for row in self.selection] or [False])
 
     def opening(self, model: Any, c: Array) -> tuple[float, float]:
-        """Return how far it is open, from its rows of c: length [m] and angle [rad].
+        """Gap by the rows of c: length [m] and angle [rad].
 
         Those of a weld are log6 of the placement of one frame in the other: the length of that is
-        no distance, but along a screw. What is told is how far the frames are apart, and turned.
+        no distance, but along a screw. The result is the distance and the angle between the frames.
         """
         if self.selection == FRAME:
             apart = pin.exp6(pin.Motion(np.ascontiguousarray(c))).translation
@@ -493,7 +492,7 @@ class Bound(TwoFrameConstraint):
 
 @dataclass(frozen=True)
 class PinocchioConstraint:
-    """A constraint that Pinocchio has itself: one of 3 or of 6 rows.
+    """Constraint of Pinocchio, of 3 or of 6 rows.
 
     `approximates` says whether it stands for rows of another kind; all else is as in `Bound`.
     """
@@ -512,7 +511,7 @@ class PinocchioConstraint:
     def of(
         cls, b: Bound, size: int, d1: Array | None = None, d2: Array | None = None
     ) -> PinocchioConstraint:
-        """Return a point or a frame, shifted by d1 in the axes of c1 and by d2 in those of c2."""
+        """Point or frame, shifted by d1 in the axes of c1 and by d2 in those of c2."""
         # where a contact is unanchored, c2 is not read
         one, two = (
             placement if d is None else placement * pin.SE3(np.eye(3), d)
@@ -527,7 +526,7 @@ class PinocchioConstraint:
         )  # fmt: skip
 
     def to_pinocchio(self, model: Any) -> Any:
-        """Return the RigidConstraintModel."""
+        """Pinocchio's RigidConstraintModel."""
         kind = pin.ContactType.CONTACT_3D if self.size == 3 else pin.ContactType.CONTACT_6D
         made = pin.RigidConstraintModel(
             kind, model, self.joint1, self.placement1, self.joint2, self.placement2, LOCAL
@@ -570,7 +569,7 @@ class Terms:
         self.__dict__.update(M=M, h=h, J=J, gamma=gamma, a_ref=a_ref)
 
     def kept(self, left: LeftOut) -> Terms:
-        """The terms without some combinations of rows.
+        """Terms without the combinations of rows that are left out.
 
         Parameters
         ----------
@@ -582,7 +581,7 @@ class Terms:
 
 
 def largest_torque(terms: Terms, tau: Array, size: float) -> float:
-    """Return the largest |M| size + |h| + |tau| of a joint [N, N m]: what forces are compared with.
+    """Largest |M| size + |h| + |tau| of a joint [N, N m]: the scale of constraint forces.
 
     `size` is that of a: the larger of |a|_inf and gravity.
     """
@@ -591,7 +590,7 @@ def largest_torque(terms: Terms, tau: Array, size: float) -> float:
 
 
 def finite_terms(equations: Equations, q: Array, v: Array) -> Terms:
-    """Return the terms at a state that was checked; InvalidArgument if v makes them overflow."""
+    """Terms at a checked state; InvalidArgument if v makes them overflow."""
     with np.errstate(all="ignore"):  # what overflows is refused
         terms = equations.terms(q, v)
     check_overflow("v", v, terms.h, terms.gamma, terms.a_ref)
@@ -605,7 +604,7 @@ _TINY = 1e-3  # [mm, deg]
 
 
 class ConstraintViolation(NamedTuple):
-    """By how much a constraint is violated, or by how much a joint is beyond its limits.
+    """Violation of a constraint, or of joint limits.
 
     Attributes
     ----------
@@ -620,11 +619,11 @@ class ConstraintViolation(NamedTuple):
 
     @property
     def size(self) -> float:
-        """The larger of the two numbers."""
+        """Larger of the two numbers."""
         return max(self.length, self.angle)
 
     def text(self, per: str = "") -> str:
-        """Return it in mm and degrees, `per` behind the units, such as "/s".
+        """Return the violation in mm and degrees, `per` behind the units, such as "/s".
 
         A part that is rounding beside the other is left out.
         """
@@ -641,32 +640,32 @@ class ConstraintViolation(NamedTuple):
 
 
 def beyond_text(beyond: Mapping[str, ConstraintViolation]) -> str:
-    """Return for a sentence which joints are beyond their limits, and how far."""
+    """Violations of joint limits as text."""
     return ", ".join(f"{joint} is {by} beyond its limits" for joint, by in beyond.items())
 
 
 def closed(gap: Mapping[str, ConstraintViolation]) -> bool:
-    """Whether every gap is within tolerance (1e-10)."""
+    """True if every gap is within tolerance (1e-10)."""
     return all(each.size <= tolerances.CLOSED for each in gap.values())
 
 
 def worst(gap: Mapping[str, ConstraintViolation]) -> tuple[str, ConstraintViolation]:
-    """Return the name and the gap of what is open furthest."""
+    """Name and size of the largest gap."""
     return max(gap.items(), key=lambda item: item[1].size)
 
 
 def gap_of(model: Any, bound: BoundConstraint, c: Array) -> ConstraintViolation:
-    """Return how far one constraint is open, from its rows of c."""
+    """Gap of one constraint, by its rows of c."""
     return ConstraintViolation(*bound.opening(model, c))
 
 
 def velocity_of(model: Any, bound: BoundConstraint, rows: Array) -> ConstraintViolation:
-    """Return how fast the sides of one constraint move apart, from its rows of J v."""
+    """Rate of the gap of one constraint, by its rows of J v."""
     return ConstraintViolation(*bound.rates(model, rows))
 
 
 def _digits(x: float) -> str:
-    """Return three digits of a number, as a decimal fraction unless it is tiny."""
+    """Number with three digits, as a decimal fraction unless it is tiny."""
     if not _TINY <= x < math.inf:
         return f"{x:.3g}"
     return np.format_float_positional(float(f"{x:.3g}"), trim="-")

@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 
 class ConstraintRows:
-    """The rows of one model's bound constraints, and the memory to evaluate them.
+    """Rows of one model's bound constraints, and the memory to evaluate them.
 
     Parameters
     ----------
@@ -101,21 +101,21 @@ class ConstraintRows:
 
     @cached_property
     def driven(self) -> Indices:
-        """The rows that follow a path."""
+        """Indices of the rows that follow a path."""
         rows = [np.arange(rows.start, rows.stop) for rows, _, _ in self._drives]
         return np.concatenate(rows) if rows else np.zeros(0, np.int_)
 
     @property
     def is_driven(self) -> bool:
-        """Whether some rows follow a path."""
+        """True if some rows follow a path."""
         return bool(self._drives)
 
     def at(self, t: float | None) -> None:
-        """Take driven rows where their paths are at t [s]; by default at the time of the scene."""
+        """Set driven rows to their paths at t [s]; by default at the time of the scene."""
         self._put_wanted(t, self.wanted)
 
     def wanted_at(self, t: float | None) -> Array:
-        """Return `wanted` (3, m) at t [s], wherever rows are now; owned by the caller."""
+        """Array `wanted` (3, m) at t [s], owned by the caller; the rows stay at their time."""
         wanted = np.zeros((3, self.m))
         self._put_wanted(t, wanted)
         return wanted
@@ -129,7 +129,7 @@ class ConstraintRows:
 
     @cached_property
     def _unplaced(self) -> list[int]:
-        """Rows without a position: they follow s' alone."""
+        """Rows without a position, which follow s' alone."""
         return [
             row
             for b in self.bounds
@@ -139,7 +139,7 @@ class ConstraintRows:
 
     @cached_property
     def least(self) -> float:
-        """What |J|^2 is at least, if J is more than rounding; to find it, `data` is written to."""
+        """Smallest |J|^2 above rounding error; to find it, `data` is written to."""
         # of all places of a machine it is least near the origin of the world
         P = self.cancellation(pin.neutral(self.model))
         return least_of(P)
@@ -156,15 +156,15 @@ class ConstraintRows:
         return more_than(least, self._oriented(self._groups.jacobian()))
 
     def cancellation(self, q: Array) -> Array:
-        """Return P (m, nv): the sizes of what J is a difference of."""
+        """Cancellation P (m, nv): sizes of the terms whose difference is J."""
         return self._cancellation.at(q)
 
     def uncertainty(self, q: Array) -> Array:
-        """Error of J over eps (m, nv): P, and what rounding does to directions."""
+        """Rounding error of J over eps (m, nv): P, and errors of computed directions."""
         return self._cancellation.at(q, leaning=True)
 
     def lean(self) -> float:
-        """Largest error of a direction over eps, at the last evaluation; 0 without any."""
+        """Largest rounding error of a direction over eps, at the last evaluation; 0 without any."""
         oMi = self.data.oMi
         return float(np.max([b.shares(oMi).max() for b in self._leaning], initial=0.0))
 
@@ -213,7 +213,7 @@ class ConstraintRows:
         return self.consistent_position_level(q)[1]
 
     def consistent_position_level(self, q: Array) -> tuple[Array, Array]:
-        """C(q) (m,) and J (m, nv) without the combinations that are left out at q."""
+        """Violation c(q) (m,) and J (m, nv) without the combinations left out at q."""
         c, J = self.position_level(q)
         left = self.left_out(J, c)
         return (c, J) if left is None else (left.kept(c), left.kept(J))
@@ -245,11 +245,11 @@ class ConstraintRows:
         return np.asarray(self._acceleration + self.wanted[2])
 
     def torque(self, lam: Array) -> Array:
-        """Return J^T lam of couplings (nv,): what is no wrench on a joint."""
+        """Torques J^T lam (nv,) of couplings, which are no wrenches on joints."""
         return self._couplings.torque(lam) if self._couplings else self._still
 
     def wrenches(self, lam: Array) -> Any:
-        """Return lam as a wrench on each joint, in its axes, right after `motion` at the same q.
+        """Wrenches of lam on each joint, in its axes, right after `motion` at the same q.
 
         They stay in the memory of this object.
         """
@@ -257,7 +257,7 @@ class ConstraintRows:
         return self._groups.wrenches(lam * self.sign if self._flipped else lam)
 
     def wrenches_at(self, q: Array, lam: Array) -> Any:
-        """Return the same at any q."""
+        """Wrenches of lam on each joint, in its axes, at any q."""
         if not self.m:
             return self.on_joints
         self.motion(q, self._still, self._still)
@@ -265,12 +265,12 @@ class ConstraintRows:
 
     @property
     def on_joints(self) -> Any:
-        """The wrenches of the last `answer`."""
+        """Wrenches of the last `answer`."""
         return self._groups.on_joints
 
     @property
     def ball_ends(self) -> PointEnds | None:
-        """The ends of the loops of three rows, at the last `answer`."""
+        """Ends of the loops of three rows, at the last `answer`."""
         return self._groups.ball_ends
 
     def motion(self, q: Array, v: Array, a: Array) -> None:
@@ -338,7 +338,7 @@ class BatchedGaps:
                 self._groups.append(group(ends, _repeated(bounds, equations.m)))
 
     def look(self, i: int, q: Array, v: Array, t: float | None = None) -> None:
-        """Take (q, v) at t for state i; forward kinematics stays in the data of the equations."""
+        """Record (q, v) at t as state i; forward kinematics stays in the data of the equations."""
         equations = self._equations
         equations.at(t)
         if not self._at_once:
@@ -359,7 +359,7 @@ class BatchedGaps:
 
 
 class ManyEnds(Ends):
-    """The ends of k loops in each of `MANY` states, as those of MANY k loops.
+    """Ends of k loops in each of `MANY` states, as the ends of MANY k loops.
 
     Accelerations are left out: they are zero.
     """
@@ -374,27 +374,27 @@ class ManyEnds(Ends):
         self._rows[:, :, :4] = np.eye(4)
 
     def read(self, i: int) -> None:
-        """Copy what forward kinematics has left, as state i."""
+        """Copy the results of forward kinematics, as state i."""
         np.concatenate(self._sources, out=self._placed[i].reshape(-1, 3))
         np.concatenate(self._velocities, out=self._moved[i])
 
     def placements(self) -> Array:
-        """Return E (2, MANY k, 4, 3)."""
+        """Placements E (2, MANY k, 4, 3), as `Ends.placements` has them."""
         E = self._in_joints @ self._placed
         return np.asarray(E.swapaxes(0, 1).reshape(2, -1, 4, 3))
 
     def evaluate(self) -> tuple[Array, Array]:
-        """Return R1, and p, p' and zeros for p'' of c1 less those of c2, as `PointEnds` does."""
+        """Axes R1, and p, p' and zeros for p'' of c1 less those of c2, as `PointEnds` does."""
         self._rows[:, :, 4, :3] = self.linear()[0]
         one, two = self._rows @ self.placements()
         return one[:, AXES].swapaxes(1, 2), one[:, MOVING] - two[:, MOVING]
 
     def linear(self) -> Array:
-        """Return (2, 2, MANY k, 3): velocities, and zeros for accelerations."""
+        """Linear velocities, and zeros for accelerations (2, 2, MANY k, 3)."""
         return self._of_ends(self._linearT)
 
     def angular(self) -> Array:
-        """Return the same of the turning."""
+        """Angular velocities, and zeros for accelerations (2, 2, MANY k, 3)."""
         return self._of_ends(self._angularT)
 
     def _of_ends(self, mapT: Array) -> Array:
@@ -405,7 +405,7 @@ class ManyEnds(Ends):
 
 
 def _repeated(bounds: Sequence[Any], rows: int) -> list[Any]:
-    """Return the constraints once for each state, where a state has so many rows."""
+    """Constraints repeated for each state, their rows shifted by the rows of a state."""
     return [
         replace(b, rows=slice(b.rows.start + i * rows, b.rows.stop + i * rows))
         for i in range(MANY)
@@ -428,7 +428,7 @@ ROUNDED: Final = 1e-13
 
 
 class Cancellation:
-    """What the two bodies of each row bring to J; it keeps no state of `data`, but writes to it."""
+    """Sizes of both bodies' terms in J, row by row; it writes to `data`."""
 
     def __init__(self, model: Any, data: Any, bounds: Sequence[BoundConstraint]) -> None:
         self._model, self._data = model, data
@@ -461,7 +461,7 @@ class Cancellation:
         self._rows = [np.array(each, dtype=int).T for each in rows if each]
 
     def at(self, q: Array, *, leaning: bool = False) -> Array:
-        """Return the sizes of what J is a difference of (m, nv).
+        """Sizes of the terms whose difference is J (m, nv).
 
         The same for all shifts of a constraint, and for all its turns. Of all places of a machine
         it is least near the origin of the world. With `leaning` also what directions that are
@@ -491,12 +491,12 @@ class Cancellation:
 
 
 def least_of(P: Array) -> float:
-    """Return what |J|^2 is at least, if J is more than rounding."""
+    """Smallest |J|^2 above rounding error."""
     return ROUNDED**2 * float(np.vdot(P, P))
 
 
 def more_than(least: float, J: Array) -> Array:
-    """Return J, or zeros where |J|^2 is no more than `least`.
+    """Jacobian J, or zeros where |J|^2 is no more than `least`.
 
     The rank is relative to the largest singular value: such rows would hold what they cannot.
     """
@@ -512,22 +512,22 @@ _largest, _WORLD = np.maximum.reduceat, pin.Convention.WORLD
 
 
 class Recursion(Protocol):
-    """Newton-Euler's recursion by another's hand: one whose derivatives are asked for next."""
+    """Newton-Euler recursion of another object, which is asked for its derivatives next."""
 
     def newton_euler(self, q: Array, v: Array, a: Array, wrenches: Any, answer: bytes) -> Array:
-        """Return M a + h less what wrenches on the joints do, those of an `answer_key`."""
+        """Torques M a + h less those of wrenches on the joints, those of an `answer_key`."""
 
     def mass(self, q: Array) -> Array | None:
-        """Return M if that recursion has left it behind at q; it is overwritten by the next."""
+        """Mass matrix of that recursion at q, or None; the next one overwrites it."""
 
 
 def answer_key(q: Array, v: Array, a: Array, lam: Array) -> bytes:
-    """Return what tells an answer and its state from all others."""
+    """Key of a solution and its state: the bytes of their numbers."""
     return q.tobytes() + v.tobytes() + a.tobytes() + lam.tobytes()
 
 
 class Equations(ConstraintRows):
-    """The equations of one model with its bound constraints, and the memory to evaluate them.
+    """Equations of one model with its bound constraints, and the memory to evaluate them.
 
     Parameters
     ----------
@@ -566,7 +566,7 @@ class Equations(ConstraintRows):
         return Terms(M, h, more_than(least, J), gamma, self.a_ref())
 
     def consistent_terms(self, q: Array, v: Array) -> Terms:
-        """M, h, J, gamma and a_ref without the combinations of rows that are left out at q.
+        """Terms M, h, J, gamma and a_ref without the combinations left out at q.
 
         On closed loops they are left out too where J v is not 0, and gamma contradicts itself.
         """
@@ -591,25 +591,25 @@ class Equations(ConstraintRows):
         return M, h, self._raw_jacobian(), gamma
 
     def consistent_parts(self, q: Array, v: Array) -> tuple[Array, Array, Array, Array]:
-        """M, h, J and gamma without the combinations of rows that are left out at q."""
+        """Terms M, h, J and gamma without the combinations of rows left out at q."""
         M, h, J, gamma = self.parts(q, v)
         left = None if self.redundancy is None else self.left_out(J, self.violation(q))
         return (M, h, J, gamma) if left is None else (M, h, left.kept(J), left.kept(gamma))
 
     def mass(self, q: Array) -> Array:
-        """Return M (nv, nv); owned by the caller, unless it is a recursion's."""
+        """Mass matrix M (nv, nv); owned by the caller, unless it is a recursion's."""
         M = self.recursion.mass(q) if self.recursion else None
         return np.array(self._run.crba(self.model, self.data, q)) if M is None else M
 
     def target(self, q: Array, v: Array) -> Array:
-        """Return a_ref - gamma (m,): what J a has to be."""
+        """Wanted J a: a_ref - gamma (m,)."""
         gamma = self._gamma(q, v)
         return self.a_ref() - gamma
 
     def errors(
         self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
     ) -> tuple[Array, list[float]]:
-        """Return the residuals of an answer (a, lam) to (q, v, tau), and to a load at q.
+        """Residuals of a solution (a, lam) at (q, v, tau), and at a load at q.
 
         Returns
         -------
@@ -629,7 +629,7 @@ class Equations(ConstraintRows):
     def residuals(
         self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
     ) -> tuple[Array, Array]:
-        """Return r = M a + h - tau - J^T lam (nv,) and s = J a + gamma - a_ref (m,).
+        """Residuals r = M a + h - tau - J^T lam (nv,) and s = J a + gamma - a_ref (m,).
 
         A load at q counts beside tau.
         """
@@ -639,7 +639,7 @@ class Equations(ConstraintRows):
     def _evaluate(
         self, q: Array, v: Array, tau: Array, a: Array, lam: Array, load: Load | None = None
     ) -> None:
-        """Evaluate the residuals of an answer into the memory of this object."""
+        """Evaluate the residuals of a solution into the memory of this object."""
         self.motion(q, v, a)
         if self.drift:
             self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
@@ -656,7 +656,7 @@ class Equations(ConstraintRows):
             self._dynamics -= self._couplings.torque(lam)
 
     def _gamma(self, q: Array, v: Array) -> Array:
-        """Return gamma (m,); with drift control c and J v are left behind."""
+        """Drift gamma (m,); with drift control c and J v are left in memory."""
         if self.drift or self._drives or not self._plain.have_gamma:
             self.motion(q, v, self._still)
             return self._acceleration.copy()
@@ -666,7 +666,7 @@ class Equations(ConstraintRows):
         return gamma * self.sign if self._flipped else gamma
 
     def a_ref(self) -> Array:
-        """Return a_ref, right after `_gamma` or `parts` at the same q and v."""
+        """Wanted acceleration a_ref, right after `_gamma` or `parts` at the same q and v."""
         if self.drift is None:
             return np.zeros(self.m)
         return -self.drift.Kd * self._velocity - self.drift.Kp * self._c
@@ -688,7 +688,7 @@ _SHARE: Final = 1e-2
 
 
 class MassConditioning:
-    """The pivots of a robot that may fall, to `least` at any q, from the `nominal` ones.
+    """Pivots of M that may fall from their `nominal` values, to `least` at any q.
 
     `watched` are their numbers, and `nominal` those of them alone.
     """
@@ -699,17 +699,17 @@ class MassConditioning:
 
     @property
     def may_fall(self) -> bool:
-        """Whether there is any such pivot."""
+        """True if any pivot may fall."""
         return bool(self.watched.size)
 
     def holds(self, bound: float, M: Array) -> bool:
-        """Whether a bound from the nominal state is not worth another look in M (nv, nv)."""
+        """True if an error bound of the nominal state is within tolerance at M (nv, nv) too."""
         return bound <= tolerances.SOLVED * self.left(M)
 
     def left(self, M: Array) -> float:
-        """Return what is left of them in M (nv, nv), the least of their shares of the nominal ones.
+        """Smallest share of the nominal pivots that is left in M (nv, nv), at most 1.
 
-        Accelerations are off by 1 over it times what an estimate at the nominal state says.
+        The error of accelerations is the estimate at the nominal state over this share.
         """
         shares = (cholesky_pivots(M).take(self.watched) / self.nominal).tolist()
         least: float = min([*shares, 1.0])  # of nothing but NaN, or of none
@@ -717,7 +717,7 @@ class MassConditioning:
 
 
 def least_pivots(model: Any) -> Array:
-    """Return what the pivots are at least, at any q (nv,): zero where axes turn with q."""
+    """Lower bounds of the pivots of M at any q (nv,): zero where axes turn with q."""
     q, found, turn = pin.neutral(model), np.zeros(model.nv), turning(model)
     for i in range(1, model.njoints):
         joint = model.joints[i]

@@ -54,7 +54,7 @@ class Joints:
         self._data = data  # keeps that memory alive
 
     def read(self) -> Array:
-        """Return (2, size): velocities in the first row, accelerations in the second."""
+        """Motions (2, size): velocities in the first row, accelerations in the second."""
         np.concatenate(self.sources, out=self._flat)
         return self._motion
 
@@ -69,7 +69,7 @@ class Joints:
 
 
 class Centripetal:
-    """omega x v of many frames from one product of `factors` with the joints' velocities."""
+    """Centripetal terms omega x v of many frames: products of `factors` with joint velocities."""
 
     def __init__(self, linear: Array, angular: Array) -> None:
         xyz = np.arange(len(linear)).reshape(-1, 3)
@@ -77,12 +77,12 @@ class Centripetal:
         self.factors = np.vstack([angular[one], angular[two], linear[two], linear[one]])
 
     def of(self, velocities: Array) -> Array:
-        """Return omega x v, three numbers a frame."""
+        """Centripetal terms omega x v, three numbers a frame."""
         return centripetal(self.factors.dot(velocities))
 
 
 def centripetal(crossed: Array) -> Array:
-    """Return omega x v of many frames, of what the factors of `Centripetal` make of velocities.
+    """Centripetal terms omega x v of many frames, by the products of the factors of `Centripetal`.
 
     By components: omega_(i+1) v_(i+2) - omega_(i+2) v_(i+1).
     """
@@ -142,16 +142,16 @@ class WorldContacts:
             c[rows] = _log6(two.actInv(oMi * one)).vector
 
     def stack(self, lam: Array, f1: Array, f2: Array) -> None:
-        """Write nothing: f1 is lam already, and no body is behind c2."""
+        """Write nothing: f1 is lam already, and c2 is on no body."""
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
-        """Write the rows into J (m, nv) that Pinocchio does not have."""
+        """Write the rows that Pinocchio does not have into J (m, nv)."""
         for b in self._others:
             J[b.rows] = of_frame(b.joint1, b.placement1)[list(b.selection)]
 
 
 def rows_of(bounds: Sequence[BoundConstraint]) -> NDArray[np.int_] | slice:
-    """Return the row numbers of some constraints, one after the other; a slice where they are one.
+    """Row numbers of some constraints, one after the other; a slice if they are consecutive.
 
     A slice is written to in a third of the time.
     """
@@ -163,7 +163,7 @@ def rows_of(bounds: Sequence[BoundConstraint]) -> NDArray[np.int_] | slice:
 
 
 class Wrenches:
-    """The constraint forces as wrenches on the joints: f on joint 1, its opposite on joint 2.
+    """Constraint forces as wrenches on the joints: f on joint 1, its opposite on joint 2.
 
     `places` say where the stacked force of a constraint is found, and which of the six components
     it has; `size` is that of the stacked forces.
@@ -193,7 +193,7 @@ class Wrenches:
         self._targets = [(self.all[j].vector, self._stacked[place[j]]) for j in joints]
 
     def of(self, forces: Array) -> Any:
-        """Return the wrench on each joint, in its axes, in memory of this object.
+        """Wrench on each joint, in its axes, in memory of this object.
 
         `forces` (2 size,) are the stacked ones in the axes and at the origin of c1, and the same of
         c2.
@@ -211,7 +211,7 @@ class Wrenches:
 
 
 class Ends:
-    """The ends of k loops, after forward kinematics into `data`."""
+    """Ends of k loops, after forward kinematics into `data`."""
 
     def __init__(self, data: Any, bounds: Sequence[TwoFrameConstraint]) -> None:
         self.k = len(bounds)
@@ -233,19 +233,19 @@ class Ends:
         self._motion = np.zeros((2, self._joints.size))
 
     def placements(self) -> Array:
-        """Return E (2, k, 4, 3): axes of c1 and c2 in the world, one a row, and their origins."""
+        """Placements E (2, k, 4, 3): axes of c1 and c2 in the world, one a row; then origins."""
         np.concatenate(self._sources, out=self._rows_of_joints)
         return self._in_joints @ self._of_joints
 
     def apart(self) -> tuple[Array, Array]:
-        """Return R (k, 3, 3) and r (k, 3)."""
+        """Relative placements R (k, 3, 3) and r (k, 3)."""
         one, two = self.placements()
         two[:, 3] -= one[:, 3]
         both = one[:, :3] @ two.swapaxes(1, 2)  # R1^T [R2, p2 - p1]
         return both[:, :, :3], both[:, :, 3]
 
     def linear(self) -> Array:
-        """Return (2, 2, k, 3): velocity or acceleration, end, loop, component."""
+        """Linear velocities and accelerations (2, 2, k, 3): by order, end, loop and component."""
         self._motion = self._joints.read()
         found, size = self._motion.dot(self._crossedT), 6 * self.k
         both = found[:, :size]
@@ -253,7 +253,7 @@ class Ends:
         return both.reshape(2, 2, self.k, 3)  # type: ignore[no-any-return]
 
     def angular(self) -> Array:
-        """Return the same of the turning, right after `linear`."""
+        """Angular velocities and accelerations (2, 2, k, 3), right after `linear`."""
         return np.asarray(self._motion.dot(self._angularT).reshape(2, 2, self.k, 3))
 
 
@@ -277,7 +277,7 @@ _YZX, _ZXY = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 class CutJoints:
-    """All loops of one scene with other rows than Pinocchio's."""
+    """All loops of one scene with rows that Pinocchio does not have."""
 
     def __init__(self, ends: Ends, bounds: Sequence[Bound]) -> None:
         self._bounds, self._ends = tuple(bounds), ends
@@ -318,7 +318,7 @@ class CutJoints:
             J[b.rows] = np.vstack([linear, J1[3:] - R @ J2[3:]])[list(b.selection)]
 
     def _turn_off(self) -> Array:
-        """Return the turn that is missing, of hinges and sliders."""
+        """Rotation errors of hinges and sliders, as rotation vectors."""
         off = np.zeros_like(self._r)
         for i in self._sliders:
             off[i] = -pin.log3(self._R[i])
@@ -356,7 +356,7 @@ def relative_velocities(ends: Ends) -> tuple[Array, Array, Array, Array]:
 
 
 def turned(R: Array, *parts: Array) -> Array:
-    """Return R x for each of many (k, 3, 3) and some parts (k, 3)."""
+    """Products R x for each of many (k, 3, 3) and some parts (k, 3)."""
     x = np.empty((len(parts), len(R), 3, 1))
     for i, part in enumerate(parts):
         x[i, :, :, 0] = part
@@ -364,13 +364,13 @@ def turned(R: Array, *parts: Array) -> Array:
 
 
 def cross(x: Array, y: Array) -> Array:
-    """Return x x y for each of many (..., 3): a tenth of the time of `np.cross`."""
+    """Cross products x x y of many (..., 3): a tenth of the time of `np.cross`."""
     x_yzx, y_yzx = x.take(_YZX, axis=-1), y.take(_YZX, axis=-1)
     return np.asarray(x_yzx * y.take(_ZXY, axis=-1) - x.take(_ZXY, axis=-1) * y_yzx)
 
 
 def dot(x: Array, y: Array) -> Array:
-    """Return x . y for each of many (k, 3)."""
+    """Scalar products x . y of many (k, 3)."""
     return np.asarray(np.einsum("ij,ij->i", x, y))
 
 
@@ -513,7 +513,7 @@ AXES, MOVING, FORCE, ONE, ROWS = slice(3), slice(3, 6), slice(6, 7), 7, 8
 
 
 class PointEnds:
-    """The ends of k points, after forward kinematics into `data`.
+    """Ends of k points, after forward kinematics into `data`.
 
     Attributes
     ----------
@@ -544,7 +544,7 @@ class PointEnds:
         self._name_places(k)
 
     def _make_rows(self, ends: Sequence[tuple[int, Any]], joints: Joints) -> None:
-        """Make the rows of each end in its joint: axes, s, u and p'', and what finds the last two.
+        """Make the rows of each end in its joint: axes, s, u and p'', and the map to the last two.
 
         Times [R^T, t] they are those in the world.
         """
@@ -564,7 +564,7 @@ class PointEnds:
         self._forth, self._back = self._products
 
     def _name_places(self, k: int) -> None:
-        """Make `places`, and views of it."""
+        """Make `places`, and its views."""
         self.places = np.zeros((2, k, ROWS, 3))
         self.places[:, :, ONE, 0] = 1.0
         self.known = self.places.reshape(2 * k, 3 * ROWS)[:, 3 * AXES.stop :]
@@ -588,11 +588,11 @@ class PointEnds:
         return self._evaluated
 
     def push(self, lam: Array) -> Array:
-        """Take lam (k, 1, 3), in the axes of c1, for the force; return it in those of c2."""
+        """Set the force to lam (k, 1, 3), in the axes of c1; return it in those of c2."""
         force = np.matmul(lam, self.axes1, out=self._force)
         return force @ self._axes2T
 
     def placements(self) -> Array:
-        """Return E (2, k, 4, 3): axes of c1 and c2 in the world, one a row, and their origins."""
+        """Placements E (2, k, 4, 3): axes of c1 and c2 in the world, one a row; then origins."""
         np.concatenate(self._sources, out=self._read)
         return self._rows[:, :, :4] @ self._of_joints

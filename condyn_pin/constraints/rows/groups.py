@@ -1,4 +1,4 @@
-"""The constraints of one scene in groups, each of which is evaluated at once.
+"""Groups of constraints of one scene, each evaluated at once.
 
 A group writes its rows of c, J v and J a + gamma into the vectors of all rows, and its forces in
 the axes and at the origins of c1 and c2, stacked: lam itself, and behind it the force of each rod,
@@ -47,7 +47,7 @@ from condyn_pin.constraints.rows.special import (
 
 
 class Sorted(NamedTuple):
-    """The constraints of one scene, each in one of these, in the order of the scene."""
+    """Constraints of one scene, sorted into groups, each in the order of the scene."""
 
     held: list[Bound]  # on the world, in the axes of the body
     balls: list[Bound]
@@ -60,7 +60,7 @@ class Sorted(NamedTuple):
 
 
 def sorted_by_rows(bounds: Sequence[BoundConstraint]) -> Sorted:
-    """Return the constraints sorted by the way in which their rows are evaluated."""
+    """Constraints sorted by the method that evaluates their rows."""
     pairs = [b for b in bounds if isinstance(b, Bound)]
     loops = [b for b in pairs if not b.is_held]
     return Sorted(
@@ -89,14 +89,14 @@ class Group(Protocol):
 
 
 class Loops(Group, Protocol):
-    """A group that finds c without velocities."""
+    """Group that evaluates c without velocities."""
 
     def violation(self, c: Array) -> None:
         """Write c alone: placements in `data` are enough."""
 
 
 class OtherRows(Group, Protocol):
-    """A group with rows that Pinocchio does not have."""
+    """Group with rows that Pinocchio does not have."""
 
     def jacobian(self, J: Array, of_frame: FrameJacobian) -> None:
         """Write these rows into J (m, nv), right after `evaluate`."""
@@ -142,7 +142,7 @@ class Groups:
         plain: Sequence[Bound],
         others: Sequence[tuple[OtherRows, Sequence[TwoFrameConstraint], tuple[int, ...]]],
     ) -> None:
-        """Give every force its place among the stacked ones."""
+        """Assign every force its place among the stacked ones."""
         size = self._m
         places: list[tuple[TwoFrameConstraint, slice, tuple[int, ...]]]
         places = [(b, b.rows, b.selection) for b in plain]
@@ -161,18 +161,18 @@ class Groups:
 
     @property
     def on_joints(self) -> Any:
-        """The wrench on each joint, as `wrenches` has left it."""
+        """Wrench on each joint, from the last `wrenches`."""
         return self._wrenches.all
 
     def wrenches(self, lam: Array) -> Any:
-        """Return lam, with the signs of joint 1, as a wrench on each joint, after `evaluate`."""
+        """Wrenches of lam on each joint, with the signs of joint 1, after `evaluate`."""
         self._lam[:] = lam
         for stack, f1, f2 in self._stacks:
             stack(lam, f1, f2)
         return self._wrenches.of(self._forces)
 
     def jacobian(self) -> Array:
-        """Return J (m, nv) without signs, right after `evaluate` and Jacobians of joints."""
+        """Jacobian J (m, nv) without signs, right after `evaluate` and Jacobians of joints."""
         if self.plain.are_all:
             return self.plain.jacobian()
         model, data = self._model, self._data
@@ -207,7 +207,7 @@ _WORLD_AXES = pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
 class PinocchioRows:
-    """J and gamma of the points and frames of a scene; other rows are left as they are.
+    """Jacobian and gamma of the points and frames of a scene; other rows are not written to.
 
     `data` holds Jacobians of joints for `jacobian`, and forward kinematics with a = 0 for `gamma`.
 
@@ -235,7 +235,7 @@ class PinocchioRows:
         self._gammas = [(b.rows, _gamma_of(model, data, b)) for b in gammas]
 
     def jacobian(self) -> Array:
-        """Return the rows of J of these constraints."""
+        """Rows of J of these constraints."""
         if not self._shape[0]:
             return np.zeros(self._shape)
         return self._jacobian().reshape(self._shape)
@@ -247,7 +247,7 @@ class PinocchioRows:
 
 
 def _gamma_of(model: Any, data: Any, b: Bound) -> Callable[[], Array]:
-    """Return what evaluates gamma of one constraint."""
+    """Function that returns gamma of one constraint."""
     joint1, placement1, joint2, placement2 = b.joint1, b.placement1, b.joint2, b.placement2
     if joint2 == 0 and b.selection == POINT:
         return lambda: _classical(model, data, joint1, placement1, LOCAL).linear

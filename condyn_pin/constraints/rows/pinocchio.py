@@ -1,4 +1,4 @@
-"""What Pinocchio's own methods take: constraints of 3 and of 6 rows.
+"""Constraints for Pinocchio's own methods, of 3 and of 6 rows.
 
 A kind with other rows is handed to them as an equivalent of such rows, where there is one. A hinge
 about the axis e is two points on it, at d and -d with d = lever e; their velocities are
@@ -46,7 +46,7 @@ from condyn_pin.constraints.rows.equations import ROUNDED
 
 @dataclass(frozen=True, eq=False)
 class PinocchioConstraints:
-    """The constraints of a scene as Pinocchio takes them.
+    """Constraints of a scene in the form of Pinocchio.
 
     Attributes
     ----------
@@ -74,7 +74,7 @@ class PinocchioConstraints:
 def pinocchio_constraints(
     model: Any, bounds: Sequence[BoundConstraint], rows: Callable[[], Array]
 ) -> PinocchioConstraints:
-    """Return the constraints of a scene as Pinocchio takes them.
+    """Constraints of a scene in the form of Pinocchio.
 
     `rows` returns the Jacobian at the nominal state in the metric of M, J L^-T (m, nv).
     """
@@ -108,7 +108,7 @@ def pinocchio_constraints(
 
 
 def _side_by_side(blocks: Sequence[Array | None], bounds: Sequence[BoundConstraint]) -> Array:
-    """Return E^T of all constraints from that of each, None where it is 1."""
+    """Matrix E^T of all constraints from that of each, None where it is 1."""
     whole = [np.eye(b.size) if E is None else E for E, b in zip(blocks, bounds, strict=True)]
     E_T = np.zeros((sum(len(E) for E in whole), sum(E.shape[1] for E in whole)))
     column = 0
@@ -121,7 +121,7 @@ def _side_by_side(blocks: Sequence[Array | None], bounds: Sequence[BoundConstrai
 def _equivalent(
     model: Any, bound: BoundConstraint
 ) -> tuple[list[PinocchioConstraint], Array | None]:
-    """Return what Pinocchio has in place of a constraint, and E^T: None if that is 1.
+    """Equivalent of a constraint in Pinocchio, and E^T; None for E^T = 1.
 
     Nothing where it has nothing: neither of other rows, nor of rows that follow a path.
     """
@@ -144,7 +144,7 @@ def _equivalent(
 
 
 def _height_of(model: Any, b: Bound) -> float | None:
-    """Return how far c2 is from c1 along the axis of a planar pin [m].
+    """Distance from c1 to c2 along the axis of a planar pin [m].
 
     None if that can change: the pin is one in space then.
     """
@@ -203,7 +203,7 @@ _NONE: Final = 1e-6
 
 @dataclass(frozen=True, eq=False)
 class NearlyCoincident:
-    """Points of the same two bodies that are nearly one.
+    """Points of the same two bodies that nearly coincide.
 
     c1 of all is on the same body, and c2: so their axes are those of the first, turned for good.
     They are to be k times as far apart. `places` and `rows` (3 n,) are theirs among all constraints
@@ -217,20 +217,20 @@ class NearlyCoincident:
 
     @cached_property
     def weights(self) -> Array:
-        """1 1^T / n + k (1 - 1 1^T / n), (n, n)."""
+        """Weights 1 1^T / n + k (1 - 1 1^T / n), (n, n)."""
         n = len(self.points)
         mean = np.full((n, n), 1.0 / n)
         return np.asarray(mean + self.k * (np.eye(n) - mean))
 
     @cached_property
     def W(self) -> Array:
-        """The same for rows (3 n, 3 n), to the axes of the first point from those of each."""
+        """Weights for rows (3 n, 3 n), to the axes of the first point from those of each."""
         axes = self.points[0].placement1.rotation.T
         turns = [axes @ point.placement1.rotation for point in self.points]
         return np.block([[w * R for w, R in zip(row, turns, strict=True)] for row in self.weights])
 
     def moved(self) -> list[PinocchioConstraint]:
-        """Return the points p' = W p on both bodies."""
+        """Points p' = W p on both bodies."""
         axes = self.points[0].placement1.rotation
         return [
             replace(point, placement1=pin.SE3(axes, p1), placement2=pin.SE3(axes, p2))
@@ -240,7 +240,7 @@ class NearlyCoincident:
         ]
 
     def _moved(self, end: str) -> Array:
-        """Return p' from differences to the first point: they are exact where points are near."""
+        """Points p' by differences to the first point: they are exact for near points."""
         p = np.array([getattr(point, end).translation for point in self.points])
         return np.asarray(p[0] + self.weights @ (p - p[0]))
 
@@ -248,7 +248,7 @@ class NearlyCoincident:
 def spread(
     pinocchio_constraints: Sequence[PinocchioConstraint], rows: Callable[[], Array]
 ) -> tuple[tuple[PinocchioConstraint, ...], Array | None]:
-    """Return constraints in which no two points are nearly one that alone hold a turn.
+    """Constraints whose nearly coincident points are spread apart where they alone hold a turn.
 
     `rows` returns their Jacobian at the nominal state in the metric of M, J L^-T (m, nv); it is
     called where points are nearly one. Beside as many constraints comes W (m, m), with lam = W^T
@@ -267,7 +267,7 @@ def spread(
 
 
 def _clusters(pinocchio_constraints: Sequence[PinocchioConstraint]) -> list[NearlyCoincident]:
-    """Return the points that are nearly one, if no others of their two bodies are far from them."""
+    """Nearly coincident points, if no others of their two bodies are far from them."""
     groups: dict[tuple[int, int, bool], list[int]] = {}
     for i, native in enumerate(pinocchio_constraints):
         if native.size == 3:
@@ -289,7 +289,7 @@ def _clusters(pinocchio_constraints: Sequence[PinocchioConstraint]) -> list[Near
 
 
 def _needed(clusters: Sequence[NearlyCoincident], J: Array) -> list[NearlyCoincident]:
-    """Return the clusters that hold a turn that neither other rows nor clusters before them do."""
+    """Clusters that hold a turn which neither other rows nor clusters before them hold."""
     held, turns = np.delete(J, np.concatenate([c.rows for c in clusters]), axis=0), []
     for cluster in clusters:
         moves = (cluster.W @ J[cluster.rows]).reshape(len(cluster.points), 3, -1)
@@ -306,6 +306,6 @@ def _needed(clusters: Sequence[NearlyCoincident], J: Array) -> list[NearlyCoinci
 
 
 def _rank(J: Array) -> int:
-    """Return the number of rows that are independent."""
+    """Number of independent rows."""
     S = np.linalg.svd(J, compute_uv=False)
     return int(np.count_nonzero(_NONE * S.max(initial=0.0) < S))

@@ -1,4 +1,4 @@
-"""Redundancy: combinations of rows that say nothing new where the loops are closed.
+"""Redundancy: combinations of rows that follow from the others where the loops are closed.
 
 Rows of closed machines depend on each other *on* the constraints. Beside them the combination that
 was redundant becomes a row of its own, with a singular value as large as the gap. Let the move dq
@@ -257,7 +257,7 @@ class Redundancy:
         return found.left_out if found.by_digits else None
 
     def to_close(self, J: Array, c: Array) -> Array:
-        """C (m,) without what the digits of the file leave open, if that is within its precision.
+        """Gap c (m,) without the part that the digits of the file explain, if it is within them.
 
         Everything where it is more, or where digits make up nothing.
         """
@@ -280,7 +280,7 @@ class Redundancy:
 
     @cached_property
     def outer(self) -> Array:
-        """D R^T (nv, m): what entries of J^T are multiplied by, as LAPACK has them."""
+        """Factors D R^T (nv, m) of the entries of J^T, in LAPACK's layout."""
         return np.asfortranarray(np.outer(self.D, self.R))
 
     def _closed_states(self, rows: ConstraintRows, q: Array) -> list[tuple[Array, Array]]:
@@ -309,7 +309,7 @@ class Redundancy:
 
 
 class _Pivoted:
-    """QR factorisation of the scaled rows at one state, and how many of them count.
+    """QR factorisation of the scaled rows at one state, and the number of rows that count.
 
     So many as a rank that is known, or as the digits of a file let count, or by the rule.
     """
@@ -379,7 +379,7 @@ class _Pivoted:
         return max(tolerances.REFERENCE_RANK * largest, self._of.least)
 
     def _closes(self, k: int) -> Array:
-        """Y (k,) = T^-T P^T R c: the move that closes k rows, along those of Q."""
+        """Closing move of k rows along those of Q: y (k,) = T^-T P^T R c."""
         if not k:
             return np.zeros(0)
         return self._lapack.dtrtrs(self._T[:k, :k], self._gaps[:k], 0, 1)[0]  # type: ignore[no-any-return]
@@ -420,7 +420,7 @@ class _Pivoted:
 
     @property
     def _dependence(self) -> Array:
-        """X (k, m - k) of the singular subspace [x; 1], by a fixed point from T_11 x = -T_12."""
+        """Factors x (k, m - k) of the singular subspace [x; 1]: fixed point of T_11 x = -T_12."""
         m, k, T, solve = self._m, self.rank, self._T, self._lapack.dtrtrs
         if not k:
             return np.zeros((0, m))
@@ -447,20 +447,20 @@ class _Pivoted:
 
     @property
     def closing_move(self) -> Array:
-        """Dq (nv,) = -D Q_1 y."""
+        """Closing move dq (nv,) = -D Q_1 y."""
         x = np.zeros(len(self._of.D))
         x[: self.rank] = -self._closes(self.rank)
         return self._of.D * self._turned(x)
 
     def free_move(self, x: Array, size: float) -> Array:
-        """Dq (nv,) along which no row changes: the part of x there, of this size [rad, l]."""
+        """Free move dq (nv,): the part of x along which no row changes, of this size [rad, l]."""
         x = x.copy()
         x[: self.rank] = 0.0
         largest = float(np.abs(x).max(initial=0.0))
         return self._of.D * self._turned(x * (size / largest) if largest else x)
 
     def _turned(self, x: Array) -> Array:
-        """Q x (nv,)."""
+        """Vector Q x (nv,)."""
         columns = self._T[:, : len(self._reflectors)]
         turned = self._lapack.dormqr("L", "N", columns, self._reflectors, x[:, None], len(x))[0]
         return np.asarray(turned[:, 0])
@@ -496,7 +496,7 @@ class KeptRows:
         return self.redundancy.kept_basis(J, c)
 
     def _dependence(self, J: Array, c: Array) -> Array | None:
-        """X = -x (k, m - k) of the singular subspace; None where pivots are to tell it."""
+        """Factors X = -x (k, m - k) of the singular subspace; None where pivots have to decide."""
         k, solve, solve_again = self._k, self._lapack.dposv, self._lapack.dpotrs
         A = J.take(self._order, 0) * self._scales
         A1 = A[:k]
@@ -535,7 +535,7 @@ def _upper(k: int) -> Array:
 
 
 def scales(rows: ConstraintRows, q: Array, J: Array | None = None) -> tuple[Array, Array, float]:
-    """R (m,), D (nv,) and the usual l, by the size l of each loop.
+    """Scales R (m,), D (nv,) and the usual l, by the size l of each loop.
 
     l is the largest lever of a turn on a row that is a length, over some configurations, or at q
     alone if its J is given. One number a loop, not one a column: a spin about a rod has no lever,

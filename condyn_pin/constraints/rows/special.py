@@ -44,24 +44,24 @@ from condyn_pin.errors import InvalidArgument
 
 
 class Relation(Protocol):
-    """What a kind knows of two frames: see `condyn_pin.constraints.relation.FrameRelation`."""
+    """Equations of a kind between two frames: `condyn_pin.constraints.relation.FrameRelation`."""
 
     @property
     def row_words(self) -> tuple[str, ...]:
-        """What its rows are called, behind its name."""
+        """Name of each row, behind that of the constraint."""
 
     @property
     def angles(self) -> tuple[bool, ...]:
-        """Which of its rows are angles, not lengths."""
+        """Flag of each row: angle, or else length."""
 
     def violation(self, R: Array, r: Array) -> Array:
-        """Return c (rows,)."""
+        """Violation c (rows,)."""
 
     def weights(self, R: Array, r: Array) -> Array:
-        """Return W (rows, 6)."""
+        """Weights W (rows, 6)."""
 
     def weights_rate(self, R: Array, r: Array, s: Array) -> Array:
-        """Return W' (rows, 6) while the frames move by s."""
+        """Rate W' (rows, 6) of the weights while the frames move by s."""
 
     def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
         """Return the partials of W' by moves of the frames (6, rows, 6)."""
@@ -84,28 +84,28 @@ class BoundRelation(TwoFrameConstraint):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """A name for each row."""
+        """Name of each row."""
         return tuple(f"{self.name}.{word}" for word in self.relation.row_words)
 
     @property
     def is_scalar(self) -> bool:
-        """True: only its rows tell the force, whose direction turns with the state."""
+        """True: the force is recorded by its rows, as its direction turns with the state."""
         return True
 
     @property
     def is_held(self) -> bool:
-        """False: the world enters its rows."""
+        """False: the world enters the rows."""
         return False
 
     def force(self, lam: Array, ends: Any) -> Array:
-        """Return force and moment W^T lam in the axes of c1, at c2 (6,)."""
+        """Force and moment W^T lam in the axes of c1, at c2 (6,)."""
         c1, c2 = ends()
         between = c1.actInv(c2)
         W = self.relation.weights(between.rotation, between.translation)
         return np.asarray(W.T @ lam)
 
     def turns(self, model: Any) -> NDArray[np.bool_]:
-        """Return for each row whether it is an angle."""
+        """Flag of each row: angle, or else length."""
         return np.array(self.relation.angles)
 
     @property
@@ -114,7 +114,7 @@ class BoundRelation(TwoFrameConstraint):
         return not isinstance(self.relation, RelativePosition)
 
     def shares(self, oMi: Any) -> Array:
-        """Sizes of W, and of its change while frames move by the rounding of their places."""
+        """Sizes of W, and of its change by rounding of the frames' positions."""
         c1, c2 = self.ends(oMi)
         between = c1.actInv(c2)
         R, r = between.rotation, between.translation
@@ -125,7 +125,7 @@ class BoundRelation(TwoFrameConstraint):
         return np.asarray(np.minimum(sizes, most).reshape(-1, 2, 3).max(axis=2))
 
     def compiled(self) -> CompiledRows | None:
-        """Return its rows as the compiled core has them: of cut joints, where W chooses of s."""
+        """Rows in the format of the compiled core, those of cut joints, if W selects rows of s."""
         if not isinstance(self.relation, RelativePosition):
             return None
         chosen = sum(1 << row for row in self.relation.chosen)
@@ -139,7 +139,7 @@ class BoundRelation(TwoFrameConstraint):
 
 @dataclass(frozen=True)
 class RelativePosition:
-    """Where the origin of c2 is in the axes of c1, some of its three coordinates: -r = 0.
+    """Position of the origin of c2 in the axes of c1, some of its coordinates: -r = 0.
 
     A relation of two frames whose W, (1, 0), is constant: c' = J v wherever c2 is.
     """
@@ -148,28 +148,28 @@ class RelativePosition:
 
     @property
     def row_words(self) -> tuple[str, ...]:
-        """The axes."""
+        """Names of the axes."""
         return tuple("xyz"[i] for i in self.chosen)
 
     @property
     def angles(self) -> tuple[bool, ...]:
-        """None of them is an angle."""
+        """Flags of the rows: none is an angle."""
         return (False,) * len(self.chosen)
 
     def violation(self, R: Array, r: Array) -> Array:
-        """Return c (rows,) [m]."""
+        """Violation c (rows,) [m]."""
         return -r[list(self.chosen)]
 
     def weights(self, R: Array, r: Array) -> Array:
-        """Return W (rows, 6)."""
+        """Weights W (rows, 6)."""
         return np.eye(6)[list(self.chosen)]
 
     def weights_rate(self, R: Array, r: Array, s: Array) -> Array:
-        """Return W' (rows, 6): zero."""
+        """Rate W' (rows, 6): zero."""
         return np.zeros((len(self.chosen), 6))
 
     def weights_bend(self, R: Array, r: Array, s: Array) -> Array:
-        """Return the partials of W' (6, rows, 6): zero."""
+        """Partials of W' (6, rows, 6): zero."""
         return np.zeros((6, len(self.chosen), 6))
 
 
@@ -215,7 +215,7 @@ class Relations:
 
 @dataclass(frozen=True)
 class BoundCoupling(BoundConstraint):
-    """A row of joint coordinates, bound.
+    """Row of joint coordinates, bound.
 
     Attributes
     ----------
@@ -240,12 +240,12 @@ class BoundCoupling(BoundConstraint):
 
     @property
     def is_alone(self) -> bool:
-        """True if it holds one joint, and not several to each other."""
+        """True if the row holds one joint alone."""
         return len(self.weights) == 1
 
     @property
     def columns(self) -> list[int]:
-        """The columns of its row that are not zero."""
+        """Nonzero columns of the row."""
         return list(self.velocity)
 
     def bent(self, q: Array, order: int) -> Array:
@@ -257,16 +257,16 @@ class BoundCoupling(BoundConstraint):
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """The constraint's name."""
+        """Name of the constraint."""
         return (f"{self.name}.{'joint' if self.is_alone else 'ratio'}",)
 
     @property
     def is_scalar(self) -> bool:
-        """True: it acts along joints."""
+        """True: the force acts along joints."""
         return True
 
     def compiled(self) -> CompiledRows | None:
-        """Return its row as the compiled core has it: q_a - ratio q_b, or one joint alone."""
+        """Row in the format of the compiled core: q_a - ratio q_b, or one joint alone."""
         if self.bends or self.weights[0] != 1.0 or len(self.weights) > 2:
             return None
         places = [p[i] for p in (self.configuration, self.velocity) for i in (0, -1)]
@@ -275,23 +275,23 @@ class BoundCoupling(BoundConstraint):
         return CompiledRows(integers, [*STILL, *STILL, 1.0, ratio, self.offset])
 
     def moved(self, joints: Sequence[int]) -> BoundCoupling:
-        """Return it as it is: it knows columns, and they are the same."""
+        """Coupling as it is: joint numbers do not change its columns."""
         return self
 
     def ends(self, oMi: Any) -> None:
-        """Return None: it has no frames."""
+        """None: a coupling has no frames."""
         return
 
     def force(self, lam: Array, ends: Callable[[], tuple[Any, Any]]) -> Array:
-        """Return the force along the coordinate of its first joint."""
+        """Force along the coordinate of the first joint."""
         return self.weights[0] * lam
 
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
-        """Refuse: it acts along joints."""
+        """Raise: the force acts along joints."""
         raise InvalidArgument(f"{self.name}: a coupling acts along joints, at no point")
 
     def reaction(self, *, on_first: bool) -> float:
-        """Return the ratio: both forces do the same work."""
+        """Ratio of the coupling: both forces do the same work."""
         if self.is_alone:
             return 1.0
         if self.bends or len(self.weights) > 2:
@@ -303,13 +303,13 @@ class BoundCoupling(BoundConstraint):
         return ratio if on_first else 1.0 / ratio
 
     def turns(self, model: Any) -> NDArray[np.bool_]:
-        """Return whether the coordinate of its first joint is an angle."""
+        """True if the coordinate of the first joint is an angle, in an array (1,)."""
         iv = self.velocity[0]
         joint = next(j for j in model.joints if j.idx_v <= iv < j.idx_v + j.nv)
         return np.array([not lengths(joint)[iv - int(joint.idx_v)]])
 
     def end(self, frame: str) -> Literal[1, 2]:
-        """Refuse: it has no frames."""
+        """Raise: a coupling has no frames."""
         raise InvalidArgument(f"name = {self.name!r}: a coupling has no frames")
 
     def yields(
@@ -317,7 +317,7 @@ class BoundCoupling(BoundConstraint):
         body: Callable[[int], Array],
         columns: Callable[[Sequence[int]], float | Array],
     ) -> Any:
-        """Return what its coordinates give way."""
+        """Sum of the inverse inertias of the coupled coordinates."""
         return columns(self.columns)
 
 
@@ -382,7 +382,7 @@ _SKEW: Final = np.array([pin.skew(e).ravel() for e in np.eye(3)])
 
 @dataclass(frozen=True)
 class BoundRolling(TwoFrameConstraint):
-    """A wheel or a ball that rolls on a plane of the world, bound.
+    """Wheel or ball that rolls on a plane of the world, bound.
 
     Attributes
     ----------
@@ -412,22 +412,22 @@ class BoundRolling(TwoFrameConstraint):
     drive: Drive | None = None
 
     def arm(self, oMi: Any) -> float:
-        """Return the radius: the rows are about the point that touches [m]."""
+        """Distance from c1 to the contact point, the radius [m]."""
         return self.radius
 
     @property
     def positioned(self) -> range:
-        """The row that has a position error: the one off the plane, if the plane has a height."""
+        """Row with a position error: the normal one, if the plane has a height."""
         held = self.anchored and 2 in self.selection
         return range(self.rows.stop - held, self.rows.stop)
 
     @property
     def row_names(self) -> tuple[str, ...]:
-        """A name for each row: the constraint's and the direction."""
+        """Name of each row: the constraint's and the direction."""
         return tuple(f"{self.name}.{DIRECTIONS[i]}" for i in self.selection)
 
     def compiled(self) -> CompiledRows:
-        """Return its rows as the compiled core has them."""
+        """Rows in the format of the compiled core."""
         chosen = sum(1 << row for row in self.selection)
         axle = -1 if self.axle is None else self.axle
         integers = [
@@ -438,17 +438,17 @@ class BoundRolling(TwoFrameConstraint):
         return CompiledRows(integers, [*placed, self.sign, self.radius, 0.0])
 
     def whole(self, lam: Array) -> Array:
-        """Return the force (3,) with zero for the directions that slip [N]."""
+        """Force (3,) with zeros for the directions that slip [N]."""
         force = np.zeros(3)
         force[list(self.selection)] = lam
         return force
 
     def ends(self, oMi: Any) -> tuple[Any, Any]:
-        """Return where it touches, in the axes of its rows, and the plane."""
+        """Frame at the contact point, in the axes of the rows, and the frame of the plane."""
         return self.touching(oMi[self.joint1]), self.placement2
 
     def touching(self, oMi: Any) -> Any:
-        """Return the frame of the rows: its origin the lowest point, its axes t, n x t and n.
+        """Frame of the rows: its origin the lowest point, its axes t, n x t and n.
 
         `oMi` is the placement of its joint in the world.
         """
@@ -465,7 +465,7 @@ class BoundRolling(TwoFrameConstraint):
 
     @property
     def leans(self) -> bool:
-        """True of a wheel: its rows are along e x n / |e x n|, and it may lie nearly flat."""
+        """True for a wheel: its rows are along e x n / |e x n|, and it may lie nearly flat."""
         return self.axle is not None
 
     def shares(self, oMi: Any) -> Array:
@@ -476,15 +476,15 @@ class BoundRolling(TwoFrameConstraint):
         return np.tile([1.0 + tilt(size > FLAT, size), 0.0], (self.size, 1))
 
     def acts_at(self, c1: Any, c2: Any, *, on_first: bool) -> Array:
-        """Return the lowest point."""
+        """Lowest point."""
         return np.array(c1.translation)
 
     def turns(self, model: Any) -> NDArray[np.bool_]:
-        """Return that no row is an angle."""
+        """Flags of the rows: none is an angle."""
         return np.zeros(self.size, dtype=bool)
 
     def end(self, frame: str) -> Literal[1, 2]:
-        """Return 1 for the frame in its middle; it has no other."""
+        """Return 1 for the frame in the middle, the only one."""
         if frame == "second":
             raise InvalidArgument(
                 f"{self.name!r} rolls on a plane of the world, which has no frame"
@@ -493,7 +493,7 @@ class BoundRolling(TwoFrameConstraint):
 
 
 class Rolling:
-    """All that rolls in one scene; the ends are the body and the plane of each."""
+    """All rolling constraints of one scene; the ends are the body and the plane of each."""
 
     def __init__(self, ends: Ends, bounds: Sequence[BoundRolling]) -> None:
         self._bounds, self._ends = tuple(bounds), ends
@@ -539,7 +539,7 @@ class Rolling:
             J[b.rows] = (T @ (of[:3] - pin.skew(r[:, 0]) @ of[3:]))[list(b.selection)]
 
     def _point(self, E: Array, E_dot: Array) -> tuple[Array, Array]:
-        """Find the lowest points r and the axes T of the rows; return the rates of both.
+        """Compute the lowest points r and the axes T of the rows; return the rates of both.
 
         Of every array here the first half is the value and the second one its rate.
         """
@@ -559,5 +559,5 @@ class Rolling:
 
 
 def skews(x: Array) -> Array:
-    """Return the matrices of x times, (..., 3, 3) for many (..., 3)."""
+    """Matrices of x times, (..., 3, 3) for many (..., 3)."""
     return np.asarray((x @ _SKEW).reshape(*x.shape, 3))
