@@ -34,12 +34,12 @@ def compiled() -> Any:
 
 @cache
 def compiled_tick() -> Any:
-    """Return that of control ticks, a small one beside it; MissingExtra if there is none."""
+    """Return the compiled module of control ticks, a small one; MissingExtra if there is none."""
     return _module("_tick", TICK_PROTOCOL, "the compiled core has no control ticks")
 
 
 def check_native(native: Native) -> None:
-    """Refuse what is no choice of whether the core is to do something."""
+    """Raise InvalidArgument unless native is False, True or "where possible"."""
     if native not in (False, True, "where possible"):
         raise InvalidArgument(f"native = {native!r}: False, True or 'where possible' is needed")
 

@@ -195,11 +195,11 @@ class Batch(ABC, Generic[One]):
 
     @abstractmethod
     def _one(self, i: int) -> One:
-        """Return one answer."""
+        """Solution of one row."""
 
     @abstractmethod
     def _some(self, rows: Some) -> Self:
-        """Return a batch of some."""
+        """Batch of some rows."""
 
     @overload
     def __getitem__(self, i: int | np.integer[Any]) -> One: ...
@@ -254,7 +254,7 @@ class BatchResult:
         return {MISSING: "missing"} | {i: s.name.lower() for i, s in enumerate(self._endings)}
 
     def _repr_html_(self) -> str:
-        """Return its summary as a notebook shows it."""
+        """HTML summary for notebooks."""
         bad = self._not_ok()
         title, *lines = [line for line in str(self).splitlines() if line not in bad]
         return page(title, notes(bad), facts(map(_in_two, lines)), ok=self.ok)

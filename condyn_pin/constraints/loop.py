@@ -180,7 +180,7 @@ class Loop(BetweenFrames):
         )  # fmt: skip
 
     def bind_to_drive(self, machine: Machine, rows: slice) -> BoundConstraint:
-        """Return a rod as it is, and of pins where frame a is in the axes of frame b."""
+        """Return a rod as it is, and pins as the position of frame a in the axes of frame b."""
         if self.kind == "rod":
             return self.bind(machine, rows)
         if not self.is_pin:

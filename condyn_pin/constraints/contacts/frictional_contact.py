@@ -162,7 +162,7 @@ class FrictionalContact(Contact):
         )
 
     def held(self, modes: Mapping[str, Mode] | None) -> tuple[Constraint, ...]:
-        """Return its contact points where they are: points and balls that stick or slide on it."""
+        """Return its contact points as constraints: points and balls that stick or slide."""
         if not isinstance(self.on, Plane):
             return self._between_bodies(modes)
         chosen = {}

@@ -112,14 +112,14 @@ class Core(NamedTuple):
 
 
 def points_core(*vertices: tuple[float, float, float], radius: float) -> Core:
-    """Return the core of a ball, or of a capsule between two points."""
+    """Core of a ball, or of a capsule between two points."""
     ends = np.array(vertices)
     edges = np.array([*pairwise(range(len(ends)))], dtype=np.int_).reshape(-1, 2)
     return _core(ends, edges, np.zeros((0, 3)), np.zeros(0), (), radius)
 
 
 def box_core(x: float, y: float, z: float) -> Core:
-    """Return a box with half-edges x, y and z, its corners in the order of `Box.contact_points`."""
+    """Core of a box with half-edges x, y, z, its corners in the order of `Box.contact_points`."""
     half = np.array([x, y, z])
     vertices = half * np.array([*product((1.0, -1.0), repeat=3)])
     edges = np.array([(i, i + step) for step in (4, 2, 1) for i in range(8) if not i & step])
@@ -132,7 +132,7 @@ def box_core(x: float, y: float, z: float) -> Core:
 def solid_core(
     vertices: Array, edges: Indices, normals: Array, heights: Array, loops: tuple[Indices, ...]
 ) -> Core:
-    """Return a convex solid; what each of them is `Core` says."""
+    """Core of a convex solid; the arguments are as in `Core`."""
     return _core(vertices, edges, normals, heights, loops, 0.0)
 
 
@@ -153,7 +153,7 @@ def _core(
 
 
 def _directions(along: Array, size: float) -> Array:
-    """Return the unit vectors along edges (e, 3), one for those whose ends part by rounding."""
+    """Unit vectors along edges (e, 3), one for parallel edges to rounding."""
     lengths, units = lengths_of(along)
     kept: list[int] = []
     for i, (unit, length) in enumerate(zip(units, lengths, strict=True)):
