@@ -65,7 +65,7 @@ from condyn_pin.stepping.step_problem import (
     step_work,
 )
 
-# StepProblemBuilder: the contact problem of a step, from a state; `contact_steps` has the equations.
+# StepProblemBuilder: the contact problem of a step, from a state; equations in `contact_steps`.
 #
 # M, h, J and gamma are taken where the scheme looks at them, springs and damping put into M and
 # tau, the constraints eliminated, and of the contacts those chosen that may touch within the step.
