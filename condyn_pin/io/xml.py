@@ -62,8 +62,9 @@ def open_xml(source: str | PathLike[str], tag: str = "") -> Element:
             for key, value in element.attrib.items():
                 if not value.isprintable():  # lines and tabs are spaces by now
                     element.set(key, written_out(value))
-            if element.text and not element.text.isprintable():
-                element.text = written_out(element.text)
+            text = element.text
+            if text and not (text.isspace() or text.isprintable()):
+                element.text = written_out(text)
     except OSError as error:
         raise InvalidModel(f"cannot be opened: {error.strerror or error}") from error
     # LookupError: an unknown encoding

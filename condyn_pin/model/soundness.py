@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import rotation_fault
 from condyn_pin._core.tolerances import HUGE
 from condyn_pin._core.trees import Forest, algorithms, data_of
@@ -21,6 +22,7 @@ from condyn_pin.errors import InvalidModel
 MOST_JOINTS: Final = 2000  # the Data of Pinocchio takes 32 GB of half as many
 
 
+@one_blas_thread
 def check_model(model: Any) -> None:
     """Raise InvalidModel for a model on which Pinocchio's algorithms are silently wrong or crash.
 
