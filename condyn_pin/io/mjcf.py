@@ -518,6 +518,11 @@ def unused(mj: Any, had: Transmissions) -> Iterator[str]:
         if joint is None
     ]:
         yield f"actuators that move no joint alone, which are no motors here: {listed(others)}"
+    if had.lost:
+        yield (
+            f"armature, damping and the like of tendons that couple joints ({len(had.lost)}): "
+            "Robot.unmodelled lists them"
+        )
     if pushing := _named(names_of(mj, "actuator"), _biased(mj)):
         yield f"servos, which push at ctrl = 0 ({few(pushing)}): here what acts is tau"
     owners = [joints[j] for j in mj.dof_jntid]
