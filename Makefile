@@ -1,5 +1,6 @@
 # make test      set up a virtual environment, check style and types, run every test; those that need the compiled core are
 #                left out where it is not installed
+# make test-quick  most rooms once, in under a minute (`QUICK` in tests/conftest.py); no style, no types
 # make test-native  after `make native`, the tests that use the compiled core
 # make test3     the same tests on Pinocchio 3.9, in an environment of its own
 # make test3-calls  of these, all in which Pinocchio has a part; the numerical ones with an older processor's kernel
@@ -8,7 +9,9 @@
 # make test-numerics  the numerical tests on Pinocchio 4 with another, newer processor's kernel (minutes)
 # make docs      build the documentation, run its notebook, check that it needs no network
 # make demo      set up, run `condyn bench talos cassie`, write demo/bench.{csv,json,png}
-# make dist      build wheel and sdist into dist/, and check them as PyPI would
+# make dist      build wheel and sdist into dist/, and check them as PyPI would. Before a release, give the unreleased part of
+#                CHANGELOG.md its version and date, set __version__ and CITATION.cff, and write into docs/versions.md what was
+#                tested
 # make wheel     build the wheel and prove it in a clean environment, outside the checkout
 # make stress    every method on every hard question, on both Pinocchios (minutes); writes results
 # make stress-slice  a minute of that, mixed
@@ -37,10 +40,13 @@ export PIP_DEFAULT_TIMEOUT ?= 120
 # Tests start a thousand interpreters: each would compile all of our files again, and pytest all tests.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: dist test test-native test3 test3-calls test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
+.PHONY: dist test test-quick test-native test3 test3-calls test-kernels test-numerics docs demo wheel native peers contact-peers control-peers stress stress-slice style clean
 
 test: style
 	$(BIN)/python -m pytest -n 2
+
+test-quick: $(VENV)/ready
+	$(BIN)/python -m pytest -n 2 -q -m quick
 
 style: $(VENV)/ready
 	$(BIN)/ruff check .

@@ -3,9 +3,12 @@
 Tests marked `chromium` look at what a browser draws. Without one they are left out, and the end of
 the run says so; where CI=true they fail. Tests marked `native` use the compiled core, and are left
 out where it is not installed, but for those to which it is optional; with `-m native` they fail.
+Tests marked `once` run on Pinocchio 4 alone. Those of `QUICK` are marked `quick`, for a first look
+at a change in under a minute.
 """
 
 import os
+import re
 import sys
 from pathlib import Path
 
@@ -40,11 +43,47 @@ _CURES = {
     _NO_CORE: "make native",
 }
 
+# Most rooms once, in under a minute: of each file the tests whose names match, by default all.
+QUICK = {
+    "test_package.py": "^test_(?!without)",
+    "test_constraints.py": "",
+    "test_new_kind.py": "",
+    "test_equations.py": "cassie|four_bar|solo12",
+    "test_scene.py": "^(?!.*(hands|costs|guesses))",
+    "test_solution.py": "",
+    "test_contract.py": "four_bar loops|solo12 contacts",
+    "test_derivatives.py": "four_bar|by_hand|refuses",
+    "test_assembly.py": "dead_point|beyond|bad_input|mirror",
+    "test_cones.py": "^test_(?!a_wrench_is_inside)",
+    "test_contact_solvers.py": "test_contract",
+    "test_steppers.py": "slides|sticks|rebounds|refused|stands|loops",
+    "test_step_derivatives_batch.py": "^test_(?!processes)",
+    "test_routes.py": "closed|by_hand|refused",
+    "test_simulate.py": "pendulum|fall|spring|samples|energy|refused|notice",
+    "test_events.py": "^test_(?!two_feet|a_contact_that_pulls)",
+    "test_transmission.py": "",
+    "test_operational.py": "",
+    "test_control_by_hand.py": "",
+    "test_control_mistakes.py": "",
+    "test_robot.py": "",
+    "test_srdf.py": "^test_(?!spoilt)",
+    "test_plots.py": "violation|overview|names",
+    "test_trade.py": "cheapest",
+    "test_cli.py": "json_of_the_answers|mistake",
+}
+
 
 def pytest_configure(config):
     config.addinivalue_line("markers", "chromium: looks at what a browser draws")
     config.addinivalue_line("markers", "once: Pinocchio has no part in it, one version will do")
+    config.addinivalue_line("markers", "quick: most rooms once, in under a minute")
     config.addinivalue_line("markers", "native(optional=False): uses the compiled core")
+
+
+def pytest_ignore_collect(collection_path, config):
+    """Files without a quick test are not read where only these are asked for."""
+    others = collection_path.suffix == ".py" and collection_path.name not in QUICK
+    return True if config.option.markexpr == "quick" and others else None
 
 
 @pytest.hookimpl(tryfirst=True)  # before -m chooses by markers
@@ -52,6 +91,8 @@ def pytest_collection_modifyitems(config, items):
     for item in items:
         if _of_compiled_solver(item):
             item.add_marker(pytest.mark.native)
+        if re.search(QUICK.get(item.path.name, "$^"), item.name):
+            item.add_marker(pytest.mark.quick)
     if not _has_chromium() and os.environ.get("CI") != "true":  # there they fail
         _skip(items, "chromium", _NO_CHROMIUM)
     if not _has_core() and "native" not in config.option.markexpr:  # chosen, they fail
