@@ -121,12 +121,14 @@ def what_is_taken_returned_and_raised(name: str) -> Iterator[str]:
         return
     function, said = PUBLIC[name], sections(text(PUBLIC[name]))
     if set(entries(said.get("Parameters", ""))) != set(parameters(function)):
-        yield "its parameters are not those that it documents"
+        wanted, there = set(parameters(function)), set(entries(said.get("Parameters", "")))
+        yield f"Parameters lacks {wanted - there} and has {there - wanted} too many"
     nothing = inspect.signature(function).return_annotation in (None, "None")
     if not nothing and not {"Returns", "Yields"} & said.keys():
         yield "it does not say what comes back"
     raised = re.findall(r"raise (?:errors\.)?([A-Z]\w+)\(", inspect.getsource(function))
-    yield from set(raised) - set(re.findall(r"\w+", said.get("Raises", "")))
+    for error in set(raised) - set(re.findall(r"\w+", said.get("Raises", ""))):
+        yield f"it raises {error}, which its section Raises does not name"
 
 
 def fields(name: str) -> Iterator[str]:
@@ -140,7 +142,8 @@ def fields(name: str) -> Iterator[str]:
         said = sections(inspect.cleandoc(base.__doc__ or ""))
         for title in ("Parameters", "Attributes"):
             listed |= entries(said.get(title, "")).keys()
-    yield from {field for field in every if not field.startswith("_")} - listed
+    for field in {field for field in every if not field.startswith("_")} - listed:
+        yield f"its field {field} is neither in Parameters nor in Attributes"
 
 
 def refusals(name: str) -> Iterator[str]:
@@ -186,7 +189,7 @@ def units(name: str) -> Iterator[str]:
     for entry, body in quantities(name):
         said = entry in CONVENTIONAL | DIMENSIONLESS or (name, entry) in OTHER
         if not said and not UNIT.search(body):
-            yield f"{entry} has no unit"
+            yield f"{entry} has no unit in brackets, such as [m]; [1] for a pure number"
 
 
 def verbs(name: str) -> Iterator[str]:
@@ -206,26 +209,32 @@ RULES = (
 def test_public_names_are_documented(rule):
     names = [name for name in PUBLIC if name in FUNCTIONS or name in CLASSES]
     assert len(names) > 150
-    assert [f"{name}: {fault}" for name in names for fault in rule(name)] == []
+    faults = [f"{name}: {fault}" for name in names for fault in rule(name)]
+    assert not faults, "docstrings of public names:\n" + "\n".join(faults)
 
 
 def test_no_exception_from_units_is_idle():
     seen = {(name, entry) for name in [*FUNCTIONS, *CLASSES] for entry, _ in quantities(name)}
-    assert OTHER.keys() <= seen
-    assert {entry for _, entry in seen} >= DIMENSIONLESS
-    assert PUBLIC.keys() >= set(VERBS)
+    idle = OTHER.keys() - seen, DIMENSIONLESS - {entry for _, entry in seen}
+    assert idle == (set(), set()), f"remove from OTHER, DIMENSIONLESS what no docstring has: {idle}"
+    gone = set(VERBS) - PUBLIC.keys()
+    assert not gone, f"VERBS names {gone}, which are not public"
 
 
 def test_what_means_the_same_everywhere_is_said_on_the_first_page_with_its_unit():
     page = (Path(cp.__file__).parents[1] / "docs" / "reference.py").read_text(encoding="utf-8")
     table = page.split('_INTRODUCTION = """')[1].split('"""')[0]
     with_unit = [row for row in re.split(r"\n(?=``)", table) if UNIT.search(row)]
-    assert set(re.findall(r"``(\w+)``", table)) >= KNOWN
-    assert set(re.findall(r"``(\w+)``", "".join(with_unit))) >= CONVENTIONAL
+    unsaid = KNOWN - set(re.findall(r"``(\w+)``", table))
+    assert not unsaid, f"the table in docs/reference.py lacks {unsaid}"
+    unsaid = CONVENTIONAL - set(re.findall(r"``(\w+)``", "".join(with_unit)))
+    assert not unsaid, f"the table in docs/reference.py says no unit of {unsaid}"
 
 
 def test_a_method_has_a_cost_a_use_and_a_source():
     for name, kind in METHODS.items():
-        assert kind.use, name
-        assert getattr(kind, "cost", "") or kind.solves_per_step, name
-        assert name == "nodrift" or "References" in sections(text(kind)), name
+        assert kind.use, f"{name}: `use` is empty; it says when to take the method"
+        cost = getattr(kind, "cost", "") or kind.solves_per_step
+        assert cost, f"{name}: set `cost`, or `solves_per_step` of an integrator"
+        cited = name == "nodrift" or "References" in sections(text(kind))
+        assert cited, f"{name}: its docstring needs a section References with the paper"

@@ -50,9 +50,12 @@ def test_agrees_with_reference_or_says_why_not(solver, label):
             assert relative(solution.a, reference.a) > SOLVED
         elif takes(solver, scene):
             assert solution.status is cp.Status.OK, solution
-            assert relative(solution.a, reference.a) < SOLVED
+            error = relative(solution.a, reference.a)
+            assert error < SOLVED, f"a is off by {error:.3g} of max(|a|, g), and the status is ok"
         else:
-            assert solution.status is cp.Status.SINGULAR
+            assert solution.status is cp.Status.SINGULAR, (
+                "rows are redundant: raise Singular, or set takes_redundant = True"
+            )
 
 
 @pytest.mark.parametrize("solver", [s() for s in SOLVERS.values() if not s.exact])
@@ -84,7 +87,8 @@ def test_generalised_constraint_force_agrees(solver, label):
     for state, reference in zip(states(label), truth(label), strict=True):
         J = workspace.jacobian(state[0])
         lam = workspace.solve(*state).lam
-        assert relative(J.T @ lam, J.T @ reference.lam, floor=scene.nominal.weight) < 1e-7
+        error = relative(J.T @ lam, J.T @ reference.lam, floor=scene.nominal.weight)
+        assert error < 1e-7, f"J^T lam is off by {error:.3g}: check sign and axes of lam (rule 5)"
 
 
 @each_solver
@@ -118,7 +122,8 @@ def test_same_input_gives_the_same_bits(solver, label):
     fresh = one.acceleration(*first)
     one.acceleration(*second)
     one.solve(*second, throw=False)
-    assert np.array_equal(one.acceleration(*first), fresh)
+    again = one.acceleration(*first)
+    assert np.array_equal(again, fresh), "an earlier call changes the answer (rule 4 of a solver)"
     assert np.array_equal(one.acceleration(*first), fresh)
     assert np.array_equal(one.solve(*first, throw=False).a, fresh)
     assert np.array_equal(two.acceleration(*first), fresh)
@@ -135,11 +140,13 @@ def test_inputs_are_untouched_and_results_are_owned(solver, label):
     before = [x.copy() for x in first]
     a, solution = workspace.acceleration(*first), workspace.solve(*first, throw=False)
     kept = a.copy(), solution.a.copy(), solution.lam.copy(), solution.q.copy()
-    assert all(np.array_equal(x, y) for x, y in zip(first, before, strict=True))
+    untouched = all(np.array_equal(x, y) for x, y in zip(first, before, strict=True))
+    assert untouched, "the solver writes to q, v or tau (rule 4 of a solver)"
     workspace.solve(*second, throw=False)
     workspace.acceleration(*second)
     now = a, solution.a, solution.lam, solution.q
-    assert all(np.array_equal(x, y) for x, y in zip(now, kept, strict=True))
+    owned = all(np.array_equal(x, y) for x, y in zip(now, kept, strict=True))
+    assert owned, "a later call writes to arrays that were returned (rules 4 and 5): return copies"
     assert not np.shares_memory(solution.q, first[0])
     a[:] = solution.a[:] = solution.lam[:] = np.nan
     assert np.array_equal(workspace.solve(*first, throw=False).a, kept[1])
@@ -236,5 +243,5 @@ def test_a_huge_quaternion_is_refused_by_name(solver):
 def test_a_solver_says_what_it_is(solver, field):
     assert getattr(solver, field) is not None
     assert type(solver).__doc__
-    assert solver == type(solver)()
+    assert solver == type(solver)(), "decorate the solver with @dataclass(frozen=True)"
     assert hash(solver) == hash(type(solver)())

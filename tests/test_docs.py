@@ -1,4 +1,12 @@
-"""README and documentation run: the Python of each page in one session, its commands one by one."""
+"""README and documentation run: the Python of each page in one session, its commands one by one.
+
+To add a page: write a Markdown file in `docs/`, and name it in `docs/index.md` (`how-to-*.md` are
+found there by themselves). Each thing is said on one page, and linked from the others. A block for
+one Pinocchio has `<!-- only: pinocchio 4 -->` in the line above it. A figure is a function in
+`docs/figures.py`. The API pages are generated from the public names; `test_api.py` says what a
+docstring must have. The README stays below 9 kB with two tables and at most three pictures: what is
+new goes into the docs, and is linked.
+"""
 
 from __future__ import annotations
 
@@ -151,8 +159,11 @@ def test_the_readme_stays_one_page():
 def test_every_solver_is_in_the_table_of_solvers():
     lines = TEXTS[ROOT / "docs" / "how-to-choose-a-solver.md"].splitlines()
     for solver in cp.dynamics.SOLVERS.values():
-        row = next(line for line in lines if line.startswith(f"| `{solver.__name__}` "))
-        assert row.endswith(f"| {solver.cost} |")
+        start = f"| `{solver.__name__}` "
+        row = next((line for line in lines if line.startswith(start)), "")
+        assert row.endswith(f"| {solver.cost} |"), (
+            f"docs/how-to-choose-a-solver.md needs a row `{start}| ... | {solver.cost} |`"
+        )
 
 
 def test_changelog_has_this_version_and_a_line_an_entry():

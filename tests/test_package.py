@@ -25,20 +25,24 @@ def test_a_stub_lists_public_names_and_nothing_else(room):
     text = (PACKAGE / room / "__init__.pyi").read_text(encoding="utf-8")
     imports = [line for line in ast.parse(text).body if isinstance(line, ast.ImportFrom)]
     # without "as" a type checker takes it for the stub's own
-    assert all(alias.asname == alias.name for line in imports for alias in line.names)
+    bare = [alias.name for line in imports for alias in line.names if alias.asname != alias.name]
+    assert not bare, f"condyn_pin/{room}/__init__.pyi: write `{bare[0]} as {bare[0]}`"
     names = [alias.name for line in imports for alias in line.names]
     module = importlib.import_module(f"condyn_pin.{room}".rstrip("."))
     assert sorted(module.__all__) == sorted(names)
-    assert len(set(names)) == len(names)
+    assert len(set(names)) == len(names), "a name is listed twice"
     for name in names:
         value = getattr(module, name)
-        assert isinstance(value, dict) or value.__doc__
+        assert isinstance(value, dict) or value.__doc__, f"{name} needs a docstring"
         assert name in dir(module)
 
 
 def test_the_top_is_small():
     """What a user meets first, and the rooms with all else."""
-    assert len(cp.__all__) <= 52
+    assert len(cp.__all__) <= 52, (
+        f"condyn_pin/__init__.pyi lists {len(cp.__all__)} names, at most 52 may be: list a new "
+        "one in the __init__.pyi of its room"
+    )
 
 
 def test_no_two_public_classes_share_a_name():
@@ -49,7 +53,8 @@ def test_no_two_public_classes_share_a_name():
         for name in module.__all__:
             value = getattr(module, name)
             if not inspect.ismodule(value):
-                assert seen.setdefault(name, value) is value, name
+                first = seen.setdefault(name, value)
+                assert first is value, f"{name} is public twice: {first} and {value}; rename one"
 
 
 @pytest.mark.parametrize(
@@ -79,7 +84,8 @@ def modules_after(code: str) -> set[str]:
 
 
 def test_import_stays_light():
-    assert modules_after("import condyn_pin") & {"pinocchio", "numpy", "scipy", "typer"} == set()
+    early = modules_after("import condyn_pin") & {"pinocchio", "numpy", "scipy", "typer"}
+    assert not early, f"`import condyn_pin` imports {early}: list names in .pyi files instead"
 
 
 def test_using_it_imports_only_what_it_needs():
@@ -90,7 +96,8 @@ scene = cp.Scene(bar, bar.loops)
 cp.Workspace
 """
     heavy = {"matplotlib", "meshcat", "typer", "rich", "mujoco", "hypothesis"}
-    assert modules_after(code) & heavy == set()
+    early = modules_after(code) & heavy
+    assert not early, f"a scene imports {early}: import it in the function that uses it"
 
 
 def test_without_the_compiled_core_python_works_where_that_may_be():
@@ -135,7 +142,8 @@ for wanted in (
 def test_nothing_in_the_library_prints():
     for path in PACKAGE.rglob("*.py"):
         calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
-        assert not [c for c in calls if getattr(c.func, "id", "") == "print"], path
+        printed = [c.lineno for c in calls if getattr(c.func, "id", "") == "print"]
+        assert not printed, f"{path}: print in lines {printed}; return a text, or use cli/output.py"
 
 
 def test_marker_for_type_checkers_is_there():
@@ -144,7 +152,8 @@ def test_marker_for_type_checkers_is_there():
 
 def test_nothing_relies_on_a_wider_long_double():
     for path in PACKAGE.rglob("*.py"):
-        assert "longdouble" not in path.read_text().replace("long double", ""), path
+        found = "longdouble" in path.read_text().replace("long double", "")
+        assert not found, f"{path}: long doubles differ by platform; use the exact sums of linalg"
 
 
 def test_what_a_build_of_the_core_is_told_is_known_to_it():
@@ -157,7 +166,8 @@ def test_what_a_build_of_the_core_is_told_is_known_to_it():
     build = (root / "native" / "CMakeLists.txt").read_text(encoding="utf-8")
     assert {"CONDYN_ARCH", "CONDYN_SANITIZE"} <= told
     for name in told:
-        assert build.count(name) > 1, name  # it has a default, and is used
+        # it has a default, and is used
+        assert build.count(name) > 1, f"native/CMakeLists.txt does not read {name}"
 
 
 def test_contributing_says_where_everything_is():
@@ -167,5 +177,7 @@ def test_contributing_says_where_everything_is():
     said = re.findall(r"`([\w/]+(?:\.py|/))`", "".join(first))
     there = [path.name for path in PACKAGE.glob("*.py")]
     there += [f"{path.parent.relative_to(PACKAGE)}/" for path in PACKAGE.glob("*/**/__init__.py")]
-    assert set(there) - set(said) == {"__init__.py"}
-    assert all((PACKAGE / each).exists() for each in said)
+    missing = set(there) - set(said) - {"__init__.py"}
+    assert not missing, f"the first column of `Where things are` in CONTRIBUTING.md lacks {missing}"
+    gone = [each for each in said if not (PACKAGE / each).exists()]
+    assert not gone, f"`Where things are` in CONTRIBUTING.md names {gone}, which do not exist"

@@ -98,7 +98,8 @@ def test_descriptions_that_ask_for_too_much_are_refused(name, tmp_path):
     (tmp_path / name).write_text(text)
     with pytest.raises(cp.errors.InvalidModel, match=words) as refused:
         cp.load_robot(tmp_path / name)
-    assert len(str(refused.value)) < 600 + len(str(tmp_path))
+    size = len(str(refused.value))
+    assert size < 600 + len(str(tmp_path)), f"an error of {size} characters: shorten with `shown`"
 
 
 def test_a_wedge_of_many_degrees_is_one_mesh(tmp_path):
