@@ -2,6 +2,9 @@
 
 A block stands between ``<!-- NAME:begin -->`` and ``<!-- NAME:end -->``. docs/results.md has whole
 tables, the README the few rows that say how fast and how true; all are made from committed results.
+
+To add a measured table: the `pages` of a script gives each page its blocks, and `write` puts them
+between their marks. ``--from-json`` writes them again from committed results; a test compares.
 """
 
 from __future__ import annotations

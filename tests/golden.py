@@ -3,6 +3,9 @@
     python tests/golden.py write build/golden/before.json
     python tests/golden.py compare build/golden/before.json build/golden/after.json
 
+A change that should alter no number writes `before.json`, then `after.json`, and compares: a minute
+each. Records are never committed.
+
 An array is kept as the hash of its bytes, with its first numbers for reading; times are left out.
 Two processors, two BLAS or two Pinocchios differ in the last bits: compare what one machine wrote.
 `golden_questions.py` says what is asked.

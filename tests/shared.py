@@ -30,7 +30,11 @@ def robot(name: str) -> cp.Robot:
 
 @functools.cache
 def all_scenes() -> dict[str, cp.Scene]:
-    """Every standard scene of every robot, and a few that are hard on purpose."""
+    """Every standard scene of every robot, and a few that are hard on purpose.
+
+    Every solver answers each of them, refuses it by name, or reports that its answer is inaccurate:
+    a scene that is hard in another way needs an entry here, and nothing else.
+    """
     scenes = {}
     for name in cp.io.available_robots():
         scenes |= standard_scenes(robot(name))

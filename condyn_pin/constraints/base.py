@@ -34,8 +34,9 @@ To add a kind: one file.
    `weights_rate`, and nothing else. Other bases are `WithWorld` and `BetweenFrames`.
 2. Its fields are what a file says of it: texts, numbers, tuples. `__post_init__` checks them with
    the functions below and ends with `_set_name`. Fields in metres are listed in `lengths`.
-3. It registers itself in `KINDS` under its name, by which archives find it; with a `word`
-   robot.toml has it too: among its loops if it `closes`, among its contacts if not.
+3. It registers itself in `KINDS` under its name, by which archives find it; one of the library is
+   imported in `kinds.py`. With a `word` robot.toml has it too: among its loops if it `closes`,
+   among its contacts if not.
 4. What it answers otherwise than its base it overrides. Nothing outside of this room asks what
    kind it is: a question that no method answers becomes a method here, with a default.
 """

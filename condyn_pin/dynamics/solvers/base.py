@@ -4,7 +4,7 @@
    are its parameters, each with a default, a unit, and in the docstring the reason of the default.
 2. Set `title` (what tables show), `cost`, `use` (when to take it) and `takes_redundant`. The class
    registers itself under its lower-case name in `SOLVERS`; tests and the command line find it
-   there.
+   there. Its `sweeps` are the values of its parameters that `Study` tries.
 3. Write `start(workspace)`. It runs once per workspace, may take hundreds of microseconds, and
    returns a `BoundSolver`: three callables closed over what they need. `workspace.data` and
    `workspace.equations` are made when they are first read, and cost a `pin.Data` each: read the
@@ -19,6 +19,8 @@
 6. A solver sees rows, not kinds: `workspace.equations.consistent_terms` has M, h, J and gamma of
    whatever the scene contains, without combinations of rows that are redundant where loops are
    closed. A solver that does without them sets `takes_open = False`, and is not called there.
+   One with `takes_redundant = False` raises `Singular` where rows are redundant, and has a field
+   `mu`, the damping [1/kg] with which it answers there too.
    `workspace.constraint_models` has Pinocchio's objects, of 3 and 6 rows only: a solver
    that uses them sets `takes_every_kind = False` and is never started on kinds without such an
    equivalent. Kinds that are imitated, such as a hinge by two points, bring a row too many: with

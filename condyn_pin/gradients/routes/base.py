@@ -5,7 +5,9 @@ function of its start, and between two modes it has a kink, or a jump. Routes di
 make of kinks and jumps.
 
 1. Add one file to this folder with one frozen dataclass that inherits from `Route`. Its fields are
-   its parameters, each with a default and a unit. It registers itself in `ROUTES`.
+   its parameters, each with a default and a unit. It registers itself in `ROUTES`;
+   `tests/test_routes.py` compares its derivatives with finite differences.
+   Name it in `__init__.py`.
 2. Set `title`, `cost` and `use`: when to take it.
 3. Write `at(steps, t, q, v, taken)`, which returns `StepDerivatives`. If the end of its step is not
    that of the scheme, write `step` too, and `scheme` if it takes steps of another one; `parameters`

@@ -2,6 +2,8 @@
 
 1. Add one file to this folder with one function marked with `extreme`. It takes a severity and a
    random generator, and returns a `Case`. The first line of its docstring says what severity is.
+   `condyn lab stress`, `make stress` and the tests find it in `EXTREMES`; the tables that `make
+   stress` writes are committed with it.
 2. The severities go from tame to absurd. The same severity and the same seed give the same case.
    Those that take gigabytes are `heavy`: a run with a limit on its time leaves them out.
 3. A family that any robot can be put through takes a closed scene as its third argument, `scene`.

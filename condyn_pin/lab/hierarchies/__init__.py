@@ -1,4 +1,8 @@
-"""Ladders: one file each, with a `HIERARCHY` in it, so that to add a ladder is to add one file."""
+"""Ladders: one file each, with a `HIERARCHY` in it, so that to add a ladder is to add one file.
+
+A `HIERARCHY` is a first scene, and models that each make the scene above smaller. `condyn lab
+ladder <name>` and `benchmarks/ladder.py` find it here.
+"""
 
 from importlib import import_module
 from pkgutil import iter_modules

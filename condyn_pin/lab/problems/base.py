@@ -10,7 +10,9 @@ To write one:
    form, or as `digits` whose source is named. It shares no code with Pinocchio.
 4. `error` is the measure of the collection that the problem comes from, and `limits` are the errors
    that somebody asks for, each with who does.
-5. The equations of the literature, written down once more, are a test of it.
+5. The equations of the literature, written down once more, are a test of it: in
+   `tests/classical.py`, or in a test of its own. Where there is no closed form,
+   `benchmarks/problem_answers.py` computes the digits from them in extended precision.
 """
 
 from __future__ import annotations

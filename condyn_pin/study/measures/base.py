@@ -1,4 +1,4 @@
-"""The contract of a measure, and how to write one.
+"""The contract of a measure: which error a study has, against what truth, and what is timed.
 
 1. Add one file to this folder with one frozen dataclass that inherits from `Measure`. Its fields
    are its parameters, each with a default. Set `name`: the class registers itself under it in
