@@ -21,8 +21,8 @@ from stress import RESULTS, load, markdown, summary
 
 from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin.lab import CONTACT_EXTREMES
+from condyn_pin.lab.extremes.report import maps, write_csv
 from condyn_pin.lab.extremes.stress import stress, tasks
-from condyn_pin.lab.extremes.stress_table import maps, write_csv
 
 JSON = RESULTS / "contact_stress.json"
 

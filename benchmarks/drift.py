@@ -39,8 +39,7 @@ import pinocchio as pin
 
 import condyn_pin as cp
 from condyn_pin._core.timing import machine
-from condyn_pin.lab.laboratory import contest, errors, gap_growth
-from condyn_pin.lab.plots_drift import save_laboratory
+from condyn_pin.lab.drift import contest, errors, gap_growth, save_laboratory
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.stability import stability_limit
 

@@ -19,9 +19,15 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import marks
 
 from condyn_pin._core.files import parse_json, read_text
-from condyn_pin.lab.hierarchies import HIERARCHIES
-from condyn_pin.lab.hierarchy import FULL, QUICK, model_hierarchy
-from condyn_pin.lab.hierarchy_table import HierarchyRow, HierarchyTable, save_hierarchies
+from condyn_pin.lab.hierarchy import (
+    FULL,
+    HIERARCHIES,
+    QUICK,
+    HierarchyRow,
+    HierarchyTable,
+    model_hierarchy,
+    save_hierarchies,
+)
 from condyn_pin.study.tables import write_csv
 
 ROOT = Path(__file__).resolve().parent.parent

@@ -25,7 +25,7 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core.timing import machine
-from condyn_pin.lab.laboratory import rod_pendulum
+from condyn_pin.lab.drift import rod_pendulum
 from condyn_pin.simulation.integrators import Integrator
 
 RESULTS = Path(__file__).resolve().parent / "results"

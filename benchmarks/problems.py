@@ -27,8 +27,7 @@ import condyn_pin as cp
 from condyn_pin._core.show import panels
 from condyn_pin._core.timing import machine
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.lab.problems.base import Problem
-from condyn_pin.lab.problems.setting import Setting
+from condyn_pin.lab.problems.base import Problem, Setting
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization

@@ -24,17 +24,18 @@ import marks
 from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin._core.timing import machine
 from condyn_pin.lab.extremes.base import EXTREMES
-from condyn_pin.lab.extremes.stress import stress, tasks
-from condyn_pin.lab.extremes.stress_plot import save_maps, save_overview
-from condyn_pin.lab.extremes.stress_table import (
+from condyn_pin.lab.extremes.report import (
     Map,
     counts,
     maps,
     maps_of_csv,
     read_csv,
+    save_maps,
+    save_overview,
     write_csv,
 )
-from condyn_pin.lab.extremes.verdict import Outcome, Verdict
+from condyn_pin.lab.extremes.stress import stress, tasks
+from condyn_pin.lab.extremes.verdicts import Outcome, Verdict
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

@@ -8,8 +8,7 @@ import argparse
 import numpy as np
 
 import condyn_pin as cp
-from condyn_pin.lab.laboratory import area, contest, gap_growth, rod_pendulum
-from condyn_pin.lab.plots_drift import save_laboratory
+from condyn_pin.lab.drift import area, contest, gap_growth, rod_pendulum, save_laboratory
 from condyn_pin.simulation.stability import stability_limit
 
 parser = argparse.ArgumentParser(description=__doc__)

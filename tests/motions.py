@@ -7,7 +7,7 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.lab import laboratory
+from condyn_pin.lab import drift
 
 G = 9.81
 
@@ -54,4 +54,4 @@ def falling() -> tuple[cp.Scene, cp.Scene]:
 
 def rod_pendulum() -> Start:
     """A point mass in a plane at the end of a rod of 1 m, from the horizontal."""
-    return laboratory.rod_pendulum(), np.array([1.0, 0.0]), np.zeros(2)
+    return drift.rod_pendulum(), np.array([1.0, 0.0]), np.zeros(2)

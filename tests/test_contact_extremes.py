@@ -14,10 +14,8 @@ from condyn_pin.contact.solvers import CONTACT_SOLVERS
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.errors import CondynError
 from condyn_pin.lab import CONTACT_EXTREMES, EXTREMES, Verdict, judge_contact
-from condyn_pin.lab.extremes.contact_verdict import long_residual
-from condyn_pin.lab.extremes.stress import asked, methods, stress, tasks
-from condyn_pin.lab.extremes.verdict import Task
-from condyn_pin.lab.extremes.worker import Memory, answers
+from condyn_pin.lab.extremes.stress import Memory, answers, asked, methods, stress, tasks
+from condyn_pin.lab.extremes.verdicts import Task, long_residual
 
 each_family = pytest.mark.parametrize("name", CONTACT_EXTREMES)
 

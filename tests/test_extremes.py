@@ -22,13 +22,22 @@ from condyn_pin.cli.main import app
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.errors import CondynError
 from condyn_pin.lab.extremes import EXTREMES
-from condyn_pin.lab.extremes.motion_verdict import gap_error, gap_map, judge_flight, judge_run
+from condyn_pin.lab.extremes.base import Units, shifts
 from condyn_pin.lab.extremes.planar_chain import accelerations
-from condyn_pin.lab.extremes.stress import ROBOTS, methods, mixed, stress, tasks
-from condyn_pin.lab.extremes.stress_table import counts, maps, read_csv, short
-from condyn_pin.lab.extremes.units import Units, shifts
-from condyn_pin.lab.extremes.verdict import Outcome, Task, Verdict, error_of, judge, right_answers
-from condyn_pin.lab.extremes.worker import Memory, answers
+from condyn_pin.lab.extremes.report import counts, maps, read_csv, short
+from condyn_pin.lab.extremes.stress import ROBOTS, Memory, answers, methods, mixed, stress, tasks
+from condyn_pin.lab.extremes.verdicts import (
+    Outcome,
+    Task,
+    Verdict,
+    error_of,
+    gap_error,
+    gap_map,
+    judge,
+    judge_flight,
+    judge_run,
+    right_answers,
+)
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

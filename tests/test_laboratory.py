@@ -11,14 +11,7 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin.cli.main import app
-from condyn_pin.lab.laboratory import (
-    area,
-    contest,
-    errors,
-    gap_growth,
-    rod_pendulum,
-    stability_map,
-)
+from condyn_pin.lab.drift import area, contest, errors, gap_growth, rod_pendulum, stability_map
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 QUICK = (
@@ -113,20 +106,20 @@ def test_fast_pendulums_are_projected_with_the_rows_of_their_place():
 @pytest.mark.once  # a picture
 def test_pictures_show_the_numbers(tmp_path):
     pyplot = pytest.importorskip("matplotlib.pyplot")
-    from condyn_pin.lab import plots_drift
+    from condyn_pin.lab import drift as laboratory
 
     growths = {"RK4": gap_growth(cp.RungeKutta4(), dt=2e-2, steps=200)}
     found = contest(1e-2, 50)
     figure, (one, two, three) = pyplot.subplots(1, 3)
-    assert plots_drift.draw_growth(growths, one) is one
+    assert laboratory.draw_growth(growths, one) is one
     assert one.lines[0].get_ydata()[-1] == growths["RK4"].violation[-1]
-    assert plots_drift.draw_stability(cp.SemiImplicitEuler(), two, points=8) is two
+    assert laboratory.draw_stability(cp.SemiImplicitEuler(), two, points=8) is two
     assert two.get_xlim()[1] > 0.83
-    assert plots_drift.draw_contest(found, three) is three
+    assert laboratory.draw_contest(found, three) is three
     assert len(three.get_legend().texts) == len(found)
     pyplot.close(figure)
     assert one.get_legend() is None  # the lines themselves are labelled
-    plots_drift.save_laboratory(growths, [cp.SemiImplicitEuler()], found, tmp_path / "lab.png")
+    laboratory.save_laboratory(growths, [cp.SemiImplicitEuler()], found, tmp_path / "lab.png")
     assert (tmp_path / "lab.png").read_bytes().startswith(b"\x89PNG")
 
 

@@ -18,8 +18,7 @@ from condyn_pin._core.timing import Times
 from condyn_pin._core.tolerances import EXACT
 from condyn_pin.dynamics.scene import motor_torque
 from condyn_pin.lab import hierarchy
-from condyn_pin.lab.hierarchy import climb
-from condyn_pin.lab.hierarchy_table import draw_hierarchy, save_hierarchies
+from condyn_pin.lab.hierarchy import climb, draw_hierarchy, save_hierarchies
 from condyn_pin.mechanism.reduction import loaded, same_motion, standing_torque
 
 FEW = cp.lab.HierarchyEffort(states=2, rounds=5, repeats=2)

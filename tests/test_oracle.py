@@ -15,7 +15,7 @@ from condyn_pin._core.tolerances import REFERENCE_RANK
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.lab.extremes import EXTREMES
 from condyn_pin.lab.extremes.base import with_inertias
-from condyn_pin.lab.extremes.verdict import right_answers
+from condyn_pin.lab.extremes.verdicts import right_answers
 
 KINDS = {
     **{kind: (cp.Loop("hand", "foot", kind, axis=axis_of(kind, "y")),) for kind in

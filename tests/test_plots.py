@@ -180,8 +180,7 @@ def test_the_overview_counts_what_the_file_says():
 
     from matplotlib.figure import Figure
 
-    from condyn_pin.lab.extremes.stress_plot import overview
-    from condyn_pin.lab.extremes.stress_table import Cell, maps_of_csv, read_csv
+    from condyn_pin.lab.extremes.report import Cell, maps_of_csv, overview, read_csv
 
     path = Path(__file__).parent.parent / "benchmarks" / "results" / "stress.csv"
     rows = read_csv(path)

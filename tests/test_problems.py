@@ -19,9 +19,8 @@ from typer.testing import CliRunner
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.cli.main import app
-from condyn_pin.lab.problems.a04_bricard import _inertia_and_height
-from condyn_pin.lab.problems.base import Problem
-from condyn_pin.lab.problems.setting import Limit, Setting
+from condyn_pin.lab.problems.base import Limit, Problem, Setting
+from condyn_pin.lab.problems.mechanisms import _inertia_and_height
 from condyn_pin.simulation.drift.no_drift import NoDrift
 
 GRAVITY = 9.81

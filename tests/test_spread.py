@@ -14,7 +14,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.pinocchio import NEARLY, ONE
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
 from condyn_pin.lab.extremes import EXTREMES
-from condyn_pin.lab.extremes.verdict import error_of, right_answers
+from condyn_pin.lab.extremes.verdicts import error_of, right_answers
 from condyn_pin.mechanism.closing import Closer
 
 SOLVERS = [cp.Proximal(), *([cp.LCABA()] if hasattr(pin, "lcaba") else [])]

@@ -21,7 +21,7 @@ from condyn_pin._core import files
 from condyn_pin._core.files import atomic_write, check_writable, write_text
 from condyn_pin._core.show import write_figure
 from condyn_pin.cli.main import app
-from condyn_pin.lab.extremes.stress_table import write_csv as write_maps
+from condyn_pin.lab.extremes.report import write_csv as write_maps
 from condyn_pin.study import fresh as plans
 from condyn_pin.study.bench import bench
 from condyn_pin.study.case import Results

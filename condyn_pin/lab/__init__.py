@@ -1,6 +1,6 @@
 """The laboratory: hard questions, benchmark problems, model hierarchies, drift.
 
-`extremes/` tests what breaks methods, `problems/` has answers from the literature, `hierarchies/`
+`extremes/` tests what breaks methods, `problems/` has answers from the literature, `hierarchy.py`
 scenes that become smaller one by one. Only `cli` and tests import this room.
 """
 

@@ -13,7 +13,7 @@ from condyn_pin.cli import arguments as arg
 from condyn_pin.cli.output import check_picture, console, leave, print_json, until_stopped
 
 if TYPE_CHECKING:
-    from condyn_pin.lab.laboratory import Contest, Growth
+    from condyn_pin.lab.drift import Contest, Growth
 
 PANEL = "Simulate"
 
@@ -36,7 +36,7 @@ def drift(
     Ctrl-C keeps the finished runs.
     """
     from condyn_pin.errors import InvalidArgument
-    from condyn_pin.lab.laboratory import contest, gap_growth
+    from condyn_pin.lab.drift import contest, gap_growth
     from condyn_pin.simulation.integrators.explicit import (
         ExplicitEuler,
         RungeKutta4,
@@ -55,7 +55,7 @@ def drift(
         lambda bar: contest(dt, steps, progress=lambda x: bar("pendulum", int(x * 1000), 1000))
     )
     if plot:
-        from condyn_pin.lab.plots_drift import save_laboratory
+        from condyn_pin.lab.drift import save_laboratory
 
         save_laboratory(growths, (semi, rk4), found, plot)
     if as_json:

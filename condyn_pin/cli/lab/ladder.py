@@ -22,8 +22,7 @@ ModelledName = Annotated[
 
 def ladder(robot: ModelledName, plot: arg.Plot = None, as_json: arg.AsJson = False) -> None:
     """Show smaller and smaller scenes of a robot, with their speed and error."""
-    from condyn_pin.lab.hierarchy import model_hierarchy
-    from condyn_pin.lab.hierarchy_table import print_hierarchy, save_hierarchies
+    from condyn_pin.lab.hierarchy import model_hierarchy, print_hierarchy, save_hierarchies
 
     check_picture(plot)
     with progress_bar() as progress:

@@ -20,8 +20,8 @@ from condyn_pin.cli.output import (
 )
 
 if TYPE_CHECKING:
-    from condyn_pin.lab.extremes.stress_table import Map
-    from condyn_pin.lab.extremes.verdict import Outcome, Task
+    from condyn_pin.lab.extremes.report import Map
+    from condyn_pin.lab.extremes.verdicts import Outcome, Task
 
 PANEL = "Measure"
 
@@ -69,8 +69,8 @@ def stress(
     from condyn_pin._core._pin import VERSION_TEXT
     from condyn_pin.cli.words import names_in
     from condyn_pin.errors import InvalidArgument
+    from condyn_pin.lab.extremes.report import maps, read_csv, write_csv
     from condyn_pin.lab.extremes.stress import stress as run
-    from condyn_pin.lab.extremes.stress_table import maps, read_csv, write_csv
 
     if not seconds > 0:
         raise InvalidArgument(f"--seconds {seconds}: a number > 0 is needed")
@@ -92,7 +92,7 @@ def stress(
     if csv:
         write_csv(found, csv, VERSION_TEXT)
     if plot and found:
-        from condyn_pin.lab.extremes.stress_plot import save_maps
+        from condyn_pin.lab.extremes.report import save_maps
 
         save_maps(found, plot, f"Pinocchio {VERSION_TEXT}; ")
     leave(ok=not _defects(outcomes), stopped=stopped)
@@ -121,8 +121,8 @@ def _defects(outcomes: Sequence[Outcome]) -> list[str]:
 def _print(outcomes: Sequence[Outcome], shown: Sequence[Map]) -> None:
     """Print the advice of some maps, the defects, and the counts of everything."""
     from condyn_pin._core._pin import VERSION_TEXT
-    from condyn_pin.lab.extremes.families import families
-    from condyn_pin.lab.extremes.stress_table import counts
+    from condyn_pin.lab.extremes.base import families
+    from condyn_pin.lab.extremes.report import counts
 
     known = families()
     for each in shown:
@@ -138,7 +138,7 @@ def _print(outcomes: Sequence[Outcome], shown: Sequence[Map]) -> None:
 def _facts(outcomes: Sequence[Outcome], found: Sequence[Map]) -> dict[str, Any]:
     """Return everything in the words of json."""
     from condyn_pin._core._pin import VERSION_TEXT
-    from condyn_pin.lab.extremes.stress_table import counts
+    from condyn_pin.lab.extremes.report import counts
 
     return {
         "pinocchio": VERSION_TEXT,

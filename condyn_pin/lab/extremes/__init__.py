@@ -1,16 +1,16 @@
-"""Hard questions: families of scenes and states from tame to absurd, one file each.
+"""Hard questions: families of scenes, states and contact problems from tame to absurd.
 
-Every module of this folder is imported once, and each function marked with `extreme` enters
-`EXTREMES` under its name, so that to add a family is to add one file (`base.py` says what it must
-return).
+Each function marked with `extreme` enters `EXTREMES` under its name, each with `contact_extreme`
+`CONTACT_EXTREMES`; `base.py` and `contacts.py` say what they must return. Both registries are in
+the order of the names.
 """
 
-from importlib import import_module
-from pkgutil import iter_modules
-
+from condyn_pin.lab.extremes import bodies, contacts, loops, motion
 from condyn_pin.lab.extremes.base import EXTREMES
+from condyn_pin.lab.extremes.contacts import CONTACT_EXTREMES
 
-for _module in iter_modules(__path__):
-    import_module(f"{__name__}.{_module.name}")
+for _registry in (EXTREMES, CONTACT_EXTREMES):
+    for _name in sorted(_registry):
+        _registry[_name] = _registry.pop(_name)  # type: ignore[assignment]
 
-__all__ = ["EXTREMES"]
+__all__ = ["CONTACT_EXTREMES", "EXTREMES", "bodies", "contacts", "loops", "motion"]

@@ -11,6 +11,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -18,6 +20,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.show import COLOURS, axes, finished
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.loop import Loop
@@ -26,13 +29,14 @@ from condyn_pin.errors import Interrupted
 from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.projection import Projection
-from condyn_pin.simulation.integrators import Integrator
+from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.explicit import RungeKutta4, SemiImplicitEuler
 from condyn_pin.simulation.integrators.rattle import Rattle
 from condyn_pin.simulation.outcome import uninterrupted
 from condyn_pin.simulation.run import simulate
-from condyn_pin.simulation.stability import growth
+from condyn_pin.simulation.stability import growth, stability_limit
 from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.study.plots import save_panels
 
 # Samples of a run whose largest errors are wanted.
 _SAMPLES = 20_000
@@ -230,3 +234,80 @@ def contest(
     except KeyboardInterrupt as stop:
         raise Interrupted(tuple(results)) from stop
     return tuple(results)
+
+
+# Pictures; each draws on `ax` or new axes, which it returns
+
+
+# the lines tell the colours apart in print
+_LINES = ("-", "--", "-.", ":", "-", "--")
+
+
+def draw_growth(found: Mapping[str, Growth], ax: Any = None) -> Any:
+    """Draw the gap against time of runs that nothing closes; the slope is the power of t.
+
+    `found` is by the title of the integrator.
+    """
+    ax = axes(ax)
+    for (title, one), colour, line in zip(found.items(), COLOURS, _LINES, strict=False):
+        seen = one.violation > 0
+        t, gap = one.t[seen], one.violation[seen]
+        ax.plot(t, gap, line, color=colour)
+        ax.annotate(
+            f"{title}: t^{one.power:.2f}", (t[-1], gap[-1]), xytext=(0, 6), color=colour,
+            textcoords="offset points", ha="right", fontsize=8,
+        )  # fmt: skip
+    ax.set(xscale="log", yscale="log")
+    ax.margins(y=0.15)
+    return finished(ax, title="gap without stabilisation", x="t [s]", y="max abs(c) so far [m]")
+
+
+def draw_stability(integrator: Integrator, ax: Any = None, *, points: int = 60) -> Any:
+    """Draw the factor by which a gap grows in a step over Baumgarte's gains.
+
+    With so many points in each direction, for an integrator whose constraints are held by
+    accelerations.
+    """
+    ax = axes(ax)
+    end = 1.3 * stability_limit(integrator)
+    products = np.linspace(end / points, end, points)
+    factor = stability_map(integrator, products.tolist(), products.tolist())
+    levels = [0.0, 0.25, 0.5, 0.75, 0.9, 1.0]
+    shown = ax.contourf(products, products, factor, levels=levels, cmap="cividis")
+    ax.contour(products, products, factor, levels=[1.0], colors="k", linewidths=1.0)
+    ax.plot([0, end], [0, end], ":", color="0.4", lw=0.8)
+    ax.set(title=f"{integrator.title}: factor per step", xlabel="alpha dt", ylabel="beta dt")
+    ax.set(xlim=(0, end), ylim=(0, end))
+    ax.figure.colorbar(shown, ax=ax)
+    return ax
+
+
+def draw_contest(found: Sequence[Contest], ax: Any = None) -> Any:
+    """Draw gap against energy error of each way to keep a constraint: both are wanted small.
+
+    The hollow mark is the energy error in the first tenth of the run, the full one in the last.
+    """
+    ax = axes(ax)
+    for one, colour in zip(found, COLOURS, strict=False):
+        gap = max(one.errors.violation, 1e-17)
+        ax.plot([gap] * 2, [one.errors.early, one.errors.late], "-", color=colour, lw=1.0)
+        ax.plot(gap, one.errors.early, "o", color=colour, mfc="none", ms=7)
+        ax.plot(gap, one.errors.late, "o", color=colour, ms=7, label=one.title)
+    ax.set(xscale="log", yscale="log")
+    title = "first (hollow) and last tenth of a run"
+    return finished(ax, title=title, x="max abs(c) [m]", y="max abs(E - E0) [J]")
+
+
+def save_laboratory(
+    growths: Mapping[str, Growth],
+    integrators: Sequence[Integrator],
+    found: Sequence[Contest],
+    path: str | Path,
+) -> None:
+    """Draw all of it into one picture; the ending of `path` says which format."""
+    draw = [
+        partial(draw_growth, growths),
+        *(partial(draw_stability, integrator) for integrator in integrators),
+        partial(draw_contest, found),
+    ]
+    save_panels(draw, path, size=(4.4, 3.4), columns=2, one_legend=True)
