@@ -103,7 +103,7 @@ stress: $(VENV)/ready $(VENV3)/ready
 	$(BIN)/python benchmarks/stress.py
 
 stress-slice: $(VENV)/ready
-	$(BIN)/condyn lab stress --seconds 60
+	$(BIN)/python benchmarks/lab stress --seconds 60
 
 native: $(VENV)/ready build/native/ready
 	for python in $(wildcard $(VENV3)/bin/python) $(BIN)/python; do \

@@ -34,9 +34,9 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core.timing import interleaved, machine
-from condyn_pin.lab.extremes.base import EXTREMES, Case
-from condyn_pin.lab.extremes.stress import Memory, make, tasks
-from condyn_pin.lab.extremes.verdicts import Task, error_of, right_answers
+from lab.extremes.base import EXTREMES, Case
+from lab.extremes.stress import Memory, make, tasks
+from lab.extremes.verdicts import Task, error_of, right_answers
 
 RESULTS = Path(__file__).resolve().parent / "results"
 WEIGHTS = tuple(float(f"1e{k}") for k in range(-12, 1))

@@ -20,9 +20,9 @@ import marks
 from stress import RESULTS, load, markdown, summary
 
 from condyn_pin._core._pin import VERSION_TEXT
-from condyn_pin.lab import CONTACT_EXTREMES
-from condyn_pin.lab.extremes.report import maps, write_csv
-from condyn_pin.lab.extremes.stress import stress, tasks
+from lab import CONTACT_EXTREMES
+from lab.extremes.report import maps, write_csv
+from lab.extremes.stress import stress, tasks
 
 JSON = RESULTS / "contact_stress.json"
 

@@ -39,9 +39,9 @@ import pinocchio as pin
 
 import condyn_pin as cp
 from condyn_pin._core.timing import machine
-from condyn_pin.lab.drift import contest, errors, gap_growth, save_laboratory
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.stability import stability_limit
+from lab.drift import contest, errors, gap_growth, save_laboratory
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System

@@ -19,7 +19,8 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import marks
 
 from condyn_pin._core.files import parse_json, read_text
-from condyn_pin.lab.hierarchy import (
+from condyn_pin.study.tables import write_csv
+from lab.hierarchy import (
     FULL,
     HIERARCHIES,
     QUICK,
@@ -28,7 +29,6 @@ from condyn_pin.lab.hierarchy import (
     model_hierarchy,
     save_hierarchies,
 )
-from condyn_pin.study.tables import write_csv
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

@@ -25,8 +25,8 @@ import numpy as np
 
 import condyn_pin as cp
 from condyn_pin._core.timing import machine
-from condyn_pin.lab.drift import rod_pendulum
 from condyn_pin.simulation.integrators import Integrator
+from lab.drift import rod_pendulum
 
 RESULTS = Path(__file__).resolve().parent / "results"
 STEPS = 1_000_000

@@ -1,4 +1,4 @@
-"""Compute the digits of `condyn_pin/lab/problems` that no closed form gives, in extended precision.
+"""Compute the digits of `benchmarks/lab/problems` that no closed form gives, in extended precision.
 
     python benchmarks/problem_answers.py [A03] [car_axis]
 

@@ -24,14 +24,15 @@ import marks
 from method_lines import Lines
 
 import condyn_pin as cp
+import lab
 from condyn_pin._core.show import panels
 from condyn_pin._core.timing import machine
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.lab.problems.base import Problem, Setting
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.drift.no_drift import NoDrift
 from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
+from lab.problems.base import Problem, Setting
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
@@ -163,7 +164,7 @@ def markdown(saved: dict[str, Any]) -> str:
         "| problem | code | what was run | CPU [s] | error stated | processor |",
         "|---|---|---|---|---|---|",
     ]
-    for kind in cp.lab.PROBLEMS.values():
+    for kind in lab.PROBLEMS.values():
         lines += [
             f"| {kind.name} | {p.code} | {p.case} | {p.seconds:g} | {p.error or 'none'} | "
             f"{p.processor} |"
@@ -179,11 +180,11 @@ def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
 
 def measure(names: list[str], quick: bool) -> dict[str, Any]:
     """Run the problems as they are set, then with everything else."""
-    problems = [cp.lab.load_problem(name) for name in names]
+    problems = [lab.load_problem(name) for name in names]
     as_set = [problem.run().to_dict() for problem in problems]
     if "A02" in names:
         place = names.index("A02") + 1
-        as_set.insert(place, cp.lab.load_problem("A02", n=40).run().to_dict())
+        as_set.insert(place, lab.load_problem("A02", n=40).run().to_dict())
     rows = [run(problem, setting) for problem in problems for setting in cases(problem, quick)]
     return {"machine": machine(), "settings": as_set, "rows": [row for row in rows if row]}
 
@@ -192,7 +193,7 @@ def main() -> None:
     """Run everything, write the results, and update the docs."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--quick", action="store_true", help="two steps a method")
-    parser.add_argument("--only", nargs="*", default=list(cp.lab.PROBLEMS), help="problems by name")
+    parser.add_argument("--only", nargs="*", default=list(lab.PROBLEMS), help="problems by name")
     parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
     options = parser.parse_args()
     path = RESULTS / "problems.json"

@@ -23,8 +23,8 @@ import marks
 
 from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin._core.timing import machine
-from condyn_pin.lab.extremes.base import EXTREMES
-from condyn_pin.lab.extremes.report import (
+from lab.extremes.base import EXTREMES
+from lab.extremes.report import (
     Map,
     counts,
     maps,
@@ -34,8 +34,8 @@ from condyn_pin.lab.extremes.report import (
     save_overview,
     write_csv,
 )
-from condyn_pin.lab.extremes.stress import stress, tasks
-from condyn_pin.lab.extremes.verdicts import Outcome, Verdict
+from lab.extremes.stress import stress, tasks
+from lab.extremes.verdicts import Outcome, Verdict
 
 ROOT = Path(__file__).resolve().parent.parent
 RESULTS = ROOT / "benchmarks" / "results"

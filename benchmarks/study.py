@@ -22,6 +22,7 @@ import numpy as np
 from processor_time import processor_time
 
 import condyn_pin as cp
+import lab
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.timing import Call, State
@@ -145,7 +146,7 @@ class BricardMeasure(cp.study.TrajectoryMeasure):
 
     def truth(self, scene: cp.Scene, state: State) -> Array:
         """Return its angle."""
-        problem = cp.lab.load_problem("A04")
+        problem = lab.load_problem("A04")
         return np.array([problem.motion(self.duration)[0]])
 
     def answer(self, workspace: Workspace, state: State, truth: Array, accuracy: float) -> Answer:

@@ -27,23 +27,29 @@ _RENAMED = {
     "Errors": "mechanism.ReductionErrors",
     "Gap": "constraints.ConstraintViolation",
     "Knife": "constraints.KnifeEdge",
-    "LADDERS": "lab.HIERARCHIES",
-    "Ladder": "lab.ModelHierarchy",
-    "LadderEffort": "lab.HierarchyEffort",
-    "LadderRow": "lab.HierarchyRow",
-    "LadderTable": "lab.HierarchyTable",
     "Method": "dynamics.BoundSolver",
     "Moment": "simulation.Snapshot",
     "Proof": "dynamics.Residuals",
-    "Rung": "lab.HierarchyModel",
     "Step": "mechanism.ReductionStep",
-    "ladder": "lab.model_hierarchy",
 }
+
+# What was the room `lab`, and its names: they measure the library.
+_IN_CHECKOUT = (
+    "lab", "EXTREMES", "CONTACT_EXTREMES", "Verdict", "judge", "judge_contact", "right_answers",
+    "HIERARCHIES", "ModelHierarchy", "HierarchyModel", "HierarchyEffort", "HierarchyRow",
+    "HierarchyTable", "model_hierarchy", "PROBLEMS", "Problem", "ProblemResult", "load_problem",
+    "LADDERS", "Ladder", "LadderEffort", "LadderRow", "LadderTable", "Rung", "ladder",
+)  # fmt: skip
 
 
 def __getattr__(name: str) -> Any:
     if name in __all__:
         return _public(name)
+    if name in _IN_CHECKOUT:
+        raise AttributeError(
+            f"module {__name__!r} has no attribute {name!r}: it measures the library and lives in "
+            "a checkout: benchmarks/lab; with `benchmarks` on the path, `import lab`"
+        )
     if now := _now(name):
         warn(f"condyn_pin.{name} is condyn_pin.{now} now", DeprecationWarning, stacklevel=2)
         room, _, member = now.partition(".")

@@ -8,7 +8,6 @@ from . import dynamics as dynamics
 from . import errors as errors
 from . import gradients as gradients
 from . import io as io
-from . import lab as lab
 from . import layers as layers
 from . import mechanism as mechanism
 from . import model as model

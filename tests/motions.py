@@ -7,7 +7,7 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.lab import drift
+from lab import drift
 
 G = 9.81
 

@@ -32,7 +32,7 @@ METHODS = {
 VERBS = (
     "solve", "derivatives", "inverse_dynamics", "gravity_compensation", "operational_space",
     "transmission", "impact", "switch", "solve_contact", "is_integrable", "simulate", "solve_batch",
-    "derivatives_batch", "simulate_batch", "model_hierarchy", "tune",
+    "derivatives_batch", "simulate_batch", "tune",
 )  # fmt: skip
 SOURCED = VERBS[:10]
 COST = re.compile(r"\bCosts?\b|\bTakes\b|\b(us|ms)\b")
@@ -53,8 +53,7 @@ CONVENTIONAL = {
 DIMENSIONLESS = {
     "accuracy", "error", "limit", "condition", "delassus_condition", "rank_tolerance", "common",
     "relative_tolerance", "absolute_tolerance", "absolute_accuracy", "restitution", "rho", "normal",
-    "speedup", "a_worst", "a_median", "a_step", "force_worst", "force_median", "force_step",
-    "error_median", "error_worst",
+    "a_worst", "a_median", "force_worst", "force_median", "error_median", "error_worst",
 }  # fmt: skip
 # The same of one name alone, and why.
 OTHER = {

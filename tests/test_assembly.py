@@ -17,8 +17,8 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.joints import indices
 from condyn_pin._core.tolerances import CLOSED
-from condyn_pin.lab.extremes.base import with_inertias
 from condyn_pin.mechanism.closed_chains import chains_of
+from lab.extremes.base import with_inertias
 
 CLOSED_CHAINS = [
     n for n in ("cassie", "four_bar", "stewart", "delta") if n in cp.io.available_robots()

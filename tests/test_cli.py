@@ -8,9 +8,11 @@ import os
 import shlex
 import subprocess
 import sys
+from collections.abc import Callable
 from contextlib import contextmanager
 from dataclasses import replace
 from io import StringIO
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -18,29 +20,36 @@ from shared import SOLVERS
 from typer.testing import CliRunner
 
 import condyn_pin as cp
+import lab
+import lab.__main__
+import lab.cli
 from condyn_pin.cli.commands import commands
 from condyn_pin.cli.main import app, main
 
 pytestmark = pytest.mark.once
 
+LAB = "python benchmarks/lab"
 COMMANDS = commands() | {
-    f"lab {name}": module for name, module in commands("condyn_pin.cli.lab").items()
+    f"lab {name}": lab.cli for name in ("stress", "problem", "drift", "ladder")
 }
 
 
 def run(line: str, *paths: object):
-    """Run a line, and paths after it."""
-    return CliRunner().invoke(app, [*shlex.split(line), *map(str, paths)])
+    """Run a line of `condyn`, or one that begins with `lab`, and paths after it."""
+    words = [*shlex.split(line), *map(str, paths)]
+    if words[:1] == ["lab"]:
+        return CliRunner().invoke(lab.cli.app, words[1:])
+    return CliRunner().invoke(app, words)
 
 
 @pytest.fixture
 def condyn(monkeypatch, capsys):
     """Run a line as a user does; gives the exit code, stdout and stderr."""
 
-    def call(line: str) -> tuple[int, str, str]:
+    def call(line: str, *, at: Callable[[], None] = main) -> tuple[int, str, str]:
         monkeypatch.setattr(sys, "argv", ["condyn", *shlex.split(line)])
         with pytest.raises(SystemExit) as left:
-            main()
+            at()
         return (left.value.code or 0, *capsys.readouterr())
 
     return call
@@ -101,8 +110,8 @@ def test_a_ladder_is_printed_drawn_and_json(tmp_path, monkeypatch):
         assert said in result.output
     assert (tmp_path / "l.png").read_bytes().startswith(b"\x89PNG")
     monkeypatch.setattr(
-        "condyn_pin.lab.hierarchy.model_hierarchy",
-        lambda name: cp.lab.HierarchyTable((), {}, name, 20),
+        "lab.hierarchy.model_hierarchy",
+        lambda name: lab.HierarchyTable((), {}, name, 20),
     )
     assert json.loads(run("lab ladder talos --json").stdout)["name"] == "talos"
 
@@ -291,9 +300,6 @@ MISTAKES = {
     "show cassie --variant springs": "OPTION=VALUE",
     "show cassie --variant springs=lost": "'lost'",
     "show cassie --variant spring=locked": "did you mean 'springs'",
-    "lab ladder solo12": "no ladder named 'solo12'",
-    "lab ladder talos --plot l.foo": ".png, .svg, .pdf",
-    "lab ladder talos --variant a=b": "`condyn lab ladder --help`",
     "solve talos --solver proximall": "did you mean 'proximal'",
     "solve talos --contacts left_sole": "left_sole_link",
     "solve talos --posture sitting": "half_sitting",
@@ -320,9 +326,6 @@ MISTAKES = {
     "simulate four_bar --save a.txt": ".npz",
     "simulate four_bar --gain 5": "add --drift baumgarte",
     "simulate four_bar --friction 0.5": "four_bar has no ready-made contacts",
-    "lab drift --dt 0": "--dt 0.0: a number > 0 [s]",
-    "lab problem --n 3": "A01",
-    "lab stress --seconds nan": "--seconds nan",
     "view cassie --port 70000": "`condyn view --help`",
     "view cassie --png x.jpg": "x.jpg: the ending says the format: .png",
     "view m.npz --no-loops": "a motion has its own",
@@ -340,7 +343,6 @@ MISTAKES = {
     "view four_bar --at 0.1": "--at 0.1: it is for a motion",
     "view m.npz": "m.npz: no file of a trajectory (No such file or directory)",
     "nothing": "No such command 'nothing'; `condyn --help`",
-    "lab nothing": "No such command 'nothing'; `condyn lab --help`",
     "robots more": "`condyn robots --help` says what there is",
 }
 
@@ -351,6 +353,44 @@ def test_a_mistake_is_a_sentence_and_not_a_traceback(line, condyn):
     assert code == 2
     assert MISTAKES[line] in said
     assert len(said.splitlines()) == 1
+
+
+MISTAKES_IN_THE_LABORATORY = {
+    "ladder solo12": "no ladder named 'solo12'",
+    "ladder talos --plot l.foo": ".png, .svg, .pdf",
+    "ladder talos --variant a=b": f"`{LAB} ladder --help`",
+    "drift --dt 0": "--dt 0.0: a number > 0 [s]",
+    "problem --n 3": "A01",
+    "stress --seconds nan": "--seconds nan",
+    "nothing": f"No such command 'nothing'; `{LAB} --help`",
+}
+
+
+@pytest.mark.parametrize("line", MISTAKES_IN_THE_LABORATORY)
+def test_a_mistake_in_the_laboratory_is_a_sentence_too(line, condyn):
+    code, _, said = condyn(line, at=lab.__main__.main)
+    assert code == 2
+    assert said.startswith("lab: ")
+    assert MISTAKES_IN_THE_LABORATORY[line] in said
+    assert len(said.splitlines()) == 1
+
+
+MOVED = {
+    "lab": "",
+    "lab stress cassie --seconds 5": " stress cassie --seconds 5",
+    "lab --help": " --help",
+    "problem": " problem",
+    "drift --dt 0": " drift --dt 0",
+    "show solo12 --ladder --json": " ladder solo12 --json",
+}
+
+
+@pytest.mark.parametrize("line", MOVED)
+def test_what_measures_the_library_says_where_it_went(line, condyn):
+    code, page, said = condyn(line)
+    assert (code, page) == (2, "")
+    where = f"this measures the library and lives in a checkout: `{LAB}{MOVED[line]}`"
+    assert said == f"condyn: {where}\n"
 
 
 @pytest.mark.parametrize("line", ["show talo --debug", "--debug show talo"])
@@ -382,11 +422,6 @@ def test_a_defect_and_an_interrupt_are_a_line_each(raised, code, line, condyn, m
 
 
 OLD = {
-    "problem": "lab problem",
-    "stress four_bar --families few_iterations --solver soft": "lab stress four_bar --families "
-    "few_iterations --solver soft",
-    "show solo12 --ladder --json": "lab ladder solo12 --json",
-    "drift --dt 0": "lab drift --dt 0",
     "tune four_bar --error 1 --json": "trade --tune four_bar --error 1 --json=-",
 }
 
@@ -549,9 +584,9 @@ def test_json_of_the_answers_equals_the_library():
     assert json.loads(run("robots --json").stdout)["cassie"]["nv"] == 32
 
 
-@pytest.mark.parametrize("line", ["", "lab"])
-def test_nothing_asked_is_help(line, condyn):
-    code, page, said = condyn(line)
+@pytest.mark.parametrize("at", [main, lab.__main__.main])
+def test_nothing_asked_is_help(at, condyn):
+    code, page, said = condyn("", at=at)
     assert (code, said) == (0, "")
     assert "--help" in page
 
@@ -578,8 +613,6 @@ def test_help_is_a_page_of_the_manual():
         ("condyn bench --solvers soft,nu", "soft,nullspace"),
         ("condyn simulate x --integrator rat", "rattle"),
         ("condyn simulate x --drift bau", "baumgarte"),
-        ("condyn lab problem heavy", "heavy_top"),
-        ("condyn lab stress --families few", "few_iterations"),
         ("condyn trade --measure fo", "forces"),
     ],
 )
@@ -589,6 +622,13 @@ def test_the_shell_completes(line, said):
         app, [], prog_name="condyn", env={"_CONDYN_COMPLETE": "complete_bash", **words}
     )
     assert said in result.output.split()
+
+
+def test_the_laboratory_is_a_command_from_anywhere(tmp_path):
+    folder = Path(__file__).parents[1] / "benchmarks" / "lab"
+    line = [sys.executable, folder, "stress", "--families", "fast", "--solver", "soft", "four_bar"]
+    found = subprocess.run(line, capture_output=True, text=True, check=True, cwd=tmp_path)
+    assert "8 cases on Pinocchio" in found.stdout
 
 
 def test_the_package_is_a_command_too():

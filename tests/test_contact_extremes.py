@@ -8,18 +8,18 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
-from condyn_pin.cli.main import app
 from condyn_pin.contact import ADMM, PGS, ContactProblem, SemismoothNewton, natural_residual
 from condyn_pin.contact.solvers import CONTACT_SOLVERS
 from condyn_pin.contact.solvers.base import Attempt, ContactSolver
 from condyn_pin.errors import CondynError
-from condyn_pin.lab import CONTACT_EXTREMES, EXTREMES, Verdict, judge_contact
-from condyn_pin.lab.extremes.stress import Memory, answers, asked, methods, stress, tasks
-from condyn_pin.lab.extremes.verdicts import Task, long_residual
+from lab import CONTACT_EXTREMES, EXTREMES, Verdict, judge_contact
+from lab.cli import app
+from lab.extremes.stress import Memory, answers, asked, methods, stress, tasks
+from lab.extremes.verdicts import Task, long_residual
 
 each_family = pytest.mark.parametrize("name", CONTACT_EXTREMES)
 
-# Those of a family whose Newton takes a minute: they are for `condyn lab stress`.
+# Those of a family whose Newton takes a minute: they are for `python benchmarks/lab stress`.
 LARGE = {"stack": 5, "corners": 32}
 
 
@@ -154,7 +154,7 @@ def test_stress_runs_them_in_a_process_of_their_own():
 def test_the_command_says_how_far_solvers_go(tmp_path):
     table = tmp_path / "stress.csv"
     said = CliRunner().invoke(
-        app, ["lab", "stress", "--families", "grazing", "--solvers", "admm", "--csv", str(table)]
+        app, ["stress", "--families", "grazing", "--solvers", "admm", "--csv", str(table)]
     )
     assert said.exit_code == 0
     assert "Share of its weight" in said.stdout

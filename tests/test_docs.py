@@ -21,6 +21,7 @@ from typer.testing import CliRunner
 import condyn_pin as cp
 from condyn_pin._core import _pin
 from condyn_pin.cli.main import app
+from lab.cli import app as lab_app
 
 ROOT = Path(__file__).parent.parent
 README = ROOT / "README.md"
@@ -109,6 +110,13 @@ def test_condyn_commands_run(line, elsewhere):
         cp.simulate(scene, *scene.state(), duration=0.05).save("run.npz")
     result = CliRunner().invoke(app, shlex.split(line)[1:])
     assert result.exit_code in ((0,) if commands()[line] == README else (0, 1)), result.output
+
+
+@pytest.mark.once
+@pytest.mark.parametrize("line", [x for x in commands() if x.startswith("python benchmarks/lab ")])
+def test_commands_of_the_laboratory_run(line, elsewhere):
+    result = CliRunner().invoke(lab_app, shlex.split(line)[2:])
+    assert result.exit_code in (0, 1), result.output
 
 
 def test_every_command_is_of_a_kind_that_is_tested():

@@ -18,15 +18,15 @@ from typer.testing import CliRunner
 import condyn_pin as cp
 from condyn_pin._core import tolerances
 from condyn_pin._core._pin import VERSION_TEXT, pin
-from condyn_pin.cli.main import app
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.errors import CondynError
-from condyn_pin.lab.extremes import EXTREMES
-from condyn_pin.lab.extremes.base import Units, shifts
-from condyn_pin.lab.extremes.planar_chain import accelerations
-from condyn_pin.lab.extremes.report import counts, maps, read_csv, short
-from condyn_pin.lab.extremes.stress import ROBOTS, Memory, answers, methods, mixed, stress, tasks
-from condyn_pin.lab.extremes.verdicts import (
+from lab.cli import app
+from lab.extremes import EXTREMES
+from lab.extremes.base import Units, shifts
+from lab.extremes.planar_chain import accelerations
+from lab.extremes.report import counts, maps, read_csv, short
+from lab.extremes.stress import ROBOTS, Memory, answers, methods, mixed, stress, tasks
+from lab.extremes.verdicts import (
     Outcome,
     Task,
     Verdict,
@@ -438,7 +438,8 @@ def test_broken_solvers_are_found_and_do_not_stop_the_run():
 def test_a_script_without_a_guard_is_told_so(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        "from condyn_pin.lab.extremes.stress import stress, tasks\nstress(tasks(['strong'])[:1])\n"
+        f"import sys\nsys.path.append({str(ROOT / 'benchmarks')!r})\n"
+        "from lab.extremes.stress import stress, tasks\nstress(tasks(['strong'])[:1])\n"
     )
     done = subprocess.run([sys.executable, str(script)], capture_output=True, text=True)
     assert done.returncode == 1
@@ -587,7 +588,6 @@ def test_severities_are_written_shortly(number, text):
 def test_command_prints_advice_and_counts_and_draws(tmp_path):
     plot, table = tmp_path / "s.png", tmp_path / "s.csv"
     line = [
-        "lab",
         "stress",
         "four_bar",
         "--solver",
@@ -604,7 +604,7 @@ def test_command_prints_advice_and_counts_and_draws(tmp_path):
 
 
 def test_a_robot_that_does_not_exist_is_no_refusal():
-    line = ["lab", "stress", "nope", "--solver", "proximal", "--families", "few_iterations"]
+    line = ["stress", "nope", "--solver", "proximal", "--families", "few_iterations"]
     result = CliRunner().invoke(app, line)
     assert isinstance(result.exception, cp.errors.UnknownName)
     assert "no robot named 'nope'" in str(result.exception)

@@ -11,7 +11,8 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin.cli.main import app
-from condyn_pin.lab.drift import area, contest, errors, gap_growth, rod_pendulum, stability_map
+from lab.cli import app as lab_app
+from lab.drift import area, contest, errors, gap_growth, rod_pendulum, stability_map
 
 BENCHMARKS = Path(__file__).parent.parent / "benchmarks"
 QUICK = (
@@ -106,7 +107,7 @@ def test_fast_pendulums_are_projected_with_the_rows_of_their_place():
 @pytest.mark.once  # a picture
 def test_pictures_show_the_numbers(tmp_path):
     pyplot = pytest.importorskip("matplotlib.pyplot")
-    from condyn_pin.lab import drift as laboratory
+    from lab import drift as laboratory
 
     growths = {"RK4": gap_growth(cp.RungeKutta4(), dt=2e-2, steps=200)}
     found = contest(1e-2, 50)
@@ -127,14 +128,18 @@ def run(*words: str):
     return CliRunner().invoke(app, list(words))
 
 
+def measure(*words: str):
+    return CliRunner().invoke(lab_app, list(words))
+
+
 @pytest.mark.once  # a command's words
 def test_condyn_drift(tmp_path):
-    result = run("lab", "drift", "--steps", "60", "--plot", str(tmp_path / "d.png"))
+    result = measure("drift", "--steps", "60", "--plot", str(tmp_path / "d.png"))
     assert result.exit_code == 0, result.output
     for said in ("0.828", "2.785", "RATTLE", "t^2.00", "60 steps of 10 ms"):
         assert said in result.output
     assert (tmp_path / "d.png").exists()
-    assert isinstance(run("lab", "drift", "--plot", "nowhere/d.png").exception, cp.InvalidArgument)
+    assert isinstance(measure("drift", "--plot", "nowhere/d.png").exception, cp.InvalidArgument)
 
 
 def test_condyn_simulate(tmp_path):

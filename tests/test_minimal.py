@@ -13,15 +13,16 @@ import pytest
 from shared import all_scenes, relative, robot
 
 import condyn_pin as cp
+import lab
 from condyn_pin._core.joints import indices
 from condyn_pin._core.timing import Times
 from condyn_pin._core.tolerances import EXACT
 from condyn_pin.dynamics.scene import motor_torque
-from condyn_pin.lab import hierarchy
-from condyn_pin.lab.hierarchy import climb, draw_hierarchy, save_hierarchies
 from condyn_pin.mechanism.reduction import loaded, same_motion, standing_torque
+from lab import hierarchy
+from lab.hierarchy import climb, draw_hierarchy, save_hierarchies
 
-FEW = cp.lab.HierarchyEffort(states=2, rounds=5, repeats=2)
+FEW = lab.HierarchyEffort(states=2, rounds=5, repeats=2)
 
 
 @functools.cache
@@ -209,16 +210,16 @@ def invented(trials, **_) -> dict:
 
 
 @functools.cache
-def table(name: str) -> cp.lab.HierarchyTable:
+def table(name: str) -> lab.HierarchyTable:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(hierarchy, "time_trials", invented)
-        return cp.lab.model_hierarchy(name, effort=FEW)
+        return lab.model_hierarchy(name, effort=FEW)
 
 
 def test_cassies_ladder():
     rows = {row.label: row for row in table("cassie").rows}
     assert next(iter(rows)) == "springs free"
-    assert all(isinstance(row, cp.lab.HierarchyRow) for row in rows.values())
+    assert all(isinstance(row, lab.HierarchyRow) for row in rows.values())
     sizes = [(row.nv, row.rows) for row in rows.values()]
     assert sizes == [(32, 24), (28, 18), (24, 18), (18, 12), (18, 12)]
     assert rows["springs free"].a_worst == 0.0
@@ -242,9 +243,9 @@ def test_taloss_ladder():
     assert table("talos").fastest(1e-6).label in ("eight corners", "two surfaces")
 
 
-@pytest.mark.parametrize("name", list(cp.lab.HIERARCHIES))
+@pytest.mark.parametrize("name", list(lab.HIERARCHIES))
 def test_the_same_motion_is_closed_in_every_rung(name):
-    chosen = cp.lab.HIERARCHIES[name]
+    chosen = lab.HIERARCHIES[name]
     scenes = chosen.scenes()
     source = scenes[chosen.sampled]
     joints = ("root_joint", *list(scenes.values())[-1].robot.actuated)
@@ -286,7 +287,7 @@ def test_tables_travel(tmp_path):
     saved = json.loads((tmp_path / "l.json").read_text())
     assert saved["machine"]["pinocchio"]
     assert saved["rows"][2]["nv"] == 20
-    assert cp.lab.HierarchyTable.from_json(tmp_path / "l.json") == found
+    assert lab.HierarchyTable.from_json(tmp_path / "l.json") == found
     assert found.to_markdown().count("\n") == len(found.rows) + 1
     assert "eight corners" in str(found)
     assert pickle.loads(pickle.dumps(found)) == found
@@ -301,26 +302,26 @@ def test_tables_travel(tmp_path):
 
 def test_an_unknown_ladder_is_named():
     with pytest.raises(cp.errors.UnknownName, match="did you mean 'cassie'"):
-        cp.lab.model_hierarchy("casie")
+        lab.model_hierarchy("casie")
 
 
 def test_a_ladder_that_no_solver_takes_has_no_times(monkeypatch):
     monkeypatch.setattr(hierarchy, "_solvers", lambda: (cp.Proximal(),))
     bar = robot("four_bar")
     rod = cp.Scene(bar, [cp.Loop("crank_tip", "rocker_tip", "rod", length=0.8)])
-    (row,) = climb(cp.lab.ModelHierarchy("mine", lambda: rod, "rod", (), "rod"), effort=FEW).rows
+    (row,) = climb(lab.ModelHierarchy("mine", lambda: rod, "rod", (), "rod"), effort=FEW).rows
     assert (row.solver, row.slower_as) == ("none says ok", "")
     assert math.isnan(row.us)
 
 
 def test_a_ladder_of_ones_own():
     bar = robot("four_bar")
-    mine = cp.lab.ModelHierarchy(
+    mine = lab.ModelHierarchy(
         "mine",
         lambda: cp.Scene(bar, bar.loops),
         "whole",
         (
-            cp.lab.HierarchyModel(
+            lab.HierarchyModel(
                 "rod",
                 "the coupler is light",
                 lambda s: cp.mechanism.rods_as_distances(s, ["coupler"]),

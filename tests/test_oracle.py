@@ -13,9 +13,9 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.tolerances import REFERENCE_RANK
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.lab.extremes import EXTREMES
-from condyn_pin.lab.extremes.base import with_inertias
-from condyn_pin.lab.extremes.verdicts import right_answers
+from lab.extremes import EXTREMES
+from lab.extremes.base import with_inertias
+from lab.extremes.verdicts import right_answers
 
 KINDS = {
     **{kind: (cp.Loop("hand", "foot", kind, axis=axis_of(kind, "y")),) for kind in

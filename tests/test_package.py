@@ -76,6 +76,12 @@ def test_an_unknown_name_is_an_attribute_error():
         _ = cp.nothing
 
 
+@pytest.mark.parametrize("name", ["lab", "EXTREMES", "LADDERS"])
+def test_what_measures_the_library_says_where_it_went(name):
+    with pytest.raises(AttributeError, match=f"'{name}': it measures the library and lives in a c"):
+        getattr(cp, name)
+
+
 def modules_after(code: str) -> set[str]:
     program = f"{code}\nimport sys; print(*sys.modules)"
     result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
@@ -144,6 +150,15 @@ def test_nothing_in_the_library_prints():
         calls = [n for n in ast.walk(ast.parse(path.read_text())) if isinstance(n, ast.Call)]
         printed = [c.lineno for c in calls if getattr(c.func, "id", "") == "print"]
         assert not printed, f"{path}: print in lines {printed}; return a text, or use cli/output.py"
+
+
+def test_nothing_in_the_library_needs_a_checkout():
+    """What measures it is in `benchmarks`, which no wheel has."""
+    for path in PACKAGE.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            names = [alias.name for alias in node.names] if isinstance(node, ast.Import) else []
+            names += [node.module or ""] if isinstance(node, ast.ImportFrom) else []
+            assert "lab" not in {name.split(".")[0] for name in names}, path
 
 
 def test_marker_for_type_checkers_is_there():

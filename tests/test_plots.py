@@ -180,7 +180,7 @@ def test_the_overview_counts_what_the_file_says():
 
     from matplotlib.figure import Figure
 
-    from condyn_pin.lab.extremes.report import Cell, maps_of_csv, overview, read_csv
+    from lab.extremes.report import Cell, maps_of_csv, overview, read_csv
 
     path = Path(__file__).parent.parent / "benchmarks" / "results" / "stress.csv"
     rows = read_csv(path)

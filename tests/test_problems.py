@@ -17,20 +17,19 @@ from shared import relative
 from typer.testing import CliRunner
 
 import condyn_pin as cp
+import lab
 from condyn_pin._core._pin import pin
-from condyn_pin.cli.main import app
-from condyn_pin.lab.problems.base import Limit, Problem, Setting
-from condyn_pin.lab.problems.mechanisms import _inertia_and_height
 from condyn_pin.simulation.drift.no_drift import NoDrift
+from lab.cli import app
+from lab.problems.base import Limit, Problem, Setting
+from lab.problems.mechanisms import _inertia_and_height
 
 GRAVITY = 9.81
-EVERY = [*cp.lab.PROBLEMS, "A02, n = 40"]
+EVERY = [*lab.PROBLEMS, "A02, n = 40"]
 
 
 def problem(label: str) -> Problem:
-    return (
-        cp.lab.load_problem("A02", n=40) if label == "A02, n = 40" else cp.lab.load_problem(label)
-    )
+    return lab.load_problem("A02", n=40) if label == "A02, n = 40" else lab.load_problem(label)
 
 
 @pytest.fixture(params=EVERY)
@@ -75,7 +74,7 @@ def test_answer_of_the_pendulum(t):
     u, m = mp.sqrt(mp.mpf("9.81")) * mp.mpf(t), mp.mpf("0.5")
     s = -mp.sqrt(m) * mp.ellipfun("cd", u, m=m)
     wanted = [2 * s * mp.sqrt(1 - s * s), 2 * s * s - 1]
-    assert np.abs(cp.lab.load_problem("A01").answer(t) - [float(x) for x in wanted]).max() < 1e-14
+    assert np.abs(lab.load_problem("A01").answer(t) - [float(x) for x in wanted]).max() < 1e-14
 
 
 @pytest.mark.parametrize("n", [1, 2, 40])
@@ -90,7 +89,7 @@ def test_answer_of_the_n_four_bar(n, t):
     sn, cn, dn = (mp.ellipfun(name, u, m=m) for name in ("sn", "cn", "dn"))
     x, z, rate = 2 * sn * cn, sn * sn - cn * cn, -W * dn
     wanted = [float(each) for each in (x, z, -z * rate, x * rate)]
-    assert np.abs(cp.lab.load_problem("A02", n=n).answer(t) - wanted).max() < 2e-13
+    assert np.abs(lab.load_problem("A02", n=n).answer(t) - wanted).max() < 2e-13
 
 
 # a, a' and P3 by extrapolation in extended precision of the equation of motion in a
@@ -106,7 +105,7 @@ BRICARD = {
 
 @pytest.mark.parametrize("t", BRICARD)
 def test_answer_of_bricard(t):
-    bricard = cp.lab.load_problem("A04")
+    bricard = lab.load_problem("A04")
     found = [*bricard.motion(t), *bricard.answer(t)]
     assert np.abs(np.array(found) - BRICARD[t]).max() < 2e-13
 
@@ -117,9 +116,9 @@ def test_answers_of_the_test_set():
         15.81077119629904, -15.75637105984298, 0.04082224013073101, -0.5347301163226948,
         0.5244099658805303, 0.5347301163226948, 1.048080741042263,
     )  # fmt: skip
-    assert np.abs(cp.lab.load_problem("A03").answer(0.03) / andrews - 1).max() < 3e-10
+    assert np.abs(lab.load_problem("A03").answer(0.03) / andrews - 1).max() < 3e-10
     car_axis = (0.04934557842754028, 0.49698946023017115, 1.0417425248854215, 0.37391102726536124)
-    assert np.abs(cp.lab.load_problem("car_axis").answer(3.0) / car_axis - 1).max() < 4e-13
+    assert np.abs(lab.load_problem("car_axis").answer(3.0) / car_axis - 1).max() < 4e-13
 
 
 # Scenes: their accelerations against the equations of the literature
@@ -134,14 +133,14 @@ def acceleration(one: Problem, t: float, q: np.ndarray, v: np.ndarray) -> np.nda
 def test_scene_of_the_pendulum(psi, rate):
     q = np.array([np.sin(psi), -np.cos(psi)])
     along = np.array([np.cos(psi), np.sin(psi)])
-    a = acceleration(cp.lab.load_problem("A01"), 0.0, q, rate * along)
+    a = acceleration(lab.load_problem("A01"), 0.0, q, rate * along)
     assert np.abs(a - (-GRAVITY * np.sin(psi) * along - rate**2 * q)).max() < 1e-13
 
 
 @pytest.mark.parametrize("n", [2, 40])
 @pytest.mark.parametrize("t", [0.2, 1.4])
 def test_scene_of_the_n_four_bar(n, t):
-    one = cp.lab.load_problem("A02", n=n)
+    one = lab.load_problem("A02", n=n)
     x, z, dx, dz = one.answer(t)
     theta, rate = np.arctan2(z, x), x * dz - z * dx
     signs = np.array([1.0, *([-1.0, 1.0] * n)])
@@ -152,7 +151,7 @@ def test_scene_of_the_n_four_bar(n, t):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_scene_of_andrews(seed):
-    one = cp.lab.load_problem("A03")
+    one = lab.load_problem("A03")
     rng = np.random.default_rng(seed)
     q, v = one.scene.sample(rng)
     v *= 1000.0
@@ -167,7 +166,7 @@ def test_scene_of_andrews(seed):
 @pytest.mark.parametrize("t", [0.1, 0.9, 1.9, 4.4])
 def test_scene_of_bricard(t):
     """m a'' = -m'(a) a'^2 / 2 - V'(a), with differences of the fourth order for m' and V'."""
-    one = cp.lab.load_problem("A04")
+    one = lab.load_problem("A04")
     a, rate = one.motion(t)
     b = np.arcsin(-np.sin(a) / (1 + np.sin(a)))
     db = -np.cos(a) / ((1 + np.sin(a)) ** 2 * np.cos(b))
@@ -186,7 +185,7 @@ def test_scene_of_bricard(t):
 @pytest.mark.parametrize("s", [0.4, 0.6])
 def test_scene_of_the_car_axis(t, s):
     """At states that satisfy both constraints exactly: s along the line, psi of the axle."""
-    one = cp.lab.load_problem("car_axis")
+    one = lab.load_problem("car_axis")
     B, dB, _ = classical.road(t)
     psi, ds, dpsi = -0.2, 0.3, 0.8
     across, dacross = np.array([-B[1], B[0]]), np.array([-dB[1], dB[0]])
@@ -209,7 +208,7 @@ def test_scene_of_the_heavy_top(seed):
     arm = np.array([0.0, 1.0, 0.0])
     q = np.concatenate([R @ arm, pin.Quaternion(R).coeffs()])
     v = np.concatenate([np.cross(omega, arm), omega])
-    a = acceleration(cp.lab.load_problem("heavy_top"), 0.0, q, v)
+    a = acceleration(lab.load_problem("heavy_top"), 0.0, q, v)
     across, e = 0.234375 + 15.0, R @ arm
     L = R @ (np.array([across, 0.46875, across]) * omega)
     de = np.cross(L, e) / across
@@ -238,7 +237,7 @@ def test_scenes_in_mujoco(label):
 @pytest.mark.parametrize("name", ["A03"])
 def test_the_potential_is_that_of_the_torque(name):
     """tau = -dU/dq, by central differences."""
-    one = cp.lab.load_problem(name)
+    one = lab.load_problem(name)
     q, v = one.scene.sample(np.random.default_rng(1))
     h = 1e-6
     slope = [(one.potential(q + d) - one.potential(q - d)) / (2 * h) for d in h * np.eye(len(q))]
@@ -256,22 +255,22 @@ def test_two_problems_of_one_name_are_refused():
 
 
 def test_loading():
-    assert cp.lab.load_problem("A02", n=7).n == 7
+    assert lab.load_problem("A02", n=7).n == 7
     with pytest.raises(cp.errors.UnknownName, match="did you mean 'A02'"):
-        cp.lab.load_problem("A2")
+        lab.load_problem("A2")
     with pytest.raises(cp.InvalidArgument, match="A01 has no size; A02 has"):
-        cp.lab.load_problem("A01", n=2)
+        lab.load_problem("A01", n=2)
     for n in (0, 1.5, "two", True):
         with pytest.raises(cp.InvalidArgument, match="a whole number of at least 1"):
-            cp.lab.load_problem("A02", n=n)
+            lab.load_problem("A02", n=n)
 
 
 @functools.cache
-def as_set(label: str) -> cp.lab.ProblemResult:
+def as_set(label: str) -> lab.ProblemResult:
     return problem(label).run()
 
 
-@pytest.mark.parametrize("label", cp.lab.PROBLEMS)
+@pytest.mark.parametrize("label", lab.PROBLEMS)
 def test_a_problem_meets_its_finest_limit_as_it_is_set(label):
     result = as_set(label)
     assert result.met == result.problem.limits, str(result)
@@ -291,20 +290,20 @@ def test_what_is_promised():
 
 def test_forty_cells_through_the_flat_posture_forty_times():
     """The library's own case: 20 s, high precision."""
-    result = cp.lab.load_problem("A02", n=40).run()
+    result = lab.load_problem("A02", n=40).run()
     assert result.error < 1e-3
     assert result.met == result.problem.limits
     assert result.violation < 1e-8
 
 
 def test_a_part_of_a_problem_earns_no_verdict():
-    result = cp.lab.load_problem("A04").run(duration=1.0)
+    result = lab.load_problem("A04").run(duration=1.0)
     assert result.verdict == "no verdict: 1 s of 10 s"
     assert result.met == ()
 
 
 def test_the_error_falls_with_the_order_of_the_integrator():
-    bricard = cp.lab.load_problem("A04")
+    bricard = lab.load_problem("A04")
     coarse, fine = (
         bricard.run(dt=dt, drift=cp.Baumgarte(10.0, 10.0), duration=1.0) for dt in (0.02, 0.01)
     )
@@ -313,7 +312,7 @@ def test_the_error_falls_with_the_order_of_the_integrator():
 
 def test_a_motion_that_ends_early_is_a_failure_and_not_an_exception():
     """Without drift control the third singular passage or so is the last."""
-    result = cp.lab.load_problem("A02").run(drift=NoDrift(), dt=0.005)
+    result = lab.load_problem("A02").run(drift=NoDrift(), dt=0.005)
     assert result.ended
     assert result.verdict.startswith("failed: ")
     assert result.met == ()
@@ -332,23 +331,23 @@ def test_a_motion_that_ends_early_is_a_failure_and_not_an_exception():
 )
 def test_what_cannot_be_run_is_refused(options, said):
     with pytest.raises(cp.InvalidArgument, match=said):
-        cp.lab.load_problem("A01").run(**options)
+        lab.load_problem("A01").run(**options)
 
 
 def test_a_problem_known_at_its_end_only_runs_to_there():
     with pytest.raises(cp.InvalidArgument, match=r"duration = 0.01: .* known at 0.03 and 0.05 s"):
-        cp.lab.load_problem("A03").run(duration=0.01)
-    assert cp.lab.load_problem("A03").run(duration=0.05).error < 1e-10
+        lab.load_problem("A03").run(duration=0.01)
+    assert lab.load_problem("A03").run(duration=0.05).error < 1e-10
 
 
 def test_limits_are_judged_by_what_the_problem_says():
-    result = cp.lab.load_problem("A01").run(dt=0.01, drift=cp.Baumgarte(3.0, 3.0))
+    result = lab.load_problem("A01").run(dt=0.01, drift=cp.Baumgarte(3.0, 3.0))
     assert result.judged == result.energy_drift
     assert result.met == (Limit("5e-5 J", 5e-5, "what EXUDYN's example aims at"),)
 
 
 def test_a_setting_is_used_as_a_whole_or_not_at_all():
-    one = cp.lab.load_problem("A04")
+    one = lab.load_problem("A04")
     assert one.run(duration=0.1).setting == one.setting
     assert one.run(duration=0.1, dt=0.01).setting == Setting(0.01)
 
@@ -374,12 +373,12 @@ def test_tables_are_those_of_the_committed_results(monkeypatch):
 
 
 def run(*words: str):
-    return CliRunner().invoke(app, ["lab", "problem", *words])
+    return CliRunner().invoke(app, ["problem", *words])
 
 
 def test_the_command_lists_every_problem():
     output = run().output
-    for name in cp.lab.PROBLEMS:
+    for name in lab.PROBLEMS:
         assert name in output
 
 

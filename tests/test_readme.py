@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-import condyn_pin as cp
+import lab
 from condyn_pin._core._pin import HAS_LCABA
 
 pytestmark = pytest.mark.once
@@ -168,7 +168,7 @@ def test_weights_are_of_families_that_there_are():
     found, machine = auto_mu.load(RESULTS / "auto_mu.json")
     table = (RESULTS / "auto_mu.md").read_text(encoding="utf-8")
     assert auto_mu.markdown(found, machine) == table
-    assert {c.task.family for c in found} <= set(cp.lab.EXTREMES)
+    assert {c.task.family for c in found} <= set(lab.EXTREMES)
 
 
 def test_sentences_say_what_the_committed_results_say():

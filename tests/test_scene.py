@@ -14,9 +14,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.tolerances import CLOSED
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
-from condyn_pin.lab.extremes import EXTREMES
 from condyn_pin.mechanism.closed_chains import chains_of
 from condyn_pin.mechanism.closing import Closer
+from lab.extremes import EXTREMES
 
 # rows, rank, mobility: counted by hand or taken from an independent engine
 COUNTS = {

@@ -13,9 +13,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.rows.pinocchio import NEARLY, ONE
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
-from condyn_pin.lab.extremes import EXTREMES
-from condyn_pin.lab.extremes.verdicts import error_of, right_answers
 from condyn_pin.mechanism.closing import Closer
+from lab.extremes import EXTREMES
+from lab.extremes.verdicts import error_of, right_answers
 
 SOLVERS = [cp.Proximal(), *([cp.LCABA()] if hasattr(pin, "lcaba") else [])]
 HANDS = ("gripper_left_base_link", "gripper_right_base_link")

@@ -18,6 +18,7 @@ from lost import KillsOnce
 from shared import all_scenes, relative
 
 import condyn_pin as cp
+import lab
 from condyn_pin._core._pin import HAS_LCABA
 from condyn_pin._core.arguments import ITERATIONS, WEIGHTS
 from condyn_pin.study import case
@@ -380,7 +381,7 @@ def test_given_states_have_to_be_closed(label, states, error, said):
 def test_names_of_robots_and_hierarchies_stand_for_their_scenes():
     table = cp.Study(["four_bar", "pendulum"], [cp.Proximal()], states=1).run(timed=False)
     assert [row.scene for row in table.rows] == ["four_bar loops", "pendulum free"]
-    models = cp.lab.HIERARCHIES["talos"].scenes()
+    models = lab.HIERARCHIES["talos"].scenes()
     table = cp.Study(models, [cp.Proximal()], states=1).run(timed=False)
     assert [row.scene for row in table.rows] == list(models)
     assert all(row.ok for row in table.rows)

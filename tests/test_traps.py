@@ -22,7 +22,7 @@ import condyn_pin as cp
 from condyn_pin._core import _pin
 from condyn_pin._core._pin import HAS_LCABA, pin
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
-from condyn_pin.lab.extremes.base import Units
+from lab.extremes.base import Units
 
 GRAVITY = 9.81
 LIBRARY = Path(cp.__file__).parent

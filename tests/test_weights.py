@@ -11,8 +11,8 @@ from shared import all_scenes, relative, robot, states, takes, truth
 
 import condyn_pin as cp
 from condyn_pin._core._pin import factorise_constraints, pin
-from condyn_pin.lab.extremes import EXTREMES
-from condyn_pin.lab.extremes.verdicts import Task, error_of, right_answers
+from lab.extremes import EXTREMES
+from lab.extremes.verdicts import Task, error_of, right_answers
 
 BENCHMARKS = str(Path(__file__).parent.parent / "benchmarks")
 

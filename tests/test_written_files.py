@@ -21,10 +21,11 @@ from condyn_pin._core import files
 from condyn_pin._core.files import atomic_write, check_writable, write_text
 from condyn_pin._core.show import write_figure
 from condyn_pin.cli.main import app
-from condyn_pin.lab.extremes.report import write_csv as write_maps
 from condyn_pin.study import fresh as plans
 from condyn_pin.study.bench import bench
 from condyn_pin.study.case import Results
+from lab.cli import app as lab_app
+from lab.extremes.report import write_csv as write_maps
 
 pytestmark = pytest.mark.once
 
@@ -218,15 +219,15 @@ def test_plans_that_say_something_else_are_none(key, value, tmp_path):
 
 
 def test_a_table_of_something_else_is_not_lost(tmp_path):
-    """`condyn lab stress` keeps the lines of other Pinocchios: it looks at the file first."""
+    """A stress run keeps the lines of other Pinocchios: it looks at the file first."""
     path = tmp_path / "mine.csv"
     for text in ("a,b\n1,2\n", "pinocchio\n3.9\n", "\xff" * 200_000):
         path.write_text(text, encoding="utf-16")
-        done = CliRunner().invoke(app, ["lab", "stress", "--csv", str(path)])
+        done = CliRunner().invoke(lab_app, ["stress", "--csv", str(path)])
         assert isinstance(done.exception, cp.InvalidArgument), done.exception
         path.write_text(text, encoding="utf-8")
         if len(text) < 100:
-            with pytest.raises(cp.InvalidArgument, match=r"mine\.csv: no table of `condyn lab"):
+            with pytest.raises(cp.InvalidArgument, match=r"mine\.csv: no table of `python"):
                 write_maps([], path, "4.1.0")
             assert path.read_text(encoding="utf-8") == text
 

@@ -1,4 +1,4 @@
-"""The command line: its commands are in `condyn_pin.cli.commands` and `condyn_pin.cli.lab`."""
+"""The command line: its commands are in `condyn_pin.cli.commands`."""
 
 from __future__ import annotations
 
@@ -65,8 +65,6 @@ def _group(package: str, epilog: str | None = None) -> typer.Typer:
 
 
 app = _group("condyn_pin.cli.commands", _EPILOG)
-_LAB = "Hard questions, benchmark problems, drift of integrators, and what smaller models cost."
-app.add_typer(_group("condyn_pin.cli.lab"), name="lab", help=_LAB, rich_help_panel="Measure")
 
 
 def _print_version(wanted: bool) -> None:
@@ -96,43 +94,50 @@ def options(
 
 
 def main() -> None:
-    """Run the command line; errors are one line, with a traceback only under --debug."""
-    words = _of_today([word for word in sys.argv[1:] if word != "--debug"])
-    if words in ([], ["lab"]):
-        words += ["--help"]
+    """Run the command line."""
+    run(app, _of_today([word for word in sys.argv[1:] if word != "--debug"]), "condyn")
+
+
+def run(app: typer.Typer, words: list[str], program: str) -> NoReturn:
+    """Run a line of commands; errors are one line, with a traceback only under --debug."""
+    words = [word for word in words if word != "--debug"] or ["--help"]
+    name = program.rpartition("/")[2]
     try:
-        code = app(words, prog_name="condyn", standalone_mode=False)
+        code = app(words, prog_name=program, standalone_mode=False)
         sys.stdout.flush()  # a full disk, while it can still be told
     except KeyboardInterrupt:
         code = INTERRUPTED
     except Exception as error:
         if say := getattr(error, "format_message", None):  # a line that Typer cannot read
-            known = {"lab", *commands(), *commands("condyn_pin.cli.lab")}
-            named = [word for word in words[: 1 + (words[0] == "lab")] if word in known]
-            command = " ".join(["condyn", *named, "--help"])
-            _end(f"{say().rstrip('.')}; `{command}` says what there is", _CANNOT)
+            known = getattr(typer.main.get_command(app), "commands", {})
+            named = [word for word in words[:1] if word in known]
+            command = " ".join([program, *named, "--help"])
+            _end(f"{say().rstrip('.')}; `{command}` says what there is", _CANNOT, name)
         if "--debug" in sys.argv:
             warn(traceback.format_exc())
             sys.exit(1)
         if isinstance(error, (CondynError, OSError)):  # the second: a disk that is full
-            _end(str(error), _CANNOT)
+            _end(str(error), _CANNOT, name)
         _end(
             f"{type(error).__name__}: {error}; this is a bug: the same line with "
             "--debug shows where",
             _UNEXPECTED,
+            name,
         )
     if code == INTERRUPTED:
-        _end("interrupted", INTERRUPTED)
+        _end("interrupted", INTERRUPTED, name)
     sys.exit(code or 0)
 
 
 def _of_today(words: list[str]) -> list[str]:
     """Command line of the last version in today's words, with a warning; gone with the next."""
     match words:
+        case ["lab", *rest]:
+            _end_in_checkout(rest)
         case ["drift" | "problem" | "stress", *_]:
-            now = ["lab", *words]
+            _end_in_checkout(words)
         case ["show", *rest] if "--ladder" in rest:
-            now = ["lab", "ladder", *(word for word in rest if word != "--ladder")]
+            _end_in_checkout(["ladder", *(word for word in rest if word != "--ladder")])
         case ["tune", *rest]:
             now = ["trade", "--tune", *("--json=-" if word == "--json" else word for word in rest)]
         case _:
@@ -141,9 +146,15 @@ def _of_today(words: list[str]) -> list[str]:
     return now
 
 
-def _end(text: str, code: int) -> NoReturn:
+def _end_in_checkout(words: list[str]) -> NoReturn:
+    """Exit 2 with the line that runs a command of the laboratory from a checkout."""
+    line = " ".join(["python benchmarks/lab", *words])
+    _end(f"this measures the library and lives in a checkout: `{line}`", _CANNOT)
+
+
+def _end(text: str, code: int, name: str = "condyn") -> NoReturn:
     """Leave with one line on stderr."""
-    warn(f"condyn: {' '.join(text.split())}")
+    warn(f"{name}: {' '.join(text.split())}")
     try:
         sys.stdout.flush()
     except OSError:  # Python would try again at its end, and leave with a code of its own

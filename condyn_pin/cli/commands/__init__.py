@@ -1,4 +1,4 @@
-"""The commands of `condyn`, one file each; those of `condyn lab` are in `condyn_pin.cli.lab`.
+"""The commands of `condyn`, one file each.
 
 1. The file is named as the command, and so is its function; typer reads its signature.
 2. ``PANEL`` says under which heading ``condyn --help`` lists it: one of `PANELS`.

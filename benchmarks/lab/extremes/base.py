@@ -34,10 +34,10 @@ from condyn_pin.dynamics.scene import Scene, check_bilateral
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.lab.extremes.contacts import CONTACT_EXTREMES, ContactExtreme
 from condyn_pin.model.mechanisms.base import rod
 from condyn_pin.model.mechanisms.chain import chain
 from condyn_pin.model.robot import Robot
+from lab.extremes.contacts import CONTACT_EXTREMES, ContactExtreme
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.integrators.base import Integrator

@@ -26,7 +26,15 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.scene import Scene, motor_torque
 from condyn_pin.io.load import load_robot
-from condyn_pin.lab.extremes.base import (
+from condyn_pin.mechanism.projection import project_velocity
+from condyn_pin.model.mechanisms.bricard import bricard
+from condyn_pin.model.mechanisms.chain import chain
+from condyn_pin.model.mechanisms.delta import delta
+from condyn_pin.model.mechanisms.four_bar import four_bar
+from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
+from condyn_pin.model.mechanisms.stewart import stewart
+from condyn_pin.model.robot import Robot
+from lab.extremes.base import (
     Case,
     Rng,
     alternating,
@@ -43,15 +51,7 @@ from condyn_pin.lab.extremes.base import (
     torques,
     unit,
 )
-from condyn_pin.lab.extremes.planar_chain import accelerations
-from condyn_pin.mechanism.projection import project_velocity
-from condyn_pin.model.mechanisms.bricard import bricard
-from condyn_pin.model.mechanisms.chain import chain
-from condyn_pin.model.mechanisms.delta import delta
-from condyn_pin.model.mechanisms.four_bar import four_bar
-from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
-from condyn_pin.model.mechanisms.stewart import stewart
-from condyn_pin.model.robot import Robot
+from lab.extremes.planar_chain import accelerations
 
 # A parallelogram that is nearly flat.
 

@@ -37,12 +37,12 @@ from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError
-from condyn_pin.lab.extremes.base import Case, Flight, Motion
 from condyn_pin.simulation.integrators.explicit import SemiImplicitEuler
 from condyn_pin.simulation.notices import solver_notices
 from condyn_pin.simulation.run import simulate
 from condyn_pin.simulation.trajectory import Trajectory
 from condyn_pin.study.measures.base import relative
+from lab.extremes.base import Case, Flight, Motion
 
 # Shares of the largest singular value: below the first all is rounding, and below the last no
 # residual in double precision tells whether a row holds.

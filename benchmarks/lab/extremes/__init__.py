@@ -5,9 +5,9 @@ Each function marked with `extreme` enters `EXTREMES` under its name, each with 
 the order of the names.
 """
 
-from condyn_pin.lab.extremes import bodies, contacts, loops, motion
-from condyn_pin.lab.extremes.base import EXTREMES
-from condyn_pin.lab.extremes.contacts import CONTACT_EXTREMES
+from lab.extremes import bodies, contacts, loops, motion
+from lab.extremes.base import EXTREMES
+from lab.extremes.contacts import CONTACT_EXTREMES
 
 for _registry in (EXTREMES, CONTACT_EXTREMES):
     for _name in sorted(_registry):

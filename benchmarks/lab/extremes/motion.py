@@ -11,7 +11,10 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.lab.extremes.base import (
+from condyn_pin.model.robot import Robot
+from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
+from condyn_pin.simulation.integrators.radau import RadauIIA
+from lab.extremes.base import (
     Case,
     Flight,
     Rng,
@@ -24,9 +27,6 @@ from condyn_pin.lab.extremes.base import (
     sized,
     unit,
 )
-from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
-from condyn_pin.simulation.integrators.radau import RadauIIA
 
 # Robots that stand still, with less and less to do.
 

@@ -18,8 +18,8 @@ from condyn_pin._core.files import atomic_write, read_text
 from condyn_pin._core.show import axes, panels, write_figure
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.lab.extremes.base import families
-from condyn_pin.lab.extremes.verdicts import Outcome, Verdict
+from lab.extremes.base import families
+from lab.extremes.verdicts import Outcome, Verdict
 
 # From bad to worse: a cell with several seeds is as bad as its worst.
 _ORDER = tuple(Verdict)
@@ -130,10 +130,14 @@ def read_csv(path: str | Path) -> list[dict[str, str]]:
     try:
         rows = list(csv.DictReader(read_text(path).splitlines()))
     except (OSError, ValueError, csv.Error) as error:
-        raise InvalidArgument(f"{path}: no table of `condyn lab stress` ({error})") from error
+        raise InvalidArgument(
+            f"{path}: no table of `python benchmarks/lab stress` ({error})"
+        ) from error
     for row in rows:
         if not {key for key, value in row.items() if isinstance(value, str)} >= _NEEDED:
-            raise InvalidArgument(f"{path}: no table of `condyn lab stress`; choose another file")
+            raise InvalidArgument(
+                f"{path}: no table of `python benchmarks/lab stress`; choose another file"
+            )
     return rows
 
 

@@ -24,10 +24,10 @@ from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.errors import CondynError, Interrupted, WorkersLost, unknown_name
 from condyn_pin.io.load import load_robot
-from condyn_pin.lab.extremes.base import EXTREMES, Case
-from condyn_pin.lab.extremes.base import families as all_families
-from condyn_pin.lab.extremes.contacts import CONTACT_EXTREMES
-from condyn_pin.lab.extremes.verdicts import (
+from lab.extremes.base import EXTREMES, Case
+from lab.extremes.base import families as all_families
+from lab.extremes.contacts import CONTACT_EXTREMES
+from lab.extremes.verdicts import (
     Outcome,
     Task,
     Verdict,

@@ -19,13 +19,13 @@ from condyn_pin.constraints.loop import Loop
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.io.load import load_robot
-from condyn_pin.lab.drift import add_point
-from condyn_pin.lab.problems.base import Limit, Problem, Published, Setting, Torque
 from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.soundness import MOST_JOINTS
 from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
 from condyn_pin.simulation.integrators.explicit import RungeKutta4
+from lab.drift import add_point
+from lab.problems.base import Limit, Problem, Published, Setting, Torque
 
 # A01: a point mass that a massless rod holds.
 

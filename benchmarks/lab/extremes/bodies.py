@@ -14,7 +14,16 @@ from condyn_pin.constraints.loop import Loop
 from condyn_pin.constraints.surface_contact import SurfaceContact
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
-from condyn_pin.lab.extremes.base import (
+from condyn_pin.mechanism.projection import project_velocity
+from condyn_pin.model.mechanisms.base import along_x, rod
+from condyn_pin.model.mechanisms.chain import chain
+from condyn_pin.model.mechanisms.four_bar import four_bar
+from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
+from condyn_pin.model.robot import Robot
+from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
+from condyn_pin.simulation.integrators.rattle import Rattle
+from condyn_pin.simulation.run import simulate
+from lab.extremes.base import (
     Case,
     Flight,
     Motion,
@@ -33,17 +42,8 @@ from condyn_pin.lab.extremes.base import (
     torques,
     with_inertias,
 )
-from condyn_pin.lab.extremes.loops import cranks_as_one
-from condyn_pin.lab.extremes.planar_chain import accelerations
-from condyn_pin.mechanism.projection import project_velocity
-from condyn_pin.model.mechanisms.base import along_x, rod
-from condyn_pin.model.mechanisms.chain import chain
-from condyn_pin.model.mechanisms.four_bar import four_bar
-from condyn_pin.model.mechanisms.n_four_bar import n_four_bar
-from condyn_pin.model.robot import Robot
-from condyn_pin.simulation.integrators.dormand_prince import DormandPrince
-from condyn_pin.simulation.integrators.rattle import Rattle
-from condyn_pin.simulation.run import simulate
+from lab.extremes.loops import cranks_as_one
+from lab.extremes.planar_chain import accelerations
 
 # One body of a machine without its mass.
 

@@ -1,4 +1,4 @@
-# Every public name of this room, and the file that has it; `__init__.py` reads this file.
+# Every public name of this package, and the file that has it; `__init__.py` reads this file.
 
 from .extremes import CONTACT_EXTREMES as CONTACT_EXTREMES
 from .extremes import EXTREMES as EXTREMES

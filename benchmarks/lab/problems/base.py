@@ -370,7 +370,7 @@ class ProblemResult:
         return f"{run.integrator!r}, {run.drift!r}, {run.solver!r}"
 
     def facts(self) -> dict[str, str]:
-        """Return what `condyn lab problem` prints, by its label."""
+        """Return what `python benchmarks/lab problem` prints, by its label."""
         drift = "not conserved in this problem"
         if self.energy_drift is not None:
             drift = f"{self.energy_drift:.2g} J"
