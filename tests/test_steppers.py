@@ -473,7 +473,7 @@ def test_a_step_without_an_answer_ends_the_run(monkeypatch: pytest.MonkeyPatch) 
     def give_up(problem: ContactProblem, *_: object) -> tuple[Attempt, float]:
         return Attempt(np.zeros(problem.rows), 1, ("nothing",)), float(problem.rows > 0)
 
-    for name in ("first_attempt", "other_attempts"):
+    for name in ("first_attempt", "fallbacks"):
         monkeypatch.setattr(step_problem, name, give_up)
     scene, q, v = thrown()
     q[2] += 0.05

@@ -16,9 +16,7 @@ from viewed import bent, cassie, drawing, held, parts, standing, swinging
 import condyn_pin as cp
 from condyn_pin.io import meshes
 from condyn_pin.io.shapes import shapes_of
-from condyn_pin.viewing import bodies, labels
-from condyn_pin.viewing import marks as arrows
-from condyn_pin.viewing import marks as closures
+from condyn_pin.viewing import bodies, labels, marks
 from condyn_pin.viewing import part as palette
 from condyn_pin.viewing.motion import shown, tracks
 from condyn_pin.viewing.part import span
@@ -483,15 +481,16 @@ def test_a_motion_is_shown_as_closed_as_it_was_computed(speed):
         assert np.allclose(at.joints[-1].homogeneous, data.oMi[-1].homogeneous, atol=1e-14)
 
 
-def said_by(module, monkeypatch, run):
-    """Draw a motion; return the drawing, and what the labels of a module say."""
+def said_of(kind, monkeypatch, run):
+    """Draw a motion; return the drawing, and the labels of its closures or of its forces."""
     said = []
 
-    def label(path, text, *rest, written=module.label):
-        said.append(text)
+    def label(path, text, *rest, written=marks.label):
+        if path.startswith(kind):
+            said.append(text)
         return written(path, text, *rest)
 
-    monkeypatch.setattr(module, "label", label)
+    monkeypatch.setattr(marks, "label", label)
     return drawing(run), said
 
 
@@ -499,7 +498,7 @@ def test_a_label_says_the_largest_gap_of_the_run_and_not_of_what_is_shown(monkey
     q = swinging().q.copy()
     q[3, 0] += 0.01  # [rad], at 15 ms, between two pictures
     run = replace(swinging(), q=q)
-    found, (text,) = said_by(closures, monkeypatch, run)
+    found, (text,) = said_of("closures", monkeypatch, run)
     (loop,) = run.scene.robot.loops
     assert max(at.gaps[loop.name].length for at in found.instants) < 1e-9
     millimetres = float(text.removeprefix(f"{loop.name}: ").split(" mm")[0])
@@ -511,7 +510,7 @@ def test_an_arrow_says_the_largest_force_of_the_run(monkeypatch):
     lam = swinging().lam.copy()
     lam[3] *= 50.0  # at 15 ms, between two pictures
     run = replace(swinging(), lam=lam)
-    _, said = said_by(arrows, monkeypatch, run)
+    _, said = said_of("forces", monkeypatch, run)
     ((name, force),) = run.forces.items()
     largest = np.linalg.norm(force[:, :3], axis=1).max()
     assert largest > 10.0 * np.linalg.norm(swinging().forces[name][:, :3], axis=1)[0]
@@ -542,7 +541,7 @@ def test_a_name_or_a_path_is_read_first():
 
 
 def test_a_loop_that_is_closed_says_so(monkeypatch):
-    _, (text,) = said_by(closures, monkeypatch, swinging())
+    _, (text,) = said_of("closures", monkeypatch, swinging())
     assert text.endswith(": closed")
 
 

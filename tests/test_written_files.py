@@ -235,8 +235,8 @@ def test_a_table_of_something_else_is_not_lost(tmp_path):
 KILLED = """
 import os, sys
 from pathlib import Path
-from condyn_pin._core.files import written_beside
-with written_beside(sys.argv[1]) as new:
+from condyn_pin._core.files import atomic_write
+with atomic_write(sys.argv[1]) as new:
     new.write_text("half of it")
     print(os.listdir(Path(sys.argv[1]).parent), flush=True)
     os.kill(os.getpid(), 9)
