@@ -905,3 +905,17 @@ def test_arguments_that_only_need_converting_are_converted_for_the_core():
                 verb(*bad)
     with pytest.raises(cp.InvalidArgument, match="accuracy"):
         workspace.solve(q, v, tau, accuracy=0.0)
+
+
+def test_couplings_of_many_joints_are_answered_in_python():
+    model = pin.Model()
+    for name in "abc":
+        i = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), name)
+        model.appendBodyToJoint(i, pin.Inertia.FromBox(1.0, 0.1, 0.2, 0.3), pin.SE3.Identity())
+    gear = cp.constraints.Coupling({"a": 30.0, "b": 70.0, "c": -100.0}, name="gear")
+    scene = cp.Scene(cp.Robot("gears", model), [gear])
+    q, v, tau = np.zeros((2, 3)), np.zeros((2, 3)), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 2.0]])
+    with pytest.raises(cp.errors.UnsupportedBackend, match="constraint 'gear': it has no such row"):
+        cp.solve_batch(scene, q, v, tau, executor=cp.Native(threads=1))
+    found = cp.solve_batch(scene, q, v, tau, executor=cp.Native(threads=1, where_possible=True))
+    assert np.array_equal(found.a, cp.solve_batch(scene, q, v, tau).a)

@@ -94,7 +94,7 @@ def untaken_rows(model: Any, bounds: Sequence[BoundConstraint]) -> Iterator[str]
             yield f"joint {name!r} is a {joint.shortname()}, which it was not compiled for"
     for bound in bounds:
         if bound.compiled() is None:
-            yield f"constraint {bound.name!r}: it has no rows for a {type(bound).__name__}"
+            yield f"constraint {bound.name!r}: it has no such rows"
 
 
 def of_model(model: Any) -> dict[str, Any]:
