@@ -372,7 +372,8 @@ def test_meshes_are_looked_for_in_the_package_folders(tmp_path):
     robot = cp.load_robot(path, package_dirs=[folder.parent])
     assert robot.package_dirs == (str(folder.parent),)
     assert drawing(robot).notes == ()
-    assert pickle.loads(pickle.dumps(robot)).package_dirs == robot.package_dirs
+    bar = replace(cp.load_robot("four_bar"), package_dirs=robot.package_dirs)
+    assert pickle.loads(pickle.dumps(bar)).package_dirs == robot.package_dirs
     for wrong in (str(folder), [tmp_path / "none"]):
         with pytest.raises(cp.InvalidArgument, match=r"package_dirs = .*: a list of folders"):
             cp.load_robot(path, package_dirs=wrong)
