@@ -50,6 +50,21 @@ def tensor(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> 
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
 
 
+def circle_of(leaders: Mapping[str, str]) -> list[str]:
+    """Joints that mimic each other in a circle, from each joint's leader; none if one leads."""
+    known = set[str]()
+    for start in leaders:
+        way, name = dict[str, None](), start
+        while name in leaders and name not in known and name not in way:
+            way[name] = None
+            name = leaders[name]
+        if name in way:
+            joints = list(way)
+            return joints[joints.index(name) :]
+        known.update(way)
+    return []
+
+
 def doubts(bodies: Iterable[Body]) -> Iterator[str]:
     """Yield a sentence on bodies with inertias that no solid has.
 

@@ -55,6 +55,7 @@ from condyn_pin._core.joints import z_along
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop, LoopKind
 from condyn_pin.errors import InvalidModel, unknown_name
+from condyn_pin.io.description import circle_of
 from condyn_pin.io.sdf_file import NO_AXIS, Axis, Gear, Joint, Link, SdfModel
 from condyn_pin.io.sdf_parts import WORLD
 from condyn_pin.model.tree import Tree, one_coordinate
@@ -166,15 +167,10 @@ def mimics_of(joints: Sequence[Joint]) -> tuple[Coupling, ...]:
                     "screw of the model; take <mimic> out, or leave the joint out with drop"
                 )
         couplings.append(Coupling(name, leader, mimic.ratio, mimic.offset))
-    leaders = {c.joints[0]: c.joints[1] for c in couplings}
-    for start in leaders:
-        way = [start]
-        while (after := leaders.get(way[-1], "")) and after not in way:
-            way.append(after)
-        if after == start:
-            raise InvalidModel(
-                f"the joints {quoted(way)} mimic each other in a circle; let one of them lead"
-            )
+    if circle := circle_of({c.joints[0]: c.joints[1] for c in couplings}):
+        raise InvalidModel(
+            f"the joints {quoted(circle)} mimic each other in a circle; let one of them lead"
+        )
     return tuple(couplings)
 
 

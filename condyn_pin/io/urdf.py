@@ -28,13 +28,20 @@ from xml.etree.ElementTree import Element, SubElement
 import numpy as np
 
 from condyn_pin._core._pin import pin
-from condyn_pin._core.arguments import few
+from condyn_pin._core.arguments import few, quoted
 from condyn_pin._core.joints import UNLIMITED
 from condyn_pin.constraints.base import WORLD
 from condyn_pin.constraints.coupling import Coupling
 from condyn_pin.constraints.loop import Loop
 from condyn_pin.errors import InvalidModel, unknown_name
-from condyn_pin.io.description import Body, Description, check_root_joint, doubts, tensor
+from condyn_pin.io.description import (
+    Body,
+    Description,
+    check_root_joint,
+    circle_of,
+    doubts,
+    tensor,
+)
 from condyn_pin.io.urdf_loops import (
     Beside,
     alone,
@@ -140,7 +147,7 @@ class _Reader:
         self.cut = self._past_the_tree()
         for name in self.cut:
             del self.joints[name]
-        self.mimics = [*self._mimicking()] if mimic else []
+        self.leaders = self._leaders() if mimic else {}
         self.free = [name for name, joint in self.joints.items() if _without_bounds(joint)]
 
     def read(self, root_joint: str) -> Description:
@@ -211,8 +218,9 @@ class _Reader:
             raise InvalidModel(f"no joint leads from {roots[0]!r} to the links {lost[:4]}; add one")
         return roots[0]
 
-    def _mimicking(self) -> Iterator[str]:
-        """Joints that mimic another one; those that cannot are refused."""
+    def _leaders(self) -> dict[str, str]:
+        """Joints that mimic another one, with that one; those that cannot are refused."""
+        leaders: dict[str, str] = {}
         for name, joint in self.joints.items():
             mimic = joint.find("mimic")
             if mimic is None or joint.get("type") == "fixed":
@@ -231,30 +239,20 @@ class _Reader:
                 raise InvalidModel(f"{where}>: it mimics itself; name another joint")
             if float(mimic.get("multiplier", 1.0)) == 0:
                 raise InvalidModel(f"{where} multiplier=0> locks it; make it fixed")
-            self._check_circle(name)
-            yield name
-
-    def _check_circle(self, start: str) -> None:
-        """Refuse joints that mimic each other in a circle, without a leader."""
-        way = [start]
-        while (mimic := self.joints[way[-1]].find("mimic")) is not None:
-            name = mimic.get("joint", "")
-            if name == start:
-                raise InvalidModel(
-                    f"{label(self.joints[start])}: <mimic>: the joints "
-                    f"{', '.join(map(repr, way))} mimic each other in a circle; let one of them "
-                    "lead"
-                )
-            if name in way or name not in self.joints:
-                return
-            way.append(name)
+            leaders[name] = leader
+        if circle := circle_of(leaders):
+            raise InvalidModel(
+                f"{label(self.joints[circle[0]])}: <mimic>: the joints {quoted(circle)} mimic each "
+                "other in a circle; let one of them lead"
+            )
+        return leaders
 
     def _couplings(self) -> Iterator[Coupling]:
-        for name in self.mimics:
+        for name, leader in self.leaders.items():
             mimic = self.joints[name].find("mimic")
             assert mimic is not None
             ratio, offset = (float(mimic.get(*of)) for of in (("multiplier", "1"), ("offset", "0")))
-            yield Coupling(name, mimic.attrib["joint"], ratio=ratio, offset=offset)
+            yield Coupling(name, leader, ratio=ratio, offset=offset)
 
     # For Pinocchio
 
@@ -265,10 +263,10 @@ class _Reader:
             if (inertial := link.find("inertial")) is not None:
                 _check_inertial(link, inertial)
                 made.append(inertial)
-        led = {m.get("joint") for name in self.mimics for m in self.joints[name].iter("mimic")}
+        coupled = {*self.leaders, *self.leaders.values()}
         for name, joint in self.joints.items():
             # a continuous joint is (cos, sin) in Pinocchio; what is proportional needs an angle
-            unbounded = joint.get("type") == "continuous" and (name in self.mimics or name in led)
+            unbounded = joint.get("type") == "continuous" and name in coupled
             self._limit(joint, unbounded=unbounded)
             if unbounded:
                 joint.set("type", "revolute")
@@ -368,7 +366,7 @@ class _Reader:
         yield from self._schema.not_read()
         if mimics := _having(moving, "mimic"):
             what = "couplings of Robot.loops, which hold in scenes that contain them"
-            what = what if self.mimics else "these joints move on their own"
+            what = what if self.leaders else "these joints move on their own"
             yield f"mimic ({few(mimics)}): {what}"
         if self.free:
             yield (
