@@ -308,6 +308,12 @@ LENIENT = {
 }
 
 
+def test_a_macro_whose_prefix_nothing_declares_is_refused():
+    text = '<robot name="r"><link name="a"/><xacro:arm side="left"/></robot>'
+    with pytest.raises(InvalidModel, match="<xacro:arm>: a macro; expand it"):
+        cp.load_robot(text)
+
+
 @pytest.mark.parametrize("case", LENIENT)
 def test_what_simulators_read_as_xml_is_read(tmp_path, case):
     path = tmp_path / "robot.sdf"

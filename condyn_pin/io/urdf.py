@@ -122,7 +122,7 @@ def read_urdf(source: Path | str, root_joint: str = "fixed", *, mimic: bool = Tr
     is_file = isinstance(source, Path)
     with place(source if is_file else "the text of a URDF"):
         robot = open_xml(source, "robot")
-        if macro := next((e.tag for e in robot.iter() if "/xacro}" in e.tag), ""):
+        if macro := next((e.tag for e in robot.iter() if "xacro}" in e.tag), ""):
             tag = macro.rpartition("}")[2]
             raise InvalidModel(f"<xacro:{tag}>: a macro; expand it with `xacro FILE > robot.urdf`")
         beside = read_beside(source) if isinstance(source, Path) else Beside()

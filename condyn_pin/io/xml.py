@@ -27,6 +27,7 @@ _MOST_ELEMENTS: Final = 500_000
 _MOST_LINKS: Final = 5000
 _SHOWN: Final = 60  # characters
 _PREFIX: Final = re.compile(rb"[<\s]/?([A-Za-z_][\w.-]*):[A-Za-z_]")  # of an element, an attribute
+_DECLARED: Final = re.compile(rb"xmlns:([\w.-]+)\s*=")
 _ROOT: Final = re.compile(rb"<[A-Za-z_][^\s/>]*")
 UNLIMITED: Final = 1e16  # the older way of SDF to write an infinite limit
 
@@ -83,11 +84,11 @@ def _lenient(content: bytes, fault: ElementTree.ParseError) -> Element:
     content = _without_comments(content[max(content.find(b"<?xml"), 0) :])
     root = _ROOT.search(content)
     at = root.end() if root else 0
-    said = content[at : content.find(b">", at)]
-    prefixes = {*_PREFIX.findall(content)} - {b"xml", b"xmlns"}
-    declared = [b' xmlns:%s="%s"' % (x, x) for x in prefixes if b"xmlns:%s=" % x not in said]
+    known = {b"xml", b"xmlns", *_DECLARED.findall(content, at, content.find(b">", at))}
+    prefixes = {*_PREFIX.findall(content)} - known
+    added = b"".join(b' xmlns:%s="%s"' % (prefix, prefix) for prefix in prefixes)
     try:
-        return ElementTree.fromstring(content[:at] + b"".join(declared) + content[at:])
+        return ElementTree.fromstring(content[:at] + added + content[at:])
     except ElementTree.ParseError:
         raise fault from None
 
