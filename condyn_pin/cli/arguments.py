@@ -31,10 +31,7 @@ solver_names = names_of("dynamics", "SOLVERS")
 # What a scene is made of
 RobotName = Annotated[
     str,
-    typer.Argument(
-        help="A name of `condyn robots`, or a path.",
-        autocompletion=robot_names,
-    ),
+    typer.Argument(help="A name of `condyn robots`, or a path.", autocompletion=robot_names),
 ]
 RobotNames = Annotated[
     list[str] | None,

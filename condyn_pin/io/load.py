@@ -119,7 +119,8 @@ def load_robot(
     robot = _loaded(name, _root_joint(floating, root_joint), model, variant)
     changes: dict[str, Any] = {"actuated": actuated, "precision": precision}
     if package_dirs:
-        changes["package_dirs"] = [*map(str, _list_of_paths(package_dirs))]
+        _check_folders(package_dirs)
+        changes["package_dirs"] = [str(folder) for folder in package_dirs]
     if changes := {key: value for key, value in changes.items() if value is not None}:
         robot = replace(robot, **changes)
     if robot.unmodelled:
@@ -129,11 +130,10 @@ def load_robot(
     return robot
 
 
-def _list_of_paths(package_dirs: Sequence[str | Path]) -> Sequence[str | Path]:
-    """Sequence of folders; a single path, and folders that do not exist, are refused."""
+def _check_folders(package_dirs: Sequence[str | Path]) -> None:
+    """Refuse a single path, and folders that do not exist."""
     if isinstance(package_dirs, (str, Path)) or not all(Path(d).is_dir() for d in package_dirs):
         raise InvalidArgument(f"package_dirs = {package_dirs!r}: a list of folders is needed")
-    return package_dirs
 
 
 def _root_joint(floating: bool | None, root_joint: str | None) -> str | None:

@@ -265,10 +265,8 @@ def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:
     found: dict[str, list[str]] = defaultdict(list)
     for name, element in places:
         for path, what in _CHANGES.get(element.tag, {}).items():
-            found_there = element.findall(path)
-            if path.startswith("{*}"):  # which matches no namespace, too
-                found_there = [said for said in found_there if said.tag.startswith("{")]
-            if any(map(_says, found_there)):
+            spaced = path.startswith("{*}")  # which matches no namespace, too
+            if any(_says(e) for e in element.findall(path) if e.tag.startswith("{") or not spaced):
                 found[what].append(name)
     if driving := [_named(p) for p in _plugins(chosen, parts) if _drives(p)]:
         found["plugins that may drive it or push"] = driving
