@@ -25,7 +25,7 @@ from condyn_pin._core.timing import machine
 from condyn_pin._core.tolerances import SOLVED
 from condyn_pin.cli.words import solvers_of
 from condyn_pin.dynamics.scene import motor_torque, standard_scenes
-from condyn_pin.dynamics.workspace import untaken
+from condyn_pin.dynamics.workspace import unsupported
 from condyn_pin.study.tables import write_csv
 
 RESULTS = Path(__file__).resolve().parent / "results" / "equivalence.csv"
@@ -88,7 +88,7 @@ def _contenders(scene: cp.Scene, solvers: str) -> Iterator[tuple[str, cp.dynamic
     """Yield every named solver that takes the scene, and damped those that need it."""
     mu = float(f"{1e-11 * scene.nominal.delassus_norm:.1e}")
     for solver in solvers_of(solvers):
-        if not untaken(scene, solver):
+        if not unsupported(scene, solver):
             name = type(solver).__name__
             yield name, solver
             if scene.nominal.redundant and not solver.takes_redundant:

@@ -58,7 +58,7 @@ def __getattr__(name: str) -> Any:
 
 
 def _now(name: str) -> str:
-    """Return where a public name of the last version is today, or nothing."""
+    """Room and name today of a public name of the last version; empty if there is none."""
     if name in _RENAMED or name.startswith("_"):
         return _RENAMED.get(name, "")
     rooms = (room for room in __all__ if find_spec(f"{__name__}.{room}"))  # of the names, modules

@@ -27,7 +27,7 @@ from condyn_pin.control.hierarchy import DECIDED, SLACK, STRICTLY
 from condyn_pin.control.program import Program
 from condyn_pin.control.qp.base import Polished
 from condyn_pin.control.tasks.base import BoundTask, CompiledTask, Task
-from condyn_pin.dynamics.compiled import of_model, of_rows, untaken_rows
+from condyn_pin.dynamics.compiled import of_model, of_rows, unsupported_rows
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import UnsupportedBackend
 
@@ -46,9 +46,9 @@ def tasks_of(program: Program) -> list[tuple[Task, BoundTask]]:
     return [each for stack in (*program.levels, program.hard) for each in stack.bound]
 
 
-def untaken(program: Program) -> Iterator[str]:
+def unsupported(program: Program) -> Iterator[str]:
     """Yield the features of a controller that the core lacks, in words."""
-    yield from untaken_rows(program.equations.model, program.equations.bounds)
+    yield from unsupported_rows(program.equations.model, program.equations.bounds)
     if len(program.levels) > 1:
         yield "tasks: it answers the levels of a Hierarchy with their regularisation"
     if program.bounds.dt is not None:
@@ -102,7 +102,7 @@ def _of_tasks(program: Program) -> dict[str, Any]:
     columns: list[int] = []
     hard = {task.name for task, _ in program.hard.bound}
     for task, bound in tasks_of(program):
-        made: CompiledTask = bound.compiled  # type: ignore[assignment]  # `untaken` has looked
+        made: CompiledTask = bound.compiled  # type: ignore[assignment]  # `unsupported` has looked
         count, is_hard = len(made.columns), task.name in hard
         integers.append([made.kind, len(bound.names), made.at, is_hard, *made.sizes, count])
         placed = STILL if made.placement is None else placement(made.placement)
@@ -188,7 +188,7 @@ class CompiledTick:
         self, program: Program, scene: Scene, cones: Cones, actuation: Actuation,
         regularisation: float,
     ) -> None:  # fmt: skip
-        for reason in untaken(program):
+        for reason in unsupported(program):
             raise UnsupportedBackend(
                 f"the compiled core does not take this: {reason}; leave it to Python, "
                 "native='where possible' does where it must"

@@ -70,7 +70,7 @@ JOINTS: Final = (
 _DIRECT: Final[tuple[Solver, ...]] = (DenseKKT(), NullSpace())
 
 
-def untaken(workspace: Workspace) -> Iterator[str]:
+def unsupported(workspace: Workspace) -> Iterator[str]:
     """Yield the features of a workspace that the core lacks, in words."""
     if "compiled" in vars(workspace):  # it was asked before
         return
@@ -82,10 +82,10 @@ def untaken(workspace: Workspace) -> Iterator[str]:
         yield f"solver = {solver!r}: it makes no refinements, which this scene needs"
     if workspace.scene.nominal.rounded_file:
         yield "rows that digits of the file make count (Robot.precision)"
-    yield from untaken_rows(workspace.model, workspace.bounds)
+    yield from unsupported_rows(workspace.model, workspace.bounds)
 
 
-def untaken_rows(model: Any, bounds: Sequence[BoundConstraint]) -> Iterator[str]:
+def unsupported_rows(model: Any, bounds: Sequence[BoundConstraint]) -> Iterator[str]:
     """Yield the joints and constraints of a model that the core lacks, in words."""
     if is_forest(model):
         yield f"{model.nv} degrees of freedom of many trees: it keeps no memory for each of them"
@@ -254,7 +254,7 @@ def refuse(reasons: Iterable[str]) -> None:
         )
 
 
-def untaken_method(method: str) -> Iterator[str]:
+def unsupported_method(method: str) -> Iterator[str]:
     """Yield the reason that the core lacks a method of derivatives, in words."""
     if method != "kkt":
         yield f"method = {method!r}: its derivatives are those of 'kkt'"
@@ -264,7 +264,7 @@ class CompiledCore:
     """The core of one workspace, with memory for its threads."""
 
     def __init__(self, workspace: Workspace) -> None:
-        refuse(untaken(workspace))
+        refuse(unsupported(workspace))
         self.workspace, self._arguments = workspace, workspace.scene.robot.arguments
         self._scene = workspace.scene
         nq, n, m = workspace.model.nq, workspace.model.nv, self._scene.rows
@@ -284,7 +284,7 @@ class CompiledCore:
         """Refuse forces and methods that the core lacks at a single state."""
         if forces:
             refuse([f"forces = {forces!r}: it has forces from outside for batches alone"])
-        refuse(untaken_method(method))
+        refuse(unsupported_method(method))
 
     def solve(
         self, state: State, outputs: Outputs, *, accuracy: float | None, threads: int,
@@ -386,7 +386,7 @@ def _owned(tau: ArrayLike) -> Array:
 # The places of the fields are those that ``native/src/core/contact_arrays.cpp`` reads.
 
 
-def untaken_contacts(scene: Scene) -> Iterator[str]:
+def unsupported_contacts(scene: Scene) -> Iterator[str]:
     """Yield the features of a scene's contacts that the core lacks, in words."""
     for name, joint in zip(scene.robot.model.names, scene.robot.model.joints, strict=True):
         if joint.id and joint.shortname() not in JOINTS:

@@ -244,7 +244,7 @@ def failure(workspace: Workspace, solution: Solution, enough: float | None = Non
 def _cures(workspace: Workspace, status: Status, enough: float | None) -> Iterator[str]:
     """Yield cures, but for the solver that was tried just now."""
     from condyn_pin.dynamics.solvers import SOLVERS
-    from condyn_pin.dynamics.workspace import untaken  # which imports solvers
+    from condyn_pin.dynamics.workspace import unsupported  # which imports solvers
 
     scene, solver, inaccurate = workspace.scene, workspace.solver, status is Status.INACCURATE
     if scene.rows and inaccurate and hasattr(solver, "max_iterations"):
@@ -253,7 +253,7 @@ def _cures(workspace: Workspace, status: Status, enough: float | None) -> Iterat
         yield "try another mu"
     for name in _OTHERS[status] if scene.rows or inaccurate else ():
         kind = SOLVERS[name]
-        if type(solver) is not kind and not untaken(scene, kind()):
+        if type(solver) is not kind and not unsupported(scene, kind()):
             yield f"solve with {kind.__name__}()"
     if enough is not None:
         yield f"accuracy={enough:g} would pass"

@@ -88,7 +88,7 @@ def kinds_of(solver: type[Solver]) -> str:
     return "points and welds"
 
 
-def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
+def unsupported(scene: Scene, solver: Solver) -> tuple[str, ...]:
     """Return the names of the constraints that a solver cannot take."""
     found = pinocchio_constraints_of(scene)
     if solver.takes_every_kind:
@@ -105,7 +105,7 @@ def untaken(scene: Scene, solver: Solver) -> tuple[str, ...]:
 
 def check_kinds(scene: Scene, solver: Solver) -> None:
     """Raise `UnsupportedConstraint` if a solver cannot take a constraint of the scene."""
-    names = untaken(scene, solver)
+    names = unsupported(scene, solver)
     if names:
         raise UnsupportedConstraint(_refusal(scene, solver, names))
 

@@ -34,7 +34,7 @@ from condyn_pin.dynamics.nominal import described_posture
 from condyn_pin.dynamics.scene import Scene, motor_torque
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.reference import Reference
-from condyn_pin.dynamics.workspace import Workspace, untaken
+from condyn_pin.dynamics.workspace import Workspace, unsupported
 from condyn_pin.errors import InvalidArgument, NotAssembled, UnknownName, UnsupportedConstraint
 from condyn_pin.mechanism.summary import Summary
 from condyn_pin.model.robot import Robot
@@ -533,7 +533,7 @@ def trial(scene: Scene, solver: Solver, states: Sequence[State]) -> Trial:
     try:
         workspace = Workspace(scene, solver)
     except UnsupportedConstraint:
-        missing = [c for c in scene.constraints if c.name in untaken(scene, solver)]
+        missing = [c for c in scene.constraints if c.name in unsupported(scene, solver)]
         kinds = dict.fromkeys(str(getattr(c, "kind", type(c).__name__)) for c in missing)
         return Trial(None, f"takes no {' and no '.join(kinds)}")
     for state in states:

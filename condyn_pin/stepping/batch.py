@@ -28,7 +28,7 @@ from condyn_pin.contact.solution import ContactStatus
 from condyn_pin.contact.solvers.admm import ADMM, POLISH, RESCUE
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.contact.solvers.newton import SemismoothNewton
-from condyn_pin.dynamics.compiled import contiguous, of_contacts, untaken, untaken_contacts
+from condyn_pin.dynamics.compiled import contiguous, of_contacts, unsupported, unsupported_contacts
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, WorkersLost
@@ -102,8 +102,8 @@ def step_batch(
     about, recipe = (tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral)
     kernel, executor, chunk = workers(
         executor, SteppedRows(*about), StepKernel(*about),
-        reasons=untaken_steps(scene, integrator), untaken=lambda: untaken(recipe.workspace()),
-        chunk=chunk, most=_STEPS,
+        reasons=unsupported_steps(scene, integrator),
+        unsupported=lambda: unsupported(recipe.workspace()), chunk=chunk, most=_STEPS,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 500, progress)
     made = partial(batch_of_steps, scene, float(dt), integrator, inputs, begun)
@@ -329,13 +329,13 @@ class BatchStep(BatchResult, Batch[StepSolution]):
 _DEEP: Final = 0.9 * tolerances.NEARLY_CLOSED
 
 
-def untaken_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
+def unsupported_steps(scene: Scene, integrator: Integrator) -> Iterator[str]:
     """Reasons why the core cannot take steps with contacts, in words."""
     if type(integrator) is not StewartTrinkle:
         yield f"integrator = {integrator!r}: with contacts it has StewartTrinkle alone"
     elif type(integrator.contact) not in (ADMM, SemismoothNewton):
         yield f"contact = {integrator.contact!r}: it has ADMM and SemismoothNewton"
-    yield from untaken_contacts(scene)
+    yield from unsupported_contacts(scene)
 
 
 def step_plan(integrator: Integrator, dt: float) -> Array:

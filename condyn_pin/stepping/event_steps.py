@@ -397,7 +397,7 @@ class SmoothMotion(System):
 # By how much a slip may turn in a segment [rad], as its rate at the start says, and how far it may
 # end from where it began (cosine) before the segment is taken again, half as long.
 _TURN = 0.1
-_SLIP_GUIDE_TURNED = 0.95
+_TURNED_SLIP = 0.95
 
 # Share of the time to its end that a slip which turns goes on for in a segment.
 _SLOWED = 0.25
@@ -413,7 +413,7 @@ _STRAIGHT = 1e-9
 # that was to end along a line. What the rates at which slips turn are found to, relative to the
 # slip, or to the robot where that is more.
 _SETTLED, _NONE = 1e-7, 1e-9
-_SLIP_GUIDE_FOUND, _ROUNDED = 1e-10, 1e-13
+_SLIP_FOUND, _ROUNDED = 1e-10, 1e-13
 
 
 class Guide(NamedTuple):
@@ -469,7 +469,7 @@ class SlipGuide:
     def has_turned(self, dynamics: ModeDynamics, end: ContactTerms) -> bool:
         """True if a slip without guidance has turned by more than the tolerance."""
         on = np.einsum("kx,kx->k", dynamics.along, end.tangent)
-        turned = end.slides & (on < _SLIP_GUIDE_TURNED * end.speed)
+        turned = end.slides & (on < _TURNED_SLIP * end.speed)
         return bool((self._rough(dynamics) & ~dynamics.guided & turned).any())
 
     def across(self, dynamics: ModeDynamics, end: ContactTerms) -> Array:
@@ -479,7 +479,7 @@ class SlipGuide:
 
     def is_off(self, guide: Guide, across: Array, end: ContactTerms) -> NDArray[np.bool_]:
         """Flags (cones,) of slip velocities `across` above the tolerance."""
-        found = np.maximum(_SLIP_GUIDE_FOUND * end.speed, _ROUNDED * end.fastest)
+        found = np.maximum(_SLIP_FOUND * end.speed, _ROUNDED * end.fastest)
         return np.asarray(np.abs(across) > np.where(guide.ends, _NONE * end.fastest, found))
 
     def _rough(self, dynamics: ModeDynamics) -> NDArray[np.bool_]:

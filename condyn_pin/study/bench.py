@@ -34,7 +34,7 @@ from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.lcaba import LCABA
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.dynamics.solvers.pv import PV
-from condyn_pin.dynamics.workspace import Workspace, untaken
+from condyn_pin.dynamics.workspace import Workspace, unsupported
 from condyn_pin.errors import Interrupted
 from condyn_pin.io.load import load_robot
 from condyn_pin.study.case import Case, measure_errors, prepare
@@ -121,7 +121,7 @@ def bench_scene(
     """Time some methods on one scene."""
     case = prepare(label, scene, AccelerationMeasure(), SampledStates(effort.states), SOLVED)
     asked = solvers or [*_solvers(scene), *([ConstrainedABA(), PV()] if native else [])]
-    chosen = [s for s in asked if not untaken(scene, s)]
+    chosen = [s for s in asked if not unsupported(scene, s)]
     damping = _damping(scene)
     compiled = compiled_methods(case, damping) if native else []
     written = {_named(name, damping): call for name, call in by_hand(scene, damping).items()}
@@ -296,7 +296,7 @@ def fastest_dense(methods: list[Compiled], times: Mapping[int, Times]) -> Times 
 def _methods(case: Case, damping: float) -> Iterator[tuple[str, CompiledMethod]]:
     scene, settings = case.scene, {}
     for name, kind in _OF_SOLVERS.items():
-        if not kind.missing() and not untaken(scene, kind()):
+        if not kind.missing() and not unsupported(scene, kind()):
             settings[name] = _settings(Workspace(scene, kind()))
     workspace = Workspace(scene)
     constraints = workspace.pinocchio_constraints.constraints

@@ -18,7 +18,7 @@ from condyn_pin._core.work import map_chunks
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.solvers.reference import Reference
-from condyn_pin.dynamics.workspace import untaken
+from condyn_pin.dynamics.workspace import unsupported
 from condyn_pin.errors import (
     CondynError,
     Interrupted,
@@ -394,7 +394,7 @@ def _refuses(method: Method, scene: Scene) -> bool:
     """True if a solver does not support a scene, or is not installed."""
     if not isinstance(method, Solver):
         return False
-    return bool(method.missing() or untaken(scene, method))
+    return bool(method.missing() or unsupported(scene, method))
 
 
 # tune and tuned: a solver chosen by a short study, and the choice looked up again.

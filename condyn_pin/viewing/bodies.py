@@ -161,7 +161,7 @@ _POINT = 0.012  # radius of a contact point, of the size of the scene
 _CONE = 0.1  # length of the side of a cone, of the size of the scene
 _MARGIN = 0.25  # from the outermost contact point to the edge of a plane, of the size of the scene
 _UNDER = 2e-3  # by which a plane is drawn too low, of the size of the scene: a grid may lie in it
-_TOUCHES_CLEAR = 0.5  # opacity of what would hide the robot
+_SURFACE_OPACITY = 0.5  # opacity of what would hide the robot
 _ORDER = ("slide", "stick", "open")  # the worst first
 
 
@@ -185,8 +185,8 @@ def touch_parts(
             shape = patch_mesh(solid.patch).moved(solid.placement.homogeneous)
             path = f"{_folder(bound, instants)}/{bound.name}/shape {i}"
             yield Part(
-                path, joint_pose(solid.joint), ((shape, mode_colour("")),), opacity=_TOUCHES_CLEAR,
-                tint=partial(_shape_colour, bound),
+                path, joint_pose(solid.joint), ((shape, mode_colour("")),),
+                opacity=_SURFACE_OPACITY, tint=partial(_shape_colour, bound),
             )  # fmt: skip
         for name, _ in bound.cones:
             path = f"{_folder(bound, instants)}/{name}/point"
@@ -235,7 +235,7 @@ def _cone_part(name: str, size: float) -> Part:
         T[:3, :3] = here.axes * (radius, radius, height)
         return T
 
-    return Part(f"cones/{name}", pose, unit, opacity=_TOUCHES_CLEAR)
+    return Part(f"cones/{name}", pose, unit, opacity=_SURFACE_OPACITY)
 
 
 def _ground_parts(scene: Scene, instants: Sequence[Instant], size: float) -> Iterator[Part]:
@@ -256,4 +256,4 @@ def _ground_parts(scene: Scene, instants: Sequence[Instant], size: float) -> Ite
         square = meshes.Mesh(corners, np.array([(0, 1, 3), (0, 3, 2)], dtype=np.uint32))
         square = square.moved(plane.homogeneous)
         path = f"grounds/of {touches[0].name}"
-        yield Part(path, joint_pose(ground), ((square, GROUND),), opacity=_TOUCHES_CLEAR)
+        yield Part(path, joint_pose(ground), ((square, GROUND),), opacity=_SURFACE_OPACITY)

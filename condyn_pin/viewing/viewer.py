@@ -196,7 +196,7 @@ HOST: Final = "127.0.0.1"
 
 _LOCAL: Final = (HOST, "localhost", "::1")
 _CONNECTIONS: Final = 16  # at a time: a browser opens six
-_SERVER_PATIENCE: Final = 10.0  # [s] for the next bytes of a request, or of an answer to be taken
+_REQUEST_TIMEOUT: Final = 10.0  # [s] for the next bytes of a request, or of an answer to be taken
 
 
 class Server(ThreadingHTTPServer):
@@ -241,7 +241,7 @@ class Server(ThreadingHTTPServer):
 
 class _Handler(BaseHTTPRequestHandler):
     server: Server
-    timeout = _SERVER_PATIENCE
+    timeout = _REQUEST_TIMEOUT
 
     def do_GET(self) -> None:
         """Send the page."""

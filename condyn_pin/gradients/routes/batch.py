@@ -19,7 +19,7 @@ from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
 from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.contact.problem import MODES, mode_words
 from condyn_pin.contact.solution import ContactStatus
-from condyn_pin.dynamics.compiled import untaken
+from condyn_pin.dynamics.compiled import unsupported
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import CondynError, InvalidArgument, SolveFailed, WorkersLost
@@ -44,7 +44,7 @@ from condyn_pin.stepping.batch import (
     rounded_plan,
     starts_of_steps,
     states_of,
-    untaken_steps,
+    unsupported_steps,
 )
 from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 
@@ -111,10 +111,11 @@ def step_derivatives_batch(
     inputs = starts_of_steps(scene, Q, V, TAU, dt, integrator)
     names = check_parameters(route, integrator, wrt)
     about, recipe = (tuple(scene.contacts), float(dt), integrator), Recipe(scene.bilateral)
-    reasons = (*untaken_steps(scene, integrator), *untaken_route(route, names))
+    reasons = (*unsupported_steps(scene, integrator), *unsupported_route(route, names))
     kernel, executor, chunk = workers(
         executor, DifferentiatedRows(*about), DerivativesKernel(StepKernel(*about), route, names),
-        reasons=reasons, untaken=lambda: untaken(recipe.workspace()), chunk=chunk, most=_STEPS,
+        reasons=reasons, unsupported=lambda: unsupported(recipe.workspace()), chunk=chunk,
+        most=_STEPS,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 100, progress)
 
@@ -319,7 +320,7 @@ class BatchStepDerivatives(Batch[StepDerivatives]):
 # are Python's.
 
 
-def untaken_route(route: Route, wrt: Sequence[str]) -> Iterator[str]:
+def unsupported_route(route: Route, wrt: Sequence[str]) -> Iterator[str]:
     """Reasons why the core cannot follow a route to derivatives, in words."""
     if type(route) is not ActiveSet:
         yield f"route = {route!r}: it has ActiveSet() alone"

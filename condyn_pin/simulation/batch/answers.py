@@ -22,7 +22,7 @@ from condyn_pin._core.rows import Native, Rows
 from condyn_pin._core.work import Arrays, Kernel, Kind, Messages, Progress, in_flight, silent
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics.compiled import refuse, untaken, untaken_method
+from condyn_pin.dynamics.compiled import refuse, unsupported, unsupported_method
 from condyn_pin.dynamics.derivatives import METHODS
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.scene import Scene, check_scene
@@ -120,7 +120,7 @@ def solve_batch(
     python = partial(answer_rows, None, accuracy, of_rows)
     kernel, executor, chunk = workers(
         executor, partial(by_core, False, accuracy, of_rows), python, reasons=(),
-        untaken=lambda: untaken(recipe.workspace()), chunk=chunk, most=2000,
+        unsupported=lambda: unsupported(recipe.workspace()), chunk=chunk, most=2000,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 1000, progress)
     batch = partial(_batch, recipe, inputs, applied, start)
@@ -180,7 +180,7 @@ def derivatives_batch(
     python = partial(answer_rows, method, accuracy, of_rows)
     kernel, executor, chunk = workers(
         executor, partial(by_core, True, accuracy, of_rows), python,
-        reasons=untaken_method(method), untaken=lambda: untaken(recipe.workspace()),
+        reasons=unsupported_method(method), unsupported=lambda: unsupported(recipe.workspace()),
         chunk=chunk, most=500,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, 100, progress)
@@ -419,7 +419,7 @@ class Workers(NamedTuple):
 
 def workers(
     executor: Executor | Native | None, work: Work, python: Kernel, *, reasons: Iterable[str],
-    untaken: Callable[[], Iterable[str]], chunk: int | None, most: int,
+    unsupported: Callable[[], Iterable[str]], chunk: int | None, most: int,
 ) -> Workers:  # fmt: skip
     """Kernel, executor and chunk size of a batch: the compiled core, or Python.
 
@@ -431,7 +431,7 @@ def workers(
         Work of the core, and kernel in Python.
     reasons : iterable of str
         Reasons why the core cannot solve the batch, if there are any.
-    untaken : callable
+    unsupported : callable
         Returns the reasons in the workspace itself; called where there is no other reason.
     chunk : int or None
         Argument of the user.
@@ -449,7 +449,7 @@ def workers(
         return Workers(python, executor, chunk)
     try:
         compiled()
-        refuse(chain(reasons, _later(untaken)))
+        refuse(chain(reasons, _later(unsupported)))
     except (UnsupportedBackend, MissingExtra):
         if not executor.where_possible:
             raise
@@ -459,5 +459,5 @@ def workers(
     return Workers(CompiledRows(work, python, executor.at_work), executor.executor, chunk)
 
 
-def _later(untaken: Callable[[], Iterable[str]]) -> Iterable[str]:
-    yield from untaken()
+def _later(unsupported: Callable[[], Iterable[str]]) -> Iterable[str]:
+    yield from unsupported()

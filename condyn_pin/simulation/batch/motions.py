@@ -64,7 +64,7 @@ from condyn_pin.simulation.run import LOST, HybridPhase, follow, is_lost, start
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Passive, Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
-from condyn_pin.stepping.batch import contacts_of, states_of, step_plan, untaken_steps
+from condyn_pin.stepping.batch import contacts_of, states_of, step_plan, unsupported_steps
 from condyn_pin.stepping.contact_steps import ContactSteps
 
 # Samples that are checked where none is to be kept, at most, and how many steps are between two
@@ -173,8 +173,8 @@ def simulate_batch(
             tuple(scene.contacts), planned.integrator, planned.dt, planned.steps, every, limits
         )
     kernel, executor, chunk = workers(
-        executor, moved, motions, reasons=untaken(planned, bool(applied)),
-        untaken=lambda: untaken_by_core(recipe.workspace(), planned), chunk=chunk,
+        executor, moved, motions, reasons=unsupported(planned, bool(applied)),
+        unsupported=lambda: unsupported_by_core(recipe.workspace(), planned), chunk=chunk,
         most=_MOTIONS,
     )  # fmt: skip
     rows = Rows(kernel, recipe, executor, chunk, most, progress)
@@ -183,11 +183,11 @@ def simulate_batch(
     return rows.fill(len(q), inputs, kinds, partial(_batch, planned, begun))
 
 
-def untaken_by_core(workspace: Workspace, planned: Plan) -> Iterator[str]:
+def unsupported_by_core(workspace: Workspace, planned: Plan) -> Iterator[str]:
     """Reasons why the compiled core cannot simulate a workspace."""
-    yield from compiled.untaken(workspace)
+    yield from compiled.unsupported(workspace)
     if not planned.scene.contacts:  # whose steps have the rows of the scene themselves
-        yield from untaken_rows(workspace, planned.drift)
+        yield from unsupported_rows(workspace, planned.drift)
 
 
 _started = ThreadCache[Scene]()
@@ -348,13 +348,13 @@ _INTEGRATORS: Final[dict[Integrator, int]] = {
 MEASURED: Final = 6
 
 
-def untaken(plan: Plan, forces: bool) -> Iterator[str]:
+def unsupported(plan: Plan, forces: bool) -> Iterator[str]:
     """Reasons why the core cannot follow a plan, in words."""
     if plan.tau.constant is None or forces:
         what = "TAU is a function" if plan.tau.constant is None else "there are forces from outside"
         yield f"{what}: its motions have constant torques alone"
     if plan.scene.contacts:
-        yield from untaken_steps(plan.scene, plan.integrator)
+        yield from unsupported_steps(plan.scene, plan.integrator)
         if not isinstance(plan.drift, NoDrift):
             yield f"drift = {plan.drift!r}: with contacts it has NoDrift alone"
         return
@@ -365,7 +365,7 @@ def untaken(plan: Plan, forces: bool) -> Iterator[str]:
         yield f"drift = {plan.drift!r}: it has NoDrift, Baumgarte and PostStabilization"
 
 
-def untaken_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
+def unsupported_rows(workspace: Workspace, drift: Drift) -> Iterator[str]:
     """Reasons why the core cannot simulate the constraints, other than those of a solve."""
     found, solver = workspace.pinocchio_constraints, workspace.solver
     if not isinstance(solver, Proximal):
