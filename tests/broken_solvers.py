@@ -10,8 +10,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
-from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics import BoundSolver, Reference, Solver
 
 
 class Broken(Solver):  # abstract for the registry: it has no way to spoil
@@ -44,7 +43,7 @@ class _Bribed:
     gravity, negligible_dynamics_error, leaning = 0.0, np.inf, ()
 
     def prove(self, dynamics, largest, tau, lean=0.0):
-        from condyn_pin.dynamics.residuals import Residuals
+        from condyn_pin.dynamics import Residuals
 
         return Residuals(0.0, 0.0, 0.0, 0.0, 0.0), False
 

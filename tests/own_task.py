@@ -8,7 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from condyn_pin.control.tasks.base import TASKS, BoundTask, Task
+from condyn_pin.control import TASKS, Task
+from condyn_pin.control.tasks.base import BoundTask
 
 
 @contextmanager

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from scipy.optimize import linprog
 
-from condyn_pin.control.qp.base import QuadraticProgram
+from condyn_pin.control import QuadraticProgram
 
 
 def random_program(rng: np.random.Generator) -> QuadraticProgram:

@@ -16,8 +16,8 @@ from shared import SOLVERS, all_scenes, central, robot, states
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints.forces import Loads
+from condyn_pin.dynamics import DenseKKT
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
-from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 
 FORCE, WRENCH = (11.0, -23.0, 37.0), (11.0, -23.0, 37.0, 3.0, -5.0, 7.0)
 

@@ -8,9 +8,16 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin._core._pin import HAS_LCABA
-from condyn_pin.contact import ADMM, PGS, ContactProblem, SemismoothNewton, natural_residual
-from condyn_pin.contact.solvers import CONTACT_SOLVERS
-from condyn_pin.contact.solvers.base import Attempt, ContactSolver
+from condyn_pin.contact import (
+    ADMM,
+    CONTACT_SOLVERS,
+    PGS,
+    Attempt,
+    ContactProblem,
+    ContactSolver,
+    SemismoothNewton,
+    natural_residual,
+)
 from condyn_pin.errors import CondynError
 from lab import CONTACT_EXTREMES, EXTREMES, Verdict, judge_contact
 from lab.cli import app

@@ -27,7 +27,7 @@ from condyn_pin.constraints import (
     RollingBall,
 )
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.dynamics.at_state import contact_gaps
+from condyn_pin.dynamics import contact_gaps
 from condyn_pin.errors import (
     CondynError,
     InvalidArgument,

@@ -13,8 +13,15 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.constraints import FrictionalContact, Plane, Polynomial, Sine
 from condyn_pin.contact import ADMM
-from condyn_pin.gradients import step_derivatives_batch, trajectory_derivatives
-from condyn_pin.gradients.routes import ActiveSet, EventLocated, Kappa, Randomised, Softened
+from condyn_pin.gradients import (
+    ActiveSet,
+    EventLocated,
+    Kappa,
+    Randomised,
+    Softened,
+    step_derivatives_batch,
+    trajectory_derivatives,
+)
 from condyn_pin.gradients.routes.base import linear_steps
 from condyn_pin.stepping import SoftStep
 

@@ -19,7 +19,7 @@ from condyn_pin.constraints.partials.contacts import (
     feature,
     sliding,
 )
-from condyn_pin.contact.solvers.newton import SemismoothNewton
+from condyn_pin.contact import SemismoothNewton
 from condyn_pin.gradients import step_derivatives_batch
 from condyn_pin.stepping import step_batch
 

@@ -11,8 +11,16 @@ import pytest
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints import Ball, Box, Capsule, Convex, JointFriction, JointLimit, Plane
-from condyn_pin.constraints.contacts.base import Contact
+from condyn_pin.constraints import (
+    Ball,
+    Box,
+    Capsule,
+    Contact,
+    Convex,
+    JointFriction,
+    JointLimit,
+    Plane,
+)
 
 CORNERS = tuple(product((-0.1, 0.1), (-0.1, 0.1), (-0.1, 0.1)))
 

@@ -8,8 +8,8 @@ from overconstrained import machines, state_near
 from test_native import left_to_python
 
 import condyn_pin as cp
+from condyn_pin.dynamics import Status
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
-from condyn_pin.dynamics.solution import Status
 
 pytestmark = pytest.mark.native
 

@@ -26,7 +26,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.tolerances import CONTACT_SOLVED
 from condyn_pin.constraints import Ball, Box, Capsule, Convex, FrictionalContact, Point
 from condyn_pin.constraints.contacts.candidates import Candidates
-from condyn_pin.contact.residuals import natural_residual
+from condyn_pin.contact import natural_residual
 from condyn_pin.model import free_box, together
 from condyn_pin.stepping import batch, contact_problem, step_batch
 

@@ -30,8 +30,8 @@ from test_spring_dampers import SPRINGS
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.compiled import compiled
+from condyn_pin.dynamics import DenseKKT
 from condyn_pin.dynamics import compiled as arrays
-from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.gradients import step_derivatives_batch
 from condyn_pin.gradients.routes import batch
 from condyn_pin.model import SpringDamper, free_box, together

@@ -17,7 +17,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.work import Arrays
 from condyn_pin.constraints import Ball, FrictionalContact, Plane
-from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics import Workspace
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.gradients import BatchStepDerivatives, Kappa, step_derivatives_batch
 from condyn_pin.gradients.routes import batch

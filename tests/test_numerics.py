@@ -23,7 +23,7 @@ from condyn_pin._core.linalg import (
     split,
 )
 from condyn_pin._core.tolerances import REFERENCE_RANK
-from condyn_pin.constraints.rows.bound import Terms
+from condyn_pin.constraints import Terms
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.residuals import ErrorEstimator
 

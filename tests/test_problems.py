@@ -19,7 +19,7 @@ from typer.testing import CliRunner
 import condyn_pin as cp
 import lab
 from condyn_pin._core._pin import pin
-from condyn_pin.simulation.drift.no_drift import NoDrift
+from condyn_pin.simulation import NoDrift
 from lab.cli import app
 from lab.problems.base import Limit, Problem, Setting
 from lab.problems.mechanisms import _inertia_and_height

@@ -10,9 +10,9 @@ from programs import largest_slack, random_program
 
 import condyn_pin as cp
 from condyn_pin._core import tolerances
-from condyn_pin.control import DAQP, QPS, AnyQP, ProxQP, Quadprog
+from condyn_pin.control import DAQP, QPS, AnyQP, ProxQP, Quadprog, QuadraticProgram
 from condyn_pin.control.qp import base
-from condyn_pin.control.qp.base import QPResult, QuadraticProgram, Saddle, elastic, polish, start
+from condyn_pin.control.qp.base import QPResult, Saddle, elastic, polish, start
 from condyn_pin.control.qp.chain import SolverLadder
 
 pytest.importorskip("proxsuite")

@@ -23,7 +23,7 @@ from sdf_texts import (
 )
 
 from condyn_pin.constraints import JointFriction
-from condyn_pin.model.robot import Robot
+from condyn_pin.model import Robot
 
 NO_LIMIT = np.finfo(float).max
 

@@ -21,9 +21,9 @@ from sdf_texts import (
 )
 
 import condyn_pin as cp
-from condyn_pin.constraints.coupling import Coupling
+from condyn_pin.constraints import Coupling
 from condyn_pin.errors import InvalidModel
-from condyn_pin.model.robot import Robot
+from condyn_pin.model import Robot
 
 AXES = "<axis><xyz>0 0 1</xyz></axis><axis2><xyz>1 0 0</xyz></axis2>"
 

@@ -11,8 +11,8 @@ import pytest
 from shared import all_scenes, robot, states
 
 import condyn_pin as cp
+from condyn_pin.dynamics import BoundSolver
 from condyn_pin.dynamics.nominal import pinocchio_constraints_of
-from condyn_pin.dynamics.solvers.base import BoundSolver
 
 WAIT = 60.0  # [s], far more than anything here takes
 

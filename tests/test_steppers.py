@@ -30,8 +30,7 @@ from condyn_pin.constraints import (
     Polynomial,
 )
 from condyn_pin.constraints.contacts.shapes import Shape
-from condyn_pin.contact import ADMM, ContactProblem, SemismoothNewton
-from condyn_pin.contact.solvers.base import Attempt
+from condyn_pin.contact import ADMM, Attempt, ContactProblem, SemismoothNewton
 from condyn_pin.dynamics import contact_gaps
 from condyn_pin.errors import StepFailed
 from condyn_pin.model import free_ball, free_box, painleve_rod, pendulum, together

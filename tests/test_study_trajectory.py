@@ -11,12 +11,9 @@ import pytest
 from shared import all_scenes
 
 import condyn_pin as cp
-from condyn_pin.simulation.drift.no_drift import NoDrift
-from condyn_pin.simulation.integrators import INTEGRATORS
-from condyn_pin.simulation.integrators.explicit import RungeKutta4
-from condyn_pin.simulation.integrators.generalised_alpha import GeneralisedAlpha
+from condyn_pin.simulation import INTEGRATORS, GeneralisedAlpha, NoDrift, RungeKutta4
+from condyn_pin.study import TrajectoryMeasure
 from condyn_pin.study.fresh import measured_as
-from condyn_pin.study.measures.trajectory import TrajectoryMeasure
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "benchmarks"))
 

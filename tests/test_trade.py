@@ -18,11 +18,11 @@ from typer.testing import CliRunner
 
 import condyn_pin as cp
 from condyn_pin.cli.main import app
+from condyn_pin.study import NominalStates, Row, SampledStates, Table
 from condyn_pin.study.case import parameters_of
 from condyn_pin.study.fresh import Fresh, FreshErrors, measure_of, solver_of
-from condyn_pin.study.states import LOADS, NominalStates, SampledStates
-from condyn_pin.study.table import Table
-from condyn_pin.study.tables import ALONE, Row
+from condyn_pin.study.states import LOADS
+from condyn_pin.study.tables import ALONE
 
 pytestmark = pytest.mark.once
 
@@ -296,7 +296,7 @@ def test_a_row_whose_knobs_do_not_make_its_solver_is_refused():
 
 
 def test_a_label_gives_its_measure_back():
-    from condyn_pin.study.measures import MEASURES
+    from condyn_pin.study import MEASURES
 
     changed = MEASURES["derivatives"](method="differences")
     for measure in (*(kind() for kind in MEASURES.values()), changed):

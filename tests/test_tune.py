@@ -19,9 +19,9 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.timing import Times
 from condyn_pin.cli.main import app
-from condyn_pin.study import case, study
+from condyn_pin.study import Choice, case, study
 from condyn_pin.study import fresh as plans
-from condyn_pin.study.fresh import Choice, Fresh, FreshErrors, fingerprint
+from condyn_pin.study.fresh import Fresh, FreshErrors, fingerprint
 
 pytestmark = pytest.mark.once
 
