@@ -187,14 +187,15 @@ def _loops_kept(controller: Controller, states: list[tuple[np.ndarray, np.ndarra
 
 def keeping_loops(program: Program) -> QuadraticProgram:
     """Return the program of the last tick over (a, lam / m), loops among its equations."""
-    terms, mass, columns = program.motion.terms, program.mass, program.columns
+    terms, mass, limits = program.motion.terms, program.mass, program.torque
+    columns = program.actuation.columns
     m, n = terms.J.shape
     torques = np.hstack((terms.M / mass, -terms.J.T))  # of all joints, over the mass
     given = (terms.h - program.passive) / mass
     undriven = np.setdiff1d(np.arange(n), columns)
     A = np.vstack((torques[undriven], np.hstack((terms.J, np.zeros((m, m))))))
     b = np.concatenate((-given[undriven], terms.a_ref - terms.gamma))
-    limited, most = columns[program.limited], program.most
+    limited, most = columns[limits.L.argmax(axis=1)], limits.most / mass
     cones = np.zeros((len(program.cones.names), n + m))
     cones[:, n + program.cones.touching] = program.cones.rows(program.motion.data.oMi)
     C = np.vstack((torques[limited], cones))

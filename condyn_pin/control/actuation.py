@@ -1,10 +1,11 @@
-"""Actuation: which joints have a motor, and through which gears.
+"""Actuation: on which joints motors act, and through which gears, differentials and cables.
 
 With u the torques of the motors and w their speeds,
 
     tau = B u,    w = B^T v,
 
-one column of B for each motor: its gear ratio in the row of its joint, zero elsewhere.
+one column of B for each motor: its gear ratio in the row of its joint, or its weights in the rows
+of several joints, and zero elsewhere.
 """
 
 from __future__ import annotations
@@ -12,6 +13,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
+from math import inf
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -27,6 +30,7 @@ from condyn_pin.dynamics.at_state import at_state, frame_jacobian
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.mechanism.closed_chains import independent_columns, passive_joints
+from condyn_pin.model.motors import CoupledMotor, check_coupled
 from condyn_pin.model.robot import Robot
 
 
@@ -37,76 +41,131 @@ class Actuation:
     Parameters
     ----------
     robot : Robot
-    joints : sequence of str, optional
-        The joints with a motor; ``robot.actuated`` by default. A joint of several degrees of
-        freedom has a motor for each of them.
+    joints : sequence of str or CoupledMotor, optional
+        The joints with a motor of their own, and motors that act on several joints; by default
+        ``robot.actuated`` and ``robot.coupled_motors``. A joint of several degrees of freedom has a
+        motor for each of them.
     ratios : sequence of float or mapping of str to float, optional
-        Turns of the motor for one turn of its joint, one number for each joint or by name of the
-        joint [1]; 1 where nothing is said. Of a motor that drives a slider through a screw, turns
-        of the motor for a metre [rad/m].
+        Turns of the motor for one turn of its joint, one number for each joint with a motor of its
+        own or by name of the joint [1]; 1 where nothing is said. Of a motor that drives a slider
+        through a screw, turns of the motor for a metre [rad/m].
 
     Raises
     ------
     UnknownName
         If there is no such joint; the text lists the nearest names.
     InvalidArgument
-        If there is no motor at all, or a ratio is zero.
+        If there is no motor at all, a ratio is zero, or two motors share a name.
 
     Notes
     -----
+    More motors than joints, such as cables that pull against each other, are no trouble: B need not
+    have full rank.
+
     A rotor of inertia I adds ratio^2 I to the inertia of its joint. Put that into the model, as
     ``armature`` of the joint: ratios do not change the mass matrix here.
     """
 
     robot: Robot
-    joints: Sequence[str] | None = None
+    joints: Sequence[str | CoupledMotor] | None = None
     ratios: Sequence[float] | Mapping[str, float] | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.robot, Robot):
             raise InvalidArgument(f"robot = {type(self.robot).__name__}: a Robot is needed")
-        chosen = self.robot.actuated if self.joints is None else self.joints
-        joints = checked("joints", chosen, self.robot.joints, "joint")
-        if not joints:
+        chosen = self.joints
+        if chosen is None:
+            chosen = (*self.robot.actuated, *self.robot.coupled_motors)
+        motors = _motors(self.robot, chosen)
+        if not motors:
             raise InvalidArgument(
                 f"joints: {self.robot.name} names no joint with a motor; "
                 "Actuation(robot, [joint, ...]) does"
             )
-        object.__setattr__(self, "joints", joints)
-        object.__setattr__(self, "ratios", _ratios(joints, self.ratios))
-
-    @cached_property
-    def columns(self) -> NDArray[np.int_]:
-        """Indices in v of the joints of the motors, one entry a motor."""
-        return indices(self.robot.model, self._joints)[1]
-
-    @cached_property
-    def gears(self) -> Array:
-        """The ratio of every motor (k,)."""
-        ratios: Sequence[float] = self.ratios  # type: ignore[assignment]
-        return np.repeat(np.array(ratios), self._sizes)
+        own = [motor for motor in motors if isinstance(motor, str)]
+        object.__setattr__(self, "joints", motors)
+        object.__setattr__(self, "ratios", _ratios(own, self.ratios))
 
     @cached_property
     def B(self) -> Array:
         """The map (nv, k) from motor torques to joint torques."""
-        B = np.zeros((self.robot.nv, len(self.columns)))
-        B[self.columns, np.arange(len(self.columns))] = self.gears
+        B = np.zeros((self.robot.nv, len(self._each)))
+        for k, motor in enumerate(self._each):
+            B[[*motor.weights], k] = [*motor.weights.values()]
         B.flags.writeable = False
         return B
 
-    @property
+    @cached_property
     def motors(self) -> tuple[str, ...]:
-        """A name for each motor: that of its joint, numbered where a joint has several."""
-        return entry_names(self.robot.model, self.columns)
+        """A name for each motor: its own, or that of its joint, numbered if a joint has several."""
+        return tuple(motor.name for motor in self._each)
 
-    @property
-    def _joints(self) -> Sequence[str]:
-        return self.joints or ()
+    @cached_property
+    def gears(self) -> Array:
+        """The ratio of every motor, and the length of its column of B if it is coupled (k,)."""
+        return np.array([motor.gear for motor in self._each])
 
-    @property
-    def _sizes(self) -> list[int]:
-        model = self.robot.model
-        return [int(model.joints[model.getJointId(name)].nv) for name in self._joints]
+    @cached_property
+    def E(self) -> Array:
+        """B for motors without gears (nv, k): its columns over `gears`, of length 1."""
+        return self.B / self.gears
+
+    @cached_property
+    def columns(self) -> NDArray[np.int_]:
+        """Indices in v on which motors act, each once, in the order of the motors."""
+        found = dict.fromkeys(i for motor in self._each for i in motor.weights)
+        return np.array(list(found), dtype=np.int_)
+
+    @cached_property
+    def coupled(self) -> NDArray[np.int_]:
+        """Indices of the motors that act on several joints."""
+        return np.flatnonzero([motor.coupled for motor in self._each])
+
+    @cached_property
+    def limits(self) -> tuple[Array, Array]:
+        """Least and largest torques of the motors (k,), without those of their joints [N m, N]."""
+        least, largest = np.array([motor.limits for motor in self._each]).T
+        return least, largest
+
+    @cached_property
+    def _each(self) -> tuple[_Motor, ...]:
+        model, ratios = self.robot.model, iter(self.ratios or ())
+        names = entry_names(model, np.arange(self.robot.nv))
+        found: list[_Motor] = []
+        for motor in self.joints or ():
+            if isinstance(motor, str):
+                ratio = next(ratios)
+                entries = indices(model, [motor])[1].tolist()
+                found += [_Motor(names[i], {i: ratio}, ratio) for i in entries]
+            else:
+                at = indices(model, [*motor.weights])[1].tolist()
+                weights = dict(zip(at, motor.weights.values(), strict=True))
+                gear = float(np.linalg.norm([*weights.values()]))
+                least, largest = motor.limits
+                found.append(_Motor(motor.name, weights, gear, (least, largest), coupled=True))
+        return tuple(found)
+
+
+class _Motor(NamedTuple):
+    """A motor, with its weights by index in v."""
+
+    name: str
+    weights: dict[int, float]
+    gear: float
+    limits: tuple[float, float] = (-inf, inf)
+    coupled: bool = False
+
+
+def _motors(robot: Robot, chosen: Any) -> tuple[str | CoupledMotor, ...]:
+    """Names of joints, and motors that act on several, each once."""
+    if isinstance(chosen, str) or not isinstance(chosen, Iterable):
+        return checked("joints", chosen, robot.joints, "joint")  # which refuses it
+    motors = [*chosen]
+    coupled = [motor for motor in motors if isinstance(motor, CoupledMotor)]
+    others = [motor for motor in motors if not isinstance(motor, CoupledMotor)]
+    checked("joints", others, robot.joints, "joint")
+    check_coupled(robot.model, [*dict.fromkeys(coupled)])
+    return tuple(dict.fromkeys(motors))
 
 
 def _ratios(
@@ -151,6 +210,8 @@ def motors_of(scene: Scene, actuation: Actuation | None) -> Actuation:
 # With the columns of J split into motors A, dependent joints D and the rest, which stays at rest,
 #
 #     J_A v_A + J_D v_D = 0,      v = G w,      w the speeds of the motors,
+#
+# where a motor on several joints is one more coordinate x and one more row, E_c^T v - x = 0,
 #
 # and equal power, tau . v = u . w, makes u = G^T tau the motor torques that do what tau does. Where
 # motors move together only in some ways, because there are more of them than degrees of freedom, G
@@ -310,8 +371,9 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
     """
     actuation = motors_of(scene, actuation)
     state = at_state(scene, q)
-    J, A, gears = state.terms.J, actuation.columns, actuation.gears
-    n, k = scene.robot.nv, len(A)
+    n, gears = scene.robot.nv, actuation.gears
+    J, A = _with_motors(state.terms.J, actuation)
+    k = len(A)
     classes = passive_joints(scene.robot, A)
     passive = np.sort(np.concatenate(classes))
     least = tolerances.DEAD_POINT * float(np.linalg.norm(J))
@@ -325,13 +387,24 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
     conflicting = int(np.count_nonzero(least / np.abs(gears).min() < T))
     fits = np.eye(k) - Wt[:conflicting].T @ Wt[:conflicting]
     D = independent_columns(J, classes)
-    G = np.zeros((n, k))
+    G = np.zeros((J.shape[1], k))
     G[A] = fits / gears[:, None]
     if len(D):
         G[D] = -np.linalg.lstsq(J[:, D], J_A @ fits, rcond=tolerances.DEAD_POINT)[0]
     held, model = np.setdiff1d(np.arange(n), [*A, *D]), scene.robot.model
     names = (name for name in scene.robot.joints if np.isin(indices(model, [name])[1], held).any())
-    return Transmission(G, free, conflicting, tuple(names), actuation, scene, state.q)
+    return Transmission(G[:n], free, conflicting, tuple(names), actuation, scene, state.q)
+
+
+def _with_motors(J: Array, actuation: Actuation) -> tuple[Array, NDArray[np.int_]]:
+    """Return J with the coordinates and rows of motors on several joints, and the motors in it."""
+    coupled, (m, n) = actuation.coupled, J.shape
+    A = actuation.E.argmax(axis=0)
+    if not len(coupled):
+        return J, A
+    A[coupled] = np.arange(n, n + len(coupled))
+    rows = np.hstack((actuation.E[:, coupled].T, -np.eye(len(coupled))))
+    return np.vstack((np.hstack((J, np.zeros((m, len(coupled))))), rows)), A
 
 
 # Drive: what motors and constraints can give together.

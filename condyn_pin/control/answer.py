@@ -122,6 +122,8 @@ class ControlAnswer:
 
     Attributes
     ----------
+    u : (k,) array
+        Torques of the motors [N m, N]; of those that do the same, the smallest.
     tau : (nv,) array
         Joint torques that the motors give, B u [N m, N].
     a : (nv,) array
@@ -162,6 +164,7 @@ class ControlAnswer:
         beyond their limits or cannot be stopped before them. They change no status.
     """
 
+    u: Array
     tau: Array
     a: Array
     lam: Array
@@ -181,11 +184,6 @@ class ControlAnswer:
     t: float  # [s]
     v: Array
     notices: tuple[str, ...] = ()
-
-    @property
-    def u(self) -> Array:
-        """Torques of the motors (k,) [N m, N]."""
-        return np.asarray(self.tau[self.actuation.columns] / self.actuation.gears)
 
     @property
     def torques(self) -> dict[str, float]:
@@ -230,6 +228,7 @@ class ControlAnswer:
 class Verdict(NamedTuple):
     """The part of a `ControlAnswer` that a program decides."""
 
+    u: Array
     tau: Array
     a: Array
     lam: Array
@@ -251,14 +250,15 @@ def verdict(
     """Return the motion, torques and forces of unknowns x, verified; NaN where x is None."""
     if x is None:
         nothing, none = np.full(len(program.motion.v), np.nan), np.full(program.equations.m, np.nan)
+        u = np.full(len(program.actuation.gears), np.nan)
         infeasible = _contradiction(program, given, answers[-1])
         status = ControlStatus.INFEASIBLE if infeasible else ControlStatus.UNSOLVED
         if answers[-1].stopped:
             status = ControlStatus.OUT_OF_BUDGET
         unknown = ControlResiduals(np.inf, np.inf, np.inf)
         rigid = np.full(len(program.rigid), np.nan)
-        return Verdict(nothing, nothing, none, rigid, {}, (), infeasible, unknown, status)
-    a, tau, lam, rigid = program.recover(x)
+        return Verdict(u, nothing, nothing, none, rigid, {}, (), infeasible, unknown, status)
+    a, u, tau, lam, rigid = program.recover(x)
     passive = program.passive + rigid @ program.rigid if len(rigid) else program.passive
     residuals, status = _proof(program, a, tau, passive, lam, answers)
     errors, last = program.errors(x), answers[-1].answer
@@ -267,7 +267,7 @@ def verdict(
     size = max(peak(a), tolerances.GRAVITY)
     if program.left_out or residuals.constraints > tolerances.SOLVED * size:
         notices += program.unkept(program.motion.q, program.motion.v, a, lam, size)
-    return Verdict(tau, a, lam, rigid, errors, active, None, residuals, status, notices)
+    return Verdict(u, tau, a, lam, rigid, errors, active, None, residuals, status, notices)
 
 
 def _proof(

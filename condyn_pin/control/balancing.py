@@ -41,7 +41,7 @@ from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation, motors_of
 from condyn_pin.control.cones import ContactCones, wrench_margin
-from condyn_pin.control.limits import torque_limits
+from condyn_pin.control.limits import TorqueLimits
 from condyn_pin.control.program import rigid_rows
 from condyn_pin.control.support import (
     Pressure,
@@ -388,9 +388,7 @@ class Brake:
         self._still = np.zeros(robot.nv)
         self._way, self._level = way, floor.axes[:2]
         self._actuation = motors_of(scene, actuation)
-        self._most = torque_limits(robot, self._actuation.columns) / self._mass
-        if not torque:
-            self._most[:] = np.inf
+        self._limits = TorqueLimits.of(self._actuation, count=torque)
         names = checked("rigid", rigid, robot.joints, "joint")
         self._stiff = rigid_rows(robot, names, self._actuation.columns)
         self._cones = ContactCones(scene, cones)
@@ -424,7 +422,7 @@ class Brake:
             at = self._moved(at.s + step, pin.integrate(self._model, at.q, step * at.x))
         if not travel:
             raise Infeasible("no forces of motors and floor hold the robot at rest at q")
-        motors = tuple(name for name in self._actuation.motors if name in holding)
+        motors = tuple(name for name in self._limits.names if name in holding)
         return *_until_rest(np.array(travel), np.array(pressure)), motors
 
     def _moved(self, s: float, guess: Array) -> _Posture | None:
@@ -456,24 +454,28 @@ class Brake:
         A, J = self._cones.rows(self._equations.data.oMi), terms.J
         M, h = terms.M / self._mass, terms.h / self._mass
         inertia = self.gravity / self.height * (M @ at.x)
-        E = np.eye(len(h))[:, self._actuation.columns]
+        E, L = self._actuation.E, self._limits.L
+        most = np.concatenate((self._limits.most, -self._limits.least)) / self._mass
+        ends = np.flatnonzero(np.isfinite(most))
         # unknowns: torques of motors over the mass, p, and what has no limit
         law = np.hstack((E, inertia[:, None], J.T, self._stiff.T, -M @ at.Y))
         sizes = np.abs(law).max(axis=1)  # HiGHS leaves out what is below 1e-9
         first = E.shape[1] + 1
-        limits, cost = np.zeros((len(A), law.shape[1])), np.zeros(law.shape[1])
-        limits[:, first + self._cones.touching], cost[first - 1] = A, -1.0
-        most = np.full(len(cost), np.inf)
-        most[: first - 1], most[len(cost) - at.Y.shape[1] :] = self._most, _FASTEST
+        limits, cost = np.zeros((len(A) + len(ends), law.shape[1])), np.zeros(law.shape[1])
+        limits[: len(A), first + self._cones.touching], cost[first - 1] = A, -1.0
+        limits[len(A) :, : first - 1] = np.vstack((L, -L))[ends]
+        fastest = np.full(len(cost), np.inf)
+        fastest[len(cost) - at.Y.shape[1] :] = _FASTEST
         found = linprog(
-            cost, limits, np.zeros(len(A)), law / sizes[:, None],
-            (h + at.s * inertia) / sizes, bounds=np.column_stack((-most, most)), method="highs",
+            cost, limits, np.concatenate((np.zeros(len(A)), most[ends])), law / sizes[:, None],
+            (h + at.s * inertia) / sizes, bounds=np.column_stack((-fastest, fastest)),
+            method="highs",
         )  # fmt: skip
         if found.status != 0:
             return None
-        gain = np.abs(found.lower.marginals - found.upper.marginals)[: first - 1]
-        held = np.flatnonzero(gain * np.where(gain > 0, self._most, 0.0) > _NOTICED)
-        return _Ahead(float(found.x[first - 1]), {self._actuation.motors[i] for i in held})
+        gain = np.abs(found.ineqlin.marginals[len(A) :]) * np.abs(most[ends])
+        held = ends[gain > _NOTICED] % len(L)
+        return _Ahead(float(found.x[first - 1]), {self._limits.names[i] for i in held})
 
     def _center(self, q: Array) -> Array:
         return np.array(pin.centerOfMass(self._model, whole_data(self._model), q))
@@ -526,7 +528,8 @@ class PushBound:
     pressure : (k,) array
         How far ahead of where the mass was the centre of pressure can be then: p [m].
     motors : tuple of str
-        The motors that hold the pressure back somewhere on the way, by name.
+        The motors that hold the pressure back somewhere on the way, by name; the joint where the
+        limit is that of a joint on which several act.
     height : float
         Of the centre of mass over the floor, h [m].
     mass : float

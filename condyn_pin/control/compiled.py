@@ -16,6 +16,7 @@ from typing import Any, Final
 import numpy as np
 
 from condyn_pin._core import tolerances
+from condyn_pin._core.arguments import listed
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.compiled import compiled_tick
 from condyn_pin.constraints.rows.bound import STILL, placement
@@ -49,6 +50,9 @@ def tasks_of(program: Program) -> list[tuple[Task, BoundTask]]:
 def unsupported(program: Program) -> Iterator[str]:
     """Yield the features of a controller that the core lacks, in words."""
     yield from unsupported_rows(program.equations.model, program.equations.bounds)
+    motors = program.actuation.motors
+    if coupled := [motors[k] for k in program.actuation.coupled]:
+        yield f"actuation: motors that act on several joints ({listed(coupled)})"
     if len(program.levels) > 1:
         yield "tasks: it answers the levels of a Hierarchy with their regularisation"
     if program.bounds.dt is not None:
@@ -89,10 +93,10 @@ def of_program(program: Program, regularisation: float) -> dict[str, Any]:
         "held": cones.held.tolist(),
         "touching": cones.touching.tolist(),
         "driven": equations.driven.tolist(),
-        "motors": program.columns.tolist(),
+        "motors": program.actuation.columns.tolist(),
         "rigid": program.rigid.argmax(axis=1).tolist() if len(program.rigid) else [],
-        "limited": program.limited.tolist(),
-        "torque": program.most,
+        "limited": program.torque.L.argmax(axis=1).tolist() if program.torque.names else [],
+        "torque": program.torque.most / program.mass,
         "numbers": np.array(numbers),
     }
 
@@ -231,8 +235,10 @@ class CompiledTick:
             notices = self._program.unkept(q, out[at_v:at_a], a, lam, max(size, tolerances.GRAVITY))
         sides = self._sides[answered - 1]
         active = active_rows(self._program, sides.nonzero()[0], sides > 0) if sides.any() else ()
+        tau, motors = out[at_tau:at_lam], self._actuation
         return ControlAnswer(
-            tau=out[at_tau:at_lam],
+            u=tau[motors.columns] / motors.gears,
+            tau=tau,
             a=out[at_a:at_tau],
             lam=out[at_lam:at_rigid],
             rigid=out[at_rigid:at_errors],

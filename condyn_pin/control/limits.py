@@ -22,7 +22,7 @@ arms. IEEE Robotics and Automation Letters, 2018.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -64,8 +64,9 @@ class ControlLimits:
     Parameters
     ----------
     torque : bool
-        Whether motors keep to the effort limits of their joints; one that is not positive means
-        none, as in files.
+        Whether motors keep to their limits: those of each `CoupledMotor`, and the effort limit of
+        every joint for all motors that act on it together. One that is not positive means none, as
+        in files.
     dt : float, optional
         How far joints look ahead to keep within position and velocity limits [s]; by default these
         do not count. A control tick or more: joints brake the more gently, the longer it is. They
@@ -112,9 +113,11 @@ class AccelerationBounds:
         Entries of v that have a bound.
     names : tuple of str
         Of the joints, one an entry.
-    most, speed, effort : (nv,) array
-        The largest acceleration, velocity and torque of all entries of v; infinite where there is
-        none.
+    most, speed : (nv,) array
+        The largest acceleration and velocity of all entries of v; infinite where there is none.
+    against : dict of float to (nv,) array
+        The largest torque of motors against motion upwards (1) and downwards (-1) [N m, N];
+        infinite where there is none.
     dt : float or None
         How far joints look ahead [s].
     joints : Limits
@@ -123,14 +126,15 @@ class AccelerationBounds:
         Those limits, the upper and the lower ones.
     """
 
-    def __init__(self, robot: Robot, limits: ControlLimits, motors: NDArray[np.int_]) -> None:
+    def __init__(self, limits: ControlLimits, actuation: Actuation) -> None:
+        robot = actuation.robot
         if limits.dt is not None:
             _check_ranges(robot)
         model, nv = robot.unedited, robot.nv
         self.dt = limits.dt
         self.most = np.full(nv, np.inf)
         if limits.acceleration is not None:
-            where = motors if np.ndim(limits.acceleration) == 0 else np.arange(nv)
+            where = actuation.columns if np.ndim(limits.acceleration) == 0 else np.arange(nv)
             shape = np.shape(limits.acceleration) or ()
             if shape not in ((), (nv,)):
                 raise InvalidArgument(
@@ -139,9 +143,9 @@ class AccelerationBounds:
             self.most[where] = limits.acceleration
         speed = np.array(model.velocityLimit, dtype=float)
         self.speed = np.where((speed > 0) & (speed < UNLIMITED), speed, np.inf)
-        self.effort = np.full(nv, np.inf)
+        self.against = {side: np.full(nv, np.inf) for side in (1.0, -1.0)}
         if limits.torque:
-            self.effort[motors] = torque_limits(robot, motors)
+            self.against = {side: _largest_torque(actuation, -side) for side in self.against}
         self.joints = Limits.of(model)
         self.reach = _or_infinite(self.joints.upper), _or_infinite(self.joints.lower)
         bounded = np.isfinite(self.most)
@@ -165,11 +169,11 @@ class AccelerationBounds:
         if self.dt is None:
             return -self.most[self.columns], self.most[self.columns]
         joints, (highest, lowest) = self.joints, self.reach
-        upper = self._towards(v, inertia, load, self.dt)
-        lower = self._towards(-v, inertia, -load, self.dt)
+        upper = self._towards(1.0, v, inertia, load, self.dt)
+        lower = self._towards(-1.0, v, inertia, load, self.dt)
         iv, x, speed = joints.iv, q[joints.iq], v[joints.iv]
         for bound, d, sign in ((upper, highest - x, 1.0), (lower, x - lowest, -1.0)):
-            brake = self.braking(inertia, sign * load)[iv]
+            brake = self.braking(sign, inertia, load)[iv]
             kept = np.minimum(self.most[iv], _KEPT * brake)
             found = stopping(d, sign * speed, kept, brake, self.dt)
             bound[iv] = np.minimum(bound[iv], np.maximum(found, -self.most[iv]))
@@ -179,14 +183,15 @@ class AccelerationBounds:
         np.maximum(lower, upper, out=upper, where=v < 0)
         return lower[self.columns], upper[self.columns]
 
-    def braking(self, inertia: Array, load: Array) -> Array:
-        """Largest deceleration of each joint as it moves upwards (nv,); infinite if not known."""
-        alone = np.maximum(self.effort + load, _WEAKEST * self.effort) / inertia
+    def braking(self, side: float, inertia: Array, load: Array) -> Array:
+        """Largest deceleration of each joint as it moves upwards (1) or downwards (-1) (nv,)."""
+        effort, other = self.against[side], self.against[-side]
+        alone = np.maximum(effort + side * load, _WEAKEST * np.maximum(effort, other)) / inertia
         return np.asarray(np.minimum(self.most, alone))
 
-    def _towards(self, v: Array, inertia: Array, load: Array, dt: float) -> Array:
-        """Largest accelerations upwards (nv,) within those of velocities that are v."""
-        fastest = np.maximum((self.speed - v) / dt, -self.braking(inertia, load))
+    def _towards(self, side: float, v: Array, inertia: Array, load: Array, dt: float) -> Array:
+        """Largest accelerations to one side (nv,) within those of velocities that are v."""
+        fastest = np.maximum((self.speed - side * v) / dt, -self.braking(side, inertia, load))
         return np.asarray(np.minimum(self.most, fastest))
 
     def unviable(self, q: Array, v: Array, inertia: Array, load: Array) -> tuple[str, ...]:
@@ -197,7 +202,7 @@ class AccelerationBounds:
         x, speed = q[joints.iq], v[joints.iv]
         sides = (("upper", 1.0, joints.upper), ("lower", -1.0, joints.lower))
         for side, sign, limit in sides:
-            brake = self.braking(inertia, sign * load)[joints.iv]
+            brake = self.braking(sign, inertia, load)[joints.iv]
             for i in np.flatnonzero(_is_lost(sign * (limit - x), sign * speed, brake)).tolist():
                 unit = "m" if joints.length[i] else "rad"
                 where = f"{joints.joints[i]} is at {x[i]:.6g} {unit} and {speed[i]:.3g} {unit}/s"
@@ -246,10 +251,59 @@ def _is_lost(d: Array, v: Array, brake: Array) -> NDArray[np.bool_]:
     return np.asarray((d < -tolerances.CLOSED) | (way > (1 + _ROUNDED) * d + tolerances.CLOSED))
 
 
-def torque_limits(robot: Robot, columns: NDArray[np.int_]) -> Array:
-    """Return the largest torque on the joints of some entries of v [N m, N]; infinite for none."""
-    most = np.array(robot.unedited.effortLimit, dtype=float)[columns]
+class TorqueLimits(NamedTuple):
+    """Limits of the torques t = gears u of motors, least <= L t <= most.
+
+    Attributes
+    ----------
+    names : tuple of str
+        Of the joints on which motors act, then of motors on several joints, if they have a limit.
+    L : (l, k) array
+    least, most : (l,) array
+        [N m, N]
+    gears : (l,) array
+        What they have to be divided by for torques of joints, and of motors themselves.
+    """
+
+    names: tuple[str, ...]
+    L: Array
+    least: Array
+    most: Array
+    gears: Array
+
+    @classmethod
+    def of(cls, actuation: Actuation, *, count: bool = True) -> TorqueLimits:
+        """Return the limits of joints and motors; none where they do not count."""
+        model, gears, (least, most) = actuation.robot.model, actuation.gears, actuation.limits
+        efforts, joints = _efforts(actuation.robot), actuation.columns
+        joints = joints[np.isfinite(efforts[joints]) & count]
+        motors = np.flatnonzero((np.isfinite(least) | np.isfinite(most)) & count)
+        return cls(
+            (*entry_names(model, joints), *(actuation.motors[k] for k in motors)),
+            np.vstack((actuation.E[joints], np.eye(len(gears))[motors])),
+            np.concatenate((-efforts[joints], (least * gears)[motors])),
+            np.concatenate((efforts[joints], (most * gears)[motors])),
+            np.concatenate((np.ones(len(joints)), gears[motors])),
+        )
+
+
+def _efforts(robot: Robot) -> Array:
+    """Largest torque on each entry of v (nv,) [N m, N]; infinite for none."""
+    most = np.array(robot.unedited.effortLimit, dtype=float)
     return np.where((most > 0) & (most < UNLIMITED), most, np.inf)
+
+
+def _largest_torque(actuation: Actuation, side: float) -> Array:
+    """Largest torque of the motors upwards (1) or downwards (-1) on each entry of v (nv,).
+
+    Infinite where none acts.
+    """
+    B, (least, most) = side * actuation.B, actuation.limits
+    with np.errstate(invalid="ignore"):  # of zero times infinity
+        found = np.where(B == 0.0, 0.0, np.maximum(B * least, B * most)).sum(axis=1)
+    found[~B.any(axis=1)] = np.inf
+    found[actuation.columns] = np.minimum(found, _efforts(actuation.robot))[actuation.columns]
+    return np.asarray(found)
 
 
 def _check_ranges(robot: Robot) -> None:

@@ -6,9 +6,10 @@ Program: the quadratic program of one control tick, with a name for each of its 
 
     r = a_ref - gamma,    r = s'' - gamma of rows that are driven along s(t)
 
-E puts the torques t of the motors into the equation; l are the rows that are held, loops above all
-and joints that are taken for rigid, and c those of contacts with a cone. Held rows and torques are
-eliminated (`elimination`): with m the mass of the robot, so that all unknowns are accelerations,
+E puts the torques t = gears u of the motors into the equation; l are the rows that are held, loops
+above all and joints that are taken for rigid, and c those of contacts with a cone. Held rows and
+torques are eliminated (`elimination`): with m the mass of the robot, so that all unknowns are
+accelerations,
 
     x = (z, lam_c / m, w / m),     a = a_0 + N z,     t / m = T x + t_0,
 
@@ -29,7 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from condyn_pin._core import tolerances
-from condyn_pin._core.arrays import Array, Indices, entries
+from condyn_pin._core.arrays import Array, entries
 from condyn_pin._core.joints import indices
 from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.constraints.rows.equations import Equations
@@ -37,7 +38,7 @@ from condyn_pin.constraints.rows.redundancy import LeftOut, Redundancy
 from condyn_pin.control.actuation import Actuation
 from condyn_pin.control.cones import ContactCones
 from condyn_pin.control.hierarchy import FLOOR, JOINT, LAW, MOTOR, Level, Row, Rows, Stack
-from condyn_pin.control.limits import AccelerationBounds, ControlLimits, locked, torque_limits
+from condyn_pin.control.limits import AccelerationBounds, ControlLimits, TorqueLimits, locked
 from condyn_pin.control.qp.base import Constraints, Elastic, peak
 from condyn_pin.control.tasks.base import DefaultReference, Motion, Task
 from condyn_pin.dynamics.at_state import told
@@ -66,10 +67,9 @@ class Program:
         Torques that act anyway, in the last tick.
     mass : float
         Of the robot [kg].
-    columns : (k,) int array
-        Entries of v that have a motor.
-    limited, most : (l,) int array, (l,) array
-        Which motors have a limit, and that limit over the mass.
+    actuation : Actuation
+    torque : TorqueLimits
+        Limits of the motors that count.
     bounds : AccelerationBounds
     hard : Stack
         Tasks that are equations.
@@ -103,26 +103,23 @@ class Program:
         self.motion = Motion(scene, equations)
         self.mass = robot.mass
         self._regularisation = regularisation
-        self.columns = actuation.columns
-        self._motors, self._touching = entries(self.columns), entries(cones.touching)
-        self.bounds = AccelerationBounds(robot, limits, self.columns)
-        most = torque_limits(robot, self.columns)
-        limited = np.flatnonzero(np.isfinite(most)) if limits.torque else np.zeros(0, int)
-        self.limited, self.most = limited, most[limited] / self.mass
-        self._constraints = TickConstraints(cones, self.bounds, limited, self.most)
+        self.actuation, self._touching = actuation, entries(cones.touching)
+        self.bounds = AccelerationBounds(limits, actuation)
+        self.torque = TorqueLimits.of(actuation, count=limits.torque)
+        self._constraints = TickConstraints(cones, self.bounds, self.torque, self.mass)
         tasks = [task for level in levels for task in level]
         hard = [task for task in tasks if isinf(task.weight)]
         self.hard = Stack(scene, hard, home)
         self.levels = [
             Stack(scene, [task for task in level if task not in hard], home) for level in levels
         ]
-        self.inequalities = self._inequality_rows([actuation.motors[i] for i in limited])
-        self.rigid = rigid_rows(robot, rigid, self.columns)
+        self.inequalities = self._inequality_rows()
+        self.rigid = rigid_rows(robot, rigid, actuation.columns)
         self._rigid_rest = np.zeros(len(self.rigid))
         self._none, self._no_loops = np.zeros((0, 0)), np.zeros((0, robot.nv))
         self._constant: Elimination | None = None
         if not len(cones.held):
-            self._constant = Elimination.of(self.rigid, self.columns)
+            self._constant = Elimination.of(self.rigid, actuation.E)
         self._fixed: dict[Stack, tuple[Array, Array]] = {}  # where x has the same meaning always
 
     def without_swing(self, q: Array, v: Array) -> Array:
@@ -200,7 +197,7 @@ class Program:
         if self.left_out:
             J_l, r_l = self.left_out.kept(J_l), self.left_out.kept(r_l)
         if E is None:
-            E = Elimination.of(np.concatenate((J_l, self.rigid)), self.columns)
+            E = Elimination.of(np.concatenate((J_l, self.rigid)), self.actuation.E)
         r_l = np.concatenate((r_l, self._rigid_rest)) if E.holds else self._rigid_rest
         return reduced(
             terms, terms.h - self.passive, E, r_l, terms.J[touching], wanted[touching], self.mass
@@ -272,7 +269,7 @@ class Program:
 
         None if anything else has to give, or an acceleration would exceed its own limit.
         """
-        first, columns = len(self.most), self.bounds.columns
+        first, columns = len(self.torque.names), self.bounds.columns
         rows = slice(first, first + len(columns))
         given_by, others = gives.of_inequalities[rows], gives.of_inequalities.copy()
         others[rows] = 0.0
@@ -300,22 +297,23 @@ class Program:
         laws = len(given.b) - len(self.hard.rows)
         return [Row("equation of motion", "m/s^2", 1.0, LAW)] * laws + self.hard.rows
 
-    def recover(self, x: Array) -> tuple[Array, Array, Array, Array]:
-        """Return a, tau, lam of all rows, and the torques of rigid joints, that belong to x."""
+    def recover(self, x: Array) -> tuple[Array, Array, Array, Array, Array]:
+        """Return a, u, tau, lam of all rows, and the torques of rigid joints, that belong to x."""
         at, terms, held = self._at, self.motion.terms, self.cones.held
         m, k = at.touch.shape
         a = at.a_0 + at.map.N @ x[:k] if at.map.holds else x[:k].copy()
-        lam, tau = np.zeros(len(terms.J)), np.zeros(len(a))
+        lam = np.zeros(len(terms.J))
         f = lam[self._touching] = self.mass * x[k : k + m]
         given = at.torque.dot(x)
         given += at.torque_0
-        tau[self._motors] = self.mass * given
+        given *= self.mass
+        u, tau = given / self.actuation.gears, self.actuation.E @ given
         if not at.map.holds:
-            return a, tau, lam, np.zeros(0)
+            return a, u, tau, lam, np.zeros(0)
         left = terms.M @ a + terms.h - self.passive - tau - at.J_c.T @ f
         forces = at.map.forces(left)
         lam[held] = forces[: len(held)]
-        return a, tau, lam, forces[len(held) :]
+        return a, u, tau, lam, forces[len(held) :]
 
     def errors(self, x: Array) -> dict[str, Array]:
         """Return the residual of each task of the last tick, by name."""
@@ -327,8 +325,12 @@ class Program:
                 found[name] = left[place]
         return found
 
-    def _inequality_rows(self, limited: Sequence[str]) -> list[Row]:
-        rows = [Row(f"{name}: torque", "N m, N", self.mass, MOTOR) for name in limited]
+    def _inequality_rows(self) -> list[Row]:
+        scales = self.mass / self.torque.gears
+        rows = [
+            Row(f"{name}: torque", "N m, N", scale, MOTOR)
+            for name, scale in zip(self.torque.names, scales.tolist(), strict=True)
+        ]
         unit = "rad/s^2, m/s^2"
         rows += [Row(f"{name}: acceleration", unit, 1.0, JOINT) for name in self.bounds.names]
         return rows + [Row(name, "N", self.mass, FLOOR) for name in self.cones.names]
@@ -357,8 +359,9 @@ class TickConstraints:
     ----------
     cones : ContactCones
     bounds : AccelerationBounds
-    limited, most : (l,) int array, (l,) array
-        Which motors have a limit, and that limit over the mass of the robot [m/s^2].
+    limits : TorqueLimits
+    mass : float
+        Of the robot [kg].
 
     Attributes
     ----------
@@ -372,10 +375,10 @@ class TickConstraints:
     _redundant: bool | None = None  # not known before the first tick
 
     def __init__(
-        self, cones: ContactCones, bounds: AccelerationBounds, limited: Indices, most: Array
+        self, cones: ContactCones, bounds: AccelerationBounds, limits: TorqueLimits, mass: float
     ) -> None:
-        self._cones, self._bounds = cones, bounds
-        self._limited, self._most, self._least = entries(limited), most, -most
+        self._cones, self._bounds, self._L = cones, bounds, limits.L
+        self._least, self._most = limits.least / mass, limits.most / mass
 
     def of(self, at: Reduction, wished: Rows, motion: Motion, load: Array) -> Constraints:
         """Return the constraints of a tick; overwritten by the next call.
@@ -422,8 +425,8 @@ class TickConstraints:
         _, _, C, lower, upper = self._memory
         k, columns, first = at.touch.shape[1], self._bounds.columns, len(self._most)
         last = first + len(columns)
-        given = at.torque_0[self._limited]
-        C[:first] = at.torque[self._limited]
+        given = self._L @ at.torque_0
+        C[:first] = self._L @ at.torque
         np.subtract(self._least, given, out=lower[:first])
         np.subtract(self._most, given, out=upper[:first])
         if len(columns):
@@ -454,12 +457,14 @@ class TickConstraints:
 #
 #     a = a_0 + N z,    a_0 = Q_1 R^-T (P^T r),    N = Q_2,
 #
-# and with the columns of the motors, S = N^T E = X_1 s Y_1^T, of what the motors have to give
+# and with the columns of the motors, of length 1, S = N^T E = X_1 s Y_1^T, of what the motors have
+# to give
 #
 #     N^T E t = N^T f    is    t = (Y_1 s^-1 X_1^T) N^T f + Y_2 w,    X_2^T N^T f = 0.
 #
-# w is there where motors work against each other through the loops. Without loops N = 1, and what
-# motors have to give, and what none reaches, are entries of f.
+# w is there where motors work against each other, through the loops or as cables on one joint.
+# Without loops N = 1; if each motor has its joint, what motors have to give, and what none reaches,
+# are then entries of f.
 
 
 @dataclass(frozen=True, eq=False)
@@ -498,36 +503,35 @@ class Elimination:
 
     def torques(self, f: Array) -> Array:
         """Return the torques of the motors for N^T f (k, ...)."""
-        return np.asarray(self._drive @ f if self.holds else f[self._drive])
+        return np.asarray(self._drive @ f if _is_matrix(self._drive) else f[self._drive])
 
     def unreached(self, f: Array) -> Array:
         """Return the part of N^T f (k, ...) that no motor reaches."""
-        return np.asarray(self._undriven @ f if self.holds else f[self._undriven])
+        return np.asarray(self._undriven @ f if _is_matrix(self._undriven) else f[self._undriven])
 
     @classmethod
-    def free(cls, nv: int, columns: NDArray[np.int_]) -> Elimination:
-        """Return the maps without held rows, with motors in some entries of v."""
-        nothing, none = np.zeros((0, 0)), np.zeros(0, np.int_)
+    def free(cls, E: Array) -> Elimination:
+        """Return the maps without held rows, for motors E (nv, k)."""
+        nothing, none, nv = np.zeros((0, 0)), np.zeros(0, np.int_), len(E)
+        if (np.count_nonzero(E, axis=0) > 1).any() or (np.count_nonzero(E, axis=1) > 1).any():
+            return cls(np.eye(nv), *_driven(E), nothing, nothing, nothing, none)
+        columns = E.argmax(axis=0)  # each motor has its joint
         others = np.setdiff1d(np.arange(nv), columns)
         inner = np.zeros((len(columns), 0))
         drive, undriven = entries(columns), entries(others)
         return cls(np.eye(nv), inner, drive, undriven, nothing, nothing, nothing, none)
 
     @classmethod
-    def of(cls, J: Array, columns: NDArray[np.int_]) -> Elimination:
-        """Return the maps of held rows J (m, nv) and motors in some entries of v."""
+    def of(cls, J: Array, E: Array) -> Elimination:
+        """Return the maps of held rows J (m, nv) and motors E (nv, k), with columns of length 1."""
         if not len(J):
-            return cls.free(J.shape[1], columns)
+            return cls.free(E)
         Q, R, pivots, rank = _pivoted_qr(J.T, J.shape[1])
         if not rank:
-            return cls.free(J.shape[1], columns)
+            return cls.free(E)
         N = Q[:, rank:]
-        X, s, Yt = np.linalg.svd(N[columns].T)
-        reached = int(np.count_nonzero(s > tolerances.RANK))
-        drive = (Yt[:reached].T / s[:reached]) @ X[:, :reached].T
-        inner, undriven = Yt[reached:].T, X[:, reached:].T
         R, rest = R[:rank, :rank], R[:rank, rank:]
-        return cls(N, inner, drive, undriven, Q[:, :rank], R, rest, pivots)
+        return cls(N, *_driven(N.T @ E), Q[:, :rank], R, rest, pivots)
 
     def particular(self, r: Array) -> Array:
         """Return a_0, the smallest acceleration with J a = r (m,)."""
@@ -556,6 +560,19 @@ class Elimination:
             lam[self._pivots[rank:]] = W.T @ y
         lam[self._pivots[:rank]] = y
         return lam
+
+
+def _driven(S: Array) -> tuple[Array, Array, Array]:
+    """Y_2, Y_1 s^-1 X_1^T and X_2^T of S = N^T E."""
+    X, s, Yt = np.linalg.svd(S)
+    reached = int(np.count_nonzero(s > tolerances.RANK))
+    drive = (Yt[:reached].T / s[:reached]) @ X[:, :reached].T
+    return Yt[reached:].T, drive, X[:, reached:].T
+
+
+def _is_matrix(places: Any) -> bool:
+    """True of a matrix, and not of entries to take."""
+    return isinstance(places, np.ndarray) and places.ndim == 2
 
 
 def reached(J: Array, r: Array) -> tuple[Array, int]:

@@ -493,4 +493,6 @@ def motor_torque(robot: Robot, rng: np.random.Generator) -> Array:
     for name in robot.actuated:
         joint = robot.model.joints[robot.model.getJointId(name)]
         tau[joint.idx_v : joint.idx_v + joint.nv] = rng.normal(size=joint.nv)
+    for motor in robot.coupled_motors:
+        tau += rng.normal() * robot.joint_vector(motor.weights)
     return 0.1 * 9.81 * robot.mass * tau

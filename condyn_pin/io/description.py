@@ -15,6 +15,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.errors import InvalidArgument, InvalidModel, MissingExtra
+from condyn_pin.model.motors import CoupledMotor
 from condyn_pin.model.springs import Spring, SpringDamper
 
 # Name, mass [kg], and inertia about the centre of mass [kg m^2]
@@ -43,6 +44,7 @@ class Description:
     unmodelled: tuple[str, ...] = ()
     name: str = ""
     reversed: tuple[str, ...] = ()
+    coupled_motors: tuple[CoupledMotor, ...] = ()
 
 
 def tensor(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:

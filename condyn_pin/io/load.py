@@ -89,7 +89,7 @@ def load_robot(
         what a robot.toml says, or 1e-5, as five digits are: 1.5708 for pi/2 is off by 3.7e-6. 0
         takes them at their word.
     actuated : sequence of str, optional
-        The joints with a motor; by default those that the file names.
+        The joints with a motor, and no others; by default the motors that the file names.
     package_dirs : sequence of str or Path, optional
         Folders in which ``package://`` of the file leads to meshes, before those beside the file
         and above it, and those of ROS_PACKAGE_PATH. Meshes are drawn; the dynamics need none.
@@ -117,7 +117,9 @@ def load_robot(
         If the file has what changes the motion and is not in the model: `Robot.unmodelled`.
     """
     robot = _loaded(name, _root_joint(floating, root_joint), model, variant)
-    changes: dict[str, Any] = {"actuated": actuated, "precision": precision}
+    if actuated is not None:
+        robot = replace(robot, actuated=actuated, coupled_motors=())
+    changes: dict[str, Any] = {"precision": precision}
     if package_dirs:
         _check_folders(package_dirs)
         changes["package_dirs"] = [str(folder) for folder in package_dirs]

@@ -15,12 +15,13 @@ g = dl/dq,
     M += a g g^T,    tau -= g (k (l - l0) + d l'),    |tau_i| <= |g_i| f.
 
 Over one joint, all of it is the joint's own. Over several, it couples them as no tree does, and
-`lost` says so. A tendon that is straight from site to site is a SpringDamper.
+`lost` says so; an actuator there is a CoupledMotor of the weights g. A tendon that is straight from
+site to site is a SpringDamper.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from math import inf
 from os import PathLike
 from typing import Any, Final, NamedTuple
@@ -48,11 +49,13 @@ from condyn_pin.io.mjcf_file import (
     require_mujoco,
 )
 from condyn_pin.io.xml import place
+from condyn_pin.model.motors import CoupledMotor
 from condyn_pin.model.springs import Spring, SpringDamper
 from condyn_pin.model.tree import DrawnJoint, DrawnTree
 
 KINDS: Final = ("free", "ball", "slide", "hinge")  # in the order of MuJoCo's mjtJoint
 DRAWN: Final = "qpos0"
+FAR: Final = 1e10  # [rad, m, N m, N] the side of a limit that does not exist: MuJoCo needs both
 _UNNAMED: Final = "MuJoCo Model"  # what MuJoCo calls it
 _ROUNDING: Final = 1e-12  # of coefficients that cancel
 _ONE: Final = np.array([1.0, 0.0, 0.0, 0.0])  # no turn, w x y z
@@ -113,6 +116,7 @@ class _Reader:
         set_dry_friction(tree.model, self.had.friction)
         loops = tuple(self._equalities())
         motors = [self.joints[j] for j in driven(mj) if j is not None]
+        coupled = coupled_motors(mj)
         scalar = {name for name, joint in tree.joints.items() if joint.scalar}
         springs = [Spring(self.joints[j], k, rest) for j, k, rest in self.had.springs]
         name = tree.model.name
@@ -120,13 +124,14 @@ class _Reader:
             tree.model,
             loops=loops,
             actuated=tuple(dict.fromkeys(motors)),
+            coupled_motors=tuple(coupled.values()),
             springs=tuple(spring for spring in springs if spring.joint in scalar),
             spring_dampers=tuple(
                 SpringDamper(self._site_frame(a), self._site_frame(b), *values)
                 for (a, b), *values in self.had.straight
             ),
             postures=self._postures(),
-            unused=(*self.unused, *unused(mj, self.had)),
+            unused=(*self.unused, *unused(mj, self.had, coupled)),
             unmodelled=(*self.unmodelled, *unmodelled(mj, self.had)),
             name="" if name == _UNNAMED else name,
         )
@@ -450,6 +455,38 @@ def driven(mj: Any) -> list[int | None]:
     return found
 
 
+def coupled_motors(mj: Any) -> dict[int, CoupledMotor]:
+    """Return the motors on fixed tendons over several joints, by the number of the actuator.
+
+    Servos are none: they push at ctrl = 0.
+    """
+    names, joints, biased = names_of(mj, "actuator"), joint_names(mj), _biased(mj)
+    found = {}
+    for k, (kind, target) in enumerate(pulled(mj)):
+        weights = coefficients_of(mj, target) if kind == "tendon" and not biased[k] else None
+        gear, (least, largest) = float(mj.actuator_gear[k, 0]), _limits(mj, k)
+        if weights and len(weights) > 1 and gear and least < largest:
+            name = names[k] if names[k] not in joints else f"{names[k]}_motor"
+            pulls = {joints[j]: gear * c for j, c in weights.items()}
+            found[k] = CoupledMotor(name, pulls, (least, largest))
+    return found
+
+
+def _limits(mj: Any, k: int) -> tuple[float, float]:
+    """Least and largest force of an actuator: its forcerange, and gain times its ctrlrange."""
+    types, gain = require_mujoco(""), float(mj.actuator_gainprm[k, 0])
+    fixed = mj.actuator_gaintype[k] == int(types.mjtGain.mjGAIN_FIXED)
+    direct = mj.actuator_dyntype[k] == int(types.mjtDyn.mjDYN_NONE)
+    clamped = mj.actuator_ctrllimited[k] and not disabled(mj, "CLAMPCTRL")
+    ranges = [[-inf, inf]]
+    if mj.actuator_forcelimited[k]:
+        ranges.append(mj.actuator_forcerange[k].tolist())
+    if clamped and fixed and direct:
+        ranges.append(sorted((gain * mj.actuator_ctrlrange[k]).tolist()))
+    least, largest = (max(low for low, _ in ranges), min(high for _, high in ranges))
+    return (least if least > -FAR else -inf), (largest if largest < FAR else inf)
+
+
 FREE, BALL = 0, 1  # of MuJoCo's mjtJoint
 
 # What changes the motion: the array of MjModel that has it, what switches it off, what it is, and
@@ -498,8 +535,11 @@ def unmodelled(mj: Any, had: Transmissions) -> Iterator[str]:
         yield "the medium around the bodies (density, viscosity, wind)"
 
 
-def unused(mj: Any, had: Transmissions) -> Iterator[str]:
-    """Yield the other parts of a mujoco.MjModel that are not used, or not by default."""
+def unused(mj: Any, had: Transmissions, coupled: Collection[int]) -> Iterator[str]:
+    """Yield the other parts of a mujoco.MjModel that are not used, or not by default.
+
+    `coupled` are the numbers of actuators that are motors on several joints.
+    """
     joints, alone = joint_names(mj), driven(mj)
     counts = {
         "geoms, as bodies that touch": np.count_nonzero(mj.geom_contype | mj.geom_conaffinity),
@@ -511,13 +551,13 @@ def unused(mj: Any, had: Transmissions) -> Iterator[str]:
     if some := [f"{n} {what}" for what, n in counts.items() if n]:
         yield f"in the file and not used: {', '.join(some)}"
     of = {kind: names_of(mj, kind) for kind in ("tendon", "site")} | {"body": body_names(mj)}
-    pulls = zip(names_of(mj, "actuator"), pulled(mj), alone, strict=True)
+    pulls = enumerate(zip(names_of(mj, "actuator"), pulled(mj), alone, strict=True))
     if others := [
         f"{name} on {kind} {of[kind][target]!r}"
-        for name, (kind, target), joint in pulls
-        if joint is None
+        for k, (name, (kind, target), joint) in pulls
+        if joint is None and k not in coupled
     ]:
-        yield f"actuators that move no joint alone, which are no motors here: {listed(others)}"
+        yield f"actuators that are no motors here: {listed(others)}"
     if had.lost:
         yield (
             f"armature, damping and the like of tendons that couple joints ({len(had.lost)}): "

@@ -21,6 +21,7 @@ from __future__ import annotations
 
 from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
+from math import inf
 from pathlib import Path
 from typing import Any, Final, Protocol
 from xml.etree import ElementTree
@@ -39,7 +40,7 @@ from condyn_pin.constraints.contacts.kinds import bind_contacts
 from condyn_pin.constraints.contacts.shapes import Plane, Shape
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.meshes import Mesh, read_mesh
-from condyn_pin.io.mjcf import DRAWN
+from condyn_pin.io.mjcf import DRAWN, FAR
 from condyn_pin.io.shapes import Shape as Drawn
 from condyn_pin.io.shapes import shapes_of
 from condyn_pin.model.robot import Robot
@@ -188,6 +189,8 @@ class RobotWriter:
 
     def fixed_tendon(self, name: str, weights: Mapping[str, float]) -> str:
         """Return the name of a new tendon: a weighted sum of joint coordinates."""
+        while any(tendon.get("name") == name for tendon in self._tendons()):
+            name += "_"
         tendon = SubElement(self._tendons(), "fixed", name=name)
         for joint, weight in weights.items():
             SubElement(tendon, "joint", joint=joint, coef=numbers(weight))
@@ -239,7 +242,7 @@ class RobotWriter:
             contact.write_mjcf(geoms)
 
     def _add_motors(self) -> None:
-        if not self.robot.actuated:
+        if not self.robot.motor_joints:
             return
         actuator = SubElement(self.root, "actuator")
         for joint in self.robot.actuated:
@@ -247,6 +250,11 @@ class RobotWriter:
             for k in range(nv):
                 said = {"name": joint if nv == 1 else f"{joint}_{k}", "joint": joint}
                 SubElement(actuator, "motor", said | {"gear": numbers(np.eye(6)[k])})
+        for motor in self.robot.coupled_motors:
+            said = {"name": motor.name, "tendon": self.fixed_tendon(motor.name, motor.weights)}
+            if motor.limits != (-inf, inf):
+                said["forcerange"] = numbers(np.clip(motor.limits, -FAR, FAR))
+            SubElement(actuator, "motor", said)
 
     def _add_postures(self) -> None:
         if not self.robot.postures:
@@ -405,7 +413,6 @@ def _short(values: ArrayLike) -> str:
     return " ".join(f"{x:.7g}" for x in np.asarray(values).ravel().tolist())
 
 
-_FAR = 1e10  # [rad or m] the side of a limit that does not exist: MuJoCo needs both
 _FLAT = 1e-12  # rounding of A + B = C in the principal moments of a flat body, relative to C
 _LEAST = 2e-15  # [kg, kg m^2] MuJoCo refuses a body that moves with less than 1e-15
 
@@ -518,8 +525,8 @@ def _scalar(model: Any, i: int, B: Any, drawn: Array) -> dict[str, str]:
         said["ref"] = numbers(ref)
     limits = model.lowerPositionLimit[joint.idx_q], model.upperPositionLimit[joint.idx_q]
     # MuJoCo refuses a range without width
-    if joint.nq == 1 and limits[0] < limits[1] and (limits[0] > -_FAR or limits[1] < _FAR):
-        said["range"] = numbers(np.clip(limits, -_FAR, _FAR))
+    if joint.nq == 1 and limits[0] < limits[1] and (limits[0] > -FAR or limits[1] < FAR):
+        said["range"] = numbers(np.clip(limits, -FAR, FAR))
     return said
 
 

@@ -15,7 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import MISSING, fields, replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 
@@ -32,6 +32,7 @@ from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName, unknow
 from condyn_pin.io.description import Description, check_root_joint, description_file
 from condyn_pin.io.xml import place
 from condyn_pin.model.joints import Limits, with_values
+from condyn_pin.model.motors import CoupledMotor
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller import lock_joints
 
@@ -83,7 +84,7 @@ def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
             "postures": _postures(config, folder, read),
             "loops": (*(loop for loop in read.loops if _ends(loop) not in ends), *own),
             "contacts": contacts_of(config.get("contacts", ())),
-            "actuated": tuple(config.get("actuated", read.actuated)),
+            **_motors(config, read),
             "source": config.get("source", _UNKNOWN),
             "licence": config.get("licence", _UNKNOWN),
             "description": str(file),
@@ -126,6 +127,19 @@ def _read(
 def _fields(read: Description) -> dict[str, Any]:
     """Return the fields of a Robot."""
     return {key: value for key, value in vars(read).items() if key != "reversed"}
+
+
+def _motors(config: Mapping[str, Any], read: Description) -> dict[str, Any]:
+    """Motors of the config, all of them if it has any, else those of the description."""
+    if "actuated" not in config and "coupled_motors" not in config:
+        return {}
+    tables = enumerate(config.get("coupled_motors", ()))
+    return {
+        "actuated": tuple(config.get("actuated", ())),
+        "coupled_motors": [
+            _made(CoupledMotor, table, f"coupled_motors[{i}]") for i, table in tables
+        ],
+    }
 
 
 def _postures(config: Mapping[str, Any], folder: Path, read: Description) -> dict[str, Array]:
@@ -207,6 +221,7 @@ def _ends(loop: Constraint) -> frozenset[str]:
 
 Table = Mapping[str, Any]
 Check = tuple[Callable[[Any], bool], str]
+_Made = TypeVar("_Made")
 
 
 def _is_list(kind: type) -> Callable[[Any], bool]:
@@ -222,7 +237,8 @@ _TABLES: Final[Check] = (_is_list(dict), "a list of tables")
 
 _CONFIG: Final[Mapping[str, Check]] = {
     "name": _TEXT, "source": _TEXT, "licence": _TEXT, "actuated": _TEXTS, "description": _TABLE,
-    "frames": _TABLES, "loops": _TABLES, "contacts": _TABLES, "postures": _TABLE,
+    "frames": _TABLES, "loops": _TABLES, "contacts": _TABLES, "coupled_motors": _TABLES,
+    "postures": _TABLE,
     "precision": _NUMBER,
 }  # fmt: skip
 FOR_SDF: Final[Mapping[str, Check]] = {
@@ -302,8 +318,8 @@ def _without_kind(table: Table) -> Table:
     return {key: value for key, value in table.items() if key != "kind"}
 
 
-def _made(kind: Callable[..., Constraint], table: Table, where: str) -> Constraint:
-    """Return the constraint whose fields a table gives."""
+def _made(kind: Callable[..., _Made], table: Table, where: str) -> _Made:
+    """Return the value whose fields a table gives."""
     known = fields(kind)  # type: ignore[arg-type]
     needed = [f.name for f in known if f.default is MISSING and f.default_factory is MISSING]
     _check_names(where, table, [f.name for f in known], needed)

@@ -369,7 +369,7 @@ def _asked(scene: Scene, states: Sequence[State], watch: Sequence[str] | None) -
     if watch is not None:
         return checked("watch", watch, robot.joints, "joint")
     base, moving = free_flyers(robot), _moving(robot, robot.joints, states)
-    kept = (*base, *(name for name in robot.actuated or robot.joints if name in moving))
+    kept = (*base, *(name for name in robot.motor_joints or robot.joints if name in moving))
     return tuple(dict.fromkeys(kept)) or tuple(n for n in robot.joints if n in moving)
 
 

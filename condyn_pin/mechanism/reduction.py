@@ -424,7 +424,7 @@ def loaded(scene: Scene) -> Array:
     """Return the nominal configuration with the springs bent by the forces of standing there."""
     rigid = scene.lock([spring.joint for spring in scene.robot.springs])
     q, v = rigid.state()
-    joints = (*free_flyers(rigid.robot), *rigid.robot.actuated)
+    joints = (*free_flyers(rigid.robot), *rigid.robot.motor_joints)
     return same_motion(rigid, scene, (q, v, standing_torque(rigid, q)), joints)[0]
 
 
@@ -434,7 +434,7 @@ def standing_torque(scene: Scene, q: Array) -> Array:
     The smallest one with  S tau + J^T lam = h(q, 0), a force counting by `_LEVER`.
     """
     robot = scene.robot
-    _, motors = indices(robot.model, robot.actuated)
+    _, motors = indices(robot.model, robot.motor_joints)
     terms = equations_of(scene).terms(q, np.zeros(robot.nv))
     A = np.hstack([np.eye(robot.nv)[:, motors], terms.J.T / _LEVER])
     tau = np.zeros(robot.nv)
@@ -454,7 +454,7 @@ def _follow(equations: Equations, q: Array, wanted: Array, known: Indices, still
 
 def _hold(robot: Robot, equations: Equations, q: Array, joints: Sequence[str]) -> Array:
     """Return the torque against gravity in the motors that are not among `joints`."""
-    _, index = indices(robot.model, [name for name in robot.actuated if name not in joints])
+    _, index = indices(robot.model, [name for name in robot.motor_joints if name not in joints])
     torque = np.zeros(robot.nv)
     torque[index] = equations.terms(q, torque).h[index]
     return torque

@@ -104,7 +104,7 @@ def _linkages(scene: ReducedScene, asked: Sequence[str]) -> Iterator[tuple[str, 
     model = scene.robot.model
     sprung = [spring.joint for spring in scene.robot.springs]
     busy = [j for c in scene.constraints for j in set(c.sides(scene.robot))]
-    kept = {*asked, *scene.robot.actuated, *sprung, *free_flyers(scene.robot)}
+    kept = {*asked, *scene.robot.motor_joints, *sprung, *free_flyers(scene.robot)}
     for loop in scene.constraints:
         if not loop.is_pin:
             continue
@@ -374,8 +374,8 @@ def without_linkage(scene: Scene, loops: Sequence[str], joints: Sequence[str]) -
 
 def check_passive(robot: Robot, joint: str) -> None:
     """Raise InvalidArgument if a motor or a spring acts on a joint."""
-    if joint in robot.actuated or joint in (spring.joint for spring in robot.springs):
-        what = "motor" if joint in robot.actuated else "spring"
+    if joint in robot.motor_joints or joint in (spring.joint for spring in robot.springs):
+        what = "motor" if joint in robot.motor_joints else "spring"
         raise InvalidArgument(f"joint {joint!r}: a {what} acts on it, so it does not only follow")
 
 

@@ -20,6 +20,7 @@ from .mechanisms.rolling import rolling_disc as rolling_disc
 from .mechanisms.rolling import sleigh as sleigh
 from .mechanisms.rolling import unicycle as unicycle
 from .mechanisms.stewart import stewart as stewart
+from .motors import CoupledMotor as CoupledMotor
 from .robot import Robot as Robot
 from .smaller import depth_first as depth_first
 from .smaller import together as together

@@ -23,6 +23,7 @@ from condyn_pin.constraints.rows.equations import least_pivots
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.model import joints as robot_joints
 from condyn_pin.model.joints import joint_of
+from condyn_pin.model.motors import CoupledMotor, check_coupled
 from condyn_pin.model.soundness import check_model
 from condyn_pin.model.springs import Spring, SpringDamper, spring_dampers_of
 
@@ -45,6 +46,7 @@ _MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {
     "unused": (str,),
     "unmodelled": (str,),
     "package_dirs": (str,),
+    "coupled_motors": (CoupledMotor,),
 }
 
 
@@ -92,6 +94,7 @@ def check_joints(robot: Robot) -> None:
         joint_of(robot.model, joint)
         if robot.actuated.count(joint) > 1:
             raise InvalidArgument(f"actuated: {joint!r} is named twice; name it once")
+    check_coupled(robot.model, robot.coupled_motors)
     for spring in robot.springs:
         if joint_of(robot.model, spring.joint).nq != 1:
             raise InvalidModel(
@@ -218,7 +221,7 @@ class Robot:
     contacts : sequence of Constraint, optional
         Ready-made contacts, where the robot usually touches the ground.
     actuated : sequence of str, optional
-        Names of the joints with a motor.
+        Names of the joints with a motor of their own.
     springs : sequence of Spring, optional
         Springs of the description. They act in `step` and `simulate`; in `solve` and `derivatives`
         only if you add `passive_torque` to tau.
@@ -239,6 +242,8 @@ class Robot:
         What the description has, changes the motion, and is not in the model, a sentence each.
     package_dirs : sequence of str, optional
         Folders in which the meshes of the description are looked for.
+    coupled_motors : sequence of CoupledMotor, optional
+        Motors that act on several joints at once, through a differential or a cable.
 
     Raises
     ------
@@ -263,6 +268,7 @@ class Robot:
     precision: float = tolerances.ROUNDED_GEOMETRY
     unmodelled: Sequence[str] = ()
     package_dirs: Sequence[str] = ()
+    coupled_motors: Sequence[CoupledMotor] = ()
 
     def __post_init__(self) -> None:
         check_origin(self.name, self.model)
@@ -324,6 +330,12 @@ class Robot:
     def joints(self) -> tuple[str, ...]:
         """Names of the joints, the world's not among them."""
         return tuple(self.model.names)[1:]
+
+    @property
+    def motor_joints(self) -> tuple[str, ...]:
+        """Names of the joints on which motors act, alone or several at once."""
+        coupled = (joint for motor in self.coupled_motors for joint in motor.weights)
+        return tuple(dict.fromkeys((*self.actuated, *coupled)))
 
     def index_q(self, joint: str) -> int:
         """Return the index in q of a hinge or a slider: ``q[robot.index_q("knee")]``.
@@ -499,9 +511,17 @@ class Robot:
         """
         return replace(self, model=robot_joints.model_with_masses(self.model, masses))
 
-    def with_motors(self, *joints: str) -> Robot:
-        """Return a robot whose motors are on these joints, and on no others."""
-        return replace(self, actuated=joints)
+    def with_motors(self, *motors: str | CoupledMotor) -> Robot:
+        """Return a robot with these motors, and no others.
+
+        Parameters
+        ----------
+        *motors : str or CoupledMotor
+            Joints with a motor of their own, and motors that act on several joints.
+        """
+        coupled = [motor for motor in motors if isinstance(motor, CoupledMotor)]
+        joints = [motor for motor in motors if not isinstance(motor, CoupledMotor)]
+        return replace(self, actuated=joints, coupled_motors=coupled)
 
     def with_loops(self, *loops: Constraint) -> Robot:
         """Return a robot with more loops and couplings."""
@@ -602,8 +622,9 @@ class Robot:
         """Return the robot with its loops as MJCF, for MuJoCo.
 
         Joints with armature, damping, springs and limits, frames as sites, loops and couplings as
-        equalities, spring-dampers as tendons, motors, and postures as keyframes. A hinge loop is
-        two points of its axis, and `load_robot` reads these as two balls.
+        equalities, spring-dampers as tendons, motors, those of several joints on fixed tendons, and
+        postures as keyframes. A hinge loop is two points of its axis, and `load_robot` reads these
+        as two balls.
 
         Parameters
         ----------
@@ -666,7 +687,8 @@ class Robot:
         state = (self.name, self.model, dict(self.postures), self.loops, self.contacts)
         origin = (self.source, self.licence, self.description)
         rest = (*origin, self.spring_dampers, self.precision, self.unmodelled, self.package_dirs)
-        return Robot, (*state, self.actuated, self.springs, self.unused, *rest)
+        motors = self.coupled_motors
+        return Robot, (*state, self.actuated, self.springs, self.unused, *rest, motors)
 
     def _repr_html_(self) -> str:
         """HTML summary for notebooks."""
@@ -687,7 +709,7 @@ def robot_html(robot: Robot) -> str:
     """HTML summary of a robot: its joints, loops, contacts, and unused parts of its description."""
     joints = [
         (name, _kind(joint), _indices(joint.idx_q, joint.nq), _indices(joint.idx_v, joint.nv),
-         "motor" if name in robot.actuated else "")
+         _motors(robot, name))
         for name, joint in zip(robot.joints, robot.model.joints[1:], strict=True)
     ]  # fmt: skip
     loops = [(loop.name, loop.title, str(loop.rows)) for loop in robot.loops]
@@ -695,7 +717,7 @@ def robot_html(robot: Robot) -> str:
     said = {
         "coordinates": f"nq {robot.nq}, nv {robot.nv}",
         "mass": f"{robot.mass:.6g} kg",
-        "motors": str(len(robot.actuated)),
+        "motors": str(len(robot.actuated) + len(robot.coupled_motors)),
         "postures": ", ".join(robot.postures) or "none",
         "source": robot.source or "unknown",
         "licence": robot.licence or "unknown",
@@ -720,6 +742,12 @@ def robot_html(robot: Robot) -> str:
         ),
         show.folded("in the file and not used", show.notes(robot.unused)),
     )
+
+
+def _motors(robot: Robot, joint: str) -> str:
+    """Motors that act on a joint, those of several joints by name."""
+    own = ["motor"] if joint in robot.actuated else []
+    return ", ".join([*own, *(m.name for m in robot.coupled_motors if joint in m.weights)])
 
 
 def _kind(joint: Any) -> str:

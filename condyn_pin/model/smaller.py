@@ -62,6 +62,7 @@ def smaller_robot(
         loops=(),
         contacts=(),
         actuated=tuple(name for name in robot.actuated if name not in joints),
+        coupled_motors=tuple(filter(None, (m.without(joints) for m in robot.coupled_motors))),
         springs=tuple(spring for spring in robot.springs if spring.joint not in joints),
         spring_dampers=(),
         unused=(*robot.unused, remark),
@@ -352,6 +353,7 @@ def together(robots: Mapping[str, Robot]) -> Robot:
         loops=[loop.renamed(new) for new, robot in pairs for loop in robot.loops],
         contacts=[contact.renamed(new) for new, robot in pairs for contact in robot.contacts],
         actuated=[new(joint) for new, robot in pairs for joint in robot.actuated],
+        coupled_motors=[m.renamed(new) for new, robot in pairs for m in robot.coupled_motors],
         springs=[
             replace(each, joint=new(each.joint)) for new, robot in pairs for each in robot.springs
         ],

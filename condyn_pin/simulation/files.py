@@ -28,6 +28,7 @@ from condyn_pin.dynamics.solvers import SOLVERS
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.errors import InvalidArgument
 from condyn_pin.io.model_words import model_of, model_words
+from condyn_pin.model.motors import CoupledMotor
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.springs import Spring, SpringDamper
 from condyn_pin.simulation import integrators
@@ -78,7 +79,7 @@ _TITLES: Final = {MOTION: "a trajectory", MOTIONS: "a batch of motions"}
 # The choices of a run that are frozen values, and what they have to be.
 CHOICES: Final[dict[str, type]] = {"integrator": Integrator, "drift": Drift, "solver": Solver}
 
-_LISTS = ("loops", "contacts", "springs", "spring_dampers")
+_LISTS = ("loops", "contacts", "springs", "spring_dampers", "coupled_motors")
 _WORDS = (
     "name", "actuated", "unused", "unmodelled", "source", "licence", "description", "precision",
     "package_dirs",
@@ -152,10 +153,10 @@ def _robot(about: dict[str, Any], content: Content) -> Robot:
     numbers = {k.removeprefix(_MODEL): x for k, x in content.items() if k.startswith(_MODEL)}
     postures = {k.removeprefix(_POSTURE): q for k, q in content.items() if k.startswith(_POSTURE)}
     model, lost = model_of(about["model"], numbers)
-    lists: dict[str, Any] = {key: [decode(c) for c in about[key]] for key in _LISTS}
     # files of before have none of these
-    before = {"precision": tolerances.ROUNDED_GEOMETRY, "unmodelled": (), "package_dirs": ()}
-    about = before | about
+    before = dict.fromkeys(("unmodelled", "package_dirs", "coupled_motors"), ())
+    about = {"precision": tolerances.ROUNDED_GEOMETRY, **before, **about}
+    lists: dict[str, Any] = {key: [decode(c) for c in about[key]] for key in _LISTS}
     words: dict[str, Any] = {key: about[key] for key in _WORDS}
     for key in ("source", "licence", "description"):
         if not isinstance(words[key], str):
@@ -197,7 +198,7 @@ def limits_of(words: dict[str, Any]) -> MotionLimits:
 _KINDS: dict[str, type] = {
     kind.__name__: kind
     for kind in (
-        *(Effects, EventRecord, MotionLimits, Remark, Spring, SpringDamper, Plane),
+        *(Effects, EventRecord, MotionLimits, Remark, Spring, SpringDamper, CoupledMotor, Plane),
         *(integrators.INTEGRATORS | DRIFTS | SOLVERS).values(),
     )
 }

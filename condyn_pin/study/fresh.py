@@ -362,6 +362,8 @@ def fingerprint(scene: Scene) -> str:
     named: tuple[object, ...] = (scene.constraints, tuple(robot.actuated), robot.springs)
     if robot.spring_dampers:  # those of scenes without stay as they were
         named += (robot.spring_dampers,)
+    if robot.coupled_motors:
+        named += (robot.coupled_motors,)
     if scene.contacts:
         named += (scene.contacts,)
     parts = (robot.model.saveToString(), *map(repr, named))

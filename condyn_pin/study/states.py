@@ -62,7 +62,7 @@ def _zero(scene: Scene, q: Array, v: Array, tau: Array) -> State:
 
 
 def _compensated(scene: Scene, q: Array, v: Array, tau: Array) -> State:
-    has_motors = bool(scene.robot.actuated)
+    has_motors = bool(scene.robot.motor_joints)
     return q, 0 * v, gravity_compensation(scene.bilateral, q).tau if has_motors else 0 * tau
 
 

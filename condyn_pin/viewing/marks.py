@@ -65,7 +65,8 @@ def joint_parts(robot: Robot, size: float) -> Iterator[Part]:
         joint = robot.model.joints[i]
         if joint.nv == 6:
             continue
-        kind, colour = ("actuated", ACTUATED) if name in robot.actuated else ("passive", PASSIVE)
+        driven = name in robot.motor_joints
+        kind, colour = ("actuated", ACTUATED) if driven else ("passive", PASSIVE)
         shape = ((_joint_mark(joint, 0.011 * size), colour),)
         yield Part(f"joints/{kind}/{name}", joint_pose(i), shape, opacity=0.9, on_top=True)
 

@@ -72,6 +72,6 @@ def _random_state(robot: Robot, seed: int) -> tuple[Array, Array, Array]:
     rng = np.random.default_rng(seed)
     q, v = Scene(robot, robot.loops).sample(rng)
     tau = np.zeros(robot.nv)
-    motors = indices(robot.model, robot.actuated)[1]
+    motors = indices(robot.model, robot.motor_joints)[1]
     tau[motors] = rng.normal(size=motors.size)
     return q, v, tau

@@ -194,17 +194,20 @@ def _motors(answer: ControlAnswer) -> Table:
 
 
 def _used(answer: ControlAnswer) -> list[tuple[str, float, float | None]]:
-    """Motors, their torques, and the shares of their torque limits, the largest share first."""
-    from condyn_pin.control.limits import torque_limits
+    """Motors, their torques, and the shares of their torque limits, the largest share first.
 
-    columns = answer.actuation.columns
-    limits = torque_limits(answer.scene.robot, columns)
-    torques = answer.tau[columns]
-    shares = [
-        float(abs(t) / most) if most < float("inf") else None
-        for t, most in zip(torques, limits, strict=True)
-    ]
-    rows = list(zip(answer.actuation.motors, torques.tolist(), shares, strict=True))
+    With them joints on which several motors act, if they have a limit.
+    """
+    import numpy as np
+
+    from condyn_pin.control.limits import TorqueLimits
+
+    limits = TorqueLimits.of(answer.actuation)
+    torques = limits.L @ (answer.actuation.gears * answer.u)
+    most = np.where(torques < 0, limits.least, limits.most)
+    shares = np.divide(torques, most, out=np.zeros(len(most)), where=most != 0)
+    limited = zip(limits.names, (torques / limits.gears).tolist(), shares.tolist(), strict=True)
+    rows = [*limited] + [(m, t, None) for m, t in answer.torques.items() if m not in limits.names]
     return sorted(rows, key=lambda row: -(row[2] if row[2] is not None else 0.0))
 
 

@@ -48,6 +48,7 @@ def _facts(robot: Robot) -> dict[str, Any]:
         "loops": [loop.name for loop in robot.loops],
         "contacts": [contact.name for contact in robot.contacts],
         "actuated": list(robot.actuated),
+        "coupled_motors": {motor.name: motor.weights for motor in robot.coupled_motors},
         "postures": list(robot.postures),
         "source": robot.source,
         "licence": robot.licence,

@@ -126,7 +126,8 @@ def _standing(
         return scene
     q, v = scene.state(posture)
     robot = scene.robot
-    holding = dict.fromkeys((*robot.actuated, *(spring.joint for spring in robot.springs)))
+    sprung = (spring.joint for spring in robot.springs)
+    holding = dict.fromkeys((*robot.actuated, *robot.coupled_motors, *sprung))
     if not holding:
         return solve(scene, q, v, 0 * v, throw=False)
     return gravity_compensation(scene, q, actuation=Actuation(robot, tuple(holding)))

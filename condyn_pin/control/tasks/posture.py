@@ -67,7 +67,7 @@ class Posture(Tracking):
     def bind(self, scene: Scene, home: DefaultReference) -> BoundTask:
         """Return the task bound to a scene; by default joints stay where they are at `home`."""
         robot = scene.robot
-        chosen = robot.actuated if self.joints is None else self.joints
+        chosen = robot.motor_joints if self.joints is None else self.joints
         joints = checked("joints", chosen, robot.joints, "joint")
         if not joints:
             raise InvalidArgument(f"joints: {robot.name} names no motors: pass joints=[...]")
