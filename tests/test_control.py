@@ -45,7 +45,9 @@ from condyn_pin.control import (
     support_polygon,
 )
 from condyn_pin.dynamics.solution import Sites
+from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.mechanism import anchored, project_velocity, without
+from condyn_pin.model import CoupledMotor
 
 pytest.importorskip("proxsuite")
 pytest.importorskip("daqp")
@@ -869,6 +871,171 @@ def test_motors_that_work_against_each_other_share():
     assert out.status.ok
     assert np.abs(out.a).max() < 1e-4
     assert is_proved(out)
+
+
+# Motors on several joints
+
+
+def each_by_itself(scene: cp.Scene, gear: float = 3.0) -> Actuation:
+    """The motors of a robot, as motors of one joint each with a gear and the limit of the joint."""
+    made = scene.robot
+    most = [made.model.effortLimit[made.index_v(joint)] / gear for joint in made.actuated]
+    return Actuation(made, [
+        CoupledMotor(f"of {joint}", {joint: gear}, (-limit, limit))
+        for joint, limit in zip(made.actuated, most, strict=True)
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize("name", ["solo12", "talos", "cassie"])
+def test_motors_of_one_joint_each_are_those_of_joints(name):
+    """The same answer, where limits are active too.
+
+    To a tenth of the regularisation: it weighs torques that work against each other, behind the
+    gear or before it.
+    """
+    made = cp.load_robot(name, variant={"feet": "lines"}) if name == "cassie" else robot(name)
+    scene = cp.Scene(made, [*made.loops, *made.contacts])
+    q, v = scene.state()
+    rigid = [spring.joint for spring in made.springs]
+    weak = pin.Model(made.model)
+    tasks = [CenterOfMass(a=(0, 0, 3.0), weight=100.0), Posture(weight=1.0)]
+    chosen = {"cones": OCTAGON if name == "solo12" else WrenchCone(0.6), "rigid": rigid}
+    torques = Controller(scene, tasks, **chosen).solve(q, v).tau
+    weak.effortLimit = np.full(made.nv, 0.9 * np.abs(torques).max())
+    scene = cp.Scene(replace(made, model=weak), scene.constraints)
+    plain = Controller(scene, tasks, **chosen)
+    coupled = Controller(scene, tasks, actuation=each_by_itself(scene), **chosen)
+    a, b = plain.solve(q, v), coupled.solve(q, v)
+    assert a.status.ok
+    assert b.status.ok
+    assert any("torque" in row for row in a.active)
+    assert any("torque" in row for row in b.active)
+    assert np.abs(a.tau - b.tau).max() < 1e-6 * np.abs(a.tau).max()
+    assert np.abs(a.a - b.a).max() < 1e-6 * max(1.0, np.abs(a.a).max())
+    assert np.abs(3.0 * b.u - a.u).max() < 1e-6 * np.abs(a.u).max()
+
+
+def wrist(*limits: tuple[float, float]) -> tuple[cp.Scene, Actuation]:
+    """Two hinges that cross without gravity, of inertia 1 and 0.5, moved by a differential."""
+    model = pin.Model()
+    model.gravity.linear = np.zeros(3)
+    yaw = model.addJoint(0, pin.JointModelRZ(), pin.SE3.Identity(), "yaw")
+    model.appendBodyToJoint(
+        yaw, pin.Inertia(1.0, np.zeros(3), np.diag([0.5] * 3)), pin.SE3.Identity()
+    )
+    pitch = model.addJoint(yaw, pin.JointModelRY(), pin.SE3.Identity(), "pitch")
+    model.appendBodyToJoint(
+        pitch, pin.Inertia(1.0, np.zeros(3), np.diag([0.5] * 3)), pin.SE3.Identity()
+    )
+    signs = ((1.0, 1.0), (1.0, -1.0))
+    made = cp.Robot("wrist", model).with_motors(*(
+        CoupledMotor(name, dict(zip(("yaw", "pitch"), sign, strict=True)), limit)
+        for name, sign, limit in zip(("left", "right"), signs, limits, strict=True)
+    ))  # fmt: skip
+    return cp.Scene(made), Actuation(made)
+
+
+def test_a_differential_by_hand():
+    """1 a_yaw = u_l + u_r, 0.5 a_pitch = u_l - u_r; where one motor ends, the other still acts."""
+    scene, _ = wrist((-9.0, 9.0), (-9.0, 9.0))
+    wish = [JointTask("yaw", a=4.0, weight=1.0), JointTask("pitch", a=2.0, weight=1.0)]
+    out = Controller(scene, wish, cones={}, regularisation=1e-12).solve([0, 0], [0, 0])
+    assert out.status.ok
+    assert out.a == pytest.approx([4.0, 2.0], abs=1e-9)
+    assert out.u == pytest.approx([2.5, 1.5], abs=1e-9)
+    assert out.torques == pytest.approx({"left": 2.5, "right": 1.5})
+    # u_l <= 1 leaves min (1 + r - 4)^2 + (2 (1 - r) - 2)^2: 2 (r - 3) + 8 r = 0
+    scene, _ = wrist((-1.0, 1.0), (-9.0, 9.0))
+    controller = Controller(scene, wish, cones={}, regularisation=1e-12)
+    out = controller.solve([0, 0], [0, 0])
+    assert controller.rows == ("left: torque", "right: torque")
+    assert out.active == ("left: torque at upper",)
+    assert out.u == pytest.approx([1.0, 0.6], abs=1e-6)
+    assert out.a == pytest.approx([1.6, 0.8], abs=1e-6)
+
+
+def test_the_limit_of_a_joint_counts_for_all_motors_that_act_on_it():
+    scene, _ = wrist((-9.0, 9.0), (-9.0, 9.0))
+    model = pin.Model(scene.robot.model)
+    model.effortLimit = np.array([3.0, 0.0])  # that of the pitch is none
+    scene = cp.Scene(replace(scene.robot, model=model))
+    wish = [JointTask("yaw", a=4.0), JointTask("pitch", a=2.0)]
+    out = Controller(scene, wish, cones={}, regularisation=1e-12).solve([0, 0], [0, 0])
+    assert out.active == ("yaw: torque at upper",)
+    assert out.tau == pytest.approx([3.0, 1.0], abs=1e-6)
+    free = ControlLimits(torque=False)
+    out = Controller(scene, wish, cones={}, limits=free).solve([0, 0], [0, 0])
+    assert out.tau == pytest.approx([4.0, 1.0], abs=1e-3)
+
+
+def finger(cables: dict[str, float], least: float = 0.0, most: float = 50.0) -> cp.Scene:
+    """A hinge of inertia 0.5, moved by cables with lever arms."""
+    scene, _ = wrist((-1.0, 1.0), (-1.0, 1.0))
+    made = scene.lock(["yaw"], q=[0.0, 0.0]).robot
+    limits = least, most
+    return cp.Scene(made.with_motors(*(
+        CoupledMotor(name, {"pitch": arm}, limits) for name, arm in cables.items()
+    )))  # fmt: skip
+
+
+def test_cables_only_pull_and_share_by_the_smallest_tensions():
+    """0.5 a = sum r_i u_i, u >= 0: u_i ~ r_i of those that pull, zero of the others."""
+    scene = finger({"flexor": 0.03, "deep": 0.04, "extensor": -0.02})
+    for a, wanted in ((2.0, (12.0, 16.0, 0.0)), (-1.0, (0.0, 0.0, 25.0))):
+        task = [JointTask("pitch", a=a, weight=1.0)]
+        out = Controller(scene, task, cones={}, regularisation=1e-10).solve([0.0], [0.0])
+        assert out.status.ok
+        assert out.u == pytest.approx(wanted, abs=1e-4)
+        assert out.tau == pytest.approx([0.5 * a], abs=1e-6)
+
+
+def test_a_joint_brakes_with_what_its_cables_pull_against_it():
+    """The flexor stops it in front of the lower limit, the extensor, half as strong, the upper."""
+    scene = finger({"flexor": 0.02, "extensor": -0.01})  # 1 and 0.5 N m, 2 and 1 rad/s^2
+    model = pin.Model(scene.robot.model)
+    model.lowerPositionLimit, model.upperPositionLimit = np.array([-1.0]), np.array([1.0])
+    scene = cp.Scene(replace(scene.robot, model=model))
+    controller = Controller(
+        scene, [JointTask("pitch", a=0.0)], cones={}, limits=ControlLimits(dt=1e-3)
+    )
+    for x, v, stops in ((0.8, 0.6, True), (0.8, 0.65, False), (-0.8, -0.85, True),
+                        (-0.8, -0.95, False)):  # fmt: skip
+        out = controller.solve([x], [v])
+        assert (not any("do not stop it" in notice for notice in out.notices)) == stops, (x, v)
+
+
+def test_motors_on_several_joints_are_left_to_python():
+    scene, _ = wrist((-1.0, 1.0), (-1.0, 1.0))
+    task = [JointTask("yaw", a=1.0)]
+    with pytest.raises(UnsupportedBackend, match=r"act on several joints \(left, right\)"):
+        Controller(scene, task, cones={}, native=True)
+    both = [
+        Controller(scene, task, cones={}, native=native).solve([0, 0], [0, 0])
+        for native in (False, "where possible")
+    ]
+    assert np.array_equal(both[0].u, both[1].u)
+
+
+def test_a_differential_drives_a_closed_loop():
+    """The same accelerations as by the two motors of a five-bar, and their torques by hand."""
+    bar = cp.model.five_bar()
+    scene = cp.Scene(bar, bar.loops)
+    q, _ = scene.sample(np.random.default_rng(0))
+    v = np.zeros(bar.nv)
+    pair = [
+        CoupledMotor("sum", {"left_motor": 20.0, "right_motor": 20.0}),
+        CoupledMotor("difference", {"left_motor": 1.0, "right_motor": -1.0}),
+    ]
+    wish = [JointTask("left_motor", a=3.0), JointTask("right_motor", a=-1.0)]
+    plain, other = (
+        Controller(scene, wish, cones={}, actuation=Actuation(bar, motors)).solve(q, v)
+        for motors in (["left_motor", "right_motor"], pair)
+    )
+    assert is_proved(other)
+    assert np.abs(other.a - plain.a).max() < 1e-7 * np.abs(plain.a).max()
+    assert np.abs(other.tau - plain.tau).max() < 1e-7 * np.abs(plain.tau).max()
+    left, right = plain.u
+    assert other.u == pytest.approx([(left + right) / 40.0, (left - right) / 2.0], rel=1e-6)
 
 
 def test_contacts_that_drifted_are_drawn_back():

@@ -13,6 +13,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.joints import indices
 from condyn_pin.control import Actuation, gravity_compensation
+from condyn_pin.model import CoupledMotor
 
 GRAVITY = 9.81
 
@@ -232,6 +233,99 @@ def test_gears_change_motor_torques_and_which_are_smallest():
     other = gravity_compensation(stance, q, actuation=strong)
     assert np.abs(cp.solve(stance, q, np.zeros(38), other.tau).a).max() < 1e-10
     assert np.linalg.norm(other.u) < np.linalg.norm(plain.u)
+
+
+DIFFERENTIAL = (
+    CoupledMotor("left", {"joint1": 1.0, "joint2": 1.0}),
+    CoupledMotor("right", {"joint1": 1.0, "joint2": -1.0}),
+)
+
+
+def test_a_differential_by_hand():
+    """tau_1 = u_left + u_right, tau_2 = u_left - u_right, and their speeds are v_1 +- v_2."""
+    arm = two_link(0.4, 0.3, 1.2, 0.7)
+    q, v, a = [0.5, -1.1], [0.8, 1.7], [2.0, -3.0]
+    tau = cp.inverse_dynamics(cp.Scene(arm), q, v, a).tau
+    turned = arm.with_motors(*DIFFERENTIAL)
+    inverse = cp.inverse_dynamics(cp.Scene(turned), q, v, a)
+    assert np.allclose(inverse.u, [tau.sum() / 2, (tau[0] - tau[1]) / 2], rtol=1e-12)
+    assert np.allclose(inverse.tau, tau, rtol=1e-12)
+    assert list(inverse.torques) == ["left", "right"]
+    assert inverse.fully_actuated
+    assert np.allclose(Actuation(turned).B.T @ v, [2.5, -0.9], rtol=1e-15)
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("count", [1, 2, 5])
+def test_any_map_from_motors_to_joints(seed, count):
+    """u = B^+ tau where B reaches tau; else the nearest acceleration in the metric of M."""
+    rng = np.random.default_rng(seed)
+    arm = cp.model.chain(3)
+    B = np.round(rng.normal(size=(3, count)), 2) + 3.0
+    motors = [CoupledMotor(f"m{k}", dict(zip(arm.joints, B[:, k], strict=True)))
+              for k in range(count)]  # fmt: skip
+    motors = Actuation(arm, motors)
+    assert np.array_equal(motors.B, B)
+    where = cp.Scene(arm)
+    q, v, a = rng.normal(size=(3, 3))
+    inverse = cp.inverse_dynamics(where, q, v, a, actuation=motors)
+    M, h = (getattr(cp.Workspace(where).terms(q, v), key) for key in ("M", "h"))
+    L = np.linalg.cholesky(M)
+    u = np.linalg.pinv(np.linalg.solve(L, B)) @ np.linalg.solve(L, M @ a + h)
+    assert np.allclose(inverse.u, u, rtol=1e-9, atol=1e-9)
+    assert np.allclose(M @ inverse.a + h, B @ u, rtol=1e-9, atol=1e-9)
+    assert inverse.rank == min(count, 3)
+    assert inverse.null_space.shape == (count, max(count - 3, 0))
+
+
+def test_a_motor_of_one_joint_is_one_with_a_ratio():
+    arm = two_link(0.4, 0.3, 1.2, 0.7)
+    geared = Actuation(arm, ["joint1", CoupledMotor("elbow", {"joint2": 7.0})], ratios=[3.0])
+    plain = Actuation(arm, ratios=[3.0, 7.0])
+    assert np.array_equal(geared.B, plain.B)
+    assert geared.motors == ("joint1", "elbow")
+
+
+def test_actuation_of_coupled_motors_is_a_value():
+    arm = two_link(0.4, 0.3, 1.2, 0.7)
+    motors = Actuation(arm, DIFFERENTIAL)
+    turned = arm.with_motors(*DIFFERENTIAL)
+    assert Actuation(turned) == Actuation(turned, list(DIFFERENTIAL))
+    assert motors == Actuation(arm, [*DIFFERENTIAL, DIFFERENTIAL[0]])
+    copy = pickle.loads(pickle.dumps(motors))
+    assert copy == motors
+    assert hash(copy) == hash(motors)
+    assert np.array_equal(copy.B, motors.B)
+
+
+@pytest.mark.parametrize(
+    ("made", "error", "said"),
+    [
+        (lambda: CoupledMotor("", {"joint1": 1.0}), cp.InvalidArgument, "name of a motor"),
+        (lambda: CoupledMotor("m", {}), cp.InvalidArgument, "one joint at least"),
+        (lambda: CoupledMotor("m", ["joint1"]), cp.InvalidArgument, "a weight by joint"),
+        (lambda: CoupledMotor("m", {"joint1": 0.0}), cp.InvalidArgument, "of 'joint1' is 0"),
+        (lambda: CoupledMotor("m", {"joint1": np.nan}), cp.InvalidArgument, "finite numbers"),
+        (lambda: CoupledMotor("m", {"joint1": 1.0}, (3.0, 1.0)), cp.InvalidArgument, "below the"),
+        (lambda: CoupledMotor("m", {"joint1": 1.0}, 3.0), cp.InvalidArgument, "the least and"),
+        (lambda: CoupledMotor("m", {"joint1": 1.0}, "12"), cp.InvalidArgument, "the least and"),
+        (lambda: CoupledMotor("m", {"joint1": 1.0}, (np.nan, 1.0)), cp.InvalidArgument, "below"),
+        (lambda: CoupledMotor("m", {"joint3": 1.0}), cp.errors.UnknownName, "named 'joint3'"),
+        (lambda: CoupledMotor("joint1", {"joint2": 1.0}), cp.InvalidArgument, "a joint has this"),
+        (lambda: CoupledMotor("left", {"joint2": 1.0}), cp.InvalidArgument, "two are named 'left'"),
+    ],
+)  # fmt: skip
+def test_coupled_motors_refuse(made, error, said):
+    arm = two_link(0.4, 0.3, 1.2, 0.7)
+    with pytest.raises(error, match=said):
+        Actuation(arm, [DIFFERENTIAL[0], made()])
+    with pytest.raises(error, match=said):
+        arm.with_motors(DIFFERENTIAL[0], made())
+
+
+def test_a_motor_on_several_joints_needs_joints_of_one_freedom():
+    with pytest.raises(cp.InvalidArgument, match="'root_joint' has 6 degrees of freedom"):
+        robot("solo12").with_motors(CoupledMotor("m", {"root_joint": 1.0}))
 
 
 def test_actuation_is_a_value():

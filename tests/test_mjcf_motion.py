@@ -20,7 +20,9 @@ from condyn_pin._core._pin import dry_friction, pin
 from condyn_pin.constraints import Coupling, HeldJoint, JointFriction
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.control import Actuation
 from condyn_pin.errors import InvalidModel, UnmodelledWarning
+from condyn_pin.model import CoupledMotor
 
 AGREES = 1e-10
 # Whether this MuJoCo knows of armature and damping of actuators, of polynomials, and of yield.
@@ -382,7 +384,7 @@ def test_motors_are_of_joints_that_something_moves_alone(tmp_path):
         'joint="j" coef="1"/><joint joint="k" coef="1"/></fixed></tendon>'
     )
     motors = (
-        '<motor tendon="t"/><motor name="both" tendon="u"/><motor jointinparent="ball"/>'
+        '<motor tendon="t"/><position name="both" tendon="u"/><motor jointinparent="ball"/>'
         '<motor name="jet" site="sb" gear="1 0 0 0 0 0"/><motor name="crank" slidersite="sa" '
         'cranksite="wall" cranklength="1"/><adhesion name="suck" body="a" ctrlrange="0 1"/>'
     )
@@ -391,6 +393,78 @@ def test_motors_are_of_joints_that_something_moves_alone(tmp_path):
     (said,) = (line for line in robot.unused if "no motors here" in line)
     wanted = ("both on tendon 'u'", "jet on site 'sb'", "crank on site", "suck on body 'a'")
     assert all(words in said for words in wanted), said
+
+
+SUM_AND_DIFFERENCE = (
+    '<tendon><fixed name="sum"><joint joint="j" coef="2"/><joint joint="k" coef="3"/></fixed>'
+    '<fixed name="difference"><joint joint="k" coef="-1.5"/><joint joint="l" coef="0.2"/></fixed>'
+    "</tendon>"
+)
+
+
+def test_motors_on_tendons_over_several_joints_push_as_in_mujoco(tmp_path):
+    """B u is MuJoCo's qfrc_actuator, and B^T v the speed of its actuators."""
+    motors = (
+        '<motor name="a" tendon="sum" gear="5"/><motor name="j" tendon="difference" gear="-2"/>'
+        '<motor name="one" joint="l"/><general tendon="sum" gainprm="3" ctrlrange="-4 2"/>'
+    )
+    text = two(SUM_AND_DIFFERENCE + motor(motors))
+    robot = read_text(tmp_path, text)
+    actuation = Actuation(robot)
+    assert actuation.motors == ("l", "a", "j_motor", "actuator3")
+    assert robot.coupled_motors[2].limits == (-12.0, 6.0)
+    assert not any("no motors here" in line for line in robot.unused)
+    referee, rng = mujoco.MjModel.from_xml_string(text), np.random.default_rng(0)
+    data = mujoco.MjData(referee)
+    data.ctrl[:] = ctrl = rng.normal(size=4)
+    data.qvel[:] = v = rng.normal(size=robot.nv)
+    mujoco.mj_forward(referee, data)
+    ours, gains = [2, 0, 1, 3], np.array([1.0, 1.0, 1.0, 3.0])  # by the order of the file
+    assert np.allclose(actuation.B @ (gains * ctrl[ours]), data.qfrc_actuator, atol=1e-14)
+    assert np.allclose(actuation.B.T @ v, data.actuator_velocity[ours], atol=1e-14)
+
+
+LIMITED = {
+    'forcerange="-3 7"': (-3.0, 7.0),
+    'ctrlrange="0 2"': (0.0, 2.0),
+    'ctrlrange="-1 2" forcerange="-3 1.5"': (-1.0, 1.5),
+    'gainprm="-2" ctrlrange="-1 2"': (-4.0, 2.0),
+    'dyntype="filter" dynprm="0.1" ctrlrange="-1 2"': (-np.inf, np.inf),
+    'forcelimited="false" forcerange="-3 7"': (-np.inf, np.inf),
+}
+
+
+@pytest.mark.parametrize(("words", "wanted"), LIMITED.items())
+def test_limits_of_motors_on_several_joints(tmp_path, words, wanted):
+    general = motor(f'<general name="m" tendon="sum" {words}/>')
+    (made,) = read_text(tmp_path, two(SUM_AND_DIFFERENCE + general)).coupled_motors
+    assert made == CoupledMotor("m", {"j": 2.0, "k": 3.0}, wanted)
+
+
+@pytest.mark.parametrize("words", [
+    '<position name="m" tendon="sum" kp="3"/>', '<motor name="m" tendon="sum" gear="0"/>',
+    '<general name="m" tendon="sum" gainprm="0" ctrlrange="-1 1"/>',
+    '<motor name="m" tendon="sum" ctrlrange="0.1 1"/>',
+])  # fmt: skip
+def test_servos_on_tendons_and_what_never_pushes_are_no_motors(tmp_path, words):
+    robot = read_text(tmp_path, two(SUM_AND_DIFFERENCE + motor(words)))
+    assert robot.coupled_motors == ()
+    assert any("no motors here: m on tendon 'sum'" in line for line in robot.unused)
+
+
+def test_motors_on_several_joints_come_back(tmp_path):
+    robot = read_text(tmp_path, two()).with_loops(
+        Coupling({"j": 1.0, "k": 2.0, "l": 3.0}, name="a")
+    )
+    motors = (
+        CoupledMotor("a", {"j": 0.1, "k": -0.3}, (0.0, np.inf)),
+        CoupledMotor("b", {"k": 1.0, "l": 7.0}, (-2.0, 3.0)),
+        CoupledMotor("c", {"k": 1.0, "l": 7.0}),
+    )
+    again = read_text(tmp_path, robot.with_motors("ball", *motors).to_mjcf())
+    assert again.actuated == ("ball",)
+    assert again.coupled_motors == motors
+    assert again.loops == robot.loops
 
 
 @pytest.mark.skipif(not KNOWN, reason="this MuJoCo knows no armature of actuators")

@@ -14,7 +14,14 @@ from shared import robot
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.contact import FrictionCone, WrenchCone
-from condyn_pin.control import PushBound, capturable_speed, push_bound, support_polygon
+from condyn_pin.control import (
+    Actuation,
+    PushBound,
+    capturable_speed,
+    push_bound,
+    support_polygon,
+)
+from condyn_pin.model import CoupledMotor
 
 G, MASS = 9.81, 8.0
 LONG, WIDE, HIGH = 0.3, 0.2, 0.6  # from the centre of mass to the feet [m]
@@ -53,6 +60,24 @@ def table(force: float) -> cp.Scene:
 
 def pushed(scene: cp.Scene, **more: object) -> PushBound:
     return push_bound(scene, pin.neutral(scene.robot.model), (1, 0, 0), cones=ROUGH, **more)
+
+
+def test_motors_of_the_legs_may_have_gears_and_limits_of_their_own() -> None:
+    """Limits of motors are those of their joints over the gear; a limit of a joint is named so."""
+    force = 1.3 * MASS * G / 4 * np.sqrt(LONG**2 + WIDE**2 + HIGH**2) / HIGH
+    plain, strong = pushed(table(force)), table(1e3 * force)
+    hips, pushes = [f"hip{i}" for i in range(4)], (-force / 2, force / 2)
+    legs = [CoupledMotor(f"screw{i}", {f"leg{i}": 2.0}, pushes) for i in range(4)]
+    geared = pushed(strong, actuation=Actuation(strong.robot, [*hips, *legs]))
+    assert geared.speed == pytest.approx(plain.speed, rel=1e-6)
+    assert set(geared.motors) == {"screw0", "screw3"}
+    # two motors that pull at each leg, where the joint itself takes no more
+    pair = [CoupledMotor(f"{side}{i}", {f"leg{i}": 1.0}) for i in range(4) for side in "ab"]
+    weak = table(force)
+    twice = pushed(weak, actuation=Actuation(weak.robot, [*hips, *pair]))
+    assert twice.speed == pytest.approx(plain.speed, rel=1e-6)
+    assert set(twice.motors) == {"leg0", "leg3"}
+    assert pushed(weak, actuation=Actuation(weak.robot, [*hips, *pair]), torque=False).motors == ()
 
 
 @pytest.mark.parametrize("share", [1.05, 1.3, 1.7])

@@ -13,6 +13,7 @@ from shared import robot
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.io.load import example_robot_data
+from condyn_pin.model import CoupledMotor
 
 
 def test_postures_cannot_be_written():
@@ -113,6 +114,67 @@ def test_a_folder_is_a_robot(tmp_path):
     (tmp_path / "robot.toml").rename(tmp_path / "swing.toml")
     assert cp.load_robot(tmp_path / "swing.toml").loops == swing.loops
     assert any("friction (left)" in text for text in swing.unused)
+
+
+PAIR = (
+    CoupledMotor("sum", {"left": 1.0, "right": 1.0}, (0.0, 30.0)),
+    CoupledMotor("apart", {"left": 0.5, "right": -0.5, "bottom": 0.1}),
+)
+
+
+def swing_of(tmp_path, card: str) -> cp.Robot:
+    (tmp_path / "swing.urdf").write_text(SWING)
+    (tmp_path / "robot.toml").write_text(card)
+    return cp.load_robot(tmp_path)
+
+
+def test_a_card_has_motors_on_several_joints(tmp_path):
+    tables = (
+        '[[coupled_motors]]\nname = "sum"\njoints = { left = 1, right = 1 }\nlimits = [0, 30]\n'
+        '[[coupled_motors]]\nname = "apart"\n'
+        "joints = { left = 0.5, right = -0.5, bottom = 0.1 }\n"
+    )
+    swing = swing_of(tmp_path, CARD + tables)
+    assert (swing.actuated, swing.coupled_motors) == (("left",), PAIR)
+    assert swing.motor_joints == ("left", "right", "bottom")
+    alone = swing_of(tmp_path, CARD.replace('actuated = ["left"]', "") + tables)
+    assert (alone.actuated, alone.coupled_motors) == ((), PAIR)
+    few = cp.load_robot(tmp_path / "robot.toml", actuated=["bottom"])
+    assert (few.actuated, few.coupled_motors) == (("bottom",), ())
+    for wrong, said in (
+        ('joints = { top = 1 }\nname = "m"', "no joint named 'top'"),
+        ("joints = { left = 1 }", r"coupled_motors\[0\]: the entry 'name' is missing"),
+        ('joints = { left = 0 }\nname = "m"', r"coupled_motors\[0\].*'left' is 0"),
+        ('joints = { left = 1 }\nname = "m"\ngear = 2', "no entry named 'gear'"),
+    ):
+        with pytest.raises(cp.errors.CondynError, match=said):
+            swing_of(tmp_path, f"{CARD}[[coupled_motors]]\n{wrong}\n")
+
+
+def test_motors_on_several_joints_are_of_the_robot(tmp_path):
+    swing = swing_of(tmp_path, CARD).with_motors("bottom", *PAIR)
+    assert (swing.actuated, swing.coupled_motors) == (("bottom",), PAIR)
+    assert swing.with_motors("left").coupled_motors == ()
+    copy = pickle.loads(pickle.dumps(swing))
+    assert copy == swing
+    assert copy.coupled_motors == PAIR
+    assert swing != swing.with_motors("bottom", PAIR[0])
+    assert "motor, apart" in swing._repr_html_()
+    scene = cp.Scene(swing, swing.loops)
+    q, v = scene.state("hanging")
+    cp.simulate(scene, q, v, dt=0.01, duration=0.02).save(tmp_path / "run.npz")
+    assert cp.simulation.Trajectory.load(tmp_path / "run.npz").scene.robot == swing
+
+
+def test_locked_joints_leave_motors_on_the_others(tmp_path):
+    swing = dataclasses.replace(swing_of(tmp_path, CARD).with_motors(*PAIR), loops=())
+    one = cp.Scene(swing).lock(["bottom"]).robot
+    assert one.coupled_motors == (PAIR[0], CoupledMotor("apart", {"left": 0.5, "right": -0.5}))
+    two = cp.Scene(swing).lock(["left", "right"]).robot
+    assert two.coupled_motors == (CoupledMotor("apart", {"bottom": 0.1}),)
+    pair = cp.model.together({"a": one, "b": two})
+    assert [motor.name for motor in pair.coupled_motors] == ["a/sum", "a/apart", "b/apart"]
+    assert pair.coupled_motors[0].weights == {"a/left": 1.0, "a/right": 1.0}
 
 
 def test_frames_of_a_card_carry_contacts(tmp_path):

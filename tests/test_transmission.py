@@ -12,6 +12,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin._core.joints import indices
 from condyn_pin.control import Actuation, gravity_compensation, transmission
+from condyn_pin.model import CoupledMotor
 
 WITH_MOTORS = [
     label for label, scene in all_scenes().items() if scene.robot.actuated and scene.rows
@@ -162,6 +163,68 @@ def test_it_is_how_complete_state_follows_the_motors(label):
     assert np.abs(through.G - state.G).max() < 1e-9 * np.abs(state.G).max()
     assert through.undetermined == state.undetermined
     assert through.conflicting == state.conflicting == 0
+
+
+def five_bar() -> cp.Scene:
+    bar = cp.model.five_bar()
+    return cp.Scene(bar, bar.loops)
+
+
+def differential(scene: cp.Scene, k: float = 1.0) -> Actuation:
+    return Actuation(scene.robot, [
+        CoupledMotor("sum", {"left_motor": k, "right_motor": k}),
+        CoupledMotor("difference", {"left_motor": 1.0, "right_motor": -1.0}),
+    ])  # fmt: skip
+
+
+@pytest.mark.parametrize("gear", [1.0, 30.0])
+def test_a_differential_through_a_loop(gear):
+    """w = D (v_left, v_right): v = G D^-1 w, with G of the two cranks alone."""
+    scene = five_bar()
+    q, _ = scene.sample(np.random.default_rng(0))
+    through = transmission(scene, q, actuation=differential(scene, gear))
+    D = np.array([[gear, gear], [1.0, -1.0]])
+    cranks = transmission(scene, q, actuation=Actuation(scene.robot, ["left_motor", "right_motor"]))
+    assert np.allclose(through.G, cranks.G @ np.linalg.inv(D), rtol=1e-11, atol=1e-12)
+    assert (through.undetermined, through.conflicting, through.at_rest) == (0, 0, ())
+    tau = np.random.default_rng(1).normal(size=scene.robot.nv)
+    u = through.motor_torques(tau)
+    assert np.allclose(D.T @ u, cranks.motor_torques(tau), rtol=1e-10, atol=1e-11)
+    given = through.joint_torques(u, ["left_motor", "right_motor"])
+    assert np.allclose(given, D.T @ u, rtol=1e-10, atol=1e-11)
+    J = cranks.jacobian("left_rod") @ np.linalg.inv(D)
+    assert np.allclose(through.jacobian("left_rod"), J, rtol=1e-10, atol=1e-11)
+
+
+@pytest.mark.parametrize("more", [(), ("left_motor",), ("left_motor", "right_motor")])
+def test_power_of_motors_on_several_joints(more):
+    """u . w = tau . v, also where more motors than freedoms conflict; statics holds."""
+    scene = five_bar()
+    q, v = scene.sample(np.random.default_rng(2))
+    pair = differential(scene).joints
+    actuation = Actuation(scene.robot, [*pair, *more], [5.0] * len(more))
+    through = transmission(scene, q, actuation=actuation)
+    assert (through.undetermined, through.conflicting) == (0, len(more))
+    assert np.abs(cp.Workspace(scene).jacobian(q) @ through.G).max() < 1e-12
+    rng = np.random.default_rng(3)
+    tau, any_w = rng.normal(size=scene.robot.nv), rng.normal(size=through.G.shape[1])
+    moving = through.velocities(any_w)
+    w, u = actuation.B.T @ moving, through.motor_torques(tau)
+    assert u @ w == pytest.approx(tau @ moving, rel=1e-11)
+    assert np.allclose(through.velocities(w), moving, rtol=1e-11, atol=1e-12)
+    falling = cp.solve(scene, q, v, 0 * v).a
+    assert np.abs(cp.solve(scene, q, v, tau - actuation.B @ u).a - falling).max() < 1e-9
+
+
+def test_one_cable_over_two_joints_leaves_one_of_them_open():
+    """A motor that shortens a cable over shoulder and elbow determines the sum alone."""
+    arm = cp.model.chain(2)
+    cable = CoupledMotor("cable", dict(zip(arm.joints, [0.03, 0.02], strict=True)))
+    through = transmission(cp.Scene(arm), [0.3, 0.4], actuation=Actuation(arm, [cable]))
+    assert (through.undetermined, through.conflicting) == (1, 0)
+    assert len(through.at_rest) == 1
+    assert [0.03, 0.02] @ through.G[:, 0] == pytest.approx(1.0, rel=1e-12)
+    assert np.abs([0.03, 0.02] @ through.free).max() < 1e-12
 
 
 def test_two_feet_on_the_ground_tie_the_motors():

@@ -102,12 +102,12 @@ class Actuation:
 
     @cached_property
     def gears(self) -> Array:
-        """The ratio of every motor, and the length of its column of B if it is coupled (k,)."""
+        """The ratio of every motor; 1 of one on several joints, whose weights say it (k,)."""
         return np.array([motor.gear for motor in self._each])
 
     @cached_property
     def E(self) -> Array:
-        """B for motors without gears (nv, k): its columns over `gears`, of length 1."""
+        """The map (nv, k) from torques behind the gears, t = gears u, to joint torques."""
         return self.B / self.gears
 
     @cached_property
@@ -140,9 +140,8 @@ class Actuation:
             else:
                 at = indices(model, [*motor.weights])[1].tolist()
                 weights = dict(zip(at, motor.weights.values(), strict=True))
-                gear = float(np.linalg.norm([*weights.values()]))
                 least, largest = motor.limits
-                found.append(_Motor(motor.name, weights, gear, (least, largest), coupled=True))
+                found.append(_Motor(motor.name, weights, 1.0, (least, largest), coupled=True))
         return tuple(found)
 
 
@@ -211,7 +210,8 @@ def motors_of(scene: Scene, actuation: Actuation | None) -> Actuation:
 #
 #     J_A v_A + J_D v_D = 0,      v = G w,      w the speeds of the motors,
 #
-# where a motor on several joints is one more coordinate x and one more row, E_c^T v - x = 0,
+# where a motor on several joints, b its column of B, is one more coordinate x and one more row,
+# (b^T v) / |b| - x = 0,
 #
 # and equal power, tau . v = u . w, makes u = G^T tau the motor torques that do what tau does. Where
 # motors move together only in some ways, because there are more of them than degrees of freedom, G
@@ -371,9 +371,8 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
     """
     actuation = motors_of(scene, actuation)
     state = at_state(scene, q)
-    n, gears = scene.robot.nv, actuation.gears
-    J, A = _with_motors(state.terms.J, actuation)
-    k = len(A)
+    J, A, gears = _with_motors(state.terms.J, actuation)
+    n, k = scene.robot.nv, len(A)
     classes = passive_joints(scene.robot, A)
     passive = np.sort(np.concatenate(classes))
     least = tolerances.DEAD_POINT * float(np.linalg.norm(J))
@@ -396,15 +395,19 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
     return Transmission(G[:n], free, conflicting, tuple(names), actuation, scene, state.q)
 
 
-def _with_motors(J: Array, actuation: Actuation) -> tuple[Array, NDArray[np.int_]]:
-    """Return J with the coordinates and rows of motors on several joints, and the motors in it."""
+def _with_motors(J: Array, actuation: Actuation) -> tuple[Array, NDArray[np.int_], Array]:
+    """Return J with coordinates and rows of motors on several joints; all motors, and gears, in it.
+
+    The speed of a motor is its gear times the speed of its coordinate.
+    """
     coupled, (m, n) = actuation.coupled, J.shape
-    A = actuation.E.argmax(axis=0)
+    A, gears = np.abs(actuation.B).argmax(axis=0), actuation.gears
     if not len(coupled):
-        return J, A
-    A[coupled] = np.arange(n, n + len(coupled))
-    rows = np.hstack((actuation.E[:, coupled].T, -np.eye(len(coupled))))
-    return np.vstack((np.hstack((J, np.zeros((m, len(coupled))))), rows)), A
+        return J, A, gears
+    A[coupled], gears = np.arange(n, n + len(coupled)), gears.copy()
+    gears[coupled] = np.linalg.norm(actuation.B[:, coupled], axis=0)
+    rows = np.hstack((actuation.B[:, coupled].T / gears[coupled, None], -np.eye(len(coupled))))
+    return np.vstack((np.hstack((J, np.zeros((m, len(coupled))))), rows)), A, gears
 
 
 # Drive: what motors and constraints can give together.

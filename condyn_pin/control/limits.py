@@ -261,29 +261,25 @@ class TorqueLimits(NamedTuple):
     L : (l, k) array
     least, most : (l,) array
         [N m, N]
-    gears : (l,) array
-        What they have to be divided by for torques of joints, and of motors themselves.
     """
 
     names: tuple[str, ...]
     L: Array
     least: Array
     most: Array
-    gears: Array
 
     @classmethod
     def of(cls, actuation: Actuation, *, count: bool = True) -> TorqueLimits:
         """Return the limits of joints and motors; none where they do not count."""
-        model, gears, (least, most) = actuation.robot.model, actuation.gears, actuation.limits
+        model, (least, most) = actuation.robot.model, actuation.limits
         efforts, joints = _efforts(actuation.robot), actuation.columns
         joints = joints[np.isfinite(efforts[joints]) & count]
         motors = np.flatnonzero((np.isfinite(least) | np.isfinite(most)) & count)
         return cls(
             (*entry_names(model, joints), *(actuation.motors[k] for k in motors)),
-            np.vstack((actuation.E[joints], np.eye(len(gears))[motors])),
-            np.concatenate((-efforts[joints], (least * gears)[motors])),
-            np.concatenate((efforts[joints], (most * gears)[motors])),
-            np.concatenate((np.ones(len(joints)), gears[motors])),
+            np.vstack((actuation.E[joints], np.eye(len(least))[motors])),
+            np.concatenate((-efforts[joints], least[motors])),
+            np.concatenate((efforts[joints], most[motors])),
         )
 
 

@@ -18,6 +18,7 @@ from condyn_pin.errors import InvalidArgument, MissingExtra
 from condyn_pin.gradients.routes.active_set import ActiveSet
 from condyn_pin.gradients.routes.base import Route
 from condyn_pin.layers.answers import StepMap
+from condyn_pin.model.motors import CoupledMotor
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 
@@ -93,8 +94,8 @@ class Action:
     route : Route
         Of the derivatives, `ActiveSet()` by default: exact within a mode of the contacts.
         Optimisers that have to make and break contact take `Kappa`, which smooths them.
-    motors : sequence of str, optional
-        The joints that u drives, ``robot.actuated`` by default.
+    motors : sequence of str or CoupledMotor, optional
+        The motors whose torques are u, as for `Actuation`; those of the robot by default.
 
     Raises
     ------
@@ -112,7 +113,7 @@ class Action:
     dt: float
     integrator: ContactScheme = field(default_factory=StewartTrinkle)
     route: Route = field(default_factory=ActiveSet)
-    motors: Sequence[str] | None = None
+    motors: Sequence[str | CoupledMotor] | None = None
 
     def __post_init__(self) -> None:
         if self.motors is not None and not isinstance(self.motors, str):  # which is refused below

@@ -206,7 +206,7 @@ def _used(answer: ControlAnswer) -> list[tuple[str, float, float | None]]:
     torques = limits.L @ (answer.actuation.gears * answer.u)
     most = np.where(torques < 0, limits.least, limits.most)
     shares = np.divide(torques, most, out=np.zeros(len(most)), where=most != 0)
-    limited = zip(limits.names, (torques / limits.gears).tolist(), shares.tolist(), strict=True)
+    limited = zip(limits.names, torques.tolist(), shares.tolist(), strict=True)
     rows = [*limited] + [(m, t, None) for m, t in answer.torques.items() if m not in limits.names]
     return sorted(rows, key=lambda row: -(row[2] if row[2] is not None else 0.0))
 
