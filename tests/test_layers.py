@@ -24,6 +24,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.gradients import trajectory_derivatives
 from condyn_pin.layers.maps import Configurations
+from condyn_pin.model import CoupledMotor
 
 CURVED = {
     "free flyer": pin.JointModelFreeFlyer,
@@ -504,6 +505,21 @@ def test_an_action_is_a_step_in_the_tangent():
         cp.layers.Action(scene, dt=1e-3, route="kappa")
     with pytest.raises(cp.InvalidArgument, match="StewartTrinkle"):
         cp.layers.torch_step(scene, dt=1e-3, integrator=cp.RungeKutta4())
+
+
+def test_an_action_takes_motors_on_several_joints():
+    """tau = B u, and dx+/du = dx+/dtau B."""
+    arm = cp.model.chain(2)
+    weights = dict(zip(arm.joints, (2.0, -3.0), strict=True))
+    motors = [CoupledMotor("belt", weights), arm.joints[1]]
+    action = cp.layers.Action(cp.Scene(arm), dt=1e-2, motors=motors)
+    plain = cp.layers.Action(cp.Scene(arm), dt=1e-2, motors=arm.joints)
+    B, x, u = np.array([[2.0, 0.0], [-3.0, 1.0]]), np.array([0.1, 0.2, 0.3, 0.4]), [0.5, 0.7]
+    assert np.array_equal(action.B, B)
+    assert np.allclose(action.step(x, u), plain.step(x, B @ u), rtol=1e-14)
+    assert np.allclose(action.derivatives(x, u)[1], plain.derivatives(x, B @ u)[1] @ B, rtol=1e-12)
+    of_robot = cp.layers.Action(cp.Scene(arm.with_motors(arm.joints[1], motors[0])), dt=1e-2)
+    assert np.array_equal(of_robot.B, B[:, ::-1])
 
 
 def test_an_action_is_differentiated_where_a_step_opens_its_loop():
