@@ -10,7 +10,7 @@ of several joints, and zero elsewhere.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from math import inf
@@ -102,12 +102,12 @@ class Actuation:
 
     @cached_property
     def gears(self) -> Array:
-        """The ratio of every motor; 1 of one on several joints, whose weights say it (k,)."""
+        """The ratio of every motor, and the length of its column of B if it is coupled (k,)."""
         return np.array([motor.gear for motor in self._each])
 
     @cached_property
     def E(self) -> Array:
-        """The map (nv, k) from torques behind the gears, t = gears u, to joint torques."""
+        """The map (nv, k) from torques behind the gears, t = gears u: columns of length 1."""
         return self.B / self.gears
 
     @cached_property
@@ -129,7 +129,8 @@ class Actuation:
 
     @cached_property
     def _each(self) -> tuple[_Motor, ...]:
-        model, ratios = self.robot.model, iter(self.ratios or ())
+        model = self.robot.model
+        ratios: Iterator[float] = iter(self.ratios or ())  # type: ignore[arg-type]
         names = entry_names(model, np.arange(self.robot.nv))
         found: list[_Motor] = []
         for motor in self.joints or ():
@@ -141,7 +142,8 @@ class Actuation:
                 at = indices(model, [*motor.weights])[1].tolist()
                 weights = dict(zip(at, motor.weights.values(), strict=True))
                 least, largest = motor.limits
-                found.append(_Motor(motor.name, weights, 1.0, (least, largest), coupled=True))
+                gear = float(np.linalg.norm([*weights.values()]))
+                found.append(_Motor(motor.name, weights, gear, (least, largest), coupled=True))
         return tuple(found)
 
 
@@ -210,8 +212,8 @@ def motors_of(scene: Scene, actuation: Actuation | None) -> Actuation:
 #
 #     J_A v_A + J_D v_D = 0,      v = G w,      w the speeds of the motors,
 #
-# where a motor on several joints, b its column of B, is one more coordinate x and one more row,
-# (b^T v) / |b| - x = 0,
+# where a motor on several joints, e its column of E, is one more coordinate x and one more row,
+# e^T v - x = 0,
 #
 # and equal power, tau . v = u . w, makes u = G^T tau the motor torques that do what tau does. Where
 # motors move together only in some ways, because there are more of them than degrees of freedom, G
@@ -371,8 +373,8 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
     """
     actuation = motors_of(scene, actuation)
     state = at_state(scene, q)
-    J, A, gears = _with_motors(state.terms.J, actuation)
-    n, k = scene.robot.nv, len(A)
+    J, A = _with_motors(state.terms.J, actuation)
+    n, k, gears = scene.robot.nv, len(A), actuation.gears
     classes = passive_joints(scene.robot, A)
     passive = np.sort(np.concatenate(classes))
     least = tolerances.DEAD_POINT * float(np.linalg.norm(J))
@@ -395,19 +397,18 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
     return Transmission(G[:n], free, conflicting, tuple(names), actuation, scene, state.q)
 
 
-def _with_motors(J: Array, actuation: Actuation) -> tuple[Array, NDArray[np.int_], Array]:
-    """Return J with coordinates and rows of motors on several joints; all motors, and gears, in it.
+def _with_motors(J: Array, actuation: Actuation) -> tuple[Array, NDArray[np.int_]]:
+    """Return J with coordinates and rows of motors on several joints, and the columns of all motors.
 
-    The speed of a motor is its gear times the speed of its coordinate.
+    The speed of a motor is its gear times that of its column.
     """
     coupled, (m, n) = actuation.coupled, J.shape
-    A, gears = np.abs(actuation.B).argmax(axis=0), actuation.gears
+    A = actuation.E.argmax(axis=0)
     if not len(coupled):
-        return J, A, gears
-    A[coupled], gears = np.arange(n, n + len(coupled)), gears.copy()
-    gears[coupled] = np.linalg.norm(actuation.B[:, coupled], axis=0)
-    rows = np.hstack((actuation.B[:, coupled].T / gears[coupled, None], -np.eye(len(coupled))))
-    return np.vstack((np.hstack((J, np.zeros((m, len(coupled))))), rows)), A, gears
+        return J, A
+    A[coupled] = np.arange(n, n + len(coupled))
+    rows = np.hstack((actuation.E[:, coupled].T, -np.eye(len(coupled))))
+    return np.vstack((np.hstack((J, np.zeros((m, len(coupled))))), rows)), A
 
 
 # Drive: what motors and constraints can give together.

@@ -123,8 +123,8 @@ class ControlAnswer:
     Attributes
     ----------
     u : (k,) array
-        Torques of the motors [N m, N]. Of all that do the same, those of the least sum of squares;
-        of motors with a joint of their own the torque of the joint counts.
+        Torques of the motors [N m, N]. Of all that do the same, those whose torques at the joints,
+        `Actuation.gears` times u, have the least sum of squares.
     tau : (nv,) array
         Joint torques that the motors give, B u [N m, N].
     a : (nv,) array

@@ -272,12 +272,13 @@ class TorqueLimits(NamedTuple):
     def of(cls, actuation: Actuation, *, count: bool = True) -> TorqueLimits:
         """Return the limits of joints and motors; none where they do not count."""
         model, (least, most) = actuation.robot.model, actuation.limits
+        of_motors = np.diag(1.0 / actuation.gears)
         efforts, joints = _efforts(actuation.robot), actuation.columns
         joints = joints[np.isfinite(efforts[joints]) & count]
         motors = np.flatnonzero((np.isfinite(least) | np.isfinite(most)) & count)
         return cls(
             (*entry_names(model, joints), *(actuation.motors[k] for k in motors)),
-            np.vstack((actuation.E[joints], np.eye(len(least))[motors])),
+            np.vstack((actuation.E[joints], of_motors[motors])),
             np.concatenate((-efforts[joints], least[motors])),
             np.concatenate((efforts[joints], most[motors])),
         )

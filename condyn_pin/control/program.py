@@ -453,7 +453,8 @@ class TickConstraints:
 #
 #     a = a_0 + N z,    a_0 = Q_1 R^-T (P^T r),    N = Q_2,
 #
-# and with the columns of the motors, S = N^T E = X_1 s Y_1^T, of what the motors have to give
+# and with the columns of the motors, of length 1, S = N^T E = X_1 s Y_1^T, of what the motors have
+# to give
 #
 #     N^T E t = N^T f    is    t = (Y_1 s^-1 X_1^T) N^T f + Y_2 w,    X_2^T N^T f = 0.
 #
@@ -510,7 +511,7 @@ class Elimination:
         nothing, none, nv = np.zeros((0, 0)), np.zeros(0, np.int_), len(E)
         columns = E.argmax(axis=0)
         if not np.array_equal(E, np.eye(nv)[:, columns]) or len({*columns}) < len(columns):
-            return cls(np.eye(nv), *_driven(np.eye(nv), E), nothing, nothing, nothing, none)
+            return cls(np.eye(nv), *_driven(E), nothing, nothing, nothing, none)
         others = np.setdiff1d(np.arange(nv), columns)
         inner = np.zeros((len(columns), 0))
         drive, undriven = entries(columns), entries(others)
@@ -518,7 +519,7 @@ class Elimination:
 
     @classmethod
     def of(cls, J: Array, E: Array) -> Elimination:
-        """Return the maps of held rows J (m, nv) and motors E (nv, k)."""
+        """Return the maps of held rows J (m, nv) and motors E (nv, k), with columns of length 1."""
         if not len(J):
             return cls.free(E)
         Q, R, pivots, rank = _pivoted_qr(J.T, J.shape[1])
@@ -526,7 +527,7 @@ class Elimination:
             return cls.free(E)
         N = Q[:, rank:]
         R, rest = R[:rank, :rank], R[:rank, rank:]
-        return cls(N, *_driven(N, E), Q[:, :rank], R, rest, pivots)
+        return cls(N, *_driven(N.T @ E), Q[:, :rank], R, rest, pivots)
 
     def particular(self, r: Array) -> Array:
         """Return a_0, the smallest acceleration with J a = r (m,)."""
@@ -557,11 +558,10 @@ class Elimination:
         return lam
 
 
-def _driven(N: Array, E: Array) -> tuple[Array, Array, Array]:
+def _driven(S: Array) -> tuple[Array, Array, Array]:
     """Y_2, Y_1 s^-1 X_1^T and X_2^T of S = N^T E."""
-    X, s, Yt = np.linalg.svd(N.T @ E)
-    least = tolerances.RANK * np.linalg.norm(E, axis=0).max()
-    reached = int(np.count_nonzero(s > least))
+    X, s, Yt = np.linalg.svd(S)
+    reached = int(np.count_nonzero(s > tolerances.RANK))
     drive = (Yt[:reached].T / s[:reached]) @ X[:, :reached].T
     return Yt[reached:].T, drive, X[:, reached:].T
 

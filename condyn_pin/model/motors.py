@@ -5,8 +5,8 @@ tau_i = w_i u,    speed of the motor = sum w_i v_i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from math import inf
 from typing import Any
 
@@ -54,16 +54,6 @@ class CoupledMotor:
     def weights(self) -> dict[str, float]:
         """Weight w_i of each joint."""
         return dict(self.joints)
-
-    def renamed(self, new: Callable[[str], str]) -> CoupledMotor:
-        """Return the motor on joints of other names."""
-        weights = {new(joint): weight for joint, weight in self.weights.items()}
-        return replace(self, name=new(self.name), joints=weights)
-
-    def without(self, joints: Collection[str]) -> CoupledMotor | None:
-        """Return the motor with some joints locked; None where no other is left."""
-        left = {joint: w for joint, w in self.weights.items() if joint not in joints}
-        return replace(self, joints=left) if left else None
 
 
 def check_coupled(model: Any, motors: Sequence[CoupledMotor]) -> None:

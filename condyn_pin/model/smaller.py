@@ -27,6 +27,7 @@ from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.rows.bound import gap_of
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName
+from condyn_pin.model.motors import CoupledMotor
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.springs import SpringDamper
 
@@ -62,7 +63,7 @@ def smaller_robot(
         loops=(),
         contacts=(),
         actuated=tuple(name for name in robot.actuated if name not in joints),
-        coupled_motors=tuple(filter(None, (m.without(joints) for m in robot.coupled_motors))),
+        coupled_motors=tuple(_on_others(robot.coupled_motors, joints)),
         springs=tuple(spring for spring in robot.springs if spring.joint not in joints),
         spring_dampers=(),
         unused=(*robot.unused, remark),
@@ -71,6 +72,13 @@ def smaller_robot(
     contacts, _ = sifted(bare, robot.contacts)
     dampers = tuple(each for each in robot.spring_dampers if _pulls(bare, each))
     return replace(bare, loops=loops, contacts=contacts, spring_dampers=dampers)
+
+
+def _on_others(motors: Sequence[CoupledMotor], joints: Sequence[str]) -> Iterator[CoupledMotor]:
+    """Yield the motors that act on other joints too, on those alone."""
+    for motor in motors:
+        if left := {joint: w for joint, w in motor.weights.items() if joint not in joints}:
+            yield replace(motor, joints=left)
 
 
 def with_held(
@@ -353,7 +361,7 @@ def together(robots: Mapping[str, Robot]) -> Robot:
         loops=[loop.renamed(new) for new, robot in pairs for loop in robot.loops],
         contacts=[contact.renamed(new) for new, robot in pairs for contact in robot.contacts],
         actuated=[new(joint) for new, robot in pairs for joint in robot.actuated],
-        coupled_motors=[m.renamed(new) for new, robot in pairs for m in robot.coupled_motors],
+        coupled_motors=[_renamed(m, new) for new, robot in pairs for m in robot.coupled_motors],
         springs=[
             replace(each, joint=new(each.joint)) for new, robot in pairs for each in robot.springs
         ],
@@ -370,6 +378,11 @@ def together(robots: Mapping[str, Robot]) -> Robot:
         ],
         precision=max(robot.precision for robot in robots.values()),
     )
+
+
+def _renamed(motor: CoupledMotor, new: Callable[[str], str]) -> CoupledMotor:
+    weights = {new(joint): weight for joint, weight in motor.weights.items()}
+    return replace(motor, name=new(motor.name), joints=weights)
 
 
 def _prefixed(prefix: str) -> Callable[[str], str]:

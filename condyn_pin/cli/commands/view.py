@@ -127,7 +127,7 @@ def _standing(
     q, v = scene.state(posture)
     robot = scene.robot
     sprung = (spring.joint for spring in robot.springs)
-    holding = dict.fromkeys((*robot.actuated, *robot.coupled_motors, *sprung))
+    holding = (*robot.actuated, *robot.coupled_motors, *sprung)
     if not holding:
         return solve(scene, q, v, 0 * v, throw=False)
-    return gravity_compensation(scene, q, actuation=Actuation(robot, tuple(holding)))
+    return gravity_compensation(scene, q, actuation=Actuation(robot, holding))
