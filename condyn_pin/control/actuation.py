@@ -398,7 +398,7 @@ def transmission(scene: Scene, q: ArrayLike, *, actuation: Actuation | None = No
 
 
 def _with_motors(J: Array, actuation: Actuation) -> tuple[Array, NDArray[np.int_]]:
-    """Return J with coordinates and rows of motors on several joints, and the columns of all motors.
+    """Return J with coordinates and rows of motors on several joints, and the columns of motors.
 
     The speed of a motor is its gear times that of its column.
     """

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -127,7 +127,7 @@ def _standing(
     q, v = scene.state(posture)
     robot = scene.robot
     sprung = (spring.joint for spring in robot.springs)
-    holding = (*robot.actuated, *robot.coupled_motors, *sprung)
+    holding: tuple[Any, ...] = (*robot.actuated, *robot.coupled_motors, *sprung)
     if not holding:
         return solve(scene, q, v, 0 * v, throw=False)
     return gravity_compensation(scene, q, actuation=Actuation(robot, holding))
