@@ -135,8 +135,8 @@ class Actuation:
         found: list[_Motor] = []
         for motor in self.joints or ():
             if isinstance(motor, str):
-                ratio = next(ratios)
-                entries = indices(model, [motor])[1].tolist()
+                ratio, joint = next(ratios), model.joints[model.getJointId(motor)]
+                entries = range(joint.idx_v, joint.idx_v + joint.nv)
                 found += [_Motor(names[i], {i: ratio}, ratio) for i in entries]
             else:
                 at = indices(model, [*motor.weights])[1].tolist()
