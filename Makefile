@@ -99,8 +99,8 @@ dist: $(VENV)/ready
 	$(BIN)/python -m twine check --strict dist/*
 
 stress: $(VENV)/ready $(VENV3)/ready
-	$(VENV3)/bin/python benchmarks/stress.py
-	$(BIN)/python benchmarks/stress.py
+	$(VENV3)/bin/python benchmarks/stress.py solvers
+	$(BIN)/python benchmarks/stress.py solvers
 
 stress-slice: $(VENV)/ready
 	$(BIN)/python benchmarks/lab stress --seconds 60
@@ -125,11 +125,11 @@ peers: $(VENV)/ready
 	$(BIN)/python benchmarks/peers/run.py --folder $(PEERS)
 
 control-peers: $(VENV)/ready
-	$(BIN)/python benchmarks/control_peers.py --folder $(PEERS)
+	$(BIN)/python benchmarks/control.py peers --folder $(PEERS)
 
 contact-peers: $(VENV)/ready
-	$(BIN)/python benchmarks/contact_peers.py --folder $(PEERS)
-	$(BIN)/python benchmarks/contact_four_bar.py --folder $(PEERS)
+	$(BIN)/python benchmarks/contact_peers.py motions --folder $(PEERS)
+	$(BIN)/python benchmarks/contact_peers.py four_bar --folder $(PEERS)
 
 $(VENV)/ready: pyproject.toml
 	$(PYTHON) -m venv $(VENV)

@@ -21,9 +21,9 @@ steps, where no contact is about to change its mode. Prints the worst of each.
 
 from __future__ import annotations
 
-import argparse
 import sys
 import time
+from argparse import ArgumentParser, Namespace
 from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -31,7 +31,9 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
+import script
 from scipy.optimize import nnls
+from script import Printed
 
 import condyn_pin as cp
 from condyn_pin.constraints import Ball, Box, Capsule, FrictionalContact, Plane
@@ -429,17 +431,21 @@ def judge_derivatives(seed: int, count: int) -> int:
     return wrong
 
 
-def main() -> int:
-    """Judge, and say what is wrong; 1 if anything is."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def judge(given: Namespace) -> int:
+    """Judge, and print what is wrong; 1 if anything is."""
+    wrong = judge_steps(given.seed, given.steps)
+    wrong += judge_derivatives(given.seed, given.derivatives)
+    return int(wrong > 0)
+
+
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("--steps", type=int, default=20_000)
     parser.add_argument("--derivatives", type=int, default=5_000)
     parser.add_argument("--seed", type=int, default=0)
-    arguments = parser.parse_args()
-    wrong = judge_steps(arguments.seed, arguments.steps)
-    wrong += judge_derivatives(arguments.seed, arguments.derivatives)
-    return bool(wrong)
+
+
+SUBJECTS = [Printed("contact_judge", "random steps judged by laws alone", judge, _options)]
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(script.main(__doc__, SUBJECTS))

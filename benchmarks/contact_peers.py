@@ -1,47 +1,66 @@
-"""Contact beside MuJoCo, Drake and Newton's Kamino: error against time on five known motions.
+"""Contact beside MuJoCo, Drake, Newton's Kamino and crocoddyl, each in an environment of its own.
 
-    python benchmarks/contact_peers.py [--quick] [--only drake] [--folder build/peers]
+    python benchmarks/contact_peers.py motions [--quick] [--only drake] [--folder build/peers]
+    python benchmarks/contact_peers.py four_bar [--folder build/peers]
+    python benchmarks/contact_peers.py crocoddyl [--folder build/peers]
 
-Writes benchmarks/results/contact_peers.{json,csv,png} and docs/results.md; with --from-json the
-tables are made from the committed results, without running anything. `peers/contact/` has the
-motions, what the errors are, the clock, and a script for each engine, run in its own environment.
+motions: error against time on five known motions. `peers/contact/` has them, what the errors are,
+the clock, and a script for each engine.
+
+four_bar: what a first-order step makes of a four-bar that swings for a second at 1 ms.
+
+crocoddyl: `crocoddyl_action` beside crocoddyl's own contact dynamics; it fails where something does
+not hold, and `peers/with_crocoddyl_action.py` says what.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
 import json
 import os
+import subprocess
 import sys
+import xml.etree.ElementTree as ET
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
-from math import isfinite
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import marks
-from peers.environments import Environment, Missing
+import numpy as np
+import script
+from peers.environments import CONDYN_ALONE, Environment, Missing
 from peers.run import run_script
+from script import Printed, Table
 
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
 from condyn_pin._core.show import COLOURS, write_figure
-from condyn_pin._core.timing import machine
 
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / "benchmarks" / "results"
-NAME = "contact_peers"
-
-OURS = "condyn_pin"
 HERE = ("contact.with_condyn", "contact.with_mujoco")  # in the environment of this script
+NEWTON = Environment("newton", ("numpy", "mujoco==4.0.0", "newton==1.8.0"), ("with_newton",))
 ENVIRONMENTS = (
     Environment("drake_contact", ("numpy", "mujoco==4.0.0", "drake==1.51.1"), ("with_drake",)),
-    Environment("newton", ("numpy", "mujoco==4.0.0", "newton==1.8.0"), ("with_newton",)),
+    NEWTON,
+)
+# crocoddyl's loaders ask for descriptions before 6: condyn_pin is not installed, but on the path
+CROCODDYL = Environment(
+    "crocoddyl_action",
+    ("crocoddyl==3.2.1", "pin==4.0.0", "libpinocchio==4.0.0", *CONDYN_ALONE),
+    ("with_crocoddyl_action",),
 )
 TARGETS = (1e-2, 1e-3, 1e-4, 1e-5)  # [m]
 SHOWN = 2e-3  # the step of the table of all methods [s]
 LOST = 1.0  # what is further away is lost [m]
+
+
+def folder_option(parser: ArgumentParser) -> None:
+    """Add the folder in which environments are made."""
+    parser.add_argument("--folder", type=Path, default=script.ROOT / "build" / "peers")
+
+
+# --- motions
 
 
 @dataclass(frozen=True)
@@ -76,14 +95,38 @@ class Row:
         return self.ratio * 1e-3 / self.dt
 
 
-def measure(
-    folder: Path, effort: float, only: Sequence[str] | None
-) -> tuple[list[Row], dict[str, str], dict[str, str]]:
-    """Return all rows, what the error of each motion is, and who is missing, with the reason."""
+def fastest(rows: Sequence[Row], scene: str, peer: str, error: float) -> Row | None:
+    """Return a peer's fastest way to an error, if there is one."""
+    found = [r for r in rows if r.scene == scene and r.peer == peer and r.error <= error]
+    return min(found, key=lambda row: row.work, default=None)
+
+
+def _cell(row: Row | None) -> str:
+    if row is None:
+        return ""
+    return "lost" if not row.error < LOST else f"{row.error:.0e}, {_short(row.ratio)}"
+
+
+def _short(ratio: float) -> str:
+    return f"{ratio:.2g}" if ratio < 99.5 else f"{ratio:.0f}"
+
+
+def _names(rows: Sequence[Row], field: str) -> list[str]:
+    return list(dict.fromkeys(getattr(row, field) for row in rows))
+
+
+_DASHES = ("-", "--", "-.", ":", (0, (1, 3)), (0, (5, 1, 1, 1, 1, 1)))
+_MARKERS = "os^vD*"
+
+
+def motions(given: Namespace) -> script.Saved:
+    """Measure every engine; kept are rows, what the error of each motion is, and who is missing."""
     from peers.contact import export
 
+    about, folder = script.measured_on(), given.folder.resolve()
+    effort = 0.5 if given.quick else 1.0
     told = [export.export(motion, folder / "contact") for motion in export.motions()]
-    jobs = [("here", Path(sys.executable), script) for script in HERE]
+    jobs = [("here", Path(sys.executable), engine) for engine in HERE]
     missing = {}
     for environment in ENVIRONMENTS:
         try:
@@ -93,31 +136,30 @@ def measure(
             continue
         jobs += [(environment.name, python, f"contact.{s}") for s in environment.scripts]
     rows = []
-    for name, python, script in jobs:
-        if only and not any(word in script for word in only):
+    for name, python, engine in jobs:
+        if given.only and not any(word in engine for word in given.only):
             continue
-        print(f"{script} in {name}", flush=True)
-        output = folder / f"{script}.json"
+        print(f"{engine} in {name}", flush=True)
+        output = folder / f"{engine}.json"
         try:
-            found = run_script(python, script, [each.folder for each in told], output, effort)
+            found = run_script(python, engine, [each.folder for each in told], output, effort)
         except Missing as why:
-            missing[f"{script} in {name}"] = str(why)
+            missing[f"{engine} in {name}"] = str(why)
             continue
-        about = {"peer": found["peer"], "version": found["version"]}
-        rows += [Row(**about | row) for row in found["rows"]]
-    return rows, {each.name: each.error for each in told}, missing
+        peer = {"peer": found["peer"], "version": found["version"]}
+        rows += [asdict(Row(**peer | row)) for row in found["rows"]]
+    errors = {each.name: each.error for each in told}
+    return {**about, "errors": errors, "missing": missing, "rows": rows}
 
 
-def fastest(rows: Sequence[Row], scene: str, peer: str, error: float) -> Row | None:
-    """Return a peer's fastest way to an error, if there is one."""
-    found = [r for r in rows if r.scene == scene and r.peer == peer and r.error <= error]
-    return min(found, key=lambda row: row.work, default=None)
+def rows_of(saved: script.Saved) -> list[Row]:
+    """Return the rows."""
+    return [Row(**row) for row in saved["rows"]]
 
 
-def markdown(
-    rows: Sequence[Row], errors: dict[str, str], missing: dict[str, str], about: dict[str, str]
-) -> str:
+def motions_table(saved: script.Saved) -> str:
     """Return both tables, and what they mean."""
+    rows = rows_of(saved)
     peers, scenes = _names(rows, "peer"), _names(rows, "scene")
     lines = [
         f"| motion | error at most [m] | {' | '.join(peers)} |",
@@ -145,32 +187,12 @@ def markdown(
         "size used; an empty cell: no setting that was tried meets it. Second table: error [m], "
         "and the time of a step relative to one of MuJoCo's default.",
         "",
-        *(f"- {scene}: {what}." for scene, what in errors.items()),
-        *(f"- Not there: {name}: {why}." for name, why in missing.items()),
+        *(f"- {scene}: {what}." for scene, what in saved["errors"].items()),
+        *(f"- Not there: {name}: {why}." for name, why in saved["missing"].items()),
         "",
-        f"`python benchmarks/contact_peers.py`: {versions}; "
-        "{processor} ({cores} cores, one thread), {system}, Python {python}, Pinocchio "
-        "{pinocchio}, {date}.".format(**about),
+        f"{script.source('contact_peers motions', saved['machine'])}; {versions}.",
     ]
     return "\n".join(lines)
-
-
-def _cell(row: Row | None) -> str:
-    if row is None:
-        return ""
-    return "lost" if not row.error < LOST else f"{row.error:.0e}, {_short(row.ratio)}"
-
-
-def _short(ratio: float) -> str:
-    return f"{ratio:.2g}" if ratio < 99.5 else f"{ratio:.0f}"
-
-
-def _names(rows: Sequence[Row], field: str) -> list[str]:
-    return list(dict.fromkeys(getattr(row, field) for row in rows))
-
-
-_DASHES = ("-", "--", "-.", ":", (0, (1, 3)), (0, (5, 1, 1, 1, 1, 1)))
-_MARKERS = "os^vD*"
 
 
 def draw(rows: Sequence[Row], path: Path) -> None:
@@ -200,52 +222,165 @@ def draw(rows: Sequence[Row], path: Path) -> None:
     write_figure(figure, path, dpi=110)
 
 
-def save(
-    rows: Sequence[Row], errors: dict[str, str], missing: dict[str, str], about: dict[str, str]
-) -> None:
-    """Write the results."""
-    saved = {"machine": about, "errors": errors, "missing": missing}
-    plain = [asdict(row) for row in rows]
-    for row in plain:
-        row["error"] = row["error"] if isfinite(row["error"]) else 1e999
-    text = json.dumps(saved | {"rows": plain}, indent=1).replace("Infinity", "1e999")
-    (RESULTS / f"{NAME}.json").write_text(text + "\n", encoding="utf-8")
-    with (RESULTS / f"{NAME}.csv").open("w", newline="", encoding="utf-8") as file:
-        writer = csv.DictWriter(file, [field.name for field in fields(Row)], lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(plain)
+# --- four_bar
 
 
-def load() -> tuple[list[Row], dict[str, str], dict[str, str], dict[str, str]]:
-    """Return what `save` wrote."""
-    saved = json.loads((RESULTS / f"{NAME}.json").read_text(encoding="utf-8"))
-    rows = [Row(**row) for row in saved["rows"]]
-    return rows, saved["errors"], saved["missing"], saved["machine"]
+SWING, SWING_DT = 1.0, 1e-3  # [s]
+BARS = ("coupler", "rocker")  # that the loop joins
+
+# Where in the time for which it moves the bars a velocity is tangent to the loop.
+BEGINNING, MIDDLE, END = "at the beginning", "in the middle", "at the end"
 
 
-def pages(*measured: Any) -> dict[str, dict[str, str]]:
-    """Return the block of docs/results.md."""
-    return {marks.RESULTS: {NAME: markdown(*measured)}}
+@dataclass(frozen=True)
+class BarRow:
+    """A step, and what is left after a second.
+
+    Attributes
+    ----------
+    method, tangent : str
+        `tangent` is where on its way the velocity is tangent to the loop.
+    distance : float
+        Of the middle of a bar from where it has to be, the largest [m].
+    energy : float
+        What is lost or won [J].
+    """
+
+    method: str
+    tangent: str
+    distance: float
+    energy: float
 
 
-def main() -> None:
-    """Run, write, and update the docs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="steps of 2 ms, nothing is written")
+def ours() -> tuple[list[BarRow], np.ndarray]:
+    """Return our rows, and where the middles of the bars have to be (3, 3) [m]."""
+    scene, q, v = four_bar()
+    exact = cp.simulate(
+        scene, q, v, duration=SWING, dt=SWING_DT, integrator=cp.simulation.DormandPrince()
+    )
+    wanted = middles(scene, exact.q[-1])
+    rows = []
+    schemes = {
+        cp.SemiImplicitEuler(): END,
+        cp.StewartTrinkle(): MIDDLE,
+        cp.Moreau(): MIDDLE,
+    }
+    for scheme, tangent in schemes.items():
+        run = cp.simulate(scene, q, v, duration=SWING, dt=SWING_DT, integrator=scheme)
+        far = distance(middles(scene, run.q[-1]), wanted)
+        rows.append(BarRow(scheme.title, tangent, far, abs(float(run.energy.error[-1]))))
+    return rows, wanted
+
+
+def four_bar() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """Return the four-bar at rest in its posture."""
+    robot = cp.load_robot("four_bar")
+    scene = cp.Scene(robot, robot.loops)
+    return scene, *scene.state()
+
+
+def middles(scene: cp.Scene, q: np.ndarray) -> np.ndarray:
+    """Return the centres of mass of the bars (3, 3) [m]."""
+    model = scene.robot.model
+    data = model.createData()
+    pin.forwardKinematics(model, data, q)
+    return np.array([data.oMi[i].act(model.inertias[i].lever) for i in range(1, model.njoints)])
+
+
+def distance(found: Any, wanted: np.ndarray) -> float:
+    """Return the largest distance of a middle from where it has to be [m]."""
+    return float(np.linalg.norm(np.array(found) - wanted, axis=1).max())
+
+
+def kamino(folder: Path, wanted: np.ndarray) -> tuple[list[BarRow], str]:
+    """Return the rows of Newton's Kamino, and its version."""
+    from peers.contact import export, scene
+
+    linkage, q, v = four_bar()
+    robot, files = linkage.robot, folder / "four_bar"
+    files.mkdir(parents=True, exist_ok=True)
+    tree = ET.fromstring(robot.to_mjcf())
+    (files / scene.MODEL).write_text(export.with_start(tree, robot, q, v), encoding="utf-8")
+    ends = {name: robot.model.frames[robot.model.getFrameId(f"{name}_tip")] for name in BARS}
+    tips = {name: frame.placement.translation.tolist() for name, frame in ends.items()}
+    (files / "four_bar.json").write_text(json.dumps(tips), encoding="utf-8")
+    environment = next(each for each in ENVIRONMENTS if each.name == "newton")
+    python, output = environment.make(folder), folder / "four_bar_newton.json"
+    found = run_script(python, "contact.four_bar_newton", [files], output, 1.0)
+    rows = [
+        BarRow(f"Newton's {r['method']}", BEGINNING, distance(r["centres"], wanted), r["energy"])
+        for r in found["rows"]
+    ]
+    return rows, found["version"]
+
+
+def swing(given: Namespace) -> script.Saved:
+    """Measure our steps, and Kamino's."""
+    about, (rows, wanted) = script.measured_on(), ours()
+    theirs, about["machine"]["newton"] = kamino(given.folder.resolve(), wanted)
+    return about | {"rows": [asdict(row) for row in (*rows, *theirs)]}
+
+
+def swing_table(saved: script.Saved) -> str:
+    """Return a row a step."""
+    rows = [BarRow(**row) for row in saved["rows"]]
+    source = script.source("contact_peers four_bar", saved["machine"], script.OF_CORES)
+    lines = [
+        "| four-bar, 1 s at 1 ms | velocity tangent to the loop | a bar off [m] | energy [J] |",
+        "|---|---|---|---|",
+        *(f"| {r.method} | {r.tangent} | {r.distance:.1e} | {r.energy:.1e} |" for r in rows),
+    ]
+    return "\n".join([*lines, "", f"{source}; Newton {saved['machine']['newton']}."])
+
+
+# --- crocoddyl
+
+
+def crocoddyl(given: Namespace) -> int:
+    """Run the comparison, and return its exit code."""
+    folder = given.folder.resolve()
+    folder.mkdir(parents=True, exist_ok=True)
+    paths = os.pathsep.join([str(script.ROOT / "benchmarks"), str(script.ROOT)])
+    return subprocess.run(
+        [str(CROCODDYL.make(folder)), "-m", f"peers.{CROCODDYL.scripts[0]}"],
+        env={**os.environ, "OMP_NUM_THREADS": "1", "PYTHONPATH": paths},
+        cwd=folder,
+    ).returncode
+
+
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("--only", nargs="+", help="words of scripts; nothing is written")
-    parser.add_argument("--folder", type=Path, default=ROOT / "build" / "peers")
-    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
-    given = parser.parse_args()
-    if not given.from_json:
-        measured = measure(given.folder.resolve(), 0.5 if given.quick else 1.0, given.only)
-        print(markdown(*measured, machine()))
-        if given.quick or given.only:
-            return
-        save(*measured, machine())
-    rows, *about = load()
-    draw(rows, RESULTS / f"{NAME}.png")
-    marks.write(pages(rows, *about))
+    folder_option(parser)
+
+
+SUBJECTS = [
+    Table(
+        "contact_peers motions",
+        "error against time of every engine on five motions",
+        motions,
+        motions_table,
+        pages=lambda saved: {script.RESULTS_PAGE: {"contact_peers": motions_table(saved)}},
+        beside=lambda saved: draw(rows_of(saved), script.result("contact_peers motions", ".png")),
+        quick="steps of 2 ms; nothing is written",
+        options=_options,
+        draft=("quick", "only"),
+    ),
+    Table(
+        "contact_peers four_bar",
+        "first-order steps of a loop, Kamino's too",
+        swing,
+        swing_table,
+        pages=lambda saved: {script.RESULTS_PAGE: {"contact_four_bar": swing_table(saved)}},
+        options=folder_option,
+    ),
+    Printed(
+        "contact_peers crocoddyl",
+        "our steps in crocoddyl, beside its own",
+        crocoddyl,
+        options=folder_option,
+    ),
+]
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))

@@ -2,30 +2,27 @@
 
     python benchmarks/contact_step.py [--quick]
 
-Writes benchmarks/results/contact_step.json and docs/results.md; with --from-json the tables are
-made from the committed results, without running anything. Pinocchio 4, whose ADMM is timed.
-
-All candidates of a scene are timed in one process, interleaved, at the same states of one motion.
-The plain script has Pinocchio's terms, LAPACK and ADMM, and nothing else: no proof, no loops, no
-stops, no choice of contacts, and axes of the base that turn within a step only after it (1e-4 m/s
-here). MuJoCo steps the same robot with a ball in each foot.
+Pinocchio 4, whose ADMM is timed. All candidates of a scene are timed in one process, interleaved,
+at the same states of one motion. The plain script has Pinocchio's terms, LAPACK and ADMM, and
+nothing else: no proof, no loops, no stops, no choice of contacts, and axes of the base that turn
+within a step only after it (1e-4 m/s here). MuJoCo steps the same robot with a ball in each foot.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
-from collections.abc import Callable, Sequence
+import sys
+from argparse import Namespace
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import marks
 import numpy as np
+import script
 from scipy.linalg.lapack import dpotrf, dtrtrs
+from script import Table
 
 import condyn_pin as cp
 from condyn_pin._core import _pin, tolerances
@@ -33,7 +30,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import factorise
-from condyn_pin._core.timing import Call, State, Times, interleaved, machine
+from condyn_pin._core.timing import Call, State, Times, interleaved
 from condyn_pin.contact import ADMM, ContactProblem, SemismoothNewton
 from condyn_pin.contact.attempts import attempt_contact
 from condyn_pin.contact.condense import condense
@@ -44,9 +41,6 @@ from condyn_pin.simulation.plan import plan
 from condyn_pin.simulation.run import HybridPhase
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import ContactSteps
-
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / "benchmarks" / "results" / "contact_step.json"
 
 DT, FRICTION = 1e-3, 0.7  # [s], [1]
 REPEATS = 5  # few calls a sample: a busy machine interrupts long ones
@@ -351,9 +345,11 @@ def sliding() -> Scene:
     return Scene("solo12", "4 points that slide", push=0.5, friction=0.3, settled=40)
 
 
-def measure(*, quick: bool = False) -> tuple[list[Row], Islands]:
-    """Return all rows."""
-    rounds = 40 if quick else 400
+def measure(given: Namespace) -> script.Saved:
+    """Measure all scenes."""
+    import mujoco
+
+    about, rounds = script.measured_on(mujoco=mujoco.__version__), 40 if given.quick else 400
     locked = {"feet": "points", "springs": "locked"}
     scenes = (
         Scene("solo12", "4 points", push=0.2),
@@ -362,19 +358,20 @@ def measure(*, quick: bool = False) -> tuple[list[Row], Islands]:
         Scene("cassie", "loops, 4 points", push=0.0, variant=locked),
     )
     # MuJoCo's robot hops where it slides, and touches nothing then
-    rows = [measured(scene, rounds, floor=scene is scenes[0]) for scene in scenes]
-    return rows, islands(8, rounds // 4)
+    rows = [asdict(measured(scene, rounds, floor=scene is scenes[0])) for scene in scenes]
+    return {**about, "rows": rows, "islands": asdict(islands(8, rounds // 4))}
 
 
-def markdown(rows: Sequence[Row], crowd: Islands, about: dict[str, str]) -> str:
-    """Return the table, and what it says."""
+def table(saved: script.Saved) -> str:
+    """Return a row a scene, and what the columns are."""
+    crowd = Islands(**saved["islands"])
     lines = [
         "| scene | step [us] | in `simulate`, kept | terms | condense | ADMM, bare | x the three | "
         "ADMM here, x bare | plain script [us] | x | `mj_step` [us] | x | iterations | residual | "
         "error |",
         "|" + 15 * "---|",
     ]
-    for row in rows:
+    for row in (Row(**each) for each in saved["rows"]):
         cells = (
             f"{row.scene}, {row.contacts}",
             *(f"{x:.0f}" for x in (row.step, row.recorded, row.terms, row.condense, row.bare)),
@@ -398,8 +395,7 @@ def markdown(rows: Sequence[Row], crowd: Islands, about: dict[str, str]) -> str:
         f"is solved in {crowd.apart:.0f} us, robot by robot, in {crowd.whole:.0f} us as a whole, "
         f"{crowd.ratio:.1f} times as long; impulses differ by {crowd.difference:.0e} of the "
         "largest.",
-        "`python benchmarks/contact_step.py` on {processor} ({cores} cores, one thread), {system}, "
-        "Python {python}, Pinocchio {pinocchio}, MuJoCo {mujoco}, {date}.".format(**about),
+        f"{script.source('contact_step', saved['machine'])}; MuJoCo {saved['machine']['mujoco']}.",
     ]
     return "\n".join(lines)
 
@@ -408,38 +404,17 @@ def _cell(value: float | None, form: str) -> str:
     return "" if value is None else format(value, form)
 
 
-def pages(rows: Sequence[Row], crowd: Islands, about: dict[str, str]) -> dict[str, dict[str, str]]:
-    """Return the block of docs/results.md."""
-    return {marks.RESULTS: {"contact_step": markdown(rows, crowd, about)}}
-
-
-def load(path: Path) -> tuple[list[Row], Islands, dict[str, str]]:
-    """Return what `main` wrote, and what it was taken on."""
-    saved = json.loads(path.read_text(encoding="utf-8"))
-    rows = [Row(**row) for row in saved["rows"]]
-    return rows, Islands(**saved["islands"]), saved["machine"]
-
-
-def main() -> None:
-    """Run, write, and update the docs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="few rounds, nothing is written")
-    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
-    given = parser.parse_args()
-    if given.from_json:
-        rows, crowd, about = load(RESULTS)
-    else:
-        import mujoco
-
-        rows, crowd = measure(quick=given.quick)
-        about = machine() | {"mujoco": mujoco.__version__}
-    print(markdown(rows, crowd, about))
-    if given.quick:
-        return
-    saved = {"machine": about, "rows": [asdict(row) for row in rows], "islands": asdict(crowd)}
-    RESULTS.write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
-    marks.write(pages(rows, crowd, about))
+SUBJECTS = [
+    Table(
+        "contact_step",
+        "time of a step with contacts, part by part",
+        measure,
+        table,
+        pages=lambda saved: {script.RESULTS_PAGE: {"contact_step": table(saved)}},
+        quick="few rounds; nothing is written",
+    )
+]
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))

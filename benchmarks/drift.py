@@ -2,7 +2,7 @@
 
     python benchmarks/drift.py [--steps 100000]
 
-Writes benchmarks/results/drift.{json,png}. A point mass of 1 kg on a rod of 1 m, in Cartesian
+A point mass of 1 kg on a rod of 1 m, in Cartesian
 coordinates, from the horizontal at rest. Beside each run stand three figures: that of `plain`,
 twenty lines that know nothing but the two scalar equations of a rod; that of the table which is
 often shown, for (|r|^2 - 1) / 2 = 0 and not |r| - 1 = 0; and that of the same integrator on this
@@ -25,20 +25,20 @@ table here where no gain corrects it.
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
+import sys
+from argparse import ArgumentParser, Namespace
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, cast
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
 import pinocchio as pin
+import script
+from script import Table
 
 import condyn_pin as cp
-from condyn_pin._core.timing import machine
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.stability import stability_limit
 from lab.drift import contest, errors, gap_growth, save_laboratory
@@ -46,7 +46,6 @@ from lab.drift import contest, errors, gap_growth, save_laboratory
 if TYPE_CHECKING:
     from condyn_pin.simulation.system import System
 
-RESULTS = Path(__file__).resolve().parent / "results"
 ROUNDING = 1e-9  # gaps [m] and slips [m/s] that projections leave: their tolerance is 1e-10
 
 SEMI, RK4, RATTLE = cp.SemiImplicitEuler(), cp.RungeKutta4(), cp.simulation.Rattle()
@@ -282,26 +281,23 @@ def _near(found: dict[str, Any] | None, known: dict[str, Any] | None, share: flo
     )
 
 
-def main() -> None:
-    """Run, write, draw."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--steps", type=int, default=100_000, help="of the long runs")
-    given = parser.parse_args()
-    rows = []
+def measure(given: Namespace) -> script.Saved:
+    """Run every case, and the long runs."""
+    about, rows = script.measured_on(), []
     for case in cases():
         row = run(case)
         rows.append(row)
-        numbers = " ".join(
-            f"{row[k]:.2e}" for k in ("violation", "constraint_velocity", "energy") if k in row
-        )
-        said = "" if agrees(row, case) else "  DISAGREES"
-        print(f"{row['label']:45} {row['status']:9} {numbers}{said}", flush=True)
-    path = RESULTS / "drift.json"
-    saved: dict[str, Any] = {} if given.steps else json.loads(path.read_text(encoding="utf-8"))
-    saved |= {"machine": machine(), "rows": rows}
-    if given.steps:
-        saved |= long_runs(given.steps)
-    path.write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
+        print(line(row, "" if agrees(row, case) else "  DISAGREES"), flush=True)
+    return (
+        (long_runs(given.steps) if given.steps else script.load("drift")) | about | {"rows": rows}
+    )
+
+
+def line(row: dict[str, Any], said: str = "") -> str:
+    """Return a row in a line."""
+    names = ("violation", "constraint_velocity", "energy")
+    numbers = " ".join(f"{row[name]:.2e}" for name in names if row.get(name) is not None)
+    return f"{row['label']:45} {row['status']:9} {numbers}{said}"
 
 
 def long_runs(steps: int) -> dict[str, Any]:
@@ -311,7 +307,7 @@ def long_runs(steps: int) -> dict[str, Any]:
         "Runge-Kutta 4": gap_growth(RK4, dt=1e-2, steps=4000),
     }
     found = contest(1e-2, steps)
-    save_laboratory(growths, (SEMI, RK4), found, RESULTS / "drift.png")
+    save_laboratory(growths, (SEMI, RK4), found, script.result("drift", ".png"))
     return {
         "stability_limits": {
             i.title: stability_limit(i) for i in (cp.simulation.ExplicitEuler(), SEMI, RK4)
@@ -325,5 +321,20 @@ def long_runs(steps: int) -> dict[str, Any]:
     }
 
 
+def _steps(parser: ArgumentParser) -> None:
+    parser.add_argument("--steps", type=int, default=100_000, help="of the long runs")
+
+
+SUBJECTS = [
+    Table(
+        "drift",
+        "a pendulum's rod and energy under every scheme",
+        measure,
+        lambda saved: "\n".join(map(line, saved["rows"])),
+        options=_steps,
+    )
+]
+
+
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))

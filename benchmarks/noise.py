@@ -1,28 +1,25 @@
 """Answers at states that leave loops a little open, against those of the closed machine.
 
-    python benchmarks/noise.py [--quick] [--from-json]
-    python benchmarks/noise.py --promise 5000 [--seed 0] [machine ...]
+    python benchmarks/noise.py errors [--quick]
+    python benchmarks/noise.py promise 5000 [--seed 0] [machine ...]
 
-Writes benchmarks/results/noise.{json,csv,png}, and the table of
-docs/how-to-states-from-sensors-and-files.md. A state on the constraints is disturbed in q and v,
-as an encoder or a file with few digits does. The right answer is that of the closed machine beside
-the disturbed state: its q is found by Gauss-Newton steps, and its v by projection, both in the
-metric of M, with the rank that J has on the constraints. All by dense singular values here, so that
-nothing is judged by itself. Errors are relative to the larger of |a| and gravity; those of forces
-to the largest force.
+errors: a state on the constraints is disturbed in q and v, as an encoder or a file with few digits
+does. The right answer is that of the closed machine beside the disturbed state: its q is found by
+Gauss-Newton steps, and its v by projection, both in the metric of M, with the rank that J has on
+the constraints. All by dense singular values here, so that nothing is judged by itself. Errors are
+relative to the larger of |a| and gravity; those of forces to the largest force.
 
-``--promise`` draws machines and states at random, by every solver, and counts answers that are ok
-and further from the closed machine's than three times what `Solution.closed` says, or by more than
-a third.
+promise: machines and states are drawn at random, for every solver, and answers are counted that are
+ok and further from the closed machine's than three times what `Solution.closed` says, or by more
+than a third.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
 import json
 import os
 import sys
+from argparse import ArgumentParser, Namespace
 from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -33,15 +30,15 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 import numpy as np
 import pinocchio as pin
 import script
-from noise_machines import DRAWN, SHIPPED, Machine, of_family, peaucellier
+from judges.machines import DRAWN, SHIPPED, Machine, of_family, peaucellier
 from scipy.linalg import solve_triangular
+from script import Printed, Table
 
 import condyn_pin as cp
 
 Array = np.ndarray
 State = tuple[Array, Array, Array]  # q, v, tau
 
-RESULTS = Path(__file__).resolve().parent / "results"
 PAGE = "docs/how-to-states-from-sensors-and-files.md"
 NOISES = tuple(10.0**k for k in range(-12, -1))
 DIFFERENT = (1e-8, 1e-4)  # noises at which derivatives and solvers are measured
@@ -273,11 +270,12 @@ def must(count: int) -> list[dict[str, Any]]:
     return found
 
 
-def measure(given: argparse.Namespace) -> Mapping[str, Any]:
+def errors(given: Namespace) -> script.Saved:
     """Measure everything."""
-    count = 3 if given.quick else 20
+    about, count = script.measured_on(), 3 if given.quick else 20
     subjects = [Subject.of(name, count) for name in MACHINES]
     return {
+        **about,
         "must": must(5 if given.quick else 100),
         "noise": [row for subject in subjects for row in over_noise(subject)],
         "derivatives": {subject.name: of_derivatives(subject) for subject in subjects},
@@ -318,21 +316,6 @@ def solver_table(saved: Mapping[str, Any]) -> str:
     ]
     lines += [f"da_dq {name}: {found}" for name, found in saved["derivatives"].items()]
     return "\n".join(lines)
-
-
-def pages(saved: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Return the blocks of pages."""
-    return {PAGE: {"noise": table(saved)}}
-
-
-def write_csv(saved: Mapping[str, Any], path: Path) -> None:
-    """Write the errors over noise."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        rows = csv.DictWriter(file, list(saved["noise"][0]))
-        rows.writeheader()
-        for row in saved["noise"]:
-            short = {k: f"{x:.3e}" if isinstance(x, float) else x for k, x in row.items()}
-            rows.writerow(short)
 
 
 def draw(saved: Mapping[str, Any], path: Path) -> None:
@@ -426,30 +409,32 @@ def _one(
     return "wrong: more than told" if off > TIMES * told + allowed * size else "right"
 
 
-def main() -> None:
-    """Run."""
-    parser = argparse.ArgumentParser(add_help=False)
-    parser.add_argument("--promise", type=int, default=0)
+def promised(given: Namespace) -> int:
+    """Print the counts; 1 if an answer is wrong."""
+    counts = promise(given.count, given.seed, given.machines or [*SHIPPED, *DRAWN])
+    print(json.dumps(counts, indent=1))
+    return int(any(said.startswith("wrong") for said in counts))
+
+
+def _promise_options(parser: ArgumentParser) -> None:
+    parser.add_argument("count", type=int)
+    parser.add_argument("machines", nargs="*")
     parser.add_argument("--seed", type=int, default=0)
-    given, words = parser.parse_known_args()
-    if given.promise:
-        counts = promise(given.promise, given.seed, words or [*SHIPPED, *DRAWN])
-        print(json.dumps(counts, indent=1))
-        sys.exit(any(said.startswith("wrong") for said in counts))
-    script.run(
-        words,
-        about=__doc__,
-        quick="five and three states, and write nothing",
-        path=RESULTS / "noise.json",
-        measure=measure,
-        table=lambda saved: f"{table(saved)}\n{solver_table(saved)}",
-        pages=pages,
-    )
-    if "--quick" not in words:
-        saved = json.loads((RESULTS / "noise.json").read_text(encoding="utf-8"))
-        write_csv(saved, RESULTS / "noise.csv")
-        draw(saved, RESULTS / "noise.png")
+
+
+SUBJECTS = [
+    Table(
+        "noise errors",
+        "states that leave loops open, against the closed machine",
+        errors,
+        lambda saved: f"{table(saved)}\n{solver_table(saved)}",
+        pages=lambda saved: {PAGE: {"noise": table(saved)}},
+        beside=lambda saved: draw(saved, script.result("noise errors", ".png")),
+        quick="five and three states; nothing is written",
+    ),
+    Printed("noise promise", "wrong answers that are ok, counted", promised, _promise_options),
+]
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))

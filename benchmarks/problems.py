@@ -1,32 +1,39 @@
-"""Work and precision of the benchmark problems: integrator x drift scheme x dt.
+"""Benchmark problems: integrator x drift scheme x dt, and the digits of their answers.
 
-    python benchmarks/problems.py [--quick] [--only A02 A04]
+    python benchmarks/problems.py runs [--quick] [--only A02 A04]
+    python benchmarks/problems.py answers [A03] [car_axis]
 
-writes benchmarks/results/problems.{csv,json,png} and docs/results.md. Every row is one run
-in this process; CPU time is that of `simulate`. Times of other codes are as published, on other
-machines, and stand beside ours for their order of magnitude only. With --from-json the
-tables are made from the committed results, without running anything.
+runs: every row is one run in this process; CPU time is that of `simulate`. Times of other codes are
+as published, on other machines, and stand beside ours for their order of magnitude only.
+
+answers: the digits that no closed form gives, in extended precision. The equations are those of the
+literature (`tests/classical.py`), not the library's. They are integrated by Gragg's midpoint rule
+with extrapolation, with several steps and orders, with and without projection onto the constraints;
+what all of them agree in is printed. Where long double is double (not on x86), the agreement shows
+it. A minute or two.
 """
 
 from __future__ import annotations
 
-import argparse
-import csv
-import json
 import os
-from collections.abc import Iterator
+import sys
+from argparse import ArgumentParser, Namespace
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
+sys.path.append(str(Path(__file__).resolve().parent.parent / "tests"))
 
-import marks
-from method_lines import Lines
+import classical
+import numpy as np
+import script
+from script import Printed, Table
+from simulation_vs_mujoco import Lines
 
 import condyn_pin as cp
 import lab
 from condyn_pin._core.show import panels
-from condyn_pin._core.timing import machine
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.simulation.drift import DRIFTS, Drift
 from condyn_pin.simulation.drift.no_drift import NoDrift
@@ -34,8 +41,7 @@ from condyn_pin.simulation.drift.post_stabilization import PostStabilization
 from condyn_pin.simulation.integrators import INTEGRATORS, Integrator
 from lab.problems.base import Problem, Setting
 
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / "benchmarks" / "results"
+# --- runs
 
 # Steps of each problem [s]: from useful to fine; and gains that suit the finest of them [1/s].
 STEPS: dict[str, tuple[float, ...]] = {
@@ -48,10 +54,6 @@ STEPS: dict[str, tuple[float, ...]] = {
 }
 GAINS = {"A01": 5.0, "A02": 30.0, "A03": 1000.0, "A04": 10.0, "car_axis": 10.0, "heavy_top": 10.0}
 TOLERANCES = (1e-5, 1e-7, 1e-9, 1e-11, 1e-13)
-COLUMNS = (
-    "problem", "integrator", "drift", "solver", "dt", "error", "difference", "energy_drift",
-    "violation", "constraint_velocity", "cpu_seconds", "evaluations", "verdict",
-)  # fmt: skip
 
 
 def cases(problem: Problem, quick: bool) -> Iterator[Setting]:
@@ -133,7 +135,7 @@ def _method(row: dict[str, Any]) -> str:
     return f"{row['integrator'].split('(')[0]}, {row['drift'].split('(')[0]}"
 
 
-def as_set(saved: dict[str, Any]) -> str:
+def as_set(saved: script.Saved) -> str:
     """Return the problems as they are set."""
     lines = [
         "| problem | integrator, drift control | dt [s] | error | energy [J] | CPU [s] | "
@@ -147,14 +149,10 @@ def as_set(saved: dict[str, Any]) -> str:
             f"| {row['problem']} | {_method(row)}({gain}) | {row['dt']:g} | {row['error']:.0e} | "
             f"{energy} | {row['cpu_seconds']:.2g} | {row['evaluations']} |"
         )
-    where = (
-        "`python benchmarks/problems.py` on {processor} ({cores} cores, one thread), {system}, "
-        "Python {python}, Pinocchio {pinocchio}, {date}."
-    )
-    return "\n".join([*lines, "", where.format(**saved["machine"])])
+    return "\n".join([*lines, "", f"{script.source('problems runs', saved['machine'])}."])
 
 
-def markdown(saved: dict[str, Any]) -> str:
+def table(saved: script.Saved) -> str:
     """Return the problems as they are set, and what others published."""
     lines = [
         as_set(saved),
@@ -173,43 +171,156 @@ def markdown(saved: dict[str, Any]) -> str:
     return "\n".join(lines)
 
 
-def pages(saved: dict[str, Any]) -> dict[str, dict[str, str]]:
-    """Return the block of docs/results.md."""
-    return {marks.RESULTS: {"problems": markdown(saved)}}
-
-
-def measure(names: list[str], quick: bool) -> dict[str, Any]:
+def runs(given: Namespace) -> script.Saved:
     """Run the problems as they are set, then with everything else."""
+    about, names = script.measured_on(), given.only or list(lab.PROBLEMS)
     problems = [lab.load_problem(name) for name in names]
     as_set = [problem.run().to_dict() for problem in problems]
     if "A02" in names:
         place = names.index("A02") + 1
         as_set.insert(place, lab.load_problem("A02", n=40).run().to_dict())
-    rows = [run(problem, setting) for problem in problems for setting in cases(problem, quick)]
-    return {"machine": machine(), "settings": as_set, "rows": [row for row in rows if row]}
+    rows = [
+        run(problem, setting) for problem in problems for setting in cases(problem, given.quick)
+    ]
+    return {**about, "settings": as_set, "rows": [row for row in rows if row]}
 
 
-def main() -> None:
-    """Run everything, write the results, and update the docs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="two steps a method")
-    parser.add_argument("--only", nargs="*", default=list(lab.PROBLEMS), help="problems by name")
-    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
-    options = parser.parse_args()
-    path = RESULTS / "problems.json"
-    if options.from_json:
-        saved = json.loads(path.read_text(encoding="utf-8"))
-    else:
-        saved = measure(options.only, options.quick)
-        path.write_text(json.dumps(saved, indent=1) + "\n", encoding="utf-8")
-        with (RESULTS / "problems.csv").open("w", newline="", encoding="utf-8") as file:
-            writer = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
-            writer.writeheader()
-            writer.writerows(saved["rows"])
-    plot(saved["rows"], RESULTS / "problems.png")
-    marks.write(pages(saved))
-    print(markdown(saved))
+# --- answers
+
+
+Long = np.longdouble
+Array = np.ndarray
+Rate = Callable[[Long, Array], Array]
+
+
+def extrapolated_step(rate: Rate, t: Long, y: Array, h: Long, order: int) -> Array:
+    """Return y at t + h: midpoint rules of 2, 4, ... substeps, extrapolated in their square."""
+    counts = [2 * (k + 1) for k in range(order // 2)]
+    start, above = rate(t, y), []
+    for j, count in enumerate(counts):
+        small = h / Long(count)
+        before, now = y, y + small * start
+        for k in range(1, count):
+            before, now = now, before + 2 * small * rate(t + k * small, now)
+        row = [(before + now + small * rate(t + h, now)) / 2]
+        for k in range(j):
+            ratio = (Long(count) / Long(counts[j - k - 1])) ** 2
+            row.append(row[k] + (row[k] - above[k]) / (ratio - 1))
+        above = row
+    return above[-1]
+
+
+def integrate(
+    rate: Rate, y: Array, until: str, steps: int, order: int, project: Callable | None
+) -> Array:
+    """Return y at the end of equal steps from t = 0."""
+    h = Long(until) / Long(steps)
+    for k in range(steps):
+        y = extrapolated_step(rate, k * h, y, h, order)
+        if project:
+            y = project((k + 1) * h, y)
+    return y
+
+
+def andrews_rate(t: Long, y: Array) -> Array:
+    """Return q' and v' of Andrews' mechanism."""
+    a, _ = classical.accelerations(classical.andrews(y[:7], y[7:]))
+    return np.concatenate([y[7:], a])
+
+
+def andrews_projected(t: Long, y: Array) -> Array:
+    """Return the state moved onto the constraints."""
+    q, v = y[:7].copy(), y[7:]
+    for _ in range(2):
+        q -= least(classical.andrews_jacobian(q), classical.andrews_gap(q))
+    G = classical.andrews_jacobian(q)
+    return np.concatenate([q, v - least(G, G @ v)])
+
+
+def car_axis_rate(t: Long, y: Array) -> Array:
+    """Return p' and v' of the car axis."""
+    a, _ = classical.accelerations(classical.car_axis(t, y[:4], y[4:]))
+    return np.concatenate([y[4:], a])
+
+
+def car_axis_projected(t: Long, y: Array) -> Array:
+    """Return the state moved onto the constraints."""
+    p, v = y[:4].copy(), y[4:]
+    for _ in range(2):
+        p -= least(classical.car_axis(t, p, v).G, classical.car_axis_gap(t, p))
+    G = classical.car_axis(t, p, v).G
+    _, dB, _ = classical.road(t)
+    return np.concatenate([p, v - least(G, G @ v + np.array([p[:2] @ dB, 0], dtype=Long))])
+
+
+def least(G: Array, gap: Array) -> Array:
+    """Return the smallest x with G x = gap."""
+    return G.T @ classical.eliminate(G @ G.T, gap)
+
+
+def numbers(digits: tuple[str, ...]) -> Array:
+    """Return digits as extended numbers."""
+    return np.array([Long(each) for each in digits])
+
+
+ANSWERED = {
+    "A03": (
+        andrews_rate,
+        andrews_projected,
+        np.concatenate([numbers(classical.ANDREWS_START), np.zeros(7, dtype=Long)]),
+        (("0.03", 300), ("0.05", 500)),
+        7,
+    ),
+    "car_axis": (
+        car_axis_rate,
+        car_axis_projected,
+        np.concatenate([numbers(part) for part in classical.CAR_AXIS_START]),
+        (("3", 300),),
+        4,
+    ),
+}
+
+
+def answers(given: Namespace) -> None:
+    """Print the digits, and what the settings agree to."""
+    for name in given.problems:
+        rate, project, start, ends, size = ANSWERED[name]
+        for until, steps in ends:
+            found = [
+                integrate(rate, start, until, steps, 16, None)[:size],
+                integrate(rate, start, until, 2 * steps, 14, None)[:size],
+                integrate(rate, start, until, steps, 18, project)[:size],
+            ]
+            spread = max(float(np.abs(each / found[-1] - 1).max()) for each in found[:-1])
+            print(f"{name} at {until} s, three settings agree to {spread:.1e}:")
+            for each in found[-1]:
+                print(f"    {np.format_float_scientific(each, precision=18)}")
+
+
+def _only(parser: ArgumentParser) -> None:
+    parser.add_argument("--only", nargs="*", help="problems by name; nothing is written")
+
+
+def _some(parser: ArgumentParser) -> None:
+    known = ", ".join(ANSWERED)
+    parser.add_argument("problems", nargs="*", default=list(ANSWERED), help=known)
+
+
+SUBJECTS = [
+    Table(
+        "problems runs",
+        "integrator x drift scheme x dt",
+        runs,
+        table,
+        pages=lambda saved: {script.RESULTS_PAGE: {"problems": table(saved)}},
+        beside=lambda saved: plot(saved["rows"], script.result("problems runs", ".png")),
+        quick="two steps a method; nothing is written",
+        options=_only,
+        draft=("quick", "only"),
+    ),
+    Printed("problems answers", "digits of answers, in extended precision", answers, options=_some),
+]
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))

@@ -1,16 +1,14 @@
 """Robots and worlds that others published, read here and by somebody else.
 
     python benchmarks/published_files.py FOLDER [--quick] [--only WORD]
-    python benchmarks/published_files.py --from-json
 
 `FOLDER/owner+name/...` holds the files of the public repositories that `published_sources.txt`
-names; none is a part of this project, and one that is not there is said to be missing. Writes
-benchmarks/results/published_files.{json,md}. The judges, and what they are asked at random states,
-closed where there are loops:
+names; none is a part of this project, and one that is not there is said to be missing. The judges
+(`judges/files.py`), and what they are asked at random states, closed where there are loops:
 
     MuJoCo      M, h, springs and dampers, a, gap and rows of loops and couplings, limits, friction.
                 It reads MJCF and URDF itself, but for inertias of a URDF that no solid has,
-                which it refuses; of an SDF it gets what `published_sdf` reads
+                which it refuses; of an SDF it gets what is drawn
     sums        the mass of all links, where MuJoCo has no such joints: screws, planes, balls in a
                 URDF by a YAML beside it
     XML         mimics of a URDF: the other joint, multiplier and offset, beside every judge
@@ -21,24 +19,23 @@ says otherwise then stands beside it.
 
 from __future__ import annotations
 
-import argparse
-import json
+import os
 import sys
 import warnings
+from argparse import ArgumentParser, Namespace
 from collections import Counter
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Any
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import script
-from published_judge import compared, mimics, sums
-from published_sdf import Unread
+from judges.files import Unread, compared, mimics, sums
+from script import Table
 
 import condyn_pin as cp
 
-HERE = Path(__file__).resolve().parent
-RESULTS = HERE / "results" / "published_files.json"
+SOURCES = Path(__file__).resolve().parent / "judges" / "published_sources.txt"
 # What may differ where something acts that is named, and where an armature is.
 FORCES = ("passive", "a")
 INERTIAS = ("M", "h", "joint")
@@ -77,7 +74,7 @@ class Verdict:
 
 def sources() -> list[Source]:
     """Return the committed list."""
-    lines = (HERE / "published_sources.txt").read_text(encoding="utf-8").splitlines()
+    lines = SOURCES.read_text(encoding="utf-8").splitlines()
     found, repository = [], ""
     for line in lines:
         if line.startswith("    "):
@@ -115,9 +112,11 @@ def judged(path: Path, model: str | None) -> Verdict:
     return Verdict(kind, said, judge, worst, size)
 
 
-def measure(given: argparse.Namespace) -> Mapping[str, Any]:
+def measure(given: Namespace) -> script.Saved:
     """Judge every file that is there."""
-    rows = []
+    if given.folder is None:
+        raise SystemExit("a folder with checkouts is needed")
+    about, rows = script.measured_on(), []
     for source in sources():
         if given.only not in f"{source.repository}/{source.path}":
             continue
@@ -125,10 +124,10 @@ def measure(given: argparse.Namespace) -> Mapping[str, Any]:
         verdict = judged(path, source.model) if path.is_file() else Verdict("missing")
         rows.append(asdict(source) | asdict(verdict))
         print(f"{verdict.verdict:9} {source.repository}/{source.path}", file=sys.stderr)
-    return {"files": rows}
+    return {**about, "files": rows}
 
 
-def table(saved: Mapping[str, Any]) -> str:
+def table(saved: script.Saved) -> str:
     """Return a row a file."""
     lines = ["| file | v, loops | verdict | judge | worst |", "|---|---|---|---|---|"]
     for row in saved["files"]:
@@ -148,27 +147,24 @@ def table(saved: Mapping[str, Any]) -> str:
     return "\n".join([*lines, "", f"{len(saved['files'])} files: {total}. {machine}."])
 
 
-def main(words: Sequence[str] | None = None) -> None:
-    """Run."""
-    parser = argparse.ArgumentParser(add_help=False)
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("folder", type=Path, nargs="?")
-    parser.add_argument("--only", default="")
-    given, rest = parser.parse_known_args(words)
-    if given.folder is None and not {"--from-json", "--help", "-h"} & set(rest):
-        parser.error("a folder with checkouts is needed")
-    script.run(
-        rest + (["--quick"] if given.only and "--quick" not in rest else []),
-        about=__doc__,
-        quick="write nothing",
-        path=RESULTS,
-        measure=lambda _: measure(given),
-        table=table,
-        pages=lambda _: {},
+    parser.add_argument("--only", default="", help="a word of their paths; nothing is written")
+
+
+SUBJECTS = [
+    Table(
+        "published_files",
+        "published URDF, SDF and MJCF files: read here, and by MuJoCo",
+        measure,
+        table,
+        beside=lambda saved: script.write(script.result("published_files", ".md"), table(saved)),
+        quick="nothing is written",
+        options=_options,
+        draft=("quick", "only"),
     )
-    if not given.only and "--quick" not in rest:
-        saved = json.loads(RESULTS.read_text(encoding="utf-8"))
-        RESULTS.with_suffix(".md").write_text(table(saved) + "\n", encoding="utf-8")
+]
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))

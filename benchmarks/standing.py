@@ -1,9 +1,8 @@
-"""Robots that stand under pushes from all sides, every tick looked at; write results/standing.json.
+"""Robots that stand under pushes from all sides, every tick looked at.
 
     python benchmarks/standing.py [--only solo12] [--share 0.98]
 
-With --from-json the table in docs/results.md is made from the committed results; --only and --share
-measure some rows anew, and leave the others as they are.
+--only and --share measure some rows anew, and leave the others as they are.
 
 A whole-body controller at 1 kHz knows the feet as contacts that hold; on the floor they open and
 slide. Every three seconds, in which it comes to rest again, the base is pushed for 50 ms with a
@@ -23,22 +22,20 @@ through the centre of mass, in no time, on a floor of any friction, by motors of
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
+import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from pathlib import Path
-from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import marks
 import numpy as np
+import script
+from script import Table
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin._core.timing import machine
 from condyn_pin.contact import FrictionCone, WrenchCone
 from condyn_pin.contact.cones import Cone
 from condyn_pin.control import (
@@ -55,7 +52,6 @@ from condyn_pin.control import (
 )
 from condyn_pin.mechanism import anchored, put_down
 
-RESULTS = Path(__file__).resolve().parent / "results" / "standing.json"
 # base, cone of the controller within that of the floor, and step [s]
 ROBOTS: dict[str, tuple[str, Cone, float]] = {
     "solo12": ("base_link", FrictionCone(0.69, sides=16), 1e-3),
@@ -280,8 +276,9 @@ def limp(torque: Callable) -> Callable:
     return given
 
 
-def table(rows: list[Row], about: dict[str, str]) -> str:
-    """Return the rows as text."""
+def table(saved: script.Saved) -> str:
+    """Return a row a robot and share."""
+    rows = [Row(**row) for row in saved["rows"]]
     lines = [
         "| robot | share of the bound | of m omega d | stood | ticks | not ok | worst kkt "
         "| least margin [N] | capture point inside by [m] | mass away by [m] | measured on |",
@@ -294,55 +291,51 @@ def table(rows: list[Row], about: dict[str, str]) -> str:
             f"| {r.stood} of {r.runs} | {r.ticks} | {r.not_ok} "
             f"| {r.kkt:.0e} | {r.margin:.0e} | {inside} | {away} | {r.on} |"
         )
-    where = (
-        "`python benchmarks/standing.py`, {cores} cores, one thread, {system}, Python {python}, "
-        "Pinocchio {pinocchio}."
-    )
+    on = "{cores} cores, one thread, {system}, Python {python}, Pinocchio {pinocchio}"
+    source = script.source("standing", saved["machine"], on)
     meaning = (
         f"A row: {RUNS} runs of {DURATION:g} s with {PUSHES} pushes each, {EVERY:g} s apart, from "
         f"{RUNS * PUSHES} sides. Share of m omega d: the least and the most of its pushes. Stood: "
         "the mass ends within 5 cm of where it belongs. Capture point and mass: of runs that "
         "stood, the worst of every fifth sample."
     )
-    return "\n".join([*lines, "", where.format(**about), meaning])
+    return "\n".join([*lines, "", f"{source}.", meaning])
 
 
-def load() -> tuple[list[Row], dict[str, str]]:
-    """Return what `main` wrote."""
-    saved = json.loads(RESULTS.read_text(encoding="utf-8"))
-    return [Row(**row) for row in saved["rows"]], saved["machine"]
-
-
-def pages(*measured: Any) -> dict[str, dict[str, str]]:
-    """Return the block of docs/results.md."""
-    return {marks.RESULTS: {"standing": table(*measured)}}
-
-
-def main() -> None:
+def measure(given: Namespace) -> script.Saved:
     """Let them stand."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    about, kept = script.measured_on(), script.result("standing")
+    old = script.load("standing")["rows"] if kept.exists() else []
+    rows = {(row.robot, row.share): row for row in (Row(**each) for each in old)}
+    for name in ROBOTS if given.only is None else (given.only,):
+        robot = Stand(name)
+        for share in [x for x in SHARES[name] if given.share in (None, x)]:
+            row = rows[name, share] = Row(
+                name, share, on="{processor}, {date}".format(**about["machine"])
+            )
+            for number in range(RUNS):
+                stand(row, robot, number)
+            print(row, flush=True)
+    wanted = [(name, share) for name in ROBOTS for share in SHARES[name]]
+    return {**about, "rows": [asdict(rows[key]) for key in wanted if key in rows]}
+
+
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("--only", choices=ROBOTS)
     parser.add_argument("--share", type=float)
-    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
-    asked = parser.parse_args()
-    if not asked.from_json:
-        names = ROBOTS if asked.only is None else (asked.only,)
-        rows = {(row.robot, row.share): row for row in load()[0]} if RESULTS.exists() else {}
-        for name in names:
-            robot = Stand(name)
-            for share in [x for x in SHARES[name] if asked.share in (None, x)]:
-                row = rows[name, share] = Row(
-                    name, share, on="{processor}, {date}".format(**machine())
-                )
-                for number in range(RUNS):
-                    stand(row, robot, number)
-                print(row, flush=True)
-        wanted = [(name, share) for name in ROBOTS for share in SHARES[name]]
-        kept = [asdict(rows[key]) for key in wanted if key in rows]
-        text = json.dumps({"machine": machine(), "rows": kept}, indent=1)
-        RESULTS.write_text(text + "\n", encoding="utf-8")
-    marks.write(pages(*load()))
+
+
+SUBJECTS = [
+    Table(
+        "standing",
+        "robots pushed at random, below what they can stand and beyond",
+        measure,
+        table,
+        pages=lambda saved: {script.RESULTS_PAGE: {"standing": table(saved)}},
+        options=_options,
+    )
+]
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))

@@ -1,28 +1,29 @@
-"""Put every method through every extreme; write results/stress*.{csv,json,png}, README, docs.
+"""Every method on every extreme, and every contact solver on every hard contact problem.
 
-    python benchmarks/stress.py [--seeds 2]
+    python benchmarks/stress.py solvers [--seeds 2]
+    python benchmarks/stress.py contact [--seeds 1]
 
-Lines of other versions of Pinocchio are kept: run it once with each. With --from-json the README's
-table is made from the committed results, without running anything.
+Lines of other versions of Pinocchio are kept: run it once with each. 1 if there is a defect.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
 import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from functools import partial
 from time import monotonic
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import marks
+import script
+from script import Table
 
 from condyn_pin._core._pin import VERSION_TEXT
 from condyn_pin._core.timing import machine
+from lab import CONTACT_EXTREMES
 from lab.extremes.base import EXTREMES
 from lab.extremes.report import (
     Map,
@@ -37,9 +38,26 @@ from lab.extremes.report import (
 from lab.extremes.stress import stress, tasks
 from lab.extremes.verdicts import Outcome, Verdict
 
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / "benchmarks" / "results"
 DRAWN = ("", "cassie")  # of the robots, in the picture
+
+
+def run(given: Namespace, *, families: Sequence[str], subject: str) -> dict[str, Any]:
+    """Run all cases; return the summaries of all versions of Pinocchio."""
+    start, command = monotonic(), f"stress {subject}"
+    outcomes = stress(tasks(tuple(families), seeds=given.seeds))
+    for outcome in outcomes:
+        if outcome.verdict.defect:
+            print(outcome.verdict.name, outcome.method, outcome.task, outcome.said)
+    print(f"{len(outcomes)} cases of {len(families)} families in {monotonic() - start:.0f} s")
+    write_csv(maps(outcomes), script.result(command, ".csv"), VERSION_TEXT)
+    runs = script.load(command) if script.result(command).exists() else {}
+    return dict(sorted((runs | {VERSION_TEXT: summary(outcomes, given.seeds)}).items()))
+
+
+def is_wrong(runs: Mapping[str, Any]) -> bool:
+    """Whether the run on this Pinocchio had a defect."""
+    found = runs.get(VERSION_TEXT, {"counts": {}})["counts"]
+    return any(found.get(v.name.lower()) for v in Verdict if v.defect)
 
 
 def summary(outcomes: Sequence[Outcome], seeds: int) -> dict[str, Any]:
@@ -55,23 +73,22 @@ def summary(outcomes: Sequence[Outcome], seeds: int) -> dict[str, Any]:
     }
 
 
-def essence(runs: Mapping[str, Any]) -> str:
-    """Return the README's sentence: how many cases, and how many defects."""
+def essence(runs: Mapping[str, Any], subject: str) -> str:
+    """Return how many cases there were, and how many defects."""
     total = sum(run["cases"] for run in runs.values())
     families = max(run["families"] for run in runs.values())
     defects = sum(
         run["counts"][v.name.lower()] for run in runs.values() for v in Verdict if v.defect
     )
     last = list(runs.values())[-1]
-    where = "`make stress`, {seeds} seeds; {processor}, {system}, Python {python}, {date}."
-    said = (
+    source = script.source(f"stress {subject}", last["machine"], script.SHORT)
+    return (
         f"{total} cases of {families} families on Pinocchio {' and '.join(runs)}: "
-        f"**{defects} wrong, crashed or hung**."
+        f"**{defects} wrong, crashed or hung**.\n{source}; {last['seeds']} seeds."
     )
-    return f"{said}\n{where.format(seeds=last['seeds'], **last['machine'])}"
 
 
-def markdown(runs: Mapping[str, Any]) -> str:
+def table(runs: Mapping[str, Any], subject: str) -> str:
     """Return the whole table: a line a method, its verdicts on all versions of Pinocchio."""
     names = [verdict.name.lower() for verdict in Verdict]
     lines = [
@@ -82,21 +99,13 @@ def markdown(runs: Mapping[str, Any]) -> str:
         found = [run["methods"][method] for run in runs.values() if method in run["methods"]]
         numbers = [str(sum(each[name] for each in found)) for name in names]
         lines.append(f"| {method} | {' | '.join(numbers)} |")
-    return "\n".join([essence(runs), "", *lines])
-
-
-def pages(runs: Mapping[str, Any]) -> dict[str, dict[str, str]]:
-    """Return the blocks of README and docs."""
-    return {
-        marks.README: {"stress": essence(runs)},
-        marks.RESULTS: {"stress": markdown(runs), "stress_maps": links(drawn(max(runs)))},
-    }
+    return "\n".join([essence(runs, subject), "", *lines])
 
 
 def pictures(found: Sequence[Map]) -> dict[str, Sequence[Map]]:
     """Return which maps are in which picture, eight in each."""
     parts = [found[i : i + 8] for i in range(0, len(found), 8)]
-    return {f"stress_{number}.png": part for number, part in enumerate(parts, start=1)}
+    return {f"stress_solvers_{number}.png": part for number, part in enumerate(parts, start=1)}
 
 
 def links(found: Sequence[Map]) -> str:
@@ -110,50 +119,50 @@ def links(found: Sequence[Map]) -> str:
 
 def drawn(version: str) -> list[Map]:
     """Return the maps of the committed results that are drawn."""
-    rows = read_csv(RESULTS / "stress.csv")
+    rows = read_csv(script.result("stress solvers", ".csv"))
     return [each for each in maps_of_csv(rows, version) if each.robot in DRAWN]
 
 
 def draw(version: str) -> None:
     """Draw the overview, and the maps of severity."""
     found, note = drawn(version), f"Pinocchio {version}; "
-    save_overview(found, RESULTS / "stress.png", note)
+    save_overview(found, script.result("stress solvers", ".png"), note)
     for name, part in pictures(found).items():
-        save_maps(part, RESULTS / name, note)
+        save_maps(part, script.RESULTS / name, note)
 
 
-def load(path: Path) -> dict[str, Any]:
-    """Return the runs that were committed, by version of Pinocchio."""
-    return dict(json.loads(path.read_text(encoding="utf-8"))) if path.exists() else {}
+def _seeds(parser: ArgumentParser, default: int) -> None:
+    parser.add_argument("--seeds", type=int, default=default)
 
 
-def main() -> int:
-    """Run, write, and update README and docs; 1 if there is a defect."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--seeds", type=int, default=2)
-    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
-    arguments = parser.parse_args()
-    bad = 0
-    if not arguments.from_json:
-        start = monotonic()
-        outcomes = stress(tasks(seeds=arguments.seeds))
-        for outcome in outcomes:
-            if outcome.verdict.defect:
-                print(outcome.verdict.name, outcome.method, outcome.task, outcome.said)
-                bad = 1
-        run = summary(outcomes, arguments.seeds)
-        found = maps(outcomes)
-        write_csv(found, RESULTS / "stress.csv", VERSION_TEXT)
-        runs = dict(sorted((load(RESULTS / "stress.json") | {VERSION_TEXT: run}).items()))
-        text = json.dumps(runs, indent=1)
-        (RESULTS / "stress.json").write_text(text + "\n", encoding="utf-8")
-        print(f"{len(outcomes)} cases of {len(EXTREMES)} families in {monotonic() - start:.0f} s")
-    runs = load(RESULTS / "stress.json")
-    draw(max(runs))
-    marks.write(pages(runs))
-    print(markdown(runs))
-    return bad
+SUBJECTS = [
+    Table(
+        "stress solvers",
+        "every method on every extreme",
+        partial(run, families=tuple(EXTREMES), subject="solvers"),
+        partial(table, subject="solvers"),
+        pages=lambda runs: {
+            script.README: {"stress": essence(runs, "solvers")},
+            script.RESULTS_PAGE: {
+                "stress": table(runs, "solvers"),
+                "stress_maps": links(drawn(max(runs))),
+            },
+        },
+        beside=lambda runs: draw(max(runs)),
+        options=partial(_seeds, default=2),
+        wrong=is_wrong,
+    ),
+    Table(
+        "stress contact",
+        "every contact solver on every hard contact problem",
+        partial(run, families=tuple(CONTACT_EXTREMES), subject="contact"),
+        partial(table, subject="contact"),
+        pages=lambda runs: {script.RESULTS_PAGE: {"contact_stress": table(runs, "contact")}},
+        options=partial(_seeds, default=1),
+        wrong=is_wrong,
+    ),
+]
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    sys.exit(script.main(__doc__, SUBJECTS))

@@ -9,8 +9,9 @@ the library calls them and as they are called without the settings of the solve;
 
 from __future__ import annotations
 
-import argparse
 import os
+import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Mapping
 from dataclasses import dataclass
 from time import perf_counter, process_time, sleep
@@ -19,7 +20,8 @@ from typing import ClassVar
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
-from processor_time import processor_time
+import script
+from script import Printed, processor_time
 
 import condyn_pin as cp
 import lab
@@ -234,17 +236,23 @@ def show_processes() -> None:
     )
 
 
-def main() -> None:
-    """Run what was asked for."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parts = {"curves": show_curves, "full": show_full, "processes": show_processes}
-    for name in parts:
+PARTS = {"curves": show_curves, "full": show_full, "processes": show_processes}
+
+
+def show(given: Namespace) -> None:
+    """Print what is asked for."""
+    wanted = [name for name in PARTS if getattr(given, name)] or list(PARTS)
+    for name in wanted:
+        PARTS[name]()
+
+
+def _options(parser: ArgumentParser) -> None:
+    for name in PARTS:
         parser.add_argument(f"--{name}", action="store_true")
-    wanted = {name for name, asked in vars(parser.parse_args()).items() if asked}
-    for name, show in parts.items():
-        if not wanted or name in wanted:
-            show()
+
+
+SUBJECTS = [Printed("study", "known curves, a full study, two processes", show, _options)]
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))

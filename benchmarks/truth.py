@@ -1,4 +1,4 @@
-"""What Pinocchio answers without a warning, and what condyn_pin does; write results/truth.json.
+"""What Pinocchio answers without a warning, and what condyn_pin does.
 
     python benchmarks/truth.py
 
@@ -6,27 +6,26 @@
 
 Each case puts one question to Pinocchio as its examples do, and the same one to condyn_pin. Errors
 are relative to the larger of |a| and gravity (of derivatives: to the largest), the worst over the
-states. With --from-json only the README's table is written, from the committed results.
+states. The last row of the README's table is of results/peers.json.
 """
 
 from __future__ import annotations
 
-import argparse
-import json
 import os
-from collections.abc import Callable
+import sys
+from collections.abc import Callable, Mapping
 from typing import Any
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import marks
 import numpy as np
 import pinocchio as pin
-from truth_text import RESULTS, STATES, load, pages
+import script
+from script import Table
 
 import condyn_pin as cp
-from condyn_pin._core.timing import machine
 
+STATES = 10  # of a case
 GRAVITY = 9.81  # [m/s^2]
 Case = dict[str, Any]
 
@@ -172,7 +171,7 @@ def long_quaternion(stance: cp.Scene) -> Case:
     return {"theirs": theirs, "refused": refused}
 
 
-def measure() -> dict[str, Case]:
+def cases() -> dict[str, Case]:
     """Put every question."""
     bar, talos, cassie = cp.model.four_bar(), cp.load_robot("talos"), cp.load_robot("cassie")
     linkage, stance, legs = (
@@ -188,15 +187,75 @@ def measure() -> dict[str, Case]:
     }
 
 
-def main() -> None:
-    """Ask, write, and update the README."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--from-json", action="store_true", help="do not ask, only rewrite")
-    if not parser.parse_args().from_json:
-        text = json.dumps({"cases": measure(), "machine": machine()}, indent=1)
-        (RESULTS / "truth.json").write_text(text + "\n", encoding="utf-8")
-    marks.write(pages(*load()))
+def best(peers: Mapping[str, Any], peer: str) -> float:
+    """Return the least error of a that a peer reaches on Cassie's loops, with any setting."""
+    asked = ("cassie, loops", "acceleration", peer)
+    rows = (r for r in peers["rows"] if (r["scene"], r["quantity"], r["peer"]) == asked)
+    return float(min(row["error_worst"] for row in rows))
+
+
+def essence(saved: script.Saved) -> str:
+    """Return the README's table: a row a question."""
+    peers = script.load("peers")
+    f, page = saved["cases"], "docs/pitfalls.md"
+    soft = [best(peers, peer) for peer in ("MuJoCo", "Drake", "condyn_pin")]
+    rows = [
+        (
+            f"[four-bar, default settings]({page}#1-nan-from-the-default-settings)",
+            "NaN",
+            f"a to {f['defaults']['ours']:.0e}; the redundant row is named",
+        ),
+        (
+            f"[Talos, `lcaba` called twice]({page}#2-lcaba-is-right-on-its-first-call)",
+            f"the second a is off by {f['second_call']['theirs']:.0%}",
+            f"both to {f['second_call']['ours']:.0e}",
+        ),
+        (
+            f"[Cassie's loops, `lcaba`, mu = 1e-8]({page}#4-j-a--gamma--0-and-a-is-wrong)",
+            f"J a + gamma = 0 to {f['small_mu']['slack']:.0e}, "
+            f"a is off by {f['small_mu']['theirs']:.0%}",
+            f"`{'`, `'.join(f['small_mu']['said'])}`; by default a to {f['small_mu']['ours']:.0e}",
+        ),
+        (
+            f"[Talos, `absolute_residual` of a right a]({page}#3-a-residual-that-is-not-one)",
+            f"{f['not_a_residual']['theirs']:.0f} or more",
+            f"{f['not_a_residual']['ours']:.0e} at most, recomputed",
+        ),
+        (
+            f"[four-bar, da/dq along its loop]({page}#5-a-wrong-first-column-of-the-derivatives)",
+            f"off by {f['first_column']['theirs']:.1f} times itself",
+            f"within {f['first_column']['ours']:.0e} of differences",
+        ),
+        (
+            f"[Talos, a quaternion of norm 2]({page}#9-a-quaternion-that-is-not-normalised-a-nan)",
+            f"a is off by {f['long_quaternion']['theirs']:.0%}",
+            "refused; the error names the entry",
+        ),
+        (
+            "[Cassie's loops, MuJoCo; Drake](docs/simulators.md)",
+            f"a is off by {soft[0]:.0e}; {soft[1]:.0e} at best: soft rows, no defect",
+            f"a to {soft[2]:.0e}",
+        ),
+    ]
+    where = (
+        f"{script.source('truth', saved['machine'], script.SHORT)}, worst of {STATES} states; the "
+        "last row `benchmarks/results/peers.json`."
+    )
+    lines = ["| asked | elsewhere, without a warning | here |", "|---|---|---|"]
+    lines += ["| " + " | ".join(row) + " |" for row in rows]
+    return "\n".join([*lines, "", where])
+
+
+SUBJECTS = [
+    Table(
+        "truth",
+        "what others answer wrongly without a warning",
+        lambda _: {**script.measured_on(), "cases": cases()},
+        essence,
+        pages=lambda saved: {script.README: {"truth": essence(saved)}},
+    )
+]
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))

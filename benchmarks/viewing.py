@@ -26,6 +26,7 @@ import tempfile
 import threading
 import time
 import urllib.request
+from argparse import Namespace
 from dataclasses import dataclass
 from http.server import BaseHTTPRequestHandler, HTTPServer
 from pathlib import Path
@@ -34,7 +35,9 @@ from typing import Any
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import numpy as np
+import script
 import umsgpack
+from script import Printed
 
 import condyn_pin as cp
 from condyn_pin._core.timing import machine
@@ -268,7 +271,7 @@ def _played(name: str, html: str, size: tuple[int, int] = chromium.SIZE) -> None
           f"{seen.speed:.2f} of the real speed")  # fmt: skip
 
 
-def main() -> None:
+def show(_: Namespace) -> None:
     """Print the table."""
     print("{processor} ({cores} cores), {system}, Python {python}, {date}".format(**machine()))
     _played("nothing", nothing())
@@ -284,5 +287,8 @@ def main() -> None:
                     _played("light" if light else "whole", viewer.html, size)
 
 
+SUBJECTS = [Printed("viewing", "time to a picture, and pictures a second", show)]
+
+
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))

@@ -1,7 +1,7 @@
 """Benchmark problems as their collections print them: M(q) a + G(q)^T lam = f, G a = -g''(q, v).
 
 Written from the test set's text, in whatever precision the arguments have; nothing of the library
-is used. `benchmarks/problem_answers.py` integrates them, the tests compare scenes with them.
+is used. `benchmarks/problems.py answers` integrates them, the tests compare scenes with them.
 """
 
 from __future__ import annotations

@@ -25,7 +25,7 @@ def benchmarks(monkeypatch):
 
 def quiet(seed):
     """The problem of a seed without its external forces, or None if its model is refused."""
-    from campaign_problems import problem
+    from judges.trees import problem
 
     try:
         return replace(problem(seed), forces=())
@@ -38,8 +38,7 @@ def quiet(seed):
 )
 def test_two_oracles_agree(label):
     """One has 50 digits and velocities; the other positions, and their derivatives."""
-    from campaign_oracle import Oracle, solve
-    from campaign_rows import rows
+    from judges.oracle import Oracle, rows, solve
 
     scene, (q, v, tau) = all_scenes()[label], states(label)[1]
     oracle = Oracle(scene.robot.model, q, v)
@@ -51,7 +50,7 @@ def test_two_oracles_agree(label):
 
 def test_every_joint_type_is_there_and_known():
     """M and h by positions alone, of every type that Pinocchio lets a robot have."""
-    from campaign_oracle import Oracle
+    from judges.oracle import Oracle
 
     seen = set()
     for seed in SEEDS:
@@ -71,7 +70,7 @@ def test_every_joint_type_is_there_and_known():
 
 
 def test_problems_are_closed_moving_and_repeat_themselves():
-    from campaign_problems import problem
+    from judges.trees import problem
 
     kinds = set()
     for seed in SEEDS:
@@ -160,11 +159,11 @@ def test_pinocchios_own_derivatives_are_not_those_of_a_damped_matrix(seed):
 
 
 def test_the_report_counts_and_lists(tmp_path, capsys, monkeypatch):
-    import campaign_report
-    from campaign_report import report
+    import script
+    from campaign import report
 
     written = []
-    monkeypatch.setattr(campaign_report.marks, "write", written.append)
+    monkeypatch.setattr(script, "fill", written.append)
 
     def line(seed, **solved):
         made = {"solver": "Proximal", "status": "ok", "error": 1e-12, "bound": 1e-11} | solved
@@ -173,7 +172,7 @@ def test_the_report_counts_and_lists(tmp_path, capsys, monkeypatch):
     assert report({"4-Haswell": [line(0), {"seed": 1, "refused": "InvalidModel"}]}, tmp_path) == 0
     page = written[0]["docs/results.md"]["campaign"]
     assert "| 4-Haswell | 1 | 1 | 1 | 1e-12 | 0 | 0 | 0 |" in page
-    (summary,) = json.loads((tmp_path / "campaign.json").read_text()).values()
+    (summary,) = json.loads((tmp_path / "campaign_trees.json").read_text()).values()
     assert summary["solves"] == summary["problems"] == summary["with_redundant_rows"] == 1
     for wrong in (
         {"error": 1e-7}, {"error": float("nan")}, {"force_error": 1e-3},
@@ -199,7 +198,7 @@ def test_a_run_goes_on_where_it_was_cut(tmp_path, monkeypatch):
 def test_pinocchios_own_derivatives_are_refused_where_mu_is_not_small():
     """Two welds of one pair, nearly singular: da_dtau with mu and with 2 mu differ by half."""
     from campaign import _asked
-    from campaign_problems import problem
+    from judges.trees import problem
 
     p = problem(40879)
     tau, forces = _asked(p)

@@ -76,9 +76,9 @@ def test_steps_lead_from_time_to_time(box):
 
 def test_a_ball_bounces_five_times_in_the_closed_form():
     """It is e^2 as high after each hit: 0.316859 m after 0.6 s."""
-    import contact_convergence
+    import contact
 
-    motion = contact_convergence.bouncing()
+    motion = contact.bouncing()
     t = np.array([0.319275, 0.6, 1.5])
     z = motion.path(t)[:, 2] - 0.05
     assert z[0] == pytest.approx(0.0, abs=5e-6)
@@ -87,10 +87,10 @@ def test_a_ball_bounces_five_times_in_the_closed_form():
 
 def test_committed_orders_are_those_of_the_schemes():
     """Hard schemes are of first order where contacts slide; a convex law does not converge."""
-    import contact_convergence
+    import script
 
-    found, _, _ = contact_convergence.load()
-    slopes = {(row.motion, row.scheme): row.order for row in found}
+    found = script.load("contact convergence")["orders"]
+    slopes = {(row["motion"], row["scheme"]): row["order"] for row in found}
     assert slopes["box slides and stops", "Stewart-Trinkle"] == pytest.approx(1.0, abs=0.05)
     assert slopes["box slides and stops", "Moreau"] > 1.5
     assert slopes["ball bounces, e = 0.8", "Moreau"] == pytest.approx(1.0, abs=0.2)
@@ -99,8 +99,10 @@ def test_committed_orders_are_those_of_the_schemes():
 
 def test_committed_rows_are_compared_at_equal_error():
     import contact_peers
+    import script
 
-    rows, errors, _, _ = contact_peers.load()
+    saved = script.load("contact_peers motions")
+    rows, errors = contact_peers.rows_of(saved), saved["errors"]
     assert {row.peer for row in rows} == {"condyn_pin", "MuJoCo", "Drake", "Newton"}
     for scene in errors:
         for peer in ("condyn_pin", "MuJoCo"):

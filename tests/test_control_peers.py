@@ -24,11 +24,11 @@ def benchmarks(monkeypatch):
 @pytest.fixture
 def question(tmp_path):
     """Return what peers are told of Talos in three states."""
-    import control_peers
+    import control
     from peers.control.question import load
     from peers.control.with_condyn import question_of
 
-    made = question_of(str(control_peers.bare_description(tmp_path)), 3)
+    made = question_of(str(control.bare_description(tmp_path)), 3)
     told = load(made.save(tmp_path / "question.json"))
     assert told.wish == made.wish
     assert np.array_equal(told.q, made.q)
@@ -67,10 +67,12 @@ def test_errors_are_those_of_the_answer(question):
 
 
 def test_committed_rows_have_right_answers():
-    import control_peers
+    import control
+    import script
 
-    rows, missing, _ = control_peers.load()
-    assert not missing
+    saved = script.load("control peers")
+    rows = control.rows_of(saved)
+    assert not saved["missing"]
     assert {row["peer"] for row in rows} == {"condyn_pin", "condyn_pin's core", "tsid", "placo"}
     for row in rows:
         assert row["dynamics"] < 1e-9
@@ -80,9 +82,9 @@ def test_committed_rows_have_right_answers():
 
 def test_where_inequalities_are_active_the_optimum_is_that_of_tsid():
     """To what either regularises; placo's cones leave the moment about the normal out."""
-    import control_peers
+    import script
 
-    rows, _, _ = control_peers.load()
+    rows = script.load("control peers")["rows"]
     last = {row["peer"]: row["active"] for row in rows}
     *asked, impossible = range(5)
     for i in asked:

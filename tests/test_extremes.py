@@ -472,7 +472,7 @@ def test_unknown_names_are_refused():
 
 @pytest.mark.once  # tables, words and processes
 def test_committed_table_has_every_case_and_no_defect():
-    rows = read_csv(RESULTS / "stress.csv")
+    rows = read_csv(RESULTS / "stress_solvers.csv")
     versions = {row["pinocchio"] for row in rows}
     assert {version[0] for version in versions} == {"3", "4"}
     wanted = {(t.family, t.robot, repr(t.severity)) for t in tasks()}
@@ -489,7 +489,7 @@ def test_committed_table_has_every_case_and_no_defect():
 )
 def test_verdicts_are_the_expected_ones(name):
     expected: dict[tuple[str, str], str] = {}
-    for row in read_csv(RESULTS / "stress.csv"):
+    for row in read_csv(RESULTS / "stress_solvers.csv"):
         if row["family"] == name and row["robot"] in ("", "four_bar"):
             for method, cell in row.items():
                 key = row["severity"], method

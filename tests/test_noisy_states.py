@@ -126,7 +126,7 @@ def test_noise_below_that_of_open_loops_is_told_where_it_decides() -> None:
     assert told
 
 
-# Of 90 000 random states these were ok and off by more than a third: benchmarks/noise.py --promise.
+# Of 90 000 random states these were ok and off by more than a third: benchmarks/noise.py promise.
 ONCE_WRONG = [("flat", 708412872, 414089585), ("spherical", 1982913370, 286303700)]
 
 

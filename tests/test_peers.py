@@ -216,14 +216,9 @@ def test_every_script_exists_and_says_what_it_computes(peers):
             assert ast.get_docstring(tree)
 
 
-def test_committed_results_are_those_of_readme_and_docs(peers):
-    from marks import filled
-
+def test_committed_rows_are_those_of_their_page(peers):
     results = ROOT / "benchmarks" / "results"
     table = peers["table"].load(results / "peers.json")
-    for path, blocks in peers["run"].pages(table).items():
-        page = (ROOT / path).read_text(encoding="utf-8")
-        assert filled(page, blocks) == page, path
     assert (results / "peers.md").read_text(encoding="utf-8") == table.to_markdown()
     again = json.loads((results / "peers.json").read_text(encoding="utf-8"))
     assert len(again["rows"]) == len(table.rows) > 0

@@ -182,7 +182,7 @@ def test_the_overview_counts_what_the_file_says():
 
     from lab.extremes.report import Cell, maps_of_csv, overview, read_csv
 
-    path = Path(__file__).parent.parent / "benchmarks" / "results" / "stress.csv"
+    path = Path(__file__).parent.parent / "benchmarks" / "results" / "stress_solvers.csv"
     rows = read_csv(path)
     found = [each for each in maps_of_csv(rows, "4.1.0") if each.robot in ("", "cassie")]
     for each in found:

@@ -8,7 +8,7 @@ from dataclasses import replace
 import pinocchio as pin
 import published_files
 import pytest
-from published_judge import compared
+from judges.files import compared
 
 import condyn_pin as cp
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from importlib import import_module
 from pathlib import Path
 
@@ -28,51 +29,45 @@ def words(page: str) -> str:
     return " ".join((ROOT / page).read_text(encoding="utf-8").split())
 
 
-# What each script reads, and makes pages of.
-SCRIPTS = {
-    "results": lambda script: [script.BenchTable.from_json(RESULTS / "bench.json")],
-    "truth": lambda script: script.load(),
-    "ladder": lambda script: [script.load(RESULTS / "ladder.json")],
-    "simulation_vs_mujoco": lambda script: script.load(RESULTS / "simulation_vs_mujoco.json"),
-    "batch": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
-    "stress": lambda script: [script.load(RESULTS / "stress.json")],
-    "campaign_report": lambda script: [script.load(RESULTS / "campaign.json")],
-    "conjugate_gradient": lambda script: script.load(),
-    "contact_models": lambda script: script.read(),
-    "contact_stress": lambda script: [script.load(script.JSON)],
-    "contact_step": lambda script: script.load(script.RESULTS),
-    "auto_mu": lambda script: script.load(RESULTS / "auto_mu.json"),
-    "contact_peers": lambda script: script.load(),
-    "control_peers": lambda script: script.load(),
-    "contact_convergence": lambda script: script.load(),
-    "contact_gradients": lambda script: script.load(),
-    "contact_four_bar": lambda script: script.load(),
-    "falls": lambda script: script.load(),
-    "campaign_held": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
-    "native_contact": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
-    "at_scale": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
-    "native_gradients": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
-    "noise": lambda script: [json.loads((RESULTS / "noise.json").read_text(encoding="utf-8"))],
-    "native_core": lambda script: [json.loads(script.JSON.read_text(encoding="utf-8"))],
-}
+SCRIPTS = sorted(path.stem for path in (ROOT / "benchmarks").glob("*.py") if path.stem != "script")
 
 
-@pytest.mark.parametrize("name", SCRIPTS)
+@pytest.mark.parametrize("name", [*SCRIPTS, "peers.run"])
 def test_tables_are_those_of_the_committed_results(name):
-    from marks import filled
+    import script
 
-    script = import_module(name)
-    for path, blocks in script.pages(*SCRIPTS[name](script)).items():
+    for subject in import_module(name).SUBJECTS:
+        assert subject.command.split()[0] == name.partition(".")[0]
+        if isinstance(subject, script.Table):
+            for path, blocks in subject.pages(subject.load()).items():
+                page = (ROOT / path).read_text(encoding="utf-8")
+                assert script.filled(page, blocks) == page, path
+
+
+def test_the_table_of_the_campaign_is_that_of_the_committed_results():
+    import campaign
+    import script
+
+    for path, blocks in campaign.pages(script.load("campaign trees")).items():
         page = (ROOT / path).read_text(encoding="utf-8")
-        assert filled(page, blocks) == page, path
+        assert script.filled(page, blocks) == page, path
+
+
+def test_every_result_is_of_a_subject():
+    """A file in results is named as a command, so that each is found from the other."""
+    subjects = [each for name in [*SCRIPTS, "peers.run"] for each in import_module(name).SUBJECTS]
+    commands = {each.command.replace(" ", "_") for each in subjects}
+    for path in RESULTS.iterdir():
+        assert re.sub(r"_\d$", "", path.stem) in commands, path.name
 
 
 @pytest.mark.skipif(not HAS_LCABA, reason="puts its questions to Pinocchio 4")
 def test_what_others_answer_without_a_warning_is_what_they_answer_today():
     """Asked again: Pinocchio is as wrong as the README says, and condyn_pin as right."""
+    import script
     import truth
 
-    saved, found = truth.load()[0]["cases"], truth.measure()
+    saved, found = script.load("truth")["cases"], truth.cases()
     assert found.keys() == saved.keys()
     for name, case in found.items():
         assert case.get("ours", 0.0) < 1e-10, name
@@ -119,9 +114,10 @@ def test_beside_mujoco_a_motion_that_stands_still_has_no_error():
 
 def test_beside_mujoco_no_answer_is_less_accurate_than_asked_for():
     """The estimator is the same, both start closed; and the README counts who is faster."""
-    import simulation_vs_mujoco_text as versus
+    import script
+    import simulation_vs_mujoco as versus
 
-    rows, _ = versus.load(RESULTS / "simulation_vs_mujoco.json")
+    rows = versus.rows_of(script.load("simulation_vs_mujoco"))
     assert {row.problem for row in rows} == set(LINKAGES)
     for row in rows:
         for by in (versus.PYTHON, versus.CORE):
@@ -139,8 +135,9 @@ def test_beside_mujoco_no_answer_is_less_accurate_than_asked_for():
 
 def test_batches_are_ok_and_the_same_and_no_less_accurate_than_mujoco():
     import batch
+    import script
 
-    saved = json.loads(batch.JSON.read_text(encoding="utf-8"))
+    saved = script.load("batch processes")
     for row in saved["answers"]:
         assert row["difference"] == 0.0
         assert row["counts"] == {"ok": row["states"]}
@@ -154,21 +151,22 @@ def test_batches_are_ok_and_the_same_and_no_less_accurate_than_mujoco():
 
 
 def test_conjugate_gradients_are_right_on_long_chains():
-    import conjugate_gradient
+    import script
 
-    rows, _ = conjugate_gradient.load()
-    assert {row.joints for row in rows} >= {10, 400}
+    rows = script.load("solvers conjugate_gradient")["rows"]
+    assert {row["joints"] for row in rows} >= {10, 400}
     # what Reference itself knows of 400 links: eps times the condition of M, which is 1e10
-    assert all(row.error < 1e-6 for row in rows if row.method == "ConjugateGradient")
+    assert all(row["error"] < 1e-6 for row in rows if row["method"] == "ConjugateGradient")
 
 
 def test_weights_are_of_families_that_there_are():
-    import auto_mu
+    import script
+    import solvers
 
-    found, machine = auto_mu.load(RESULTS / "auto_mu.json")
-    table = (RESULTS / "auto_mu.md").read_text(encoding="utf-8")
-    assert auto_mu.markdown(found, machine) == table
-    assert {c.task.family for c in found} <= set(lab.EXTREMES)
+    saved = script.load("solvers auto_mu")
+    table = script.result("solvers auto_mu", ".md").read_text(encoding="utf-8")
+    assert solvers.weights_text(saved) + "\n" == table
+    assert {c.task.family for c in solvers.comparisons_of(saved)} <= set(lab.EXTREMES)
 
 
 def test_sentences_say_what_the_committed_results_say():

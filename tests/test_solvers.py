@@ -296,8 +296,8 @@ def test_the_table_has_every_solver_and_every_knob():
 
 @pytest.mark.parametrize("label", ["solo12 contacts", "cassie loops + contacts", "four_bar loops"])
 def test_every_ok_is_one(label):
-    """What `benchmarks/equivalence.py` does for a thousand states, for ten."""
-    from equivalence import agreements
+    """What `benchmarks/solvers.py equivalence` does for a thousand states, for ten."""
+    from solvers import agreements
 
     table = agreements(label, all_scenes()[label], 10)
     assert {row.solver for row in table} >= {"Proximal", "NullSpace", "ConjugateGradient"}
@@ -315,15 +315,15 @@ def test_every_ok_is_one(label):
 
 
 def test_the_committed_comparison_is_complete():
-    from equivalence import RESULTS
+    from solvers import AGREEMENTS
 
-    lines = [line for line in RESULTS.read_text().splitlines() if not line.startswith("#")]
+    lines = [line for line in AGREEMENTS.read_text().splitlines() if not line.startswith("#")]
     table = list(csv.DictReader(lines))
     known = {kind.__name__ for kind in cp.dynamics.SOLVERS.values()} - {"Reference"}
     differing = {row["solver"].split("(")[0] for row in table} ^ known
     assert not differing, (
         f"the committed comparison and SOLVERS differ by {differing}: run "
-        "benchmarks/equivalence.py, and commit its table"
+        "benchmarks/solvers.py equivalence, and commit its table"
     )
     for row in table:
         assert int(row["states"]) >= 1000

@@ -245,7 +245,7 @@ def test_tune_by_another_measure_is_a_plan_of_its_own(scene):
 @pytest.mark.parametrize("level", [1e-3, 1e-6, 1e-9])
 @pytest.mark.parametrize("label", ["four_bar loops", "solo12 contacts"])
 def test_the_cheapest_meets_its_error_where_nobody_has_looked(label, level):
-    """A small `benchmarks/cheapest.py`: other states than those of the study and of the choice.
+    """A small `benchmarks/trade.py cheapest`: at other states than the study and the choice.
 
     The less accurate, the faster: what meets an error by the least margin is asked first.
     """

@@ -234,13 +234,13 @@ def test_refinements_and_other_weights_agree(label):
 
 @pytest.mark.parametrize("name", ["mass_ratio", "parallelogram", "many_cells"])
 def test_no_mu_by_hand_is_three_times_better(name, monkeypatch):
-    """Times are not compared here: `benchmarks/auto_mu.py` does."""
+    """Times are not compared here: `benchmarks/solvers.py auto_mu` does."""
     monkeypatch.syspath_prepend(BENCHMARKS)
-    import auto_mu
+    import solvers
 
     severities = EXTREMES[name].severities[1:8:2]
     todo = [Task(name, severity) for severity in severities]
-    found = list(auto_mu.comparisons(todo, timed=False))
+    found = list(solvers.comparisons(todo, timed=False))
     assert len(found) >= len(todo)
     for each in found:
         if not each.task.severity > 1e6:
@@ -250,9 +250,9 @@ def test_no_mu_by_hand_is_three_times_better(name, monkeypatch):
 @pytest.mark.parametrize("index", [1, 3])
 def test_runs_stay_closed_in_the_memory_that_they_began_with(index, monkeypatch):
     monkeypatch.syspath_prepend(BENCHMARKS)
-    import long_runs
+    import runs
 
-    run = long_runs.long_run(list(long_runs.plans())[index], 2000)
+    run = runs.long_run(list(runs.plans())[index], 2000)
     assert run.is_good, run
     assert run.constraint_velocity < 1e-6
 

@@ -92,7 +92,7 @@ ENVIRONMENTS = (
 
 # What is not run, and why.
 LEFT_OUT = {
-    "placo": "an inverse problem: torques for wanted tasks, by a QP; control_peers.py has it.",
+    "placo": "an inverse problem: torques for wanted tasks, by a QP; `control.py peers` has it.",
     "tsid": "an inverse problem, as placo.",
     "pink": "kinematics only.",
     "DART": "its joints have no armature, so it would be another Talos; loops act over a step.",

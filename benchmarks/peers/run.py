@@ -1,18 +1,18 @@
-"""Time condyn_pin and its peers on the same states; write results/peers.{json,md} and docs.
+"""Time condyn_pin and its peers on the same states.
 
     python benchmarks/peers/run.py [--quick] [--passes 5] [--only mujoco] [--folder build/peers]
 
-With --from-json the tables are made from the committed results, without running anything.
+`results/peers.json` and `peers.md` have every row; the docs the fastest way of each to an error.
 """
 
 from __future__ import annotations
 
-import argparse
 import json
 import os
 import signal
 import subprocess
 import sys
+from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -21,12 +21,12 @@ HERE = Path(__file__).resolve().parent
 ROOT = HERE.parent.parent
 sys.path.insert(0, str(HERE.parent))
 
-import marks  # noqa: E402
+import script  # noqa: E402
+from script import Table  # noqa: E402
 
 from peers.environments import ENVIRONMENTS, LEFT_OUT, Environment, Missing, last_line  # noqa: E402
 from peers.table import TARGETS, PeerTable, gather, load  # noqa: E402
 
-RESULTS = ROOT / "benchmarks" / "results"
 TIME_LIMIT = 600  # [s] for one script
 ONE_THREAD = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"), "1")
 
@@ -103,40 +103,44 @@ def measure(
     return PeerTable(gather(gathered), machine(), skipped, len(gathered), export.STATES)
 
 
-def pages(table: PeerTable) -> dict[str, dict[str, str]]:
+def pages(table: PeerTable) -> script.Pages:
     """Return the blocks of the docs: the first error that is asked for, and every one."""
     first = {quantity: targets[:1] for quantity, targets in TARGETS.items()}
     return {
-        marks.SIMULATORS: {"peers": table.at_equal_error(first)},
-        marks.RESULTS: {"peers": table.at_equal_error()},
+        script.SIMULATORS_PAGE: {"peers": table.at_equal_error(first)},
+        script.RESULTS_PAGE: {"peers": table.at_equal_error()},
     }
 
 
-def main() -> None:
-    """Run, write, and update the docs."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--quick", action="store_true", help="one pass with few rounds")
+def run(given: Namespace) -> PeerTable:
+    """Measure the environments that are asked for; the reference is always there."""
+    only = given.only or [environment.name for environment in ENVIRONMENTS]
+    chosen = [e for e in ENVIRONMENTS if e.name in only or e is ENVIRONMENTS[0]]
+    passes, effort = (1, 0.1) if given.quick else (given.passes, 1.0)
+    return measure(chosen, given.folder.resolve(), passes, effort)
+
+
+def _options(parser: ArgumentParser) -> None:
     parser.add_argument("--passes", type=int, default=5, help="passes over all peers")
-    parser.add_argument("--only", nargs="+", help="names of environments")
+    parser.add_argument("--only", nargs="+", help="names of environments; nothing is written")
     parser.add_argument("--folder", type=Path, default=ROOT / "build" / "peers")
-    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
-    arguments = parser.parse_args()
-    if arguments.from_json:
-        table = load(RESULTS / "peers.json")
-    else:
-        only = arguments.only or [environment.name for environment in ENVIRONMENTS]
-        # the reference is always there
-        chosen = [e for e in ENVIRONMENTS if e.name in only or e is ENVIRONMENTS[0]]
-        passes, effort = (1, 0.1) if arguments.quick else (arguments.passes, 1.0)
-        table = measure(chosen, arguments.folder.resolve(), passes, effort)
-    if arguments.quick or arguments.only:
-        print(table.to_markdown())
-        return
-    table.to_json(RESULTS / "peers.json")
-    (RESULTS / "peers.md").write_text(table.to_markdown(), encoding="utf-8")
-    marks.write(pages(table))
-    print(table.at_equal_error())
+
+
+SUBJECTS = [
+    Table(
+        "peers",
+        "MuJoCo, Drake, Crocoddyl, exudyn beside us",
+        run,
+        PeerTable.to_markdown,
+        pages=pages,
+        beside=lambda table: script.write(script.result("peers", ".md"), table.to_markdown()),
+        quick="one pass with few rounds; nothing is written",
+        options=_options,
+        draft=("quick", "only"),
+        read=load,
+    )
+]
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))

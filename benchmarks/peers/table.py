@@ -148,8 +148,8 @@ def _beside(row: PeerRow) -> str:
 
 def _where(table: PeerTable) -> str:
     return (
-        "`python benchmarks/peers/run.py` on {processor} ({cores} cores, one thread), {system}, "
-        "Python {python}, {date}"
+        "`python benchmarks/peers/run.py` (`benchmarks/results/peers.json`) on {processor} "
+        "({cores} cores, one thread), {system}, Python {python}, {date}"
     ).format(**table.machine) + f"; {table.passes} passes, {table.states} states."
 
 

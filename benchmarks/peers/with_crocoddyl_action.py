@@ -1,6 +1,6 @@
 """Our steps in crocoddyl's hands, beside its own contact dynamics and by its own optimiser.
 
-    python benchmarks/crocoddyl_action.py
+    python benchmarks/contact_peers.py crocoddyl
 
 Talos on two soles, above legs that stand: costs are those of crocoddyl. So are `solve` and
 `derivatives`, with the drift control that crocoddyl's gains stand for: a and its derivatives by x

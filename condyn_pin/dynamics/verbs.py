@@ -152,7 +152,7 @@ def derivatives(
 
     Notes
     -----
-    Cost O(n^3 + m^2 n) after a solve; `benchmarks/derivatives.py` measures it.
+    Cost O(n^3 + m^2 n) after a solve; `benchmarks/timings.py derivatives` measures it.
 
     Off the constraints they are those of the answer that `solve` gives, at its rank: of rows that
     are left out as redundant, N, what turns with them has its part,

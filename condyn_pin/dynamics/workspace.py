@@ -325,10 +325,10 @@ class Workspace(Memory):
 
     Notes
     -----
-    Building one takes as long as dozens of solves (`benchmarks/startup.py`); for large robots most
-    of that is Pinocchio's `createData`. If the first posture of the scene leaves loops open it
-    takes longer: they are closed once, because redundant rows can only be found where loops are
-    closed.
+    Building one takes as long as dozens of solves (`benchmarks/timings.py startup`); for large
+    robots most of that is Pinocchio's `createData`. If the first posture of the scene leaves loops
+    open it takes longer: they are closed once, because redundant rows can only be found where loops
+    are closed.
 
     Pinocchio does not release the GIL: threads do not solve in parallel, processes do. A call that
     finds another thread at work raises `SharedWorkspace`.

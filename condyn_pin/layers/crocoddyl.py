@@ -51,9 +51,9 @@ def crocoddyl_action(action: Action, costs: Any) -> Any:
     Notes
     -----
     On feet that hold, a step is to its order that of crocoddyl's contact dynamics by Euler, with
-    ``gains = [0, 1 / dt]`` and without joint damping; ``benchmarks/crocoddyl_action.py`` compares
-    them. calc costs a step, calcDiff what `Route.cost` says. Both are Python: leave a problem on
-    one thread. Crocoddyl 3.2.1 needs Pinocchio 4.0: beside 4.1 its own contacts crash.
+    ``gains = [0, 1 / dt]`` and without joint damping; ``benchmarks/contact_peers.py crocoddyl``
+    compares them. calc costs a step, calcDiff what `Route.cost` says. Both are Python: leave a
+    problem on one thread. Crocoddyl 3.2.1 needs Pinocchio 4.0: beside 4.1 its own contacts crash.
 
     References
     ----------

@@ -1,7 +1,7 @@
 """Benchmark problems with a known answer.
 
 Each subclass of `Problem` enters `PROBLEMS` under its name; tests, `python benchmarks/lab problem`
-and `benchmarks/problems.py` find it there.
+and `benchmarks/problems.py runs` find it there.
 """
 
 from lab.problems import mechanisms

@@ -12,7 +12,7 @@ To write one:
    that somebody asks for, each with who does.
 5. The equations of the literature, written down once more, are a test of it: in
    `tests/classical.py`, or in a test of its own. Where there is no closed form,
-   `benchmarks/problem_answers.py` computes the digits from them in extended precision.
+   `benchmarks/problems.py answers` computes the digits from them in extended precision.
 """
 
 from __future__ import annotations

@@ -222,7 +222,7 @@ _DRIVE: Final = 0.033  # [N m]
 
 # The order of the literature, and its seven angles [rad] at the times that they are known for
 # [s]. An extrapolation method in extended precision on the equations of the test set, three
-# settings of which agree to 1e-13; `benchmarks/problem_answers.py` computes them again. The
+# settings of which agree to 1e-13; `benchmarks/problems.py answers` computes them again. The
 # vector that the test set prints for 0.03 s is right to nine digits.
 _ORDER: Final = ("beta", "theta", "gamma", "phi", "delta", "omega", "epsilon")
 _ANGLES: Final = {
@@ -491,7 +491,7 @@ _SERVO: Final = 40.0  # [1/s]
 
 # The ends of the axle at 3 s [m]: x and y of the left one, then of the right one. An extrapolation
 # method in extended precision on the equations of the test set, the same with projection and
-# without to 1e-15; `benchmarks/problem_answers.py` computes them again. The digits of the test set
+# without to 1e-15; `benchmarks/problems.py answers` computes them again. The digits of the test set
 # agree to 4e-13.
 _ENDS: Final = {
     3.0: (

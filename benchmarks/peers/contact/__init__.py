@@ -1,1 +1,1 @@
-"""Contact that opens, sticks and slides, beside other engines: `benchmarks/contact_peers.py`."""
+"""Contact that opens, sticks and slides, beside other engines: `contact_peers.py motions`."""

@@ -8,7 +8,7 @@ close the loops, and let J(q (-) dq) have rank r. Then (Weyl)
 
 what is no larger than what closing changes J by says nothing. With rows and moves in units in which
 turning by 1 rad and sliding by one size of the loop are the same, closing changes J by about |dq|,
-whatever the machine (1.4 |dq| in the median of 268; benchmarks/noise.py). So
+whatever the machine (1.4 |dq| in the median of 268; benchmarks/noise.py errors). So
 
     A = R J D,    (R = 1/l for lengths, 1 for angles; D = l for slides, 1 for turns)
     A^T P = Q T,  pivots d_k = |T_kk|,    y = T^-T P^T R c,

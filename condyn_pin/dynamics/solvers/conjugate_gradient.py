@@ -48,9 +48,9 @@ class ConjugateGradient(MatrixFreeSolver):
     Notes
     -----
     Cost O(n + m) of sweeps and O(m^2) of the preconditioner an iteration. Below a hundred joints
-    dense methods are as fast or faster (`benchmarks/conjugate_gradient.py`). Of many lam that
-    redundant rows allow, the smallest is found where the same rows are redundant, in the same way,
-    as at the nominal state; else one near it.
+    dense methods are as fast or faster (`benchmarks/solvers.py conjugate_gradient`). Of many lam
+    that redundant rows allow, the smallest is found where the same rows are redundant, in the same
+    way, as at the nominal state; else one near it.
 
     References
     ----------

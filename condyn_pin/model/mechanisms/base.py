@@ -3,8 +3,8 @@
 A mechanism that needs no file is a function in a file of this folder, and its name stands in
 `condyn_pin/model/__init__.pyi`. Marked with `mechanism` it is a robot by name too, with its default
 values: every contract test has it, the table of `tests/test_robots.py` its figures, and the list of
-robots and `benchmarks/cheapest.py` measure it. Where it is easier to place bodies in the world than
-to chain them, use `Machine`.
+robots and `benchmarks/trade.py cheapest` measure it. Where it is easier to place bodies in the
+world than to chain them, use `Machine`.
 """
 
 from __future__ import annotations

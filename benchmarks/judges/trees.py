@@ -11,12 +11,10 @@ from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from campaign_jets import Array
-from campaign_oracle import Oracle, solve
-from campaign_rows import rows
 
 import condyn_pin as cp
 from condyn_pin.constraints.loop import axis_of
+from judges.oracle import Array, Oracle, rows, solve
 
 Random = np.random.Generator
 

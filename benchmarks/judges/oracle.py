@@ -14,7 +14,9 @@ c and w the centre of mass and the angular velocity of a body, d'Alembert says
     J = ds/dv,    gamma = s'  where a = 0,
 
 s being the rate of what a constraint keeps, or the slip of what rolls. Rows may differ from the
-library's by a turn of their axes: at a state with c = 0 and J v = 0 the motion is the same. With
+library's by a turn of their axes: at a state with c = 0 and J v = 0 the motion is the same. They
+are written from the definitions in the docstrings of `condyn_pin.Loop`, the contacts, and what
+rolls. With
 M = L L^T and L^-1 J^T P = Q R, pivots falling, the motion nearest to the free one is
 
     a = L^-T ( Q y + (1 - Q Q^T) x ),     R^T y = P^T (-gamma),    x = L^-1 (tau - h).
@@ -22,28 +24,169 @@ M = L L^T and L^-1 J^T P = Q R, pivots falling, the motion nearest to the free o
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 import pinocchio as pin
-from campaign_jets import (
-    ONE,
-    REAL,
-    Array,
-    Jet,
-    Place,
-    apply,
-    body_motion,
-    constant,
-    exact,
-    fixed,
-    of_quaternion,
-    shift,
-    turn,
-    vee,
-)
+
+import condyn_pin as cp
+
+# --- functions of time with their derivatives, along many directions at once
+
+Array = np.ndarray
+REAL = np.longdouble
+ONE = np.eye(3, dtype=REAL)
+
+
+def exact(x: Any) -> Array:
+    """Return numbers in extended precision."""
+    return np.asarray(x, dtype=REAL)
+
+
+def skew(w: Array) -> Array:
+    """Return the matrices of w x."""
+    K = np.zeros((*w.shape[:-1], 3, 3), dtype=REAL)
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        K[..., j, i], K[..., i, j] = w[..., k], -w[..., k]
+    return K
+
+
+def vee(K: Array) -> Array:
+    """Return the vectors of the skew parts of matrices."""
+    D = (K - np.swapaxes(K, -1, -2)) / 2
+    return np.stack([D[..., 2, 1], D[..., 0, 2], D[..., 1, 0]], axis=-1)
+
+
+@dataclass(frozen=True)
+class Jet:
+    """A function of time along many directions: its value, its rate and the rate of that."""
+
+    x: Array
+    d: Array
+    dd: Array
+
+    def __add__(self, other: Jet) -> Jet:
+        return Jet(self.x + other.x, self.d + other.d, self.dd + other.dd)
+
+    def __sub__(self, other: Jet) -> Jet:
+        return Jet(self.x - other.x, self.d - other.d, self.dd - other.dd)
+
+    def map(self, linear: Callable[[Array], Array]) -> Jet:
+        """Return a linear function of this."""
+        return Jet(linear(self.x), linear(self.d), linear(self.dd))
+
+    def over(self, other: Jet) -> Jet:
+        """Return the quotient by a scalar."""
+        x = self.x / other.x
+        d = (self.d - x * other.d) / other.x
+        return Jet(x, d, (self.dd - 2 * d * other.d - x * other.dd) / other.x)
+
+    def root(self) -> Jet:
+        """Return the square root."""
+        x = np.sqrt(self.x)
+        d = self.d / (2 * x)
+        return Jet(x, d, (self.dd - 2 * d * d) / (2 * x))
+
+
+def product(f: Callable[[Array, Array], Array], a: Jet, b: Jet) -> Jet:
+    """Return what is linear in both."""
+    return Jet(
+        f(a.x, b.x), f(a.d, b.x) + f(a.x, b.d), f(a.dd, b.x) + 2 * f(a.d, b.d) + f(a.x, b.dd)
+    )
+
+
+def times(A: Jet, B: Jet) -> Jet:
+    """Return A B."""
+    return product(np.matmul, A, B)
+
+
+def apply(A: Jet, b: Jet) -> Jet:
+    """Return A b."""
+    return product(lambda R, p: (R @ p[..., None])[..., 0], A, b)
+
+
+def dot(a: Jet, b: Jet) -> Jet:
+    """Return a . b, as (..., 1)."""
+    return product(lambda x, y: (x * y).sum(axis=-1, keepdims=True), a, b)
+
+
+def cross(a: Jet, b: Jet) -> Jet:
+    """Return a x b."""
+    return product(lambda x, y: np.cross(*np.broadcast_arrays(x, y)), a, b)
+
+
+def unit(a: Jet) -> Jet:
+    """Return a / |a|."""
+    return a.over(dot(a, a).root())
+
+
+def constant(x: Any) -> Jet:
+    """Return what does not move."""
+    x = exact(x)
+    return Jet(x, np.zeros_like(x), np.zeros_like(x))
+
+
+def transposed(A: Jet) -> Jet:
+    """Return A^T."""
+    return A.map(lambda R: np.swapaxes(R, -1, -2))
+
+
+@dataclass(frozen=True)
+class Place:
+    """Axes and origin in the world, or in another place."""
+
+    R: Jet
+    p: Jet
+
+    def __mul__(self, other: Place) -> Place:
+        return Place(times(self.R, other.R), apply(self.R, other.p) + self.p)
+
+    @property
+    def w(self) -> tuple[Array, Array]:
+        """Angular velocity and acceleration."""
+        back = np.swapaxes(self.R.x, -1, -2)
+        return vee(self.R.d @ back), vee(self.R.dd @ back)
+
+
+def fixed(placement: Any) -> Place:
+    """Return a placement that does not move."""
+    return Place(constant(placement.rotation), constant(placement.translation))
+
+
+def turn(axis: Array, angle: Jet) -> Place:
+    """Return a turn, by Rodrigues; angle.x is an angle or (cos, sin)."""
+    K, x, w = skew(axis), angle.x, angle.d
+    c, s = (x[:1], x[1:]) if len(x) == 2 else (np.cos(x), np.sin(x))
+    zero = np.zeros(3, dtype=REAL)
+
+    def of(c: Array, s: Array) -> Array:
+        return s[:, None, None] * K - c[:, None, None] * (K @ K)
+
+    R = Jet(ONE + K @ K + of(c, s)[0], of(-s * w, c * w), of(-c * w * w, -s * w * w))
+    return Place(R, Jet(zero, np.zeros((len(w), 3), REAL), np.zeros((len(w), 3), REAL)))
+
+
+def shift(axis: Array, length: Jet) -> Place:
+    """Return a shift along an axis."""
+    return Place(constant(ONE), length.map(lambda x: x[..., None] * axis))
+
+
+def body_motion(R: Array, p: Array, v: Array, w: Array) -> Place:
+    """Return a motion with a velocity that is constant in its own axes."""
+    K = skew(w)
+    along = (R @ v[..., None])[..., 0]
+    bent = (R @ K @ v[..., None])[..., 0]
+    return Place(Jet(R, R @ K, R @ K @ K), Jet(p, along, bent))
+
+
+def of_quaternion(quaternion: Array) -> Array:
+    """Return the rotation of x y z w."""
+    x, y, z, w = quaternion / np.sqrt((quaternion**2).sum())
+    K = skew(np.array([x, y, z]))
+    return ONE + 2 * w * K + 2 * K @ K
+
 
 # Pivots of L^-1 J^T, relative to the largest, that are rounding, and that are none; between the two
 # nobody can say.
@@ -255,3 +398,124 @@ def _pivoted(A: Array) -> tuple[Array, Array, Array, int]:
         Q[:, k:] -= 2 * np.outer(Q[:, k:] @ u, u)
         rank = k + 1
     return Q, R, order, rank
+
+
+# --- rows of every kind of constraint
+
+
+def rows(oracle: Oracle, scene: cp.Scene) -> tuple[Array, Array]:
+    """Return J (m, nv) and gamma (m,)."""
+    n = oracle.model.nv
+    J, gamma = [np.zeros((0, n), REAL)], [np.zeros(0, REAL)]
+    for constraint in scene.constraints:
+        if isinstance(constraint, cp.constraints.Coupling):
+            row = np.zeros((1, n), REAL)
+            for joint, weight in constraint.weights.items():
+                row[0, oracle.model.joints[oracle.model.getJointId(joint)].idx_v] = exact(weight)
+            J.append(row)
+            gamma.append(np.zeros(1, REAL))
+            continue
+        rate, rate_of_rate = _slips(oracle, constraint)
+        J.append(rate[:n].T)
+        gamma.append(rate_of_rate[n])
+    return np.vstack(J), np.concatenate(gamma)
+
+
+def _slips(oracle: Oracle, c: cp.constraints.Constraint) -> tuple[Array, Array]:
+    """Return what stays zero, a rate (D, rows), and its derivative."""
+    if isinstance(c, cp.Loop):
+        kept = _loop(c, oracle.frame(c.frame_a), oracle.frame(c.frame_b))
+    elif isinstance(c, cp.PointContact):
+        kept = [_point(oracle.frame(c.frame), c.offset)]
+    elif isinstance(c, cp.SurfaceContact):
+        kept = _together(oracle.frame(c.frame), _standing(oracle.frame(c.frame)), None)
+    elif isinstance(c, cp.constraints.LineContact):
+        here = oracle.frame(c.frame)
+        kept = _together(here, _standing(here), "xyz".index(c.axis))
+    elif isinstance(c, cp.constraints.PlanarContact):
+        kept = [dot(constant(c.normal), _point(oracle.frame(c.frame), c.offset))]
+    elif isinstance(c, cp.constraints.KnifeEdge):
+        return _knife(c, oracle.frame(c.frame))
+    else:
+        return _rolling(c, oracle.frame(c.frame))
+    rates = [np.broadcast_to(part.d, (oracle.model.nv + 1, part.d.shape[-1])) for part in kept]
+    bent = [np.broadcast_to(part.dd, (oracle.model.nv + 1, part.dd.shape[-1])) for part in kept]
+    return np.hstack(rates), np.hstack(bent)
+
+
+def _point(place: Place, offset: tuple[float, float, float]) -> Jet:
+    return apply(place.R, constant(offset)) + place.p
+
+
+def _standing(place: Place) -> Place:
+    """Return the same place, held by the world."""
+    return Place(constant(place.R.x.reshape(3, 3)), constant(place.p.x.reshape(3)))
+
+
+def _turned(a: Place, b: Place) -> Jet:
+    return times(transposed(a.R), b.R)
+
+
+def _shifted(a: Place, b: Place) -> Jet:
+    return apply(transposed(a.R), b.p - a.p)
+
+
+def _together(a: Place, b: Place, axis: int | None) -> list[Jet]:
+    """Return what keeps two frames together, but for a turn about an axis."""
+    if axis is None:
+        # at a state where they are together, the skew part is the turn
+        return [b.p - a.p, _turned(a, b).map(vee)]
+    others = [i for i in range(3) if i != axis]
+    return [b.p - a.p, _turned(a, b).map(lambda R: R[..., others, axis])]
+
+
+def _loop(c: cp.Loop, a: Place, b: Place) -> list[Jet]:
+    axis = "xyz".index(c.axis or "z")
+    others = [i for i in range(3) if i != axis]
+    if c.kind == "ball":
+        return [b.p - a.p]
+    if c.kind == "weld":
+        return _together(a, b, None)
+    if c.kind == "hinge":
+        return _together(a, b, axis)
+    if c.kind == "slider":
+        return [_shifted(a, b).map(lambda r: r[..., others]), _turned(a, b).map(vee)]
+    if c.kind == "planar":
+        return [_shifted(a, b).map(lambda r: r[..., others])]
+    apart = b.p - a.p
+    return [dot(apart, apart).root()]
+
+
+def _rates(x: Jet) -> Jet:
+    """Return the rate of a function; its second derivative is not known, and not used."""
+    return Jet(x.d, x.dd, np.zeros_like(x.dd))
+
+
+def _knife(c: cp.constraints.KnifeEdge, place: Place) -> tuple[Array, Array]:
+    across = apply(place.R, constant(ONE["xyz".index(c.axis)]))
+    slip = dot(across, _rates(_point(place, c.offset)))
+    return slip.x, slip.d
+
+
+def _rolling(
+    c: cp.constraints.RollingWheel | cp.constraints.RollingBall, place: Place
+) -> tuple[Array, Array]:
+    normal = constant(exact(c.normal) / np.sqrt((exact(c.normal) ** 2).sum()))
+    w = Jet(*place.w, np.zeros_like(place.p.dd))
+    if isinstance(c, cp.constraints.RollingWheel):
+        axle = apply(place.R, constant(ONE["xyz".index(c.axis)]))
+        ahead = unit(cross(axle, normal))
+        down = cross(axle, ahead)
+        names = [d for d in ("rolling", "lateral", "normal") if d in c.holds]
+    else:
+        ahead = unit(cross(constant(_any_across(normal.x)), normal))
+        down = constant(-normal.x)
+        names = ["rolling", "lateral", "normal"]
+    slip = _rates(place.p) + cross(w, down.map(lambda x: exact(c.radius) * x))
+    axes = {"rolling": ahead, "lateral": cross(normal, ahead), "normal": normal}
+    found = [dot(axes[name], slip) for name in names]
+    return np.hstack([f.x for f in found]), np.hstack([f.d for f in found])
+
+
+def _any_across(normal: Array) -> Array:
+    return ONE[int(np.abs(normal).argmin())]

@@ -1,4 +1,4 @@
-"""Machines with redundant rows, closed by construction, for benchmarks/noise.py.
+"""Machines with redundant rows, closed by construction, for `noise.py`.
 
 Chains of hinges whose last link meets the world where it is drawn: overconstrained ones (Bennett,
 spherical, planar in a slanted plane, Sarrus, a guide and a crank on one rod, a bar on three cranks)

@@ -1,28 +1,26 @@
-"""Run the full bench, write benchmarks/results, docs/results.md and the table of the README.
+"""The full bench: time and error of every method on every main robot, and of what is compiled.
 
-    python benchmarks/results.py [--native] [--from-json]
+    python benchmarks/bench.py [--native [--alone]]
 
-With --native what is compiled is timed beside. With --from-json the tables are made from the
-committed results, without running anything: with both, only what is compiled is measured again.
+With --native what is compiled is timed beside: `make native`; with --alone only that is measured
+again.
 """
 
 from __future__ import annotations
 
-import argparse
 import math
 import os
-from pathlib import Path
+import sys
+from argparse import ArgumentParser, Namespace
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
-import marks
+import script
+from script import Table
 
 from condyn_pin.dynamics.solvers.proximal import Proximal
 from condyn_pin.study.bench import BY_HAND, CPP, BenchRow, BenchTable, bench
 from condyn_pin.study.plots import save_bench
-
-ROOT = Path(__file__).resolve().parent.parent
-RESULTS = ROOT / "benchmarks" / "results"
 
 # Rows of the bench in C++ that the README has, and Pinocchio's names of them.
 _CALLS = {
@@ -58,7 +56,7 @@ def markdown(table: BenchTable) -> str:
         "rest, with and without torques, against `Reference`, relative to the larger of abs(a) "
         "and gravity."
     )
-    return "\n".join([*lines, "", _where(table), meaning])
+    return "\n".join([*lines, "", f"{script.source('bench', table.machine)}.", meaning])
 
 
 def essence(table: BenchTable) -> str:
@@ -92,7 +90,8 @@ def essence(table: BenchTable) -> str:
         "terms, then LAPACK or Pinocchio's Cholesky, without guards or checks. x: its time over "
         "that of `Proximal`."
     )
-    return "\n".join([*lines, "", _where(table), meaning, *_in_cpp(table)])
+    where = f"{script.source('bench', table.machine, script.SHORT)}."
+    return "\n".join([*lines, "", where, meaning, *_in_cpp(table)])
 
 
 def _in_cpp(table: BenchTable) -> list[str]:
@@ -121,11 +120,12 @@ def in_cpp(table: BenchTable) -> str:
         cells = [f"{row.bare_us:.1f} us, x {row.to_dense:.2f}, {row.error:.0e}" for row in here]
         name = f"`{_CALLS[method]}`" if method in _CALLS else method
         lines.append(f"| {name} | " + " | ".join(cells) + " |")
+    on = "{processor}, {C++ compiler}, headers of {C++ headers}, {C++ date}"
     where = (
-        "`python benchmarks/results.py --native --from-json` on {processor}, {C++ compiler}, "
-        "headers of {C++ headers}, {C++ date}. Median time per state of a batch of 20 closed "
-        "states, without Python; x: times faster than the fastest dense method; worst error of a."
-    ).format(**table.machine)
+        f"{script.source('bench', table.machine, on)}, by `--native`. Median time per state of a "
+        "batch of 20 closed states, without Python; x: times faster than the fastest dense method; "
+        "worst error of a."
+    )
     return "\n".join([*lines, "", where])
 
 
@@ -135,53 +135,49 @@ def _cell(row: BenchRow) -> str:
     return f"{row.acceleration_us:.1f} us, {row.error:.0e}{said}"
 
 
-def _where(table: BenchTable) -> str:
-    return (
-        "`python benchmarks/results.py` on {processor} ({cores} cores, one thread), "
-        "{system}, Python {python}, Pinocchio {pinocchio}, {date}."
-    ).format(**table.machine)
-
-
 def _number(value: float, form: str) -> str:
     return format(value, form) if math.isfinite(value) else ""
 
 
-def pages(table: BenchTable) -> dict[str, dict[str, str]]:
-    """Return the blocks of README and docs."""
-    return {
-        marks.README: {"bench": essence(table)},
-        marks.RESULTS: {"bench": markdown(table)},
-        marks.SOLVERS: {"compiled": in_cpp(table)},
-    }
-
-
-def _with_cpp(table: BenchTable, again: BenchTable) -> BenchTable:
-    """Return a table with the rows of another one for what is compiled, and when they were made."""
+def measure(given: Namespace) -> BenchTable:
+    """Measure everything, or what is compiled alone, whose rows say when they were made."""
+    if not given.alone:
+        return bench(native=given.native)
+    table = BenchTable.from_json(script.result("bench"))
+    again = bench(solvers=[Proximal()], native=True)
     said = {name: text for name, text in again.machine.items() if name.startswith(CPP)}
     known = {name: text for name, text in table.machine.items() if not name.startswith("native")}
     rows = table.of_origin("python").rows + again.of_origin(CPP).rows
     return BenchTable(rows, known | said | {"C++ date": again.machine["date"]})
 
 
-def main() -> None:
-    """Run, write, and update README and docs."""
-    parser = argparse.ArgumentParser(description=__doc__)
+def pages(table: BenchTable) -> script.Pages:
+    """Return the blocks of README and docs."""
+    return {
+        script.README: {"bench": essence(table)},
+        script.RESULTS_PAGE: {"bench": markdown(table)},
+        script.SOLVERS_PAGE: {"compiled": in_cpp(table)},
+    }
+
+
+def _native(parser: ArgumentParser) -> None:
     parser.add_argument("--native", action="store_true", help="time C++ beside: `make native`")
-    parser.add_argument("--from-json", action="store_true", help="do not run, only rewrite")
-    arguments = parser.parse_args()
-    RESULTS.mkdir(exist_ok=True)
-    if arguments.from_json:
-        table = BenchTable.from_json(RESULTS / "bench.json")
-    if arguments.native and arguments.from_json:
-        table = _with_cpp(table, bench(solvers=[Proximal()], native=True))
-    elif not arguments.from_json:
-        table = bench(native=arguments.native)
-    if arguments.native or not arguments.from_json:
-        table.to_json(RESULTS / "bench.json")
-        table.to_csv(RESULTS / "bench.csv")
-    save_bench(table, RESULTS / "bench.png")
-    marks.write(pages(table))
+    parser.add_argument("--alone", action="store_true", help="C++ alone; the other rows stay")
+
+
+SUBJECTS = [
+    Table(
+        "bench",
+        "time and error of every method",
+        measure,
+        markdown,
+        pages=pages,
+        beside=lambda table: save_bench(table, script.result("bench", ".png")),
+        options=_native,
+        read=BenchTable.from_json,
+    )
+]
 
 
 if __name__ == "__main__":
-    main()
+    sys.exit(script.main(__doc__, SUBJECTS))
