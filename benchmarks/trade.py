@@ -358,8 +358,9 @@ def where(table: cp.study.Table) -> str:
     )  # fmt: skip
     return (
         f"{script.source('trade study', table.machine)}. Median time of "
-        "`Workspace.acceleration`; worst error at 1000 states that "
-        f"neither the study ({n} states) nor the choice (200) had seen.{loads} {timed(table)}"
+        "`Workspace.acceleration`; worst error at 1000 states that neither the study "
+        f"({n} states) nor the choice (200) had seen (`python benchmarks/trade.py cheapest`, "
+        f"`{CHEAPEST.relative_to(script.ROOT)}`).{loads} {timed(table)}"
     )
 
 

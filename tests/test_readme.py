@@ -16,6 +16,7 @@ pytestmark = pytest.mark.once
 
 ROOT = Path(__file__).parent.parent
 RESULTS = ROOT / "benchmarks" / "results"
+PAGES = sorted(str(path.relative_to(ROOT)) for path in (ROOT / "docs").glob("*.md"))
 LINKAGES = ("four_bar", "cassie")  # of the simulation beside MuJoCo
 
 
@@ -53,12 +54,45 @@ def test_the_table_of_the_campaign_is_that_of_the_committed_results():
         assert script.filled(page, blocks) == page, path
 
 
-def test_every_result_is_of_a_subject():
-    """A file in results is named as a command, so that each is found from the other."""
-    subjects = [each for name in [*SCRIPTS, "peers.run"] for each in import_module(name).SUBJECTS]
-    commands = {each.command.replace(" ", "_") for each in subjects}
+def commands() -> set[str]:
+    """Return the commands of all scripts: "contact convergence"."""
+    found = [import_module(name).SUBJECTS for name in [*SCRIPTS, "peers.run"]]
+    return {each.command for subjects in found for each in subjects}
+
+
+def test_every_result_is_named_as_a_command():
+    names = {command.replace(" ", "_") for command in commands()}
     for path in RESULTS.iterdir():
-        assert re.sub(r"_\d$", "", path.stem) in commands, path.name
+        assert re.sub(r"_\d$", "", path.stem) in names, path.name
+
+
+def named(text: str) -> set[str]:
+    """Return the commands that a text names."""
+    text = text.replace("peers/run.py", "peers.py")
+    pairs = re.findall(r"`(?:python )?(?:benchmarks/)?(\w+)\.py ?(\w*)", text)
+    return {" ".join(pair).strip() for pair in pairs if (ROOT / f"benchmarks/{pair[0]}.py").exists()
+            or pair[0] == "peers"}  # fmt: skip
+
+
+@pytest.mark.parametrize("page", ["README.md", "CONTRIBUTING.md", *PAGES])
+def test_every_command_that_a_page_names_is_there(page):
+    known, text = commands(), (ROOT / page).read_text(encoding="utf-8")
+    for script in re.findall(r"`(?:python )?benchmarks/([\w/]+)\.py", text):
+        assert (ROOT / f"benchmarks/{script}.py").is_file(), script
+    assert {each for each in named(text) if each != "script"} <= known
+
+
+def test_the_table_of_benchmarks_has_every_command_its_pages_and_its_results():
+    text = (ROOT / "benchmarks" / "README.md").read_text(encoding="utf-8")
+    rows = [re.split(r" *\| *", line)[1:-1] for line in text.splitlines() if line[:3] == "| `"]
+    assert set().union(*(named(row[0]) for row in rows)) == commands()
+    for script, _, pages, results, *_ in rows:
+        (command,) = named(script)
+        for page in filter(None, pages.split(", ")):
+            path = ROOT / ("README.md" if page == "README" else f"docs/{page}.md")
+            assert command in named(path.read_text(encoding="utf-8")), page
+        for ending in filter(None, results.replace("printed", "").split(", ")):
+            assert (RESULTS / f"{command.replace(' ', '_')}.{ending}").is_file(), command
 
 
 @pytest.mark.skipif(not HAS_LCABA, reason="puts its questions to Pinocchio 4")
