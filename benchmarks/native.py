@@ -124,25 +124,14 @@ class Verb:
 
 @dataclass(frozen=True)
 class Steps:
-    """A way to simulate Cassie.
-
-    Attributes
-    ----------
-    engine, name : str
-    dt : float
-        [s]
-    rate : float
-        Steps a second of processor time [1/s].
-    violation, error : float
-        The largest gap [m], and how far the ends are from the true motion [m, rad].
-    """
+    """A way to simulate Cassie."""
 
     engine: str
     name: str
-    dt: float
-    rate: float
-    violation: float
-    error: float
+    dt: float  # [s]
+    rate: float  # steps a second of processor time [1/s]
+    violation: float  # the largest gap [m]
+    error: float  # how far the ends are from the true motion [m, rad]
 
 
 def bare_calls(scene: cp.Scene, states: tuple[np.ndarray, ...], *, slopes: bool) -> None:
