@@ -90,6 +90,28 @@ def set_baumgarte(constraint_model: Any, Kp: float, Kd: float) -> None:
         constraint_model.corrector.Kd[:] = Kd
 
 
+def baumgarte_gains(constraint_model: Any) -> tuple[Array, Array]:
+    """Return the stabilisation gains Kp [1/s^2] and Kd [1/s] of one constraint, by row or (1,)."""
+    if _IS_4:
+        both = constraint_model.m_baumgarte_parameters
+        return np.array([both.Kp]), np.array([both.Kd])
+    both = constraint_model.corrector
+    return np.array(both.Kp), np.array(both.Kd)
+
+
+def is_stale(model: Any, constraint_model: Any) -> bool:
+    """True if a constraint has the columns of other joints than its own; 4.x finds them anew."""
+    if _IS_4:
+        return False
+    c = constraint_model
+    ends = c.joint1_id, c.joint1_placement, c.joint2_id, c.joint2_placement
+    anew = pin.RigidConstraintModel(c.type, model, *ends, c.reference_frame)
+    return not all(
+        np.array_equal(getattr(c, columns), getattr(anew, columns))
+        for columns in ("colwise_joint1_sparsity", "colwise_joint2_sparsity")
+    )
+
+
 def dry_friction(model: Any) -> NDArray[np.float64]:
     """Return the dry friction of the description along each coordinate of v [N m, N]."""
     return np.array(model.upperDryFrictionLimit if _IS_4 else model.friction)

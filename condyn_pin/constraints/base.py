@@ -67,6 +67,8 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.joints import rotation_fault, z_along
+from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.places import set_frames, short
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -87,6 +89,11 @@ class Constraint(ABC):
     ----------
     name : str, optional
         What forces, rows and errors are listed under; after its frames or joints by default.
+    axes : str, (joint, pin.SE3) or pin.Frame, optional
+        Frame whose axes the components of its force are in, such as "world"; its own by default.
+        Rows, and so `lam`, stay in their own.
+    drift : Baumgarte, optional
+        Stabilisation of its own rows; by default that of the question, `solve(..., drift=...)`.
     """
 
     word: ClassVar[str] = ""  # what robot.toml calls the kind; it has no word for most
@@ -96,6 +103,8 @@ class Constraint(ABC):
     has_normal: ClassVar[bool] = False  # whether z of its force is a normal; else the vertical is
 
     name: str = ""
+    axes: str | None = None
+    drift: Baumgarte | None = None
 
     def __init_subclass__(cls) -> None:
         super().__init_subclass__()
@@ -105,7 +114,11 @@ class Constraint(ABC):
     def _set_name(self, default: str) -> None:
         if not isinstance(self.name, str):
             raise InvalidArgument(f"name = {self.name!r}: a text is needed")
-        object.__setattr__(self, "name", self.name or default)
+        object.__setattr__(self, "name", self.name or short(default))
+        if self.axes is not None:
+            set_frames(self, "axes")
+        if not isinstance(self.drift, Baumgarte | None):
+            raise InvalidArgument(f"drift = {self.drift!r}: Baumgarte(alpha, beta) is needed")
 
     @property
     @abstractmethod
@@ -225,7 +238,7 @@ class Constraint(ABC):
 
     def renamed(self, new: Callable[[str], str]) -> Constraint:
         """Return the constraint between frames and joints of new names, its own name too."""
-        named = ("frame", "joint")  # fields that name one begin so
+        named = ("frame", "joint", "axes")  # fields that name one begin so
         changed = {
             field: new(value)
             for field, value in vars(self).items()
@@ -285,7 +298,7 @@ class Machine(Protocol):
     def longest_link(self) -> float:
         """Largest distance from a joint to the next one [m]."""
 
-    def frame(self, name: str) -> tuple[int, Any]:
+    def frame(self, name: Any) -> tuple[int, Any]:
         """Return the joint that carries a frame and its placement on it, or raise UnknownName."""
 
 
@@ -414,7 +427,7 @@ def unit(vector: Sequence[float], fault: str) -> tuple[float, ...]:
     return tuple(x / norm for x in scaled)
 
 
-def text(argument: str, value: Any, what: str = "frame") -> str:
+def text(argument: str, value: Any, what: str) -> str:
     """Name as a text that is not empty, or InvalidArgument."""
     if not isinstance(value, str) or not value:
         raise InvalidArgument(f"{argument} = {shown(value)}: the name of a {what} is needed")

@@ -2,14 +2,20 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import e, sqrt
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
+
+import numpy as np
 
 from condyn_pin._core.arguments import seconds, step_size
-from condyn_pin._core.arrays import finite
+from condyn_pin._core.arrays import Array, finite
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.errors import InvalidArgument
+
+if TYPE_CHECKING:
+    from condyn_pin.constraints.rows.bound import BoundConstraint
 
 # Of gains whose squares are numbers [1/s].
 _LARGEST = 1e154
@@ -173,3 +179,20 @@ class Baumgarte(Drift):
     def rows(self) -> Baumgarte:
         """Stabilisation of the rows: itself."""
         return self
+
+
+# Gains of the rows of a scene, whose constraints may have their own.
+
+
+def stabilisation(bounds: Sequence[BoundConstraint], drift: Baumgarte | None) -> Baumgarte | None:
+    """Stabilisation of the constraints that have none of their own; None where no row has any."""
+    own = any(bound.drift for bound in bounds)
+    return Baumgarte(0.0, 0.0) if own and drift is None else drift
+
+
+def gains(bounds: Sequence[BoundConstraint], drift: Baumgarte) -> tuple[Array, Array]:
+    """Gains Kp, Kd (m,) of each row [1/s^2], [1/s]: the constraint's own, or those of `drift`."""
+    sizes = [bound.size for bound in bounds]
+    of_each = np.array([(d.Kp, d.Kd) for d in (bound.drift or drift for bound in bounds)])
+    Kp, Kd = np.repeat(of_each.reshape(-1, 2), sizes, axis=0).T
+    return np.ascontiguousarray(Kp), np.ascontiguousarray(Kd)

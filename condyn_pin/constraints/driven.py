@@ -80,6 +80,9 @@ class Driven(Constraint):
                 "driven, such as HeldJoint or Loop"
             )
         self._set_name(self.constraint.name)
+        for field in ("axes", "drift"):  # those of the constraint, unless it has others now
+            own = getattr(self, field)
+            object.__setattr__(self, field, getattr(self.constraint, field) if own is None else own)
         check_along(self.along, self.rows, self.name)
         if self.time is not None:
             object.__setattr__(self, "time", float(finite("time", self.time, ())))

@@ -22,7 +22,8 @@ from condyn_pin._core.arguments import check_called
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import turning
 from condyn_pin._core.trees import algorithms
-from condyn_pin.constraints.base import Machine, check_size, text
+from condyn_pin.constraints.base import Machine, check_size
+from condyn_pin.constraints.places import set_frames, short
 from condyn_pin.errors import InvalidArgument
 
 Axes = Literal["world", "body"]
@@ -41,7 +42,7 @@ class AppliedForce:
 
     Parameters
     ----------
-    frame : str
+    frame : str, (joint, pin.SE3) or pin.Frame
         The frame at whose origin, and on whose body, it acts; `Robot.with_frame` adds one.
     force : (3,) or (6,) array_like, or callable
         Force [N], or force and moment about the frame's origin, force first [N, N m]. For batches
@@ -64,7 +65,7 @@ class AppliedForce:
     frame_of: Axes = "world"
 
     def __post_init__(self) -> None:
-        text("frame", self.frame)
+        set_frames(self, "frame")
         if self.frame_of not in get_args(Axes):
             raise InvalidArgument(
                 f"frame_of = {self.frame_of!r}: 'world' or 'body' is needed, whose axes the "
@@ -105,7 +106,7 @@ class AppliedForce:
 
     @property
     def _what(self) -> str:
-        return f"force on {self.frame!r}"
+        return f"force on {short(self.frame)!r}"
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, AppliedForce):

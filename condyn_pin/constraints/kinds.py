@@ -6,6 +6,7 @@ Those of the library are imported here, others register themselves.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 from condyn_pin.constraints.base import KINDS, Constraint, Machine
 from condyn_pin.constraints.rows.bound import BoundConstraint
@@ -72,6 +73,10 @@ def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[BoundConstr
             )
         rows = slice(start, start + constraint.rows)
         made = constraint.bind(robot, rows)
+        if constraint.drift:
+            made = replace(made, drift=constraint.drift)  # type: ignore[type-var]
+        if constraint.axes is not None:
+            _check_axes(robot, constraint)
         joint = made.one_body
         if joint is not None:
             where = "the world" if joint == 0 else f"joint {robot.model.names[joint]!r}"
@@ -82,3 +87,13 @@ def bind(robot: Machine, constraints: Sequence[Constraint]) -> tuple[BoundConstr
         bound.append(made)
         start = rows.stop
     return tuple(bound)
+
+
+def _check_axes(robot: Machine, constraint: Constraint) -> None:
+    """Refuse axes of a force that has none, and a frame of them that does not exist."""
+    if not constraint.frames:
+        raise InvalidConstraint(
+            f"{constraint.name}: axes = {constraint.axes!r}, and a {constraint.called} acts along "
+            "joints; leave them out"
+        )
+    robot.frame(constraint.axes)

@@ -6,8 +6,9 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from condyn_pin._core._pin import pin
-from condyn_pin.constraints.base import Axis, Machine, Vector3, check_axis, floats, shifted, text
+from condyn_pin.constraints.base import Axis, Machine, Vector3, check_axis, floats, shifted
 from condyn_pin.constraints.on_velocity import Nonholonomic
+from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.rows.bound import Bound
 
 
@@ -19,7 +20,7 @@ class KnifeEdge(Nonholonomic):
 
     Parameters
     ----------
-    frame : str
+    frame : str, (joint, pin.SE3) or pin.Frame
         Frame of the robot that carries the blade.
     axis : {"x", "y", "z"}
         Of `frame`: across the blade.
@@ -46,7 +47,7 @@ class KnifeEdge(Nonholonomic):
     offset: Vector3 = (0.0, 0.0, 0.0)  # [m]
 
     def __post_init__(self) -> None:
-        text("frame", self.frame)
+        set_frames(self, "frame")
         check_axis(self.axis)
         object.__setattr__(self, "offset", floats("offset", self.offset, 3))
         self._set_name(self.frame)

@@ -22,8 +22,8 @@ from condyn_pin.constraints.base import (
     check_lengths,
     lever,
     placement,
-    text,
 )
+from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.point_contact import PointContact, point_of
 from condyn_pin.constraints.rows.bound import FRAME, Bound
 from condyn_pin.errors import InvalidArgument
@@ -39,7 +39,7 @@ class LineContact(WithWorld):
 
     Parameters
     ----------
-    frame : str
+    frame : str, (joint, pin.SE3) or pin.Frame
         Frame of the robot in the middle of the edge.
     axis : {"x", "y", "z"}
         Of `frame`: the edge lies along it.
@@ -74,7 +74,7 @@ class LineContact(WithWorld):
     anchor: Placement | None = None
 
     def __post_init__(self) -> None:
-        text("frame", self.frame)
+        set_frames(self, "frame")
         check_axis(self.axis)
         check_lengths(half_length=self.half_length)
         object.__setattr__(self, "anchor", placement("anchor", self.anchor))

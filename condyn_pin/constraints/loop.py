@@ -34,9 +34,9 @@ from condyn_pin.constraints.base import (
     check_axis,
     check_lengths,
     lever,
-    text,
 )
 from condyn_pin.constraints.driven import not_to_drive
+from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.rows.bound import FRAME, POINT, Bound, BoundConstraint
 from condyn_pin.constraints.rows.special import BoundRelation, RelativePosition
 from condyn_pin.errors import InvalidArgument
@@ -75,7 +75,7 @@ class Loop(BetweenFrames):
 
     Parameters
     ----------
-    frame_a, frame_b : str
+    frame_a, frame_b : str, (joint, pin.SE3) or pin.Frame
         The two halves of the joint that closes the loop. One of them may belong to the world.
     kind : {"ball", "weld", "hinge", "slider", "planar", "rod"}
         The joint that was cut, with 3, 6, 5, 5, 2 and 1 rows. A ball closes planar linkages too,
@@ -113,8 +113,7 @@ class Loop(BetweenFrames):
     length: float | None = None  # [m]
 
     def __post_init__(self) -> None:
-        text("frame_a", self.frame_a)
-        text("frame_b", self.frame_b)
+        set_frames(self, "frame_a", "frame_b")
         if self.kind not in get_args(LoopKind):
             raise InvalidArgument(
                 f"kind = {self.kind!r}: known kinds of loops are {', '.join(get_args(LoopKind))}"

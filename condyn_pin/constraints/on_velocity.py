@@ -27,8 +27,8 @@ from condyn_pin.constraints.base import (
     direction,
     floats,
     plane,
-    text,
 )
+from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.constraints.rows.special import BoundRolling
 
@@ -62,7 +62,7 @@ class OnPlane(Nonholonomic, ABC):
     height: float | None  # [m]
 
     def _check(self) -> None:
-        text("frame", self.frame)
+        set_frames(self, "frame")
         check_positive("length [m]", radius=self.radius)
         object.__setattr__(self, "radius", float(self.radius))
         object.__setattr__(self, "normal", direction("normal", self.normal))

@@ -23,8 +23,8 @@ from condyn_pin.constraints.base import (
     floats,
     plane,
     shifted,
-    text,
 )
+from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.rows.bound import Bound
 
 
@@ -36,7 +36,7 @@ class PlanarContact(WithWorld):
 
     Parameters
     ----------
-    frame : str
+    frame : str, (joint, pin.SE3) or pin.Frame
         Frame of the robot that carries the point.
     offset : (3,) sequence of float
         The point, in the axes of `frame` [m].
@@ -71,7 +71,7 @@ class PlanarContact(WithWorld):
     height: float | None = None  # [m]
 
     def __post_init__(self) -> None:
-        text("frame", self.frame)
+        set_frames(self, "frame")
         object.__setattr__(self, "offset", floats("offset", self.offset, 3))
         object.__setattr__(self, "normal", direction("normal", self.normal))
         if self.height is not None:

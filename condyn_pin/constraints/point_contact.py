@@ -21,8 +21,8 @@ from condyn_pin.constraints.base import (
     floats,
     lever,
     shifted,
-    text,
 )
+from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.rows.bound import POINT, Bound
 
 
@@ -34,7 +34,7 @@ class PointContact(WithWorld):
 
     Parameters
     ----------
-    frame : str
+    frame : str, (joint, pin.SE3) or pin.Frame
         Frame of the robot that carries the point.
     offset : (3,) sequence of float
         The point, in the axes of `frame` [m].
@@ -64,7 +64,7 @@ class PointContact(WithWorld):
     anchor: Vector3 | None = None
 
     def __post_init__(self) -> None:
-        text("frame", self.frame)
+        set_frames(self, "frame")
         object.__setattr__(self, "offset", floats("offset", self.offset, 3))
         if self.anchor is not None:
             object.__setattr__(self, "anchor", floats("anchor", self.anchor, 3))

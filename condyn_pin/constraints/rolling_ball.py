@@ -18,7 +18,7 @@ class RollingBall(OnPlane):
 
     Parameters
     ----------
-    frame : str
+    frame : str, (joint, pin.SE3) or pin.Frame
         Frame of the robot in the middle of the ball.
     radius : float
         Radius [m].

@@ -22,7 +22,7 @@ class RollingWheel(OnPlane):
 
     Parameters
     ----------
-    frame : str
+    frame : str, (joint, pin.SE3) or pin.Frame
         Frame of the robot in the middle of the wheel.
     radius : float
         Radius [m].

@@ -21,8 +21,8 @@ from condyn_pin.constraints.base import (
     check_lengths,
     lever,
     placement,
-    text,
 )
+from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.point_contact import PointContact, point_of
 from condyn_pin.constraints.rows.bound import FRAME, Bound
 from condyn_pin.errors import InvalidArgument
@@ -36,7 +36,7 @@ class SurfaceContact(WithWorld):
 
     Parameters
     ----------
-    frame : str
+    frame : str, (joint, pin.SE3) or pin.Frame
         Frame of the robot in the middle of the surface, z along its normal.
     half_length, half_width : float, optional
         Half of the size along x and y of `frame` [m]. The dynamics do not need them; `corners`,
@@ -70,7 +70,7 @@ class SurfaceContact(WithWorld):
     anchor: Placement | None = None
 
     def __post_init__(self) -> None:
-        text("frame", self.frame)
+        set_frames(self, "frame")
         check_lengths(half_length=self.half_length, half_width=self.half_width)
         object.__setattr__(self, "anchor", placement("anchor", self.anchor))
         self._set_name(self.frame)

@@ -188,6 +188,7 @@ class Cone(ABC):
             [N m] on the robot in the axes of the floor.
         """
         if isinstance(force, ConstraintForce):
+            force = force.own
             cone = self.fitted(force.constraint)
             T = cone.turn(force.constraint, force.rotation, upward(force.scene))
             return cone.judge(turned(T, force.components) * (-1.0 if force.on in WORLD else 1.0))

@@ -212,7 +212,7 @@ def grasp(at: Sites, cones: ContactCones) -> Array:
     for bound in scene.bounds:
         if bound.rows.start not in cones.touching:
             continue
-        force = forces[bound.name]
+        force = forces[bound.name].own
         whole = np.array([bound.whole(row) for row in np.eye(bound.size)])
         f = force.rotation @ whole[:, :3].T
         moment = force.rotation @ whole[:, 3:].T if whole.shape[1] == 6 else 0.0

@@ -17,7 +17,7 @@ from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.compiled import Native
 from condyn_pin._core.threads import OneThread, alone
 from condyn_pin.constraints.base import check_positive
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte, stabilisation
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.contact.cones import Cones
 from condyn_pin.control.actuation import Actuation, motors_of
@@ -147,7 +147,8 @@ class Controller(OneThread):
         if twice := sorted({name for name in names if names.count(name) > 1}):
             raise InvalidArgument(f"tasks: two are named {twice[0]!r}; give one of them a name=")
         default = DAQP() if isinstance(tasks, Hierarchy) else ProxQP()
-        equations = Equations(scene.robot.unedited, scene.bounds, settings.drift)
+        drift = stabilisation(scene.bounds, settings.drift)
+        equations = Equations(scene.robot.unedited, scene.bounds, drift)
         self._arguments = Arguments(equations.model)
         self._still = np.zeros(scene.robot.nv)
         home = lru_cache(maxsize=1)(lambda: scene.state()[0])

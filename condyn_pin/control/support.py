@@ -165,7 +165,7 @@ def touching_points(at: Sites) -> Array:
         else:
             corners = np.array([(i * x, j * y, 0.0) for i in (-1, 1) for j in (-1, 1)])
         force = forces[contact.name]
-        found.append(force.at + corners @ force.rotation.T)
+        found.append(force.at + corners @ force.own.rotation.T)
     return np.vstack(found)
 
 
@@ -280,7 +280,7 @@ def pressed(at: Sites, lam: Array) -> Pressure:
         whole[: len(force)] = force.in_world()
         f, m, p = whole[:3], whole[3:], force.at
         exerted += np.concatenate((f, m + np.cross(p, f)))
-        normal = force.rotation[:, 2] if contact.has_normal else up
+        normal = force.own.rotation[:, 2] if contact.has_normal else up
         load = float(f @ normal)
         if load > noise:
             cops[contact.name] = p + np.cross(normal, m) / load

@@ -306,7 +306,8 @@ def raw_constraints(
     for constraint in constraints:
         made = constraint.to_pinocchio(model)
         if drift:
-            _pin.set_baumgarte(made, drift.Kp if constraint.anchored else 0.0, drift.Kd)
+            its = constraint.drift or drift
+            _pin.set_baumgarte(made, its.Kp if constraint.anchored else 0.0, its.Kd)
         pin.StdVec_RigidConstraintModel.append(models, made)
         pin.StdVec_RigidConstraintData.append(datas, made.createData())
     return models, datas

@@ -95,6 +95,8 @@ def unsupported_rows(model: Any, bounds: Sequence[BoundConstraint]) -> Iterator[
     for bound in bounds:
         if bound.compiled() is None:
             yield f"constraint {bound.name!r}: it has no such rows"
+        if bound.drift:
+            yield f"constraint {bound.name!r}: it has drift control of its own, {bound.drift!r}"
 
 
 def of_model(model: Any) -> dict[str, Any]:
@@ -584,10 +586,11 @@ def _of_constraints(
 ) -> dict[str, Any]:
     """Return the constraints as Pinocchio takes them, with the gains of drift control."""
     integers = [(c.size, c.joint1, c.joint2) for c in constraints]
-    Kp, Kd = (drift.Kp, drift.Kd) if drift else (0.0, 0.0)
+    none = Baumgarte(0.0, 0.0)
+    of_each = [(c.drift or drift) if drift else none for c in constraints]
     numbers = [
-        (*placement(c.placement1), *placement(c.placement2), Kp if c.anchored else 0.0, Kd)
-        for c in constraints
+        (*placement(c.placement1), *placement(c.placement2), d.Kp if c.anchored else 0.0, d.Kd)
+        for c, d in zip(constraints, of_each, strict=True)
     ]
     return {
         "constraint_integers": np.array(integers, np.int32).reshape(-1, 3),

@@ -18,6 +18,8 @@ from condyn_pin._core.arguments import counted, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import bind
+from condyn_pin.constraints.places import settled
+from condyn_pin.constraints.rigid import RIGID, rigid_constraint
 from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.nominal import (
@@ -47,9 +49,10 @@ class Scene:
     Parameters
     ----------
     robot : Robot
-    constraints : sequence of Constraint
+    constraints : sequence of Constraint or pin.RigidConstraintModel
         Contacts and loops. Only these exist: the loops of the robot's description are in a scene
-        if you put them there, ``Scene(robot, robot.loops)``.
+        if you put them there, ``Scene(robot, robot.loops)``. Pinocchio's own constraints become
+        these, as in `from_pinocchio`.
     contacts : sequence of FrictionalContact, JointLimit or JointFriction
         What may let go or slide. Rows, rank, states and assembly do not include them.
 
@@ -86,14 +89,63 @@ class Scene:
                 raise InvalidArgument(f"{field} = {value!r}: a list is needed")
             object.__setattr__(self, field, tuple(value))
         self.robot.check_unedited()
+        constraints = tuple(map(self._constraint, range(len(self.constraints)), self.constraints))
+        object.__setattr__(self, "constraints", constraints)
+        object.__setattr__(self, "contacts", tuple(settled(c, self.robot) for c in self.contacts))
         object.__setattr__(self, "_bounds", bind(self.robot, self.constraints))
         object.__setattr__(self, "_contact_bounds", self._bound_contacts() if self.contacts else ())
+
+    def _constraint(self, i: int, given: Any) -> Any:
+        """Constraint i of the scene, with names for the numbers of joints."""
+        if isinstance(given, RIGID):
+            return rigid_constraint(self.robot, given, i)
+        return settled(given, self.robot) if isinstance(given, Constraint) else given
 
     def _bound_contacts(self) -> tuple[BoundContact, ...]:
         # shapes and where they meet: most scenes have none
         from condyn_pin.constraints.contacts.kinds import bind_contacts
 
         return bind_contacts(self.robot, self.contacts, taken=self.names)
+
+    @classmethod
+    def from_pinocchio(
+        cls, model: Any, constraint_models: Sequence[Any], contacts: Sequence[Contact] = ()
+    ) -> Scene:
+        """Return the scene of a Pinocchio model with its own constraints, in their order.
+
+        M a + h = tau + J^T lambda_c,    J a + gamma = -Kd J v - Kp c,    c = -r or -log6(c1Mc2)
+
+        are the equations of `pin.constraintDynamics`, and ``solution.forces[name]`` is its
+        lambda_c: on the first joint, in the axes of the reference frame.
+
+        Parameters
+        ----------
+        model : pin.Model
+            The tree; the robot of the scene has its name.
+        constraint_models : sequence of pin.RigidConstraintModel
+            3D and 6D, LOCAL and LOCAL_WORLD_ALIGNED. One on a single body becomes a `PointContact`
+            or a `SurfaceContact`, without an anchor if nothing says where: the second placement is
+            the identity, and Kp = 0. The others become a `Loop`, ball or weld. Gains become their
+            `drift`, a name theirs, or "constraint i".
+        contacts : sequence of FrictionalContact, JointLimit or JointFriction
+            As in `Scene`.
+
+        Raises
+        ------
+        InvalidConstraint
+            If a constraint has what `constraintDynamics` ignores, such as a desired acceleration;
+            gains that differ from row to row, or are negative; a joint that the model lacks; or a
+            joint that was changed after it was made, which Pinocchio 3.9 does not notice.
+        InvalidModel
+            If the model is unsound, as for a `Robot`.
+
+        Notes
+        -----
+        Rows of LOCAL_WORLD_ALIGNED are those of LOCAL, turned. Where J v is not zero gamma of a 6D
+        one is the derivative of its rows; Pinocchio leaves out a term there. If the world is the
+        first joint of a 6D one that is open, the moment is about the frame on the body.
+        """
+        return cls(Robot(getattr(model, "name", "") or "robot", model), constraint_models, contacts)
 
     @property
     def bounds(self) -> tuple[BoundConstraint, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
@@ -429,6 +429,18 @@ class Sites:
     scene: Scene
     q: Array
     equations: Equations | None = None
+    own: bool = False  # whether forces are in the axes of their rows, whatever was wanted
+
+    @cached_property
+    def axes(self) -> list[Any]:
+        """The axes of each force in the world (3, 3); None for those of its rows."""
+        wanted = [None if self.own else constraint.axes for constraint in self.scene.constraints]
+        if not any(wanted):
+            return wanted
+        equations, robot = self._equations(), self.scene.robot
+        equations.placements(self.q)
+        places = [None if frame is None else robot.frame(frame) for frame in wanted]
+        return [at and np.array((equations.data.oMi[at[0]] * at[1]).rotation) for at in places]
 
     @cached_property
     def placements(self) -> list[Any]:
@@ -465,8 +477,9 @@ class ConstraintForce(ArrayValue):
         The frame on whose body it acts, and the one whose body exerts it, as the constraint names
         them; "world" is the ground. For a coupling, joints.
     frame : str
-        Whose axes the components are in; empty for a coupling. For a `PlanarContact` it is the
-        plane, z along its normal; for what rolls, the directions of its rows.
+        Whose axes the components are in, the constraint's `axes` if it has such; empty for a
+        coupling. For a `PlanarContact` it is the plane, z along its normal; for what rolls, the
+        directions of its rows.
     lam : (rows,) array
         The rows of the constraint, which both forces of the pair belong to.
     """
@@ -500,7 +513,16 @@ class ConstraintForce(ArrayValue):
     @property
     def rotation(self) -> Array:
         """The axes of the components in the world (3, 3), column by column."""
-        return np.array(self._ends[0].rotation)  # c1's axes
+        R = self._sites.axes[self._index]
+        return np.array(self._ends[0].rotation if R is None else R)
+
+    @property
+    def own(self) -> ConstraintForce:
+        """The same force in the constraint's own axes, c1's, where it has others."""
+        if self._sites.axes[self._index] is None:
+            return self
+        force = _force(replace(self._sites, own=True), self._index, self.lam)
+        return force if self._first else force.on_other()
 
     def in_world(self) -> Array:
         """Return the force in the axes of the world, still at `at`: (3,) or (6,)."""
@@ -547,7 +569,7 @@ def pulling(forces: dict[str, ConstraintForce], sites: Sites, unit: str = "N") -
     least = -tolerances.SOLVED * largest
     pressing = [each for each in sites.scene.constraints if each.presses]
     normals = {
-        each.name: float(force[2] if each.has_normal else force.in_world()[:3] @ up)
+        each.name: float(force.own[2] if each.has_normal else force.in_world()[:3] @ up)
         for each in pressing
         for force in (forces[each.name],)
     }
@@ -618,7 +640,7 @@ def _normal_row(sites: Sites, name: str) -> Array:
     found = np.zeros(sites.scene.rows)
     for row, unit in zip(range(rows.start, rows.stop), np.eye(rows.stop - rows.start), strict=True):
         force = _force(sites, i, unit)
-        found[row] = force[2] if constraint.has_normal else force.in_world()[:3] @ up
+        found[row] = force.own[2] if constraint.has_normal else force.in_world()[:3] @ up
     return found
 
 
@@ -639,6 +661,9 @@ def _force(sites: Sites, i: int, lam: Array) -> ConstraintForce:
     constraint, bound = sites.scene.constraints[i], sites.scene.bounds[i]
     components = bound.force(lam, lambda: sites.placements[i])
     on, by, frame = constraint.acting(swapped=bound.sign < 0)
+    if (R := sites.axes[i]) is not None:
+        turn = R.T @ sites.placements[i][0].rotation
+        components, frame = (components.reshape(-1, 3) @ turn.T).ravel(), str(constraint.axes)
     return ConstraintForce(
         bound.name, read_only(components), on, by, frame, read_only(lam.copy()), sites, i, True
     )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import warnings
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import cache, cached_property, partial
 from threading import get_ident
 from time import perf_counter
@@ -29,7 +30,7 @@ from condyn_pin._core.arguments import (
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.threads import OneThread, alone, in_use
 from condyn_pin._core.trees import Forest, is_forest, whole_data
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte, stabilisation
 from condyn_pin.constraints.forces import AppliedForce, Loads, applied_forces
 from condyn_pin.constraints.rows.bound import BoundConstraint, Terms, finite_terms
 from condyn_pin.constraints.rows.equations import Equations
@@ -148,6 +149,7 @@ class Memory(OneThread):
     def __init__(self, scene: Scene, drift: Baumgarte | None) -> None:
         scene.robot.check_unedited()
         self.model, self.drift = pin.Model(scene.robot.model), drift
+        self._drift = drift  # of constraints that have none of their own
         self._arguments = scene.robot.arguments
 
     def analysed(self, scene: Scene) -> Equations | None:
@@ -156,7 +158,7 @@ class Memory(OneThread):
             return None
         equations = Equations(self.model, scene.bounds)
         vars(scene)["nominal"] = NominalAnalysis(scene, equations)
-        equations.drift = self.drift
+        equations.stabilise(stabilisation(scene.bounds, self._drift))
         return equations
 
     def hold(self, scene: Scene, equations: Equations | None) -> None:
@@ -164,6 +166,7 @@ class Memory(OneThread):
         self.scene = scene
         self.check_unedited = scene.robot.check_unedited
         self.bounds: tuple[BoundConstraint, ...] = scene.bounds
+        self.drift = stabilisation(scene.bounds, self._drift)
         self.pinocchio_constraints = pinocchio_constraints_of(scene)
         self.proximal_settings: Any = None
         for made_on_demand in ("_made", "equations", "linearisation", "loads", "compiled"):
@@ -238,7 +241,8 @@ class Memory(OneThread):
         """J a + gamma + c, linearised: at rest, with a = 0, how the gaps change."""
         from condyn_pin.dynamics.derivatives.kkt import Linearisation
 
-        return Linearisation(self.model, self.bounds, Baumgarte(0.0, 1.0))
+        plain = [replace(b, drift=None) for b in self.bounds]  # type: ignore[type-var]
+        return Linearisation(self.model, plain, Baumgarte(0.0, 1.0))
 
     @cached_property
     def loads(self) -> Loads:
@@ -635,7 +639,7 @@ class Workspace(Memory):
 
     def __reduce__(self) -> tuple[Any, ...]:
         # a copy has memory of its own: Pinocchio 4 crashes on a copied Data
-        made = partial(Workspace, drift=self.drift, native=self.native)
+        made = partial(Workspace, drift=self._drift, native=self.native)
         return made, (self.scene, self.solver)
 
 

@@ -180,7 +180,11 @@ class RobotWriter:
         if loops:
             self.equality = SubElement(self.root, "equality")
         for loop in loops:
+            before = len(self.equality)
             loop.write_mjcf(self)
+            if loop.drift:
+                for element in self.equality[before:]:
+                    element.set("solref", numbers(loop.drift.to_solref()))
 
     def equate(self, tag: str, **words: str | Sequence[float]) -> None:
         """Write an equality."""

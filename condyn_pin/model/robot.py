@@ -19,6 +19,7 @@ from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.joints import rotation_fault
 from condyn_pin.constraints.base import WORLD, Constraint, check_size
 from condyn_pin.constraints.kinds import of_loops
+from condyn_pin.constraints.places import frame_text, number_of, place_of, settled
 from condyn_pin.constraints.rows.equations import least_pivots
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.model import joints as robot_joints
@@ -130,10 +131,9 @@ def _posture(model: Any, name: str, q: ArrayLike) -> Array:
 # The frames of a Robot: which joint carries one, and a model with one more.
 
 
-def find_frame(robot: Robot, name: str) -> tuple[int, Any]:
+def find_frame(robot: Robot, frame: Any) -> tuple[int, Any]:
     """Joint that carries a frame, and the frame's placement on it; see `Robot.frame`."""
-    if not isinstance(name, str):
-        raise InvalidArgument(f"frame = {name!r}: the name of a frame is needed")
+    name = frame_text("frame", frame)
     found = [frame for frame in robot.model.frames if frame.name == name]
     if name in WORLD:
         if any(f.parentJoint or f.placement != pin.SE3.Identity() for f in found):
@@ -143,6 +143,9 @@ def find_frame(robot: Robot, name: str) -> tuple[int, Any]:
         return 0, pin.SE3.Identity()
     if not found and name in robot.joints:  # a model that was built has joints, and no frames
         return int(robot.model.getJointId(name)), pin.SE3.Identity()
+    if not found and (place := place_of(name)):
+        joint, placement = _carrier(robot, place.base)
+        return joint, placement * place.placement
     if not found:
         raise unknown_name("frame", name, robot.frames)
     first = found[0]
@@ -153,6 +156,25 @@ def find_frame(robot: Robot, name: str) -> tuple[int, Any]:
                 "places; rename one of them or add your own with Robot.with_frame"
             )
     return int(first.parentJoint), pin.SE3(first.placement)
+
+
+def _carrier(robot: Robot, base: str) -> tuple[int, Any]:
+    """Joint of a place, by its name or number, or else the frame of that name."""
+    number = number_of(base)
+    if number is None:
+        named = base in robot.joints
+        return (
+            (int(robot.model.getJointId(base)), pin.SE3.Identity())
+            if named
+            else find_frame(robot, base)
+        )
+    if base in robot.joints:
+        raise InvalidModel(f"joint {base!r} of {robot.name} is named as a number; rename it")
+    if number > len(robot.joints):
+        raise InvalidArgument(
+            f"joint {number}: {robot.name} has joints 1 to {len(robot.joints)}, and the world, 0"
+        )
+    return number, pin.SE3.Identity()
 
 
 def model_with_frame(
@@ -275,6 +297,9 @@ class Robot:
         check_precision(self.precision)
         for key, kind in lists().items():
             object.__setattr__(self, key, members(key, getattr(self, key), kind))
+        for key in ("loops", "contacts", "spring_dampers"):
+            its = tuple(settled(each, self) for each in getattr(self, key))
+            object.__setattr__(self, key, its)
         check_joints(self)
         check_ends(self)
         object.__setattr__(self, "postures", postures(self.model, self.postures))
@@ -453,13 +478,20 @@ class Robot:
         """Return the centre of mass in the world at q (3,) [m]."""
         return robot_joints.center_of_mass(self, q)
 
-    def frame(self, name: str) -> tuple[int, Any]:
+    def frame(self, name: Any) -> tuple[int, Any]:
         """Return the number of the joint that carries a frame, and its `pinocchio.SE3` on it.
+
+        Parameters
+        ----------
+        name : str, (joint, pin.SE3) or pin.Frame
+            Wherever a frame is needed it may also be a placement on a joint, by the joint's name or
+            number, or a `pin.Frame` that the model need not have. As a text such a pair is
+            ``"knee + [0.1 0 0]"``, with the quaternion x y z w behind where it is turned.
 
         Raises
         ------
         UnknownName
-            If there is no such frame; the text lists the nearest names.
+            If there is no such frame or joint; the text lists the nearest names.
         InvalidModel
             If several frames of this name are in different places, or one with the world's name
             is elsewhere.

@@ -386,7 +386,7 @@ def _renamed(motor: CoupledMotor, new: Callable[[str], str]) -> CoupledMotor:
 
 
 def _prefixed(prefix: str) -> Callable[[str], str]:
-    return lambda name: name if name in WORLD else f"{prefix}/{name}"
+    return lambda name: name if name.partition(" + [")[0] in WORLD else f"{prefix}/{name}"
 
 
 def _model(robots: Mapping[str, Robot], renames: Mapping[str, Callable[[str], str]]) -> Any:

@@ -15,8 +15,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.base import check_size, text
+from condyn_pin.constraints.base import check_size
 from condyn_pin.constraints.forces import frame_jacobian
+from condyn_pin.constraints.places import set_frames, short
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -65,7 +66,7 @@ class SpringDamper:
 
     Parameters
     ----------
-    frame_a, frame_b : str
+    frame_a, frame_b : str, (joint, pin.SE3) or pin.Frame
         Frames of two bodies, or one of a body and one of the world.
     stiffness : float
         Stiffness [N/m].
@@ -87,8 +88,7 @@ class SpringDamper:
     rest_length: float = 0.0  # [m]
 
     def __post_init__(self) -> None:
-        for argument in ("frame_a", "frame_b"):
-            text(argument, getattr(self, argument))
+        set_frames(self, "frame_a", "frame_b")
         if self.frame_a == self.frame_b:
             raise InvalidArgument(
                 f"frame_b = {self.frame_b!r} is frame_a too: a frame of another body is needed"
@@ -154,7 +154,7 @@ class SpringDampers:
         self._model = robot.unedited
         self._data = whole_data(self._model)
         self._ends = [(robot.frame(each.frame_a), robot.frame(each.frame_b)) for each in chosen]
-        self.names = tuple(f"{each.frame_a} - {each.frame_b}" for each in chosen)
+        self.names = tuple(f"{short(each.frame_a)} - {short(each.frame_b)}" for each in chosen)
         self.k = np.array([each.stiffness * springs for each in chosen], dtype=float)
         self.c = np.array([each.damping * damping for each in chosen], dtype=float)
         self.rest = np.array([each.rest_length for each in chosen], dtype=float)

@@ -88,6 +88,8 @@ def plan(
     if not isinstance(drift, Drift):
         raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
     _check_drift(integrator, drift, dt)
+    for each in (scene, *(event.scene for event in happenings if event.scene)):
+        _check_own_drift(each, integrator, dt)
     check_count("record", record)
     _check_jacobian(tau, jacobian, integrator)
     torque = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
@@ -153,6 +155,18 @@ def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:
             f"drift = {drift!r}: {integrator.title} keeps the constraints itself; use NoDrift()"
         )
     check_stability_limit(integrator, drift.rows, dt)
+
+
+def _check_own_drift(scene: Scene, integrator: Integrator, dt: float) -> None:
+    """Refuse gains of single constraints that the integrator cannot take."""
+    for constraint in scene.constraints:
+        if constraint.drift and integrator.keeps_constraints:
+            raise InvalidArgument(
+                f"{constraint.name}: its drift = {constraint.drift!r}, and {integrator.title} "
+                "keeps the constraints itself; use dataclasses.replace(constraint, drift=None)"
+            )
+        if constraint.drift:
+            check_stability_limit(integrator, constraint.drift, dt)
 
 
 def default_integrator(scene: Scene, events: Sequence[Event]) -> Integrator:

@@ -22,11 +22,11 @@ from condyn_pin.constraints.base import (
     floats,
     not_negative,
     shifted,
-    text,
 )
 from condyn_pin.constraints.contacts.base import Contact, Mode
 from condyn_pin.constraints.contacts.shapes import ContactPoint, Plane, Point, Shape
 from condyn_pin.constraints.contacts.touches import BoundContact, BoundShape, Pair, PlaneContact
+from condyn_pin.constraints.places import set_frames
 from condyn_pin.constraints.planar_contact import PlanarContact
 from condyn_pin.constraints.point_contact import PointContact
 from condyn_pin.constraints.rolling_ball import RollingBall
@@ -43,13 +43,13 @@ class FrictionalContact(Contact):
 
     Parameters
     ----------
-    frame : str
+    frame : str, (joint, pin.SE3) or pin.Frame
         Frame of the robot that carries the shape.
     shape : Shape
         `Point`, `Ball`, `Capsule`, `Box` or `Convex`; a point by default.
     offset : (3,) sequence of float
         The centre of the shape, in the axes of `frame` [m].
-    on : Plane or str
+    on : Plane, str, (joint, pin.SE3) or pin.Frame
         What it may touch: a plane of the world, z = 0 by default, or a frame of another body, which
         carries `on_shape`.
     on_shape : Plane or Shape, optional
@@ -84,7 +84,7 @@ class FrictionalContact(Contact):
     restitution: float = 0.0
 
     def __post_init__(self) -> None:
-        text("frame", self.frame)
+        set_frames(self, "frame")
         if not isinstance(self.shape, Shape):
             raise InvalidArgument(
                 f"shape = {shown(self.shape)}: a Point(), Ball(radius), "
@@ -119,10 +119,10 @@ class FrictionalContact(Contact):
                     cure = f"a plane of the world is on={self.on_shape!r}; {cure}"
                 raise InvalidArgument(f"on_shape = {shown(self.on_shape)}: {cure}")
             return
-        if not isinstance(self.on, str) or not self.on:
-            raise InvalidArgument(
-                f"on = {shown(self.on)}: a Plane, or the name of a frame of another body, is needed"
-            )
+        try:
+            set_frames(self, "on")
+        except InvalidArgument as error:
+            raise InvalidArgument(f"{error}, of another body, or a Plane") from error
         if not isinstance(self.on_shape, Plane | Shape):
             raise InvalidArgument(
                 f"on_shape = {shown(self.on_shape)}: the shape on {self.on!r} is needed: a Plane, "

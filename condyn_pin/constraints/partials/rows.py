@@ -17,7 +17,7 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte, gains
 from condyn_pin.constraints.partials.motion import (
     End,
     EndPartials,
@@ -97,12 +97,13 @@ class ConstraintPartials:
         for b in self._couplings:
             row, columns = b.rows.start, b.columns
             J[row, columns] = b.bent(q, 1) if b.bends else b.weights
-            if self._drift:
-                by_state[row, :n] = -self._drift.Kp * J[row]
-                by_state[row, n:] = -self._drift.Kd * J[row]
+            drift = self._drift and (b.drift or self._drift)
+            if drift:
+                by_state[row, :n] = -drift.Kp * J[row]
+                by_state[row, n:] = -drift.Kd * J[row]
             if b.bends:
                 second, third, v_i = b.bent(q, 2), b.bent(q, 3), v[columns]
-                Kd = self._drift.Kd if self._drift else 0.0
+                Kd = drift.Kd if drift else 0.0
                 rhs[columns, columns] += lam[row] * second
                 by_state[row, columns] -= second * (a[columns] + Kd * v_i) + third * v_i**2
                 by_state[row, [n + column for column in columns]] -= 2.0 * second * v_i
@@ -168,8 +169,9 @@ class PairPartials:
             np.multiply(-b.sign, of.s_q, out=s_q[b.rows])
             np.multiply(-b.sign, of.s_v, out=s_v[b.rows])
             if self._drift:
+                drift = b.drift or self._drift
                 c_q, v_q = gap_of(b, *self._frames.ends(b), self._frames.between(b))
-                s_q[b.rows] -= b.sign * (self._drift.Kp * c_q + self._drift.Kd * v_q)
+                s_q[b.rows] -= b.sign * (drift.Kp * c_q + drift.Kd * v_q)
 
     def _partials(
         self, lam: Array, pulls: Array
@@ -409,6 +411,8 @@ class PointPartials:
         points.sort(key=lambda b: b.joint2 == 0)  # those between two bodies come first
         self.k, self.between = k, between = len(points), sum(b.joint2 > 0 for b in points)
         self._rows, self._ends = rows_of(points), PointEnds(data, points)
+        if drift:
+            self._Kp, self._Kd = (each.reshape(k, 3, 1) for each in gains(points, drift))
         self._signs = np.array([b.sign for b in points]).reshape(k, 1, 1)
         self._anchored = np.array([float(b.anchored) for b in points]).reshape(k, 1, 1)
         # which columns move the bodies of c1, and those of c2 where they move
@@ -456,8 +460,8 @@ class PointPartials:
         if self.between:
             pulls += self._J2T.dot(self._turned)
         if self._drift:
-            by_q = self._drift.Kp * self._c_q(ends, J)
-            by_q += self._drift.Kd * self._v_q(ends)
+            by_q = self._Kp * self._c_q(ends, J)
+            by_q += self._Kd * self._v_q(ends)
             parts[self._rows, 0] -= by_q.reshape(-1, self._n)
 
     def turning(self, out: Array) -> None:
@@ -559,7 +563,8 @@ class RollingPartials:
             held = [row - b.rows.start for row in b.positioned]
             c_q[held] = of.J[held]  # the rate of the gap is J v
             v_q = v_q_of_touch(touch)
-            of = of._replace(s_q=of.s_q + self._drift.Kp * c_q + self._drift.Kd * v_q)
+            drift = b.drift or self._drift
+            of = of._replace(s_q=of.s_q + drift.Kp * c_q + drift.Kd * v_q)
         return of
 
     def _touch(self, b: BoundRolling, one: End) -> Touch:

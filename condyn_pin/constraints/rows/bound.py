@@ -25,6 +25,7 @@ from condyn_pin.constraints.path import Along
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
+    from condyn_pin.constraints.baumgarte import Baumgarte
     from condyn_pin.constraints.rows.equations import Equations
     from condyn_pin.constraints.rows.redundancy import LeftOut
 
@@ -95,6 +96,8 @@ class BoundConstraint(ABC):
         +1 if the force on the first-named body is the one on joint 1, else -1.
     drive : Drive or None
         What its rows follow, if they do not stay at zero.
+    drift : Baumgarte or None
+        Stabilisation of its own rows, in place of the scene's.
     """
 
     name: str
@@ -102,6 +105,7 @@ class BoundConstraint(ABC):
     anchored: bool
     sign: float
     drive: Drive | None
+    drift: Baumgarte | None
 
     @property
     def size(self) -> int:
@@ -363,6 +367,7 @@ class Bound(TwoFrameConstraint):
     length: float = nan  # [m]
     lever: float = nan  # [m]
     drive: Drive | None = None
+    drift: Baumgarte | None = None
 
     @property
     def is_rod(self) -> bool:
@@ -506,6 +511,7 @@ class PinocchioConstraint:
     anchored: bool
     lever: float  # [m]
     approximates: bool
+    drift: Baumgarte | None = None
 
     @classmethod
     def of(
@@ -522,7 +528,7 @@ class PinocchioConstraint:
             name += "-" if d2 is not None and d2.sum() < 0 else "+"
         return cls(
             name, size, b.joint1, one, b.joint2, two, b.anchored, b.lever,
-            approximates=size != b.size,
+            approximates=size != b.size, drift=b.drift,
         )  # fmt: skip
 
     def to_pinocchio(self, model: Any) -> Any:

@@ -26,7 +26,7 @@ from condyn_pin._core.arrays import Array, Indices
 from condyn_pin._core.joints import axes, turning
 from condyn_pin._core.linalg import cholesky_pivots
 from condyn_pin._core.trees import algorithms, data_of, whole_data
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte, gains
 from condyn_pin.constraints.forces import Load
 from condyn_pin.constraints.path import along_at
 from condyn_pin.constraints.rows.bound import BoundConstraint, Terms, TwoFrameConstraint, length
@@ -555,9 +555,15 @@ class Equations(ConstraintRows):
         memory = self._all[2 * n :].reshape(4, width)
         self._lam = memory[3, :-1]
         super().__init__(model, bounds, memory[:3])
-        self.drift = drift
+        self.stabilise(drift)
         self._plain = self._groups.plain
         self._no_rows = np.zeros((0, n)), np.zeros(0)  # J and gamma of a scene without any
+
+    def stabilise(self, drift: Baumgarte | None) -> None:
+        """Take other gains of drift control, for the constraints that have none of their own."""
+        self.drift = drift
+        if drift:
+            self._Kp, self._Kd = gains(self.bounds, drift)
 
     def terms(self, q: Array, v: Array) -> Terms:
         """Return M, h, J, gamma and a_ref; they are owned by the caller."""
@@ -642,7 +648,7 @@ class Equations(ConstraintRows):
         """Evaluate the residuals of a solution into the memory of this object."""
         self.motion(q, v, a)
         if self.drift:
-            self._acceleration += self.drift.Kd * self._velocity + self.drift.Kp * self._c
+            self._acceleration += self._Kd * self._velocity + self._Kp * self._c
         wrenches = self.wrenches(lam)
         self.answer = answer_key(q, v, a, lam)
         if load:
@@ -669,7 +675,7 @@ class Equations(ConstraintRows):
         """Wanted acceleration a_ref, right after `_gamma` or `parts` at the same q and v."""
         if self.drift is None:
             return np.zeros(self.m)
-        return -self.drift.Kd * self._velocity - self.drift.Kp * self._c
+        return -self._Kd * self._velocity - self._Kp * self._c
 
 
 # Pivots of M: whether it is much closer to singular at a state than where a scene was measured.

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any, Final, Literal, Protocol
+from typing import TYPE_CHECKING, Any, Final, Literal, Protocol
 
 import numpy as np
 from numpy.polynomial import Polynomial
@@ -41,6 +41,9 @@ from condyn_pin.constraints.rows.frames import (
     rows_of,
 )
 from condyn_pin.errors import InvalidArgument
+
+if TYPE_CHECKING:
+    from condyn_pin.constraints.baumgarte import Baumgarte
 
 
 class Relation(Protocol):
@@ -81,6 +84,7 @@ class BoundRelation(TwoFrameConstraint):
     anchored: bool = True
     sign: float = 1.0
     drive: Drive | None = None
+    drift: Baumgarte | None = None
 
     @property
     def row_names(self) -> tuple[str, ...]:
@@ -237,6 +241,7 @@ class BoundCoupling(BoundConstraint):
     anchored: bool = True
     sign: float = 1.0
     drive: Drive | None = None
+    drift: Baumgarte | None = None
 
     @property
     def is_alone(self) -> bool:
@@ -410,6 +415,7 @@ class BoundRolling(TwoFrameConstraint):
     joint2: int = 0
     sign: float = 1.0
     drive: Drive | None = None
+    drift: Baumgarte | None = None
 
     def arm(self, oMi: Any) -> float:
         """Distance from c1 to the contact point, the radius [m]."""

@@ -39,7 +39,7 @@ class CentredPressure(ForceDistribution):
         for contact, bound in zip(scene.constraints, scene.bounds, strict=True):
             if contact.support is None:
                 continue
-            R = forces[bound.name].rotation
+            R = forces[bound.name].own.rotation
             normal = R[:, 2] if contact.has_normal else up
             flat = np.eye(3) - np.outer(normal, normal)
             whole = np.array([bound.whole(row) for row in np.eye(bound.size)])

@@ -10,7 +10,8 @@ import numpy as np
 
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
-from condyn_pin.constraints.base import placement, text
+from condyn_pin.constraints.base import placement
+from condyn_pin.constraints.places import set_frames, short
 from condyn_pin.control.tasks.base import (
     POSE,
     POSITION,
@@ -37,7 +38,7 @@ class FrameTask(Tracking):
 
     Parameters
     ----------
-    frame : str
+    frame : str, (joint, pin.SE3) or pin.Frame
         Name of a frame of the robot.
     reference : (3,) or (7,) array_like, pin.SE3 or callable, optional
         Position [m], and for a pose the quaternion x y z w after it; or a function of t that
@@ -56,14 +57,14 @@ class FrameTask(Tracking):
     of: Of = field(default="position", kw_only=True)
 
     def __post_init__(self) -> None:
-        text("frame", self.frame)
+        set_frames(self, "frame")
         if self.of not in get_args(Of):
             raise InvalidArgument(f"of = {self.of!r}: one of {', '.join(get_args(Of))} is needed")
         super().__post_init__()
 
     @property
     def _called(self) -> str:
-        return f"{self.frame} {self.of}"
+        return f"{short(self.frame)} {self.of}"
 
     def _value(self, reference: Any) -> Any:
         if self.of == "pose":

@@ -11,7 +11,8 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import rotation_fault
-from condyn_pin.constraints.base import floats, text, unit
+from condyn_pin.constraints.base import floats, unit
+from condyn_pin.constraints.places import set_frames
 from condyn_pin.control.tasks.base import (
     ORIENTATION,
     BoundTask,
@@ -31,7 +32,7 @@ class Orientation(Tracking):
 
     Parameters
     ----------
-    frame : str
+    frame : str, (joint, pin.SE3) or pin.Frame
         Name of a frame of the robot.
     reference : (4,) or (3, 3) array_like or callable, optional
         Quaternion x y z w or rotation matrix, from the frame to the world; or a function of t that
@@ -49,7 +50,7 @@ class Orientation(Tracking):
     frame: str
 
     def __post_init__(self) -> None:
-        text("frame", self.frame)
+        set_frames(self, "frame")
         super().__post_init__()
 
     @property

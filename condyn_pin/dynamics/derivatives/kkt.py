@@ -33,7 +33,7 @@ from condyn_pin._core.joints import turning
 from condyn_pin._core.linalg import ConstraintBasis, held_and_free, inverse_factor, lapack
 from condyn_pin._core.threads import of_workspace
 from condyn_pin._core.trees import whole_data
-from condyn_pin.constraints.baumgarte import Baumgarte
+from condyn_pin.constraints.baumgarte import Baumgarte, gains
 from condyn_pin.constraints.partials.rows import ConstraintPartials
 from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.constraints.rows.equations import Equations, answer_key
@@ -286,6 +286,8 @@ class Linearisation:
         self._hold_views(self._data, model.nv)
         self._of_constraints = ConstraintPartials(model, self._data, bounds, drift)
         self._drift = drift
+        if drift:
+            self._Kd = gains(bounds, drift)[1][:, None]
         self._m = sum(b.size for b in bounds)
         if equations is None or model is not given:
             equations = Equations(model, bounds)
@@ -345,7 +347,7 @@ class Linearisation:
         # what is contiguous is added to, and copied, in half the time
         rhs[:n, :n], rhs[:n, n:] = pulls, np.negative(self._dtau_dv)
         if self._drift:
-            rhs[n:, n:] -= self._drift.Kd * J
+            rhs[n:, n:] -= self._Kd * J
         return rhs, J
 
     def turning(self, q: Array, w: Array) -> Array:

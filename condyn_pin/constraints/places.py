@@ -1,0 +1,179 @@
+"""Places: frames that no model has, each a joint and a placement on it, written as a text.
+
+    knee + [0.1 0 0]                  0.1 m along x of the joint `knee`, in its axes
+    knee + [0.1 0 0 0 0 0.6 0.8]      and turned by the quaternion x y z w
+
+A frame is a text wherever one is held, in constraints, files and messages, so that these know of
+nothing else. A pair (joint, `pin.SE3`) becomes such a text with all digits of its numbers. Where no
+model is known yet a joint that is given by its number stays one, and a `pin.Frame` keeps its name:
+
+    #3 + [0.1 0 0]                    joint 3
+    sole (#3 + [0.1 0 0])             the pin.Frame `sole`
+
+A scene, and a robot, put names in place of numbers, which differ in a smaller one.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Sequence
+from dataclasses import is_dataclass, replace
+from operator import index
+from typing import Any, Final, NamedTuple, TypeVar
+
+import numpy as np
+
+from condyn_pin._core import tolerances
+from condyn_pin._core._pin import pin
+from condyn_pin._core.arrays import shown
+from condyn_pin._core.joints import rotation_fault
+from condyn_pin.errors import InvalidArgument
+
+Value = TypeVar("Value")
+
+_NUMBERS: Final = r"\[([-+.\de ]+)\]"
+_PLACE: Final = re.compile(rf"(.+) \+ {_NUMBERS}")
+_LABELLED: Final = re.compile(rf"(.+) \((#\d+ \+ {_NUMBERS})\)")
+_NUMBERED: Final = re.compile(r"#(\d+)(?= \+ \[)")
+
+
+class Place(NamedTuple):
+    """A joint or a frame, and a placement on it."""
+
+    base: str
+    placement: Any  # pin.SE3
+
+
+def frame_text(argument: str, value: Any) -> str:
+    """Text of a frame: of a name, a pair (joint, pin.SE3) or a pin.Frame; or InvalidArgument."""
+    if isinstance(value, str) and value:
+        return value
+    if isinstance(value, pin.Frame):
+        at = _text(argument, _joint(argument, value.parentJoint), value.placement)
+        return f"{value.name} ({at})" if at.startswith("#") and value.name else at
+    pair = isinstance(value, tuple | list) and len(value) == 2
+    if pair and isinstance(value[1], pin.SE3):
+        return _text(argument, _joint(argument, value[0]), value[1])
+    raise InvalidArgument(
+        f"{argument} = {shown(value)}: the name of a frame is needed, or (joint, pin.SE3), or a "
+        "pin.Frame"
+    )
+
+
+def set_frames(value: Any, *fields: str) -> None:
+    """Set fields of a frozen value, each a frame in any form, to the texts of them."""
+    for field in fields:
+        object.__setattr__(value, field, frame_text(field, getattr(value, field)))
+
+
+def _joint(argument: str, joint: Any) -> str:
+    """Joint of a pair as a text: its name, or #number; the world for joint 0."""
+    if isinstance(joint, str) and joint:
+        return joint
+    try:
+        number = -1 if isinstance(joint, bool) else index(joint)
+    except TypeError:
+        number = -1
+    if number < 0:
+        raise InvalidArgument(f"{argument}: joint {shown(joint)}: its name or number is needed")
+    return f"#{number}" if number else "world"
+
+
+def _text(argument: str, base: str, placement: Any) -> str:
+    """Text of a placement on a base: three numbers, or seven where it is turned."""
+    p, R = placement.translation, placement.rotation
+    numbers = p if (np.eye(3) == R).all() else pin.SE3ToXYZQUAT(placement)
+    if not np.isfinite(numbers).all() or np.abs(p).max() > tolerances.HUGE:
+        raise InvalidArgument(
+            f"{argument}: its placement is at {p.tolist()}: finite numbers [m] are needed"
+        )
+    if fault := rotation_fault(R):
+        raise InvalidArgument(f"{argument}: its placement has no valid rotation: {fault}")
+    # 0.0 for -0.0, and whole numbers without a point
+    return f"{base} + [{' '.join(f'{x + 0.0!r}'.removesuffix('.0') for x in numbers.tolist())}]"
+
+
+def place_of(text: str) -> Place | None:
+    """Base and placement of a text; None for a plain name."""
+    labelled = _LABELLED.fullmatch(text)
+    found = _PLACE.fullmatch(labelled[2] if labelled else text)
+    if not found:
+        return None
+    try:
+        numbers = [float(number) for number in found[2].split()]
+    except ValueError:
+        return None
+    if len(numbers) == 3:
+        return Place(found[1], pin.SE3(np.eye(3), np.array(numbers)))
+    size = math.hypot(*numbers[3:])
+    if len(numbers) != 7 or not 0.0 < size < math.inf:
+        raise InvalidArgument(
+            f"frame = {text!r}: x y z [m] are needed in brackets, or x y z and a quaternion x y z w"
+        )
+    turn = [x / size for x in numbers[3:]]
+    return Place(found[1], pin.XYZQUATToSE3(np.array([*numbers[:3], *turn])))
+
+
+def number_of(base: str) -> int | None:
+    """Number of a joint that is given by one; None for a name."""
+    return int(base[1:]) if re.fullmatch(r"#\d+", base) else None
+
+
+def short(text: str) -> str:
+    """Text of frames for names: four digits of each number, and a pin.Frame by its name."""
+    text = re.sub(rf" \(#\d+ \+ {_NUMBERS}\)", "", text)
+    return re.sub(rf"(?<= \+ ){_NUMBERS}", _four_digits, text)
+
+
+def _four_digits(found: re.Match[str]) -> str:
+    return f"[{' '.join(f'{float(x):.4g}' for x in found[1].split())}]"
+
+
+# Names for numbers, once there is a model.
+
+
+def by_name(machine: Any, text: str) -> str:
+    """Text of a frame with the name of its joint, or a pin.Frame's own name where it is that."""
+    labelled = _LABELLED.fullmatch(text)
+    if labelled:
+        joint, placement = machine.frame(text)
+        label, text = labelled[1], labelled[2]
+        there = [f for f in machine.model.frames if f.name == label]
+        if there and all(f.parentJoint == joint and f.placement.isApprox(placement) for f in there):
+            return label
+    if not _NUMBERED.match(text):
+        return text
+    joint, _ = machine.frame(text)
+    return _NUMBERED.sub(lambda _: str(machine.model.names[joint]), text, count=1)
+
+
+def settled(value: Value, machine: Any) -> Value:
+    """Constraint, contact or spring of a machine whose frames name joints, and do not number them.
+
+    A name that it has from its frames follows them.
+    """
+    assert is_dataclass(value)
+    assert not isinstance(value, type)
+    changed: dict[str, Any] = {}
+    name = getattr(value, "name", "")
+    for field, old in vars(value).items():
+        if field != "name" and isinstance(old, str):
+            new = by_name(machine, old)
+            if new != old:
+                changed[field] = new
+                if not _LABELLED.fullmatch(old):
+                    name = name.replace(short(old), short(new))
+        elif hasattr(old, "frames") and is_dataclass(old):  # the constraint that is driven
+            inner: Any = settled(old, machine)
+            if inner is not old:
+                changed[field] = inner
+                name = inner.name if name == old.name else name  # type: ignore[attr-defined]
+    if not changed:
+        return value
+    return replace(value, **changed, **({"name": name} if name else {}))
+
+
+def settled_all(values: Sequence[Value], machine: Any) -> tuple[Value, ...]:
+    """Constraints, contacts or springs of a machine, `settled`."""
+    return tuple(settled(each, machine) if is_dataclass(each) else each for each in values)
