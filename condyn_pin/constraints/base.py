@@ -68,7 +68,7 @@ from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.joints import rotation_fault, z_along
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.places import set_frames, short
+from condyn_pin.constraints.places import FrameLike, set_frames, short
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -239,7 +239,7 @@ class Constraint(ABC):
     def renamed(self, new: Callable[[str], str]) -> Constraint:
         """Return the constraint between frames and joints of new names, its own name too."""
         named = ("frame", "joint", "axes")  # fields that name one begin so
-        changed = {
+        changed: dict[str, Any] = {
             field: new(value)
             for field, value in vars(self).items()
             if isinstance(value, str) and field.startswith(named)
@@ -298,7 +298,7 @@ class Machine(Protocol):
     def longest_link(self) -> float:
         """Largest distance from a joint to the next one [m]."""
 
-    def frame(self, name: Any) -> tuple[int, Any]:
+    def frame(self, name: FrameLike) -> tuple[int, Any]:
         """Return the joint that carries a frame and its placement on it, or raise UnknownName."""
 
 

@@ -17,10 +17,9 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Sequence
 from dataclasses import is_dataclass, replace
 from operator import index
-from typing import Any, Final, NamedTuple, TypeVar
+from typing import Any, Final, NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -31,6 +30,9 @@ from condyn_pin._core.joints import rotation_fault
 from condyn_pin.errors import InvalidArgument
 
 Value = TypeVar("Value")
+
+# A frame as users give it: its name, a joint and a placement on it, or a pin.Frame.
+FrameLike: TypeAlias = str | tuple[str | int, Any] | Any
 
 _NUMBERS: Final = r"\[([-+.\de ]+)\]"
 _PLACE: Final = re.compile(rf"(.+) \+ {_NUMBERS}")
@@ -153,27 +155,26 @@ def settled(value: Value, machine: Any) -> Value:
 
     A name that it has from its frames follows them.
     """
-    assert is_dataclass(value)
-    assert not isinstance(value, type)
+    if not is_dataclass(value):
+        return value
+    given: Any = value
     changed: dict[str, Any] = {}
-    name = getattr(value, "name", "")
-    for field, old in vars(value).items():
+    name = getattr(given, "name", "")
+    for field, old in vars(given).items():
         if field != "name" and isinstance(old, str):
             new = by_name(machine, old)
             if new != old:
                 changed[field] = new
                 if not _LABELLED.fullmatch(old):
                     name = name.replace(short(old), short(new))
-        elif hasattr(old, "frames") and is_dataclass(old):  # the constraint that is driven
-            inner: Any = settled(old, machine)
+        elif hasattr(old, "frames"):  # the constraint that is driven
+            inner = settled(old, machine)
             if inner is not old:
                 changed[field] = inner
-                name = inner.name if name == old.name else name  # type: ignore[attr-defined]
+                name = inner.name if name == old.name else name
     if not changed:
         return value
-    return replace(value, **changed, **({"name": name} if name else {}))
-
-
-def settled_all(values: Sequence[Value], machine: Any) -> tuple[Value, ...]:
-    """Constraints, contacts or springs of a machine, `settled`."""
-    return tuple(settled(each, machine) if is_dataclass(each) else each for each in values)
+    if name:
+        changed["name"] = name
+    made: Value = replace(given, **changed)
+    return made

@@ -25,6 +25,7 @@ from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.joints import indices
 from condyn_pin._core.linalg import MinimumNorm
+from condyn_pin.constraints.places import FrameLike
 from condyn_pin.control.tasks.base import entry_names
 from condyn_pin.dynamics.at_state import at_state, frame_jacobian
 from condyn_pin.dynamics.scene import Scene, check_scene
@@ -295,7 +296,7 @@ class Transmission:
             )
         return found
 
-    def jacobian(self, frame: str, *, held: Sequence[str] = ()) -> Array:
+    def jacobian(self, frame: FrameLike, *, held: Sequence[str] = ()) -> Array:
         """Return the Jacobian (6, k) of a frame from the motors: J_frame G.
 
         Linear velocity first [m/s, rad/s], of the origin of the frame, in the axes of the world.
@@ -304,7 +305,7 @@ class Transmission:
 
         Parameters
         ----------
-        frame : str
+        frame : str, (joint, pin.SE3) or pin.Frame
         held : sequence of str
             Joints of `at_rest` that do not move, such as springs or the base of a robot that stands
             nowhere: what they leave to the motors is determined.

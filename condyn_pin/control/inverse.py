@@ -23,6 +23,7 @@ from condyn_pin._core.arguments import counted
 from condyn_pin._core.arrays import Array, check_overflow, finite
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin.constraints.forces import AppliedForce, applied_forces
+from condyn_pin.constraints.places import FrameLike, frame_text
 from condyn_pin.control.actuation import Actuation, Drive, motors_of
 from condyn_pin.control.distribution.base import ForceDistribution
 from condyn_pin.dynamics.at_state import State, at_state, frame_jacobian, load_on
@@ -379,7 +380,7 @@ class OperationalSpace:
 
 @one_blas_thread
 def operational_space(
-    scene: Scene, q: ArrayLike, frame: str, *, task: Task = "pose"
+    scene: Scene, q: ArrayLike, frame: FrameLike, *, task: Task = "pose"
 ) -> OperationalSpace:
     """Return inertia, inverse and null space of a frame under the constraints.
 
@@ -391,8 +392,8 @@ def operational_space(
         Redundant rows are no trouble.
     q : (nq,) array_like
         Configuration [rad, m]; quaternions x y z w.
-    frame : str
-        Name of a frame of the robot.
+    frame : str, (joint, pin.SE3) or pin.Frame
+        A frame of the robot, as in `Robot.frame`.
     task : {"pose", "position"}
         Six rows, or the three of the origin.
 
@@ -440,5 +441,5 @@ def operational_space(
         delassus=(U_c * S_c**2) @ U_c.T,
         delassus_inverse=(U_c / S_c**2) @ U_c.T,
         scene=scene,
-        frame=frame,
+        frame=frame_text("frame", frame),
     )

@@ -24,6 +24,7 @@ from condyn_pin.constraints import forces as loads
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.forces import AppliedForce, Load, Loads
+from condyn_pin.constraints.places import FrameLike, frame_text
 from condyn_pin.constraints.rows.bound import (
     ConstraintViolation,
     PinocchioConstraint,
@@ -161,11 +162,12 @@ def load_on(scene: Scene, q: Array, forces: Sequence[AppliedForce]) -> Load:
     return Loads(scene.robot, equations.model, equations.data).at(q, forces)
 
 
-def frame_jacobian(scene: Scene, q: Array, frame: str) -> Array:
+def frame_jacobian(scene: Scene, q: Array, frame: FrameLike) -> Array:
     """Return the Jacobian (6, nv) of a frame: linear first, in the axes of the world."""
-    joint, placement = scene.robot.frame(frame)
+    name = frame_text("frame", frame)
+    joint, placement = scene.robot.frame(name)
     if joint == 0:
-        raise InvalidArgument(f"frame = {frame!r}: it belongs to the world, which does not move")
+        raise InvalidArgument(f"frame = {name!r}: it belongs to the world, which does not move")
     equations = equations_of(scene)
     model, data = equations.model, equations.data
     algorithms(data).computeJointJacobians(model, data, q)

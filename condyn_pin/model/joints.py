@@ -20,6 +20,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, finite
 from condyn_pin._core.joints import UNLIMITED, lengths
 from condyn_pin._core.trees import algorithms, data_of, whole_data
+from condyn_pin.constraints.places import FrameLike
 from condyn_pin.constraints.rows.bound import ConstraintViolation
 from condyn_pin.errors import InvalidArgument, UnknownName, unknown_name
 
@@ -113,7 +114,7 @@ def joint_vector(robot: Robot, values: Values) -> Array:
     return vector
 
 
-def frame_pose(robot: Robot, q: ArrayLike, frame: str) -> Any:
+def frame_pose(robot: Robot, q: ArrayLike, frame: FrameLike) -> Any:
     """Return the pose of a frame in the world; see `Robot.frame_pose`."""
     joint, placement = robot.frame(frame)
     data = data_of(robot.model)

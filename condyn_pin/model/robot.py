@@ -19,7 +19,7 @@ from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.joints import rotation_fault
 from condyn_pin.constraints.base import WORLD, Constraint, check_size
 from condyn_pin.constraints.kinds import of_loops
-from condyn_pin.constraints.places import frame_text, number_of, place_of, settled
+from condyn_pin.constraints.places import FrameLike, frame_text, number_of, place_of, settled
 from condyn_pin.constraints.rows.equations import least_pivots
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.model import joints as robot_joints
@@ -131,7 +131,7 @@ def _posture(model: Any, name: str, q: ArrayLike) -> Array:
 # The frames of a Robot: which joint carries one, and a model with one more.
 
 
-def find_frame(robot: Robot, frame: Any) -> tuple[int, Any]:
+def find_frame(robot: Robot, frame: FrameLike) -> tuple[int, Any]:
     """Joint that carries a frame, and the frame's placement on it; see `Robot.frame`."""
     name = frame_text("frame", frame)
     found = [frame for frame in robot.model.frames if frame.name == name]
@@ -162,12 +162,12 @@ def _carrier(robot: Robot, base: str) -> tuple[int, Any]:
     """Joint of a place, by its name or number, or else the frame of that name."""
     number = number_of(base)
     if number is None:
-        named = base in robot.joints
-        return (
-            (int(robot.model.getJointId(base)), pin.SE3.Identity())
-            if named
-            else find_frame(robot, base)
-        )
+        if base in robot.joints:
+            return int(robot.model.getJointId(base)), pin.SE3.Identity()
+        for each in robot.model.frames:  # a joint that was welded
+            if each.name == base and each.type == pin.FrameType.FIXED_JOINT:
+                return int(each.parentJoint), pin.SE3(each.placement)
+        return find_frame(robot, base)
     if base in robot.joints:
         raise InvalidModel(f"joint {base!r} of {robot.name} is named as a number; rename it")
     if number > len(robot.joints):
@@ -178,7 +178,7 @@ def _carrier(robot: Robot, base: str) -> tuple[int, Any]:
 
 
 def model_with_frame(
-    robot: Robot, name: str, parent: str, translation: Any, rotation: ArrayLike | None
+    robot: Robot, name: str, parent: FrameLike, translation: Any, rotation: ArrayLike | None
 ) -> Any:
     """Return the robot's model with one more frame; see `Robot.with_frame`."""
     if not isinstance(name, str) or not name:
@@ -453,7 +453,7 @@ class Robot:
         """
         return robot_joints.joint_vector(self, values)
 
-    def frame_pose(self, q: ArrayLike, frame: str) -> Any:
+    def frame_pose(self, q: ArrayLike, frame: FrameLike) -> Any:
         """Return the pose of a frame in the world at q, a `pinocchio.SE3`.
 
         ``robot.frame_pose(q, "foot").translation`` is where the foot is [m].
@@ -462,8 +462,8 @@ class Robot:
         ----------
         q : (nq,) array_like
             Configuration [rad, m]; quaternions x y z w.
-        frame : str
-            One of `frames`.
+        frame : str, (joint, pin.SE3) or pin.Frame
+            One of `frames`, or a placement on a joint, as in `frame`.
 
         Raises
         ------
@@ -478,7 +478,7 @@ class Robot:
         """Return the centre of mass in the world at q (3,) [m]."""
         return robot_joints.center_of_mass(self, q)
 
-    def frame(self, name: Any) -> tuple[int, Any]:
+    def frame(self, name: FrameLike) -> tuple[int, Any]:
         """Return the number of the joint that carries a frame, and its `pinocchio.SE3` on it.
 
         Parameters
@@ -499,7 +499,7 @@ class Robot:
         return find_frame(self, name)
 
     def with_frame(
-        self, name: str, parent: str, translation: Any, rotation: ArrayLike | None = None
+        self, name: str, parent: FrameLike, translation: Any, rotation: ArrayLike | None = None
     ) -> Robot:
         """Return a robot with one more frame, for a constraint to use.
 
@@ -507,7 +507,7 @@ class Robot:
         ----------
         name : str
             Name of the new frame.
-        parent : str
+        parent : str, (joint, pin.SE3) or pin.Frame
             Frame that it is fixed to; "world" for a point of the world.
         translation : (3,) array_like or pinocchio.SE3
             Its origin in the parent frame [m]; or its whole placement there.

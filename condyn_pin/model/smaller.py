@@ -229,6 +229,12 @@ def _copy_frames(
         )
         # the inertia is on the joint already
         numbers.append(small.addFrame(made, False))
+    # a built model has joints without frames, which constraints name all the same
+    framed = {f.name for f in model.frames if f.type == pin.FrameType.JOINT}
+    for i in range(1, model.njoints):
+        if not cut and model.names[i] in joints and model.names[i] not in framed:
+            fixed = pin.FrameType.FIXED_JOINT
+            small.addFrame(pin.Frame(model.names[i], carriers[i][0], 0, carriers[i][1], fixed))
 
 
 def copy_numbers(model: Any, made: Any, joints: Sequence[str]) -> None:

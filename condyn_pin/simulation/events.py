@@ -17,6 +17,7 @@ from condyn_pin._core.arguments import check_called, listed
 from condyn_pin._core.arrays import Array, finite, locked
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.constraints.places import FrameLike
 from condyn_pin.contact.problem import MODES, OPEN, SLIDE, STICK, Modes
 from condyn_pin.dynamics.at_state import at_state
 from condyn_pin.dynamics.impacts import Impact, Restitution, impact, restitutions
@@ -392,14 +393,14 @@ class Snapshot:
         codes = self._solved[2]
         return {n: MODES[int(c)] for n, c in zip(self._system.contacts.names, codes, strict=True)}
 
-    def position(self, frame: str) -> Array:
+    def position(self, frame: FrameLike) -> Array:
         """Position of the origin of a frame in world axes (3,) [m]."""
         joint, placement = self._system.scene.robot.frame(frame)
         model, data = self._system.model, self._system.equations.data
         algorithms(data).forwardKinematics(model, data, self.q)
         return np.array((data.oMi[joint] * placement).translation)
 
-    def velocity(self, frame: str) -> Array:
+    def velocity(self, frame: FrameLike) -> Array:
         """Velocity of the origin of a frame in world axes (3,) [m/s]."""
         joint, placement = self._system.scene.robot.frame(frame)
         model, data = self._system.model, self._system.equations.data

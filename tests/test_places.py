@@ -1,0 +1,250 @@
+"""Frames as pairs (joint, pin.SE3) and pin.Frames: what named frames at the same places answer."""
+
+from __future__ import annotations
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+from shared import robot
+
+import condyn_pin as cp
+from condyn_pin._core._pin import pin
+from condyn_pin.constraints.places import frame_text
+from condyn_pin.control import FrameTask, Orientation
+from condyn_pin.model import SpringDamper
+
+TURNED = pin.SE3(pin.exp3(np.array([0.3, -0.2, 0.5])), np.array([0.1, 0.02, -0.3]))
+AHEAD = pin.SE3(np.eye(3), np.array([0.1, 0.0, 0.0]))
+
+
+def solo() -> tuple[cp.Robot, int]:
+    """The quadruped, and the number of its knee; `foot` is TURNED there, `hip` AHEAD of another."""
+    legged = robot("solo12")
+    knee = legged.joints[2]
+    named = legged.with_frame("foot", knee, TURNED).with_frame("hip", legged.joints[4], AHEAD)
+    return named, named.model.getJointId(knee)
+
+
+def forms(knee: int, name: str) -> dict[str, object]:
+    """The frame `foot` in all forms."""
+    return {
+        "by number": (knee, TURNED),
+        "by name": (name, TURNED),
+        "as a list": [np.int64(knee), TURNED],
+        "pin.Frame": pin.Frame("sole", knee, 0, TURNED, pin.FrameType.OP_FRAME),
+        "as a text": frame_text("frame", (name, TURNED)),
+    }
+
+
+FORMS = list(forms(1, "knee"))
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_frame_in_any_form_is_the_named_one(form):
+    named, knee = solo()
+    given = forms(knee, named.joints[2])[form]
+    joint, placement = named.frame(given)
+    assert joint == knee
+    assert placement.isApprox(TURNED, 1e-15)
+    q = named.postures["standing"] if "standing" in named.postures else pin.neutral(named.model)
+    assert named.frame_pose(q, given).isApprox(named.frame_pose(q, "foot"), 1e-14)
+    one, two = (named.with_frame("new", of, AHEAD).frame("new") for of in (given, "foot"))
+    assert one[0] == two[0]
+    assert one[1].isApprox(two[1], 1e-14)
+
+
+def constraints(frame, other):
+    return [
+        cp.PointContact(frame),
+        cp.SurfaceContact(frame),
+        cp.constraints.LineContact(frame, "x"),
+        cp.constraints.PlanarContact(frame),
+        cp.constraints.KnifeEdge(frame),
+        cp.constraints.RollingBall(frame, 0.1),
+        cp.constraints.RollingWheel(frame, 0.1),
+        cp.Loop(frame, other, "ball"),
+        cp.Loop(other, frame, "hinge", axis="y"),
+        cp.Loop(frame, "world", "rod", length=0.5),
+        cp.constraints.Driven(cp.Loop(frame, other, "ball"), lambda t: np.zeros((3, 3))).at(0.0),
+    ]
+
+
+@pytest.mark.parametrize("kind", range(len(constraints("a", "b"))))
+@pytest.mark.parametrize("form", FORMS)
+def test_every_constraint_takes_it_and_has_the_same_rows(kind, form):
+    named, knee = solo()
+    other = named.joints[4]
+    frame = forms(knee, named.joints[2])[form]
+    wanted = cp.Scene(named, [constraints("foot", "hip")[kind]])
+    scene = cp.Scene(named, [constraints(frame, (other, AHEAD))[kind]])
+    rng = np.random.default_rng(kind)
+    q, v = pin.integrate(named.model, pin.neutral(named.model), rng.normal(size=named.nv)), rng
+    v = rng.normal(size=named.nv)
+    found, right = (cp.Workspace(each).terms(q, v) for each in (scene, wanted))
+    assert np.allclose(found.J, right.J, atol=1e-12)
+    assert np.allclose(found.gamma, right.gamma, atol=1e-10)
+
+
+def test_a_scene_names_joints_that_were_numbered_and_keeps_short_names():
+    named, knee = solo()
+    name = named.joints[2]
+    scene = cp.Scene(named, [cp.PointContact((knee, AHEAD)), cp.Loop((0, TURNED), (9, AHEAD))])
+    point, loop = scene.constraints
+    assert (point.frame, point.name) == (f"{name} + [0.1 0 0]", f"{name} + [0.1 0 0]")
+    assert loop.frame_b == f"{named.joints[8]} + [0.1 0 0]"
+    assert loop.name.startswith("world + [0.1 0.02 -0.3 0.1476 -0.09842 0.2461 0.9529]~")
+    sole = pin.Frame("sole", knee, 0, TURNED, pin.FrameType.OP_FRAME)
+    (held,) = cp.Scene(named, [cp.PointContact(sole)]).constraints
+    assert held.name == "sole"
+    assert held.frame.startswith(f"{name} + [0.1 0.02 -0.3 0.14")
+    foot = named.model.frames[named.model.getFrameId("foot")]
+    (held,) = cp.Scene(named, [cp.PointContact(foot)]).constraints
+    assert (held.name, held.frame) == ("foot", "foot")
+    assert cp.Scene(named, [cp.PointContact((knee, AHEAD), name="mine")]).names == ("mine",)
+
+
+def test_robots_and_smaller_scenes_and_robots_side_by_side_keep_the_place():
+    named, knee = solo()
+    legged = named.with_loops(cp.Loop((knee, TURNED), (0, AHEAD)))
+    assert legged.loops[0].frame_b == "world + [0.1 0 0]"
+    both = cp.model.together({"a": named, "b": legged})
+    (loop,) = both.loops
+    assert (both.frame(loop.frame_a)[0], both.frame(loop.frame_b)[0]) == (knee + 13, 0)
+    q = pin.neutral(named.model)
+    scene = cp.Scene(legged, legged.loops)
+    smaller = scene.lock(named.joints[1:3], q)
+    assert smaller.robot.nv == named.nv - 2
+    there, here = (
+        s.robot.frame_pose(pin.neutral(s.robot.model), s.constraints[0].frame_a)
+        for s in (smaller, scene)
+    )
+    assert there.isApprox(here, 1e-12)
+
+
+def test_forces_springs_contacts_and_tasks_take_it():
+    named, knee = solo()
+    q, v, tau = pin.neutral(named.model), np.zeros(named.nv), np.zeros(named.nv)
+    scene, here = cp.Scene(named), (knee, TURNED)
+    push = [cp.AppliedForce(frame, [1.0, 2.0, 3.0]) for frame in (here, "foot")]
+    one, two = (cp.solve(scene, q, v, tau, forces=[each]).a for each in push)
+    assert np.allclose(one, two, rtol=1e-12, atol=1e-12)
+    pulled = [
+        dataclasses.replace(named, spring_dampers=[SpringDamper(frame, "world", 100.0)])
+        for frame in (here, "foot")
+    ]
+    one, two = (each.passive_torque(q, v) for each in pulled)
+    assert np.allclose(one, two, rtol=1e-12, atol=1e-12)
+    assert pulled[0].spring_dampers[0].frame_a.startswith(named.joints[2])
+    touching = [
+        cp.Scene(named, contacts=[cp.FrictionalContact(frame, friction=0.7, name="c")])
+        for frame in (here, "foot")
+    ]
+    one, two = (cp.dynamics.contact_gaps(each, q) for each in touching)
+    assert one == pytest.approx(two)
+    pair = cp.FrictionalContact(
+        here, cp.constraints.Ball(0.1), on=(5, AHEAD), on_shape=cp.constraints.Ball(0.1),
+        friction=0.5,
+    )  # fmt: skip
+    (bound,) = cp.Scene(named, contacts=[pair]).contact_bounds[0].pairs
+    assert (bound.joint, bound.ground) == (knee, 5)
+    one, two = (cp.control.operational_space(scene, q, frame) for frame in (here, "foot"))
+    assert np.allclose(one.J, two.J, atol=1e-14)
+    assert one.frame.startswith(f"#{knee} + [")
+    for task in (FrameTask, Orientation):
+        answers = [
+            cp.Controller(scene, [task(frame, name="task")], cones={}).solve(q, v).a
+            for frame in (here, "foot")
+        ]
+        assert np.allclose(*answers, atol=1e-6)
+
+
+def test_it_is_a_value_that_files_keep(tmp_path):
+    named, knee = solo()
+    contact = cp.SurfaceContact((knee, TURNED), axes="world")
+    assert contact == cp.SurfaceContact((knee, TURNED), axes="world")
+    assert contact != cp.SurfaceContact((knee, AHEAD), axes="world")
+    scene = cp.Scene(named, [contact])
+    assert pickle.loads(pickle.dumps(scene)) == scene
+    assert hash(pickle.loads(pickle.dumps(scene))) == hash(scene)
+    q, v = pin.neutral(named.model), np.zeros(named.nv)
+    there = (0, named.frame_pose(q, (knee, TURNED)))
+    loop = cp.Loop((knee, TURNED), there, "weld", axes="world", drift=cp.Baumgarte(3.0, 2.0))
+    scene = cp.Scene(named, [loop])
+    motion = cp.simulate(scene, q, v, 0.0, duration=0.002, dt=1e-3)
+    motion.save(tmp_path / "motion.npz")
+    again = cp.Trajectory.load(tmp_path / "motion.npz").scene
+    assert again.constraints == scene.constraints
+    assert again.bounds[0].placement1 == scene.bounds[0].placement1
+    text = named.with_loops(cp.Loop((knee, TURNED), "world", name="tie")).to_mjcf()
+    assert 'site1="tie_a"' in text
+
+
+def turned(R):
+    return pin.SE3(np.array(R, dtype=float), np.zeros(3))
+
+
+WRONG = {
+    "no SE3": (
+        (3, "knee"),
+        r"the name of a frame is needed, or .joint, pin.SE3., or a pin",
+    ),
+    "no joint": ((None, TURNED), "joint None: its name or number is needed"),
+    "a flag": ((True, TURNED), "joint True: its name or number"),
+    "negative": ((-1, TURNED), "joint -1: its name or number"),
+    "NaN": ((3, pin.SE3(np.eye(3), np.array([0, np.nan, 0]))), "placement is at .*nan.*finite"),
+    "left-handed": ((3, turned(np.diag([1, 1, -1]))), "no valid rotation: it is left-handed"),
+}
+
+
+@pytest.mark.parametrize("case", WRONG)
+def test_what_is_no_frame_is_refused_by_name(case):
+    value, words = WRONG[case]
+    with pytest.raises(cp.InvalidArgument, match="^frame.*" + words):
+        cp.PointContact(value)
+
+
+@pytest.mark.parametrize(
+    ("frame", "words"),
+    [
+        ((40, TURNED), "joint 40: solo12 has joints 1 to 13, and the world, 0"),
+        (("kne", TURNED), "no frame named 'kne'"),
+        ("foot + [1 2]", r"x y z \[m\] are needed in brackets"),
+        ("foot + [1 2 3 0 0 0 0]", "x y z and a quaternion"),
+        ("foot + [one 2 3]", "no frame named 'foot . .one 2 3.'"),
+    ],
+)
+def test_a_place_that_the_robot_lacks_is_refused_by_name(frame, words):
+    named, _ = solo()
+    with pytest.raises(cp.CondynError, match=words):
+        cp.Scene(named, [cp.PointContact(frame)])
+
+
+def test_a_joint_named_as_a_number_is_not_guessed():
+    model = pin.Model()
+    for i in (2, 1):
+        joint = model.addJoint(model.njoints - 1, pin.JointModelRZ(), pin.SE3.Identity(), f"#{i}")
+        model.appendBodyToJoint(joint, pin.Inertia.Random(), pin.SE3.Identity())
+    with pytest.raises(cp.errors.InvalidModel, match="joint '#2' of odd is named as a number"):
+        cp.Scene(cp.Robot("odd", model), [cp.PointContact((2, AHEAD))])
+
+
+def test_axes_of_a_force_are_those_of_any_frame():
+    named, _ = solo()
+    q, v, tau = pin.neutral(named.model), np.zeros(named.nv), np.zeros(named.nv)
+    contact = cp.SurfaceContact("foot", axes=(5, TURNED), name="c")
+    force = cp.solve(cp.Scene(named, [contact]), q, v, tau).forces["c"]
+    R = named.frame_pose(q, (5, TURNED)).rotation
+    plain = cp.solve(cp.Scene(named, [cp.SurfaceContact("foot")]), q, v, tau).forces["foot"]
+    assert np.allclose(np.asarray(force).reshape(2, 3) @ R.T, plain.in_world().reshape(2, 3))
+    assert np.allclose(force.own, plain)
+    assert np.allclose(force.rotation, R)
+    assert force.frame.startswith(named.joints[4])
+    with pytest.raises(cp.errors.UnknownName, match="no frame named 'fot'"):
+        cp.Scene(named, [cp.PointContact("foot", axes="fot")])
+    held = cp.constraints.HeldJoint(named.joints[2], 0.0, axes="world")
+    with pytest.raises(cp.errors.InvalidConstraint, match=r"axes = 'world'.*along joints"):
+        cp.Scene(named, [held])
+    with pytest.raises(cp.InvalidArgument, match=r"drift = 3\.0: Baumgarte"):
+        cp.PointContact("foot", drift=3.0)
