@@ -18,7 +18,7 @@ and a kind is a choice of rows of s = 0:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import nan
 from typing import Any, ClassVar, Final, Literal, get_args
 
@@ -101,7 +101,8 @@ class Loop(BetweenFrames):
     -----
     The force is the one on the body of `frame_a`, at the origin of `frame_b` and in the axes of
     `frame_a`; the body of `frame_b` feels the opposite. When `frame_a` of a ball, a weld or a
-    hinge belongs to the world, the axes are those of `frame_b`.
+    hinge belongs to the world, the axes are those of `frame_b`. Where it is open, each body of a
+    ball feels it at its own origin, and the moment of a weld is about that of the axes.
     """
 
     lengths: ClassVar[tuple[str, ...]] = ("length",)
@@ -208,7 +209,7 @@ class Loop(BetweenFrames):
         """Return a ball without its row along z of a `frame` at `frame_a`; None for other kinds."""
         if self.kind != "ball":
             return None
-        return Loop(frame, self.frame_b, "planar", axis="z", name=self.name)
+        return replace(self, frame_a=frame, kind="planar", axis="z")
 
     @property
     def by_points_called(self) -> str:
@@ -227,7 +228,7 @@ class Loop(BetweenFrames):
         for number, place in enumerate(places[self.kind]):
             a, b = (f"{frame} of {self.name}, {number}" for frame in self.frames)
             robot = robot.with_frame(a, self.frame_a, place).with_frame(b, self.frame_b, place)
-            balls.append(Loop(a, b, name=f"{self.name}, {number}"))
+            balls.append(Loop(a, b, name=f"{self.name}, {number}", drift=self.drift))
         return robot, tuple(balls)
 
     @property

@@ -106,4 +106,5 @@ def point_of(contact: Any, name: str, offset: Array) -> PointContact:
     anchor = None
     if contact.anchor is not None:
         anchor = tuple(pin.XYZQUATToSE3(np.array(contact.anchor)).act(offset))
-    return PointContact(contact.frame, tuple(offset), anchor, name=f"{contact.name}/{name}")
+    name = f"{contact.name}/{name}"
+    return PointContact(contact.frame, tuple(offset), anchor, name=name, drift=contact.drift)

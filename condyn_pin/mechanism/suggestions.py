@@ -181,7 +181,7 @@ def merge_points(scene: Scene, *, edges: bool = True) -> ReducedScene:
 def _groups(constraints: Sequence[Constraint]) -> dict[str, list[Constraint]]:
     found: dict[str, list[Constraint]] = {}
     for constraint in constraints:
-        if constraint.point is not None:
+        if constraint.point is not None and constraint.drift is None:
             (frame,) = constraint.frames
             found.setdefault(frame, []).append(constraint)
     return {frame: points for frame, points in found.items() if _spread(points)[1][0] > 0}
@@ -456,7 +456,8 @@ class _Rod:
         The end that takes the place of the loop's first frame comes first, as the force is on it.
         """
         ends = (self.near, self.far) if self.far == self.loop.frames[1] else (self.far, self.near)
-        return Loop(*ends, "rod", length=self.length, name=self.loop.name)
+        loop = self.loop
+        return Loop(*ends, "rod", length=self.length, name=loop.name, drift=loop.drift)
 
 
 def rods_as_distances(

@@ -24,6 +24,7 @@ from condyn_pin._core.joints import indices
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.base import WORLD, Constraint
 from condyn_pin.constraints.kinds import bind
+from condyn_pin.constraints.places import place_of
 from condyn_pin.constraints.rows.bound import gap_of
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName
@@ -392,7 +393,12 @@ def _renamed(motor: CoupledMotor, new: Callable[[str], str]) -> CoupledMotor:
 
 
 def _prefixed(prefix: str) -> Callable[[str], str]:
-    return lambda name: name if name.partition(" + [")[0] in WORLD else f"{prefix}/{name}"
+    def prefixed(name: str) -> str:
+        place = place_of(name)
+        in_world = name in WORLD or (place is not None and place.base in WORLD)
+        return name if in_world else f"{prefix}/{name}"
+
+    return prefixed
 
 
 def _model(robots: Mapping[str, Robot], renames: Mapping[str, Callable[[str], str]]) -> Any:

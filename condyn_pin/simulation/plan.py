@@ -88,8 +88,10 @@ def plan(
     if not isinstance(drift, Drift):
         raise InvalidArgument(f"drift = {drift!r}: a drift scheme is needed, such as Baumgarte")
     _check_drift(integrator, drift, dt)
-    for each in (scene, *(event.scene for event in happenings if event.scene)):
-        _check_own_drift(each, integrator, dt)
+    for each in _scenes(scene, happenings):
+        for constraint in each.constraints:
+            if constraint.drift:
+                check_stability_limit(integrator, constraint.drift, dt)
     check_count("record", record)
     _check_jacobian(tau, jacobian, integrator)
     torque = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
@@ -157,26 +159,19 @@ def _check_drift(integrator: Integrator, drift: Drift, dt: float) -> None:
     check_stability_limit(integrator, drift.rows, dt)
 
 
-def _check_own_drift(scene: Scene, integrator: Integrator, dt: float) -> None:
-    """Refuse gains of single constraints that the integrator cannot take."""
-    for constraint in scene.constraints:
-        if constraint.drift and integrator.keeps_constraints:
-            raise InvalidArgument(
-                f"{constraint.name}: its drift = {constraint.drift!r}, and {integrator.title} "
-                "keeps the constraints itself; use dataclasses.replace(constraint, drift=None)"
-            )
-        if constraint.drift:
-            check_stability_limit(integrator, constraint.drift, dt)
-
-
 def default_integrator(scene: Scene, events: Sequence[Event]) -> Integrator:
     """Return the default integrator: contacts that may let go take one of their own."""
-    scenes = (scene, *(event.scene for event in events if event.scene))
+    scenes = _scenes(scene, events)
     return StewartTrinkle() if any(each.contacts for each in scenes) else RungeKutta4()
 
 
+def _scenes(scene: Scene, events: Sequence[Event]) -> tuple[Scene, ...]:
+    """Scenes of a motion: the first, and those that events bring."""
+    return (scene, *(event.scene for event in events if event.scene))
+
+
 def check_scheme(scene: Scene, integrator: Integrator) -> None:
-    """Refuse an integrator that cannot let the contacts of a scene open, slide or rebound."""
+    """Refuse an integrator that cannot do with contacts or gains what a scene says of them."""
     if scene.contacts and not integrator.takes_contacts:
         raise UnsupportedConstraint(
             f"integrator = {integrator!r}: contacts of the scene may open and slide, and "
@@ -185,10 +180,16 @@ def check_scheme(scene: Scene, integrator: Integrator) -> None:
         )
     if integrator.takes_contacts:
         integrator.check(candidates_of(scene))
+    for constraint in scene.constraints:
+        if constraint.drift and integrator.keeps_constraints:
+            raise InvalidArgument(
+                f"{constraint.name}: its drift = {constraint.drift!r}, and {integrator.title} "
+                "keeps the constraints itself; use dataclasses.replace(constraint, drift=None)"
+            )
 
 
 def _check_contacts(scene: Scene, integrator: Integrator, events: Sequence[Event]) -> None:
-    for each in (scene, *(event.scene for event in events if event.scene)):
+    for each in _scenes(scene, events):
         check_scheme(each, integrator)
 
 
@@ -202,7 +203,7 @@ def default_drift(
     """
     # it has a spring of its own; what is no solver is refused where it is used
     soft = isinstance(solver, Solver) and not solver.exact
-    scenes = (scene, *(event.scene for event in events if event.scene))
+    scenes = _scenes(scene, events)
     if integrator.keeps_constraints or soft or not any(each.rows for each in scenes):
         return NoDrift()
     return PostStabilization()

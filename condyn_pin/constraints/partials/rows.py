@@ -241,8 +241,9 @@ class PairPartials:
             w2 = w2 + dual_cross(at2)
         s = of.s_q
         if self._drift:
+            drift = b.drift or self._drift
             c_q, v_q = gap_of(b, *pair, c1Mc2)
-            s = s + self._drift.Kp * c_q + self._drift.Kd * v_q
+            s = s + drift.Kp * c_q + drift.Kd * v_q
         return two.J.T @ w2 - one.J.T @ w1, b.sign * s
 
 
