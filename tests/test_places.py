@@ -8,6 +8,7 @@ import pickle
 import numpy as np
 import pytest
 from shared import robot
+from urdf_texts import joint, link
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
@@ -248,3 +249,26 @@ def test_axes_of_a_force_are_those_of_any_frame():
         cp.Scene(named, [held])
     with pytest.raises(cp.InvalidArgument, match=r"drift = 3\.0: Baumgarte"):
         cp.PointContact("foot", drift=3.0)
+
+
+LINKS = link("base", "") + link("arm") + joint("shoulder", "base", "arm")
+TOML = """name = "two"
+source = "here"
+licence = "BSD-2-Clause"
+[description]
+file = "two.urdf"
+[[loops]]
+frame_a = "arm + [0.3 0 0]"
+frame_b = "world + [0.3 0 0 0 0 1 1]"
+kind = "ball"
+name = "tip"
+"""
+
+
+def test_files_of_robots_name_places_too(tmp_path):
+    (tmp_path / "two.urdf").write_text(f'<robot name="two">{LINKS}</robot>', encoding="utf-8")
+    (tmp_path / "robot.toml").write_text(TOML, encoding="utf-8")
+    arm = cp.load_robot(tmp_path)
+    bound = cp.Scene(arm, arm.loops).bounds[0]
+    assert np.allclose(bound.placement1.translation, [0.3, 0, 0])
+    assert arm.frame("world + [0.3 0 0 0 0 1 1]")[1].rotation[1, 0] == pytest.approx(1.0)
