@@ -272,3 +272,9 @@ def test_files_of_robots_name_places_too(tmp_path):
     bound = cp.Scene(arm, arm.loops).bounds[0]
     assert np.allclose(bound.placement1.translation, [0.3, 0, 0])
     assert arm.frame("world + [0.3 0 0 0 0 1 1]")[1].rotation[1, 0] == pytest.approx(1.0)
+
+
+def test_lengths_of_a_place_are_not_left_in_other_units():
+    with pytest.raises(cp.InvalidArgument, match=r"frame = 'knee . .0\.1 0 0.' has lengths"):
+        cp.PointContact(("knee", AHEAD)).in_units(1000.0, float)
+    assert cp.PointContact("knee", offset=(1, 0, 0)).in_units(1e3, float).offset[0] == 1000.0

@@ -33,7 +33,8 @@ To add a kind: one file.
    relates two frames by new equations: then write `rows`, `violation`, `weights` and
    `weights_rate`, and nothing else. Other bases are `WithWorld` and `BetweenFrames`.
 2. Its fields are what a file says of it: texts, numbers, tuples. `__post_init__` checks them with
-   the functions below and ends with `_set_name`. Fields in metres are listed in `lengths`.
+   the functions below, frames with `set_frames` (`condyn_pin.constraints.places`), and ends with
+   `_set_name`. Fields in metres are listed in `lengths`.
 3. It registers itself in `KINDS` under its name, by which archives find it; one of the library is
    imported in `kinds.py`. With a `word` robot.toml has it too: among its loops if it `closes`,
    among its contacts if not.
@@ -68,7 +69,7 @@ from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array, finite, shown
 from condyn_pin._core.joints import rotation_fault, z_along
 from condyn_pin.constraints.baumgarte import Baumgarte
-from condyn_pin.constraints.places import FrameLike, set_frames, short
+from condyn_pin.constraints.places import FrameLike, place_of, set_frames, short
 from condyn_pin.errors import InvalidArgument
 
 if TYPE_CHECKING:
@@ -263,6 +264,10 @@ class Constraint(ABC):
         for field, value in vars(self).items():
             if field in self.lengths and value is not None:
                 changed[field] = scaled(value)
+            elif field != "name" and isinstance(value, str) and place_of(value):
+                raise InvalidArgument(
+                    f"{self.name}: {field} = {value!r} has lengths; Robot.with_frame names it"
+                )
             elif field not in (*self.lengths, *self.unitless) and _has_numbers(value):
                 raise InvalidArgument(f"{self.name}: nothing says what unit its {field} has")
         return replace(self, **changed)

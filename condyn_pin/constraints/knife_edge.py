@@ -32,7 +32,7 @@ class KnifeEdge(Nonholonomic):
     Raises
     ------
     InvalidArgument
-        If `frame` is no name, the axis is unknown, or a number is not finite.
+        If `frame` is no frame, the axis is unknown, or a number is not finite.
 
     Notes
     -----

@@ -54,7 +54,7 @@ class LineContact(WithWorld):
     Raises
     ------
     InvalidArgument
-        If `frame` is no name, the axis is unknown, a size is not positive, or the anchor is no
+        If `frame` is no frame, the axis is unknown, a size is not positive, or the anchor is no
         placement.
 
     Notes

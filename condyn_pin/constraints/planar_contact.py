@@ -51,7 +51,7 @@ class PlanarContact(WithWorld):
     Raises
     ------
     InvalidArgument
-        If `frame` is no name, a number is not finite, or the normal is zero.
+        If `frame` is no frame, a number is not finite, or the normal is zero.
 
     Notes
     -----

@@ -47,7 +47,7 @@ class PointContact(WithWorld):
     Raises
     ------
     InvalidArgument
-        If `frame` is no name, or a number is not finite.
+        If `frame` is no frame, or a number is not finite.
 
     Notes
     -----

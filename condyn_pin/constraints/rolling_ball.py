@@ -33,7 +33,7 @@ class RollingBall(OnPlane):
     Raises
     ------
     InvalidArgument
-        If `frame` is no name, the radius is not positive, or the normal is zero.
+        If `frame` is no frame, the radius is not positive, or the normal is zero.
 
     Notes
     -----

@@ -42,7 +42,7 @@ class RollingWheel(OnPlane):
     Raises
     ------
     InvalidArgument
-        If `frame` is no name, the axis or a direction is unknown, the radius is not positive, or
+        If `frame` is no frame, the axis or a direction is unknown, the radius is not positive, or
         the normal is zero.
 
     Notes

@@ -50,7 +50,7 @@ class SurfaceContact(WithWorld):
     Raises
     ------
     InvalidArgument
-        If `frame` is no name, a size is not positive, or the anchor is no placement.
+        If `frame` is no frame, a size is not positive, or the anchor is no placement.
 
     Notes
     -----

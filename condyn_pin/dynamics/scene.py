@@ -107,9 +107,9 @@ class Scene:
 
         return bind_contacts(self.robot, self.contacts, taken=self.names)
 
-    @classmethod
+    @staticmethod
     def from_pinocchio(
-        cls, model: Any, constraint_models: Sequence[Any], contacts: Sequence[Contact] = ()
+        model: Any, constraint_models: Sequence[Any], contacts: Sequence[Contact] = ()
     ) -> Scene:
         """Return the scene of a Pinocchio model with its own constraints, in their order.
 
@@ -145,7 +145,8 @@ class Scene:
         one is the derivative of its rows; Pinocchio leaves out a term there. If the world is the
         first joint of a 6D one that is open, the moment is about the frame on the body.
         """
-        return cls(Robot(getattr(model, "name", "") or "robot", model), constraint_models, contacts)
+        robot = Robot(getattr(model, "name", "") or "robot", model)
+        return Scene(robot, constraint_models, contacts)
 
     @property
     def bounds(self) -> tuple[BoundConstraint, ...]:

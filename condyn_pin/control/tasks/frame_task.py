@@ -50,7 +50,7 @@ class FrameTask(Tracking):
     Raises
     ------
     InvalidArgument
-        If `frame` is no name, or `of` is unknown.
+        If `frame` is no frame, or `of` is unknown.
     """
 
     frame: str

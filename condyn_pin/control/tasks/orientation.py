@@ -42,7 +42,7 @@ class Orientation(Tracking):
     Raises
     ------
     InvalidArgument
-        If `frame` is no name.
+        If `frame` is no frame.
     """
 
     unit: ClassVar[str] = "rad/s^2"
