@@ -350,7 +350,7 @@ def test_scenes_of_events_go_with_that_simulated():
     # the energy of the springs is that of one robot
     sprung = replace(scene.robot, springs=[cp.model.Spring(scene.robot.joints[0], 50.0, 0.3)])
     for other, words in (
-        (cp.Scene(scene.robot, [rod]), "'other': .* one number in one scene"),
+        (cp.Scene(scene.robot, [rod]), "'other': .* by its rows in one scene, and by axes"),
         (cp.Scene(sprung, scene.constraints), "'other': its scene has other springs"),
         (cp.Scene(robot("solo12")), "another model"),
     ):

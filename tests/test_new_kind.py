@@ -310,3 +310,13 @@ def test_rows_of_angles_are_differentiated_where_they_slip_too(robot, tmp_path):
         drift = cp.Baumgarte(3.0, 2.0)
         found = cp.derivatives(scene, q, v, tau, drift=drift, check=True)
     assert np.abs(found.da_dq).max() > 1.0
+
+
+def test_an_event_cannot_turn_two_rows_into_a_vector(kind):
+    """Both have several numbers; what differs is the axes that they are along."""
+    robot = cp.load_robot("four_bar")
+    tips = "coupler_tip", "rocker_tip"
+    rows, axes = kind(*tips, 0.1), cp.Loop(*tips, name=kind(*tips, 0.1).name)
+    event = cp.Event(name="other", at=0.02, scene=cp.Scene(robot, [axes]))
+    with pytest.raises(cp.InvalidArgument, match=r"by its rows in one scene, and by axes"):
+        cp.simulate(cp.Scene(robot, [rows]), *cp.Scene(robot).state(), duration=0.1, events=[event])

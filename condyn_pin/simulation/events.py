@@ -304,8 +304,8 @@ def checked_events(scene: Scene, events: Sequence[Event]) -> tuple[Event, ...]:
 def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, bool]) -> None:
     """Refuse the scene of an event that does not go with the one simulated.
 
-    `scalar` says of the constraints so far whether their force is one number; it gets those of this
-    scene.
+    `scalar` says of the constraints so far whether their force is recorded by rows; it gets those
+    of this scene.
     """
     if its.robot.model != simulated.robot.model:
         raise InvalidArgument(
@@ -320,8 +320,8 @@ def _check_scene(event: str, its: Scene, simulated: Scene, scalar: dict[str, boo
     for bound in its.bounds:
         if scalar.setdefault(bound.name, bound.is_scalar) != bound.is_scalar:
             raise InvalidArgument(
-                f"event {event!r}: {bound.name!r} has a force of one number in one "
-                "scene and a vector in another; give one of the two another name"
+                f"event {event!r}: {bound.name!r} has a force by its rows in one scene, and by "
+                "axes of a frame in another; give one of the two another name"
             )
 
 
