@@ -177,6 +177,8 @@ def test_a_model_of_a_world_and_its_motors_are_chosen(tmp_path):
     assert "choose one with model='m'" in str(run("show", path).exception)
     facts = json.loads(run("show --model n --actuated nj --json", path).stdout)
     assert facts["robot"] == "n"
+    facts = json.loads(run("show --model n --model m --json", path).stdout)
+    assert facts["robot"] == "n + m"
 
 
 def test_assemble_without_loops_says_so():

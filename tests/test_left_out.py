@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -136,3 +137,11 @@ def test_collision_shapes_of_an_sdf_and_an_mjcf_are_read(tmp_path):
         np.array([0, 0, 0.2, 0, 0, 0, 1.0]), np.zeros(6), duration=0.3,
     )  # fmt: skip
     assert any(said.startswith("a (a sphere in the file) is in the ground") for said in run.notices)
+
+
+def test_a_body_that_the_file_lets_through_the_ground_is_not_told(tmp_path):
+    robot = falling(tmp_path)
+    apart = replace(robot, exclusions=[("universe", "crate")])
+    assert dropped(robot).notices
+    assert dropped(apart).notices == ()
+    assert dropped(replace(robot, exclusions=[("probe", "crate")])).notices

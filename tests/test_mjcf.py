@@ -527,3 +527,12 @@ def test_there_is_no_such_file():
 def test_a_spoilt_mjcf_is_refused_or_read(tmp_path, seed):
     assert_survived(tmp_path, "robot.xml", TWO_ARMS.replace("EQUALITY", ALL_EQUALITIES), seed)
     assert_survived(tmp_path, "robot.xml", EVERYTHING, seed)
+
+
+def test_excluded_bodies_are_kept(read):
+    text = TWO_ARMS.replace("EQUALITY", "").replace(
+        "</mujoco>",
+        '<contact><exclude body1="c" body2="a"/><exclude body1="world" body2="b"/></contact>'
+        "</mujoco>",
+    )
+    assert read(text).exclusions == {frozenset("ca"), frozenset({"world", "b"})}

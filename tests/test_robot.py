@@ -14,6 +14,7 @@ import condyn_pin as cp
 from condyn_pin._core._pin import pin
 from condyn_pin.io.load import example_robot_data
 from condyn_pin.model import CoupledMotor
+from condyn_pin.model.smaller import lock_joints
 
 
 def test_postures_cannot_be_written():
@@ -286,3 +287,38 @@ name = "close"
 [postures.hanging]
 left = [1.0, 0.0]
 """
+
+
+CONTINUOUS = """<robot name="wheel"><link name="base"/><link name="rim"><inertial><mass value="1"/>
+<inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<joint name="turn" type="continuous"><parent link="base"/><child link="rim"/>
+<axis xyz="0.6 0.8 0"/></joint></robot>"""
+
+
+def test_limits_that_are_infinite_are_pickled():
+    """Pinocchio 3.9 alone reads none back."""
+    wheel = cp.load_robot(CONTINUOUS)
+    assert np.isinf(wheel.model.effortLimit).all()
+    for once in (wheel, wheel.with_motors("turn")):
+        copy = pickle.loads(pickle.dumps(once))
+        assert copy == once
+        assert np.isinf(copy.model.velocityLimit).all()
+        assert np.isinf(once.model.velocityLimit).all()
+
+
+def test_bodies_that_do_not_touch_are_kept():
+    bar = robot("four_bar")
+    crank, rocker, *_ = bar.joints
+    apart = dataclasses.replace(bar, exclusions=[(rocker, crank), {crank, rocker}])
+    assert apart.exclusions == {frozenset({crank, rocker})}
+    assert apart != bar
+    for copy in (pickle.loads(pickle.dumps(apart)), apart.with_motors(apart.joints[0])):
+        assert copy.exclusions == apart.exclusions
+    pair = cp.model.together({"one": apart, "two": bar})
+    assert pair.exclusions == {frozenset({f"one/{crank}", f"one/{rocker}"})}
+    for wrong, error in (([crank], cp.InvalidArgument), ([[crank]], cp.InvalidArgument),
+                         ([[crank, "crnak"]], cp.errors.UnknownName)):  # fmt: skip
+        with pytest.raises(error, match=r"exclusions|crnak"):
+            dataclasses.replace(bar, exclusions=wrong)
+    locked = lock_joints(dataclasses.replace(apart, loops=()), [rocker])
+    assert locked.exclusions == frozenset()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 
+import mujoco
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -12,6 +13,7 @@ from sdf_texts import AB, INERTIAL, ROUNDING, T, frame_poses, joint, link, pose
 import condyn_pin as cp
 from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName, UnmodelledWarning
 from condyn_pin.io.sdf import read_sdf
+from condyn_pin.io.sdf_parts import links_in
 from condyn_pin.io.shapes import shapes_of
 
 ARM = AB + joint("j", "a", "b")
@@ -463,3 +465,127 @@ def test_only_the_robot_is_drawn_and_what_it_includes(file):
     shapes, missing = shapes_of(str(file(world(model("m", body) + model("n", body)))))
     assert shapes == ()
     assert "choose one" in missing[0]
+
+
+# Several models as one robot --------------------------------------------------------------------
+
+INERTIA = "<inertia><ixx>0.1</ixx><iyy>0.2</iyy><izz>0.15</izz></inertia>"
+BODY = f"<inertial><pose>0 0.1 0.2 0 0 0</pose><mass>2</mass>{INERTIA}</inertial>"
+TURNTABLE = model(
+    "table",
+    link("base") + link("top", pose("0 0 0.5 0 0 0") + BODY)
+    + joint("turn", "base", "top") + pose("1 2 0 0 0 0.3"),
+)  # fmt: skip
+LIFT = model(
+    "arm",
+    link("base", BODY) + link("tool", pose("0 0 0.4 0 0.2 0") + BODY)
+    + joint("swing", "base", "tool", inside="<axis><xyz>0 1 0</xyz></axis>")
+    + pose("1 2 0.7 0 0 0.3"),
+)  # fmt: skip
+SLIDE = joint("slide", "table::top", "arm::base", "prismatic")
+# The same, by hand: the arm slides on the table.
+BY_HAND = """<mujoco><compiler angle="radian" eulerseq="XYZ"/><option gravity="0 0 -1.62"/>
+<worldbody>
+<body name="top" pos="1 2 0.5" euler="0 0 0.3"><joint name="turn" axis="0 0 1"/>
+<inertial pos="0 0.1 0.2" mass="2" diaginertia="0.1 0.2 0.15"/>
+<body name="arm::base" pos="0 0 0.2"><joint name="slide" type="slide" axis="0 0 1"/>
+<inertial pos="0 0.1 0.2" mass="2" diaginertia="0.1 0.2 0.15"/>
+<body name="tool" pos="0 0 0.4" euler="0 0.2 0"><joint name="swing" axis="0 1 0"/>
+<inertial pos="0 0.1 0.2" mass="2" diaginertia="0.1 0.2 0.15"/>
+</body></body></body></worldbody></mujoco>"""
+
+
+def test_two_models_of_a_world_are_one_machine(file, tmp_path):
+    robot = cp.load_robot(file(world(TURNTABLE + LIFT + SLIDE)), model=["arm", "table"])
+    assert robot.name == "arm + table"
+    assert robot.joints == ("turn", "slide", "swing")
+    links = {f.name for f in robot.model.frames if f.type == pin.FrameType.BODY}
+    assert links == {"table::base", "top", "arm::base", "tool"}
+    assert robot.loops == robot.unmodelled == ()
+    (tmp_path / "same.xml").write_text(BY_HAND)
+    mj = mujoco.MjModel.from_xml_path(str(tmp_path / "same.xml"))
+    state, M = mujoco.MjData(mj), np.zeros((3, 3))
+    rng = np.random.default_rng(0)
+    for _ in range(5):
+        state.qpos, state.qvel = q, v = rng.uniform(-1, 1, (2, 3))
+        mujoco.mj_forward(mj, state)
+        for column, row in zip(np.eye(3), M, strict=True):
+            mujoco.mj_mulM(mj, state, row, column)
+        data = robot.model.createData()
+        np.testing.assert_allclose(pin.crba(robot.model, data, q), M, atol=1e-13)
+        h = pin.nonLinearEffects(robot.model, data, q, v)
+        np.testing.assert_allclose(h, state.qfrc_bias, atol=1e-13)
+        placed = robot.frame_pose(q, "tool").translation
+        np.testing.assert_allclose(placed, state.body("tool").xpos, atol=1e-13)
+
+
+def test_models_that_nothing_joins_stand_apart(file):
+    path = file(world(TURNTABLE + LIFT + GROUND))
+    robot = cp.load_robot(path, model=["table", "arm"])
+    assert robot.joints == ("turn", "swing")
+    assert "static models, which stand around: 'ground'" in robot.unused
+    alone = {name: cp.load_robot(path, model=name) for name in ("table", "arm")}
+    pair = cp.model.together(alone)
+    q, v = np.array([0.3, -0.4]), np.array([1.0, 2.0])
+    for verb in (pin.crba, pin.nonLinearEffects):
+        one, two = (
+            verb(r.model, r.model.createData(), q, *([v] if verb is pin.nonLinearEffects else []))
+            for r in (robot, pair)
+        )
+        np.testing.assert_allclose(one, two, atol=1e-14)
+    floating = cp.load_robot(path, model=["table", "arm"], floating=True)
+    assert floating.joints == ("table::base_root_joint", "turn", "arm::base_root_joint", "swing")
+    assert [name for name, *_ in links_in(path, robot.name)] == [
+        "table::base", "top", "arm::base", "tool",
+    ]  # fmt: skip
+
+
+def test_a_joint_of_the_world_closes_a_loop_or_holds_a_model(file):
+    hinge = joint("hinge", "table::top", "arm::tool")
+    anchor = joint("anchor", "world", "arm::base", "fixed", "")
+    path = file(world(TURNTABLE + LIFT + SLIDE + hinge + anchor))
+    robot = cp.load_robot(path, model=["table", "arm"])
+    # the table hangs on the arm, which is anchored, and one joint of the loop is cut
+    assert [loop.called for loop in robot.loops] == ["hinge"]
+    assert robot.nv == 3
+    with pytest.warns(UnmodelledWarning, match="joints of the world: 'w'"):
+        alone = cp.load_robot(path, model=["table"])
+    assert alone.lost_rows == ("joints of the world: 'w'",)
+    assert alone.name == "table"
+    assert alone.joints == ("turn",)
+
+
+@pytest.mark.parametrize(
+    ("names", "error", "words"),
+    [
+        (["m", "o"], UnknownName, "no model named 'o'"),
+        (["m", "ground"], InvalidModel, "<static> models do not move: 'ground'"),
+        (["m", "m"], InvalidArgument, "one is there twice"),
+        (["m", "far"], InvalidModel, "'m', 'far' are in different worlds"),
+        ([], InvalidArgument, r"model = \[\]: the name of a <model>"),
+        (["m", 3], InvalidArgument, "the name of a <model>"),
+    ],
+)
+def test_models_that_make_no_robot_are_refused_by_name(file, names, error, words):
+    other = f'<world name="other">{model("far")}</world>'
+    with pytest.raises(error, match=words):
+        cp.load_robot(file(world(GROUND + model("m") + model("n")) + other), model=names)
+
+
+def test_a_robot_toml_takes_several(file, tmp_path):
+    file(world(TURNTABLE + LIFT + SLIDE))
+    toml = tmp_path / "robot.toml"
+    toml.write_text('name = "cell"\n[description]\nfile = "robot.sdf"\nmodel = ["table", "arm"]\n')
+    assert cp.load_robot(tmp_path).joints == ("turn", "slide", "swing")
+    toml.write_text('name = "cell"\n[description]\nfile = "robot.sdf"\nmodel = []\n')
+    with pytest.raises(InvalidModel, match="a text or a list of texts"):
+        cp.load_robot(tmp_path)
+
+
+def test_links_that_must_not_touch_are_exclusions(file):
+    links = "<self_collide>0</self_collide>" + link("a") + link("b") + joint("j", "a", "b")
+    links += link("c", INERTIAL + "<self_collide>1</self_collide>") + joint("k", "b", "c")
+    robot = read_sdf(file(model("m", links)))
+    assert robot.exclusions == {frozenset("ab")}
+    assert robot.unused == ()
+    assert read_sdf(file(model("m", links.replace(">0<", ">1<")))).exclusions == frozenset()

@@ -13,7 +13,7 @@ from shared import robot
 
 import condyn_pin as cp
 from condyn_pin._core._pin import pin
-from condyn_pin.io.srdf import read_srdf
+from condyn_pin.io.srdf import read_exclusions, read_srdf
 from condyn_pin.io.urdf import read_urdf
 
 STATE = '<group_state name="home" group="all">{}</group_state>'
@@ -91,7 +91,7 @@ def test_spoilt_ones_do_no_harm(tmp_path):
         from pathlib import Path
         import condyn_pin as cp
         from condyn_pin._core._pin import pin
-        from condyn_pin.io.srdf import read_srdf
+        from condyn_pin.io.srdf import read_exclusions, read_srdf
         path, read = Path({str(tmp_path / "a.srdf")!r}), 0
         for text in eval(Path({str(texts)!r}).read_text(encoding="utf-8")):
             path.write_text(text, encoding="utf-8")
@@ -105,3 +105,23 @@ def test_spoilt_ones_do_no_harm(tmp_path):
     )
     assert outcome.kind == "ok", outcome
     assert 0 < int(outcome.text) < 150
+
+
+def test_pairs_that_do_not_collide_are_exclusions(tmp_path):
+    links = [frame.name for frame in robot("four_bar").model.frames][1:3]
+    path = tmp_path / "a.srdf"
+    path.write_text(
+        '<robot name="r">'
+        + "".join(
+            f'<disable_collisions link1="{one}" link2="{two}" reason="Adjacent"/>'
+            for one, two in (links, links[::-1], [links[0], "elsewhere"], [links[0]] * 2)
+        )
+        + '<disable_collisions link1="x"/></robot>'
+    )
+    assert read_exclusions(robot("four_bar").model, path) == {frozenset(links)}
+
+
+def test_a_robot_has_the_exclusions_of_its_srdf():
+    apart = cp.load_robot("talos").exclusions
+    assert frozenset({"arm_left_1_link", "arm_left_2_link"}) in apart
+    assert all(len(pair) == 2 for pair in apart)

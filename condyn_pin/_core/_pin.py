@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import threading
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import lru_cache, partial
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -69,6 +69,24 @@ NUMBERS_OF_V = tuple(
     )
     if hasattr(pin.Model, name)
 )  # fmt: skip
+
+
+def without_infinity(model: Any) -> tuple[Any, dict[str, Array]]:
+    """Return a model with finite limits, and its own where some are not: 3.9 unpickles no others.
+
+    `set_numbers` gives them back.
+    """
+    own = {name: np.array(getattr(model, name)) for name in (*NUMBERS_OF_Q, *NUMBERS_OF_V)}
+    infinite = {name: values for name, values in own.items() if np.isinf(values).any()}
+    finite = pin.Model(model) if infinite else model
+    set_numbers(finite, {name: np.zeros_like(values) for name, values in infinite.items()})
+    return finite, infinite
+
+
+def set_numbers(model: Any, numbers: Mapping[str, Array]) -> None:
+    """Give the joints of a model limits, armatures and the like, by the name of the array."""
+    for name, values in numbers.items():
+        setattr(model, name, values)
 
 
 def init_constraint_dynamics(model: Any, data: Any, models: Any, datas: Any) -> None:

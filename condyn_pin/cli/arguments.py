@@ -58,7 +58,10 @@ Floating = Annotated[
     ),
 ]
 ModelName = Annotated[
-    str | None, typer.Option("--model", help="For an SDF: which model of the file is the robot.")
+    list[str] | None,
+    typer.Option(
+        "--model", help="For an SDF: which model of the file is the robot; repeat it for several."
+    ),
 ]
 Actuated = Annotated[
     str | None,

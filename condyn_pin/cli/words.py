@@ -69,10 +69,11 @@ def robot_of(source: Source) -> Robot:
             f"--floating: it is for the path of a URDF or an SDF; {source.robot} says itself "
             "whether its base floats"
         )
+    models = source.model or ()
     return load_robot(
         source.robot,
         floating=source.floating or None,
-        model=source.model,
+        model=models if len(models) > 1 else next(iter(models), None),
         variant=said or None,
         actuated=None if source.actuated is None else names_in(source.actuated),
         package_dirs=source.package_dirs or (),

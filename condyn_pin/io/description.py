@@ -42,6 +42,8 @@ class Description:
     postures: Mapping[str, Array] = field(default_factory=dict)
     unused: tuple[str, ...] = ()
     unmodelled: tuple[str, ...] = ()
+    lost_rows: tuple[str, ...] = ()
+    exclusions: frozenset[frozenset[str]] = frozenset()
     name: str = ""
     reversed: tuple[str, ...] = ()
     coupled_motors: tuple[CoupledMotor, ...] = ()

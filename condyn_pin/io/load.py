@@ -60,7 +60,7 @@ def load_robot(
     *,
     floating: bool | None = None,
     root_joint: str | None = None,
-    model: str | None = None,
+    model: str | Sequence[str] | None = None,
     variant: Mapping[str, str] | None = None,
     precision: float | None = None,
     actuated: Sequence[str] | None = None,
@@ -79,8 +79,9 @@ def load_robot(
         Named robots and folders say it themselves.
     root_joint : {"fixed", "free_flyer"}, optional
         The same in the words of robot.toml.
-    model : str, optional
-        For an SDF: the <model> of the file; by default the only one that is not static.
+    model : str or sequence of str, optional
+        For an SDF: the <model> of the file; by default the only one that is not static. Several,
+        ``model=["arm", "table"]``, are one robot, with the joints of the world between them.
     variant : mapping of str to str, optional
         Option to value, such as ``{"springs": "locked"}``, for a robot whose robot.toml has
         variants; each option that is left out has its default.
@@ -151,7 +152,10 @@ def _root_joint(floating: bool | None, root_joint: str | None) -> str | None:
 
 
 def _loaded(
-    name: str | Path, root_joint: str | None, model: str | None, variant: Mapping[str, str] | None
+    name: str | Path,
+    root_joint: str | None,
+    model: str | Sequence[str] | None,
+    variant: Mapping[str, str] | None,
 ) -> Robot:
     # what reads files is imported when there is one to read: mechanisms need none of it
     from condyn_pin.io.robot_toml import check_variant
@@ -214,8 +218,10 @@ def _described(name: str) -> Path | None:
     return next((Path(path) for path in paths if path), None)
 
 
-def _check_model(model: str | None, name: str | Path, sdf: bool) -> None:
-    if model is not None and not (sdf and isinstance(model, str)):
+def _check_model(model: Any, name: str | Path, sdf: bool) -> None:
+    names = [model] if isinstance(model, str) else model
+    known = isinstance(names, Sequence) and names and all(isinstance(each, str) for each in names)
+    if model is not None and not (sdf and known):
         raise InvalidArgument(
             f"model = {model!r}: the name of a <model> of an SDF; {str(name)!r} "
             + ("has them by name" if sdf else "is none, leave it out")

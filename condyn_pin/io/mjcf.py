@@ -104,7 +104,7 @@ class _Reader:
                 raise InvalidModel(f"the name {name!r} is the world's; rename it")
         self.tree = DrawnTree(mj.names.split(b"\0", 1)[0].decode(), self.bodies)
         self.had = Transmissions(mj)
-        self.unused, self.unmodelled = list(lost), list[str]()
+        self.unused, self.lost_rows = list(lost), list[str]()
 
     def read(self) -> Description:
         mj, tree = self.mj, self.tree
@@ -132,7 +132,12 @@ class _Reader:
             ),
             postures=self._postures(),
             unused=(*self.unused, *unused(mj, self.had, coupled)),
-            unmodelled=(*self.unmodelled, *unmodelled(mj, self.had)),
+            unmodelled=(*self.lost_rows, *unmodelled(mj, self.had)),
+            lost_rows=tuple(self.lost_rows),
+            exclusions=frozenset(
+                frozenset(self.bodies[b] for b in divmod(pair, 2**16))
+                for pair in mj.exclude_signature.tolist()
+            ),
             name="" if name == _UNNAMED else name,
         )
 
@@ -193,7 +198,7 @@ class _Reader:
             elif kind in ("joint", "tendon"):
                 yield from self._row(k, kind, name)
             else:
-                self.unmodelled.append(f"equality {name!r}, of the kind {kind}")
+                self._lose(name, f", of the kind {kind}")
 
     def _row(self, k: int, kind: str, name: str) -> Iterator[Constraint]:
         """Yield an equality l1 - ref1 = p(l2 - ref2) of coordinates or fixed tendons.
@@ -206,7 +211,7 @@ class _Reader:
             c[1:] = [0.0] * 4
         (w, ref1), (other, ref2) = (self._length(kind, end) for end in ends)
         if w is None or other is None:
-            self.unmodelled.append(f"equality {name!r}, of tendons that are not fixed ones")
+            self._lose(name, ", of tendons that are not fixed ones")
         elif any(c[2:]):
             yield from self._curve(name, c, (w, ref1), (other, ref2))
         else:
@@ -224,7 +229,10 @@ class _Reader:
                 ((joint, x),) = tied.items()
                 yield HeldJoint(joint, offset / x, name=name)
             elif abs(offset) > _ROUNDING:
-                self.unmodelled.append(f"equality {name!r}, which nothing can meet")
+                self._lose(name, ", which nothing can meet")
+
+    def _lose(self, name: str, why: str) -> None:
+        self.lost_rows.append(f"equality {name!r}{why}")
 
     def _curve(
         self,
@@ -237,7 +245,7 @@ class _Reader:
         (w1, ref1), (w2, ref2) = first, second
         if not (len(w1) == len(w2) == 1 and w1.keys() != w2.keys()):
             who = listed([self.joints[j] for j in {**w1, **w2}])
-            self.unmodelled.append(f"equality {name!r} couples {who} by a polynomial, polycoef {c}")
+            self._lose(name, f" couples {who} by a polynomial, polycoef {c}")
             return
         ((one, x),), ((two, y),) = w1.items(), w2.items()
         curve = (Polynomial(c)(Polynomial((-ref2, y))) + ref1) / x

@@ -49,7 +49,9 @@ def read_config(path: Path, variant: Mapping[str, str]) -> Robot:
         return _robot(chosen_config(config, variant), path.parent)
 
 
-def read_alone(source: Path | str, root_joint: str, model: str | None = None) -> Robot:
+def read_alone(
+    source: Path | str, root_joint: str, model: str | Sequence[str] | None = None
+) -> Robot:
     """Return the robot of a description without a robot.toml: a file, or a URDF's text."""
     if isinstance(source, Path):
         about = {} if model is None else {"model": model}
@@ -82,6 +84,7 @@ def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
         | {
             "name": config["name"],
             "postures": _postures(config, folder, read),
+            "exclusions": read.exclusions | _exclusions(description, folder, read.model),
             "loops": (*(loop for loop in read.loops if _ends(loop) not in ends), *own),
             "contacts": contacts_of(config.get("contacts", ())),
             **_motors(config, read),
@@ -154,6 +157,17 @@ def _postures(config: Mapping[str, Any], folder: Path, read: Description) -> dic
     for name, values in config.get("postures", {}).items():
         found[name] = _posture(read.model, values, f"postures.{name}")
     return {**found, **read.postures, **found}
+
+
+def _exclusions(
+    description: Mapping[str, Any], folder: Path, model: Any
+) -> frozenset[frozenset[str]]:
+    """Pairs of links that the SRDF lets pass through each other."""
+    if "srdf" not in description:
+        return frozenset()
+    from condyn_pin.io.srdf import read_exclusions
+
+    return read_exclusions(model, description_file(description["srdf"], folder))
 
 
 def _posture(model: Any, values: Mapping[str, Any], where: str) -> Array:
@@ -230,6 +244,9 @@ def _is_list(kind: type) -> Callable[[Any], bool]:
 
 _TEXT: Final[Check] = (lambda x: isinstance(x, str), "a text")
 _TEXTS: Final[Check] = (_is_list(str), "a list of texts")
+_NAMES: Final[Check] = (
+    lambda x: isinstance(x, str) or (_is_list(str)(x) and len(x) > 0), "a text or a list of texts"
+)  # fmt: skip
 _TRUTH: Final[Check] = (lambda x: isinstance(x, bool), "true or false")
 _NUMBER: Final[Check] = (lambda x: type(x) in (int, float), "a number")
 _TABLE: Final[Check] = (lambda x: isinstance(x, dict), "a table")
@@ -242,7 +259,7 @@ _CONFIG: Final[Mapping[str, Check]] = {
     "precision": _NUMBER,
 }  # fmt: skip
 FOR_SDF: Final[Mapping[str, Check]] = {
-    "model": _TEXT, "root": _TEXT, "kinds": _TABLE, "drop": _TEXTS, "cut": _TEXTS,
+    "model": _NAMES, "root": _TEXT, "kinds": _TABLE, "drop": _TEXTS, "cut": _TEXTS,
     "as_file": _TRUTH,
 }  # fmt: skip
 _DESCRIPTION: Final[Mapping[str, Check]] = {

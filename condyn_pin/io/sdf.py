@@ -48,7 +48,7 @@ _LARGE: Final = ("joint friction", "joint damping", "joint spring", "joint limit
 def read_sdf(
     path: str | PathLike[str],
     *,
-    model: str | None = None,
+    model: str | Sequence[str] | None = None,
     root: str | None = None,
     root_joint: Any | None = None,
     kinds: Mapping[str, str] = MappingProxyType({}),
@@ -62,8 +62,10 @@ def read_sdf(
     Parameters
     ----------
     path : str or path
-    model : str, optional
-        The model of the file. By default the only one that is not static.
+    model : str or sequence of str, optional
+        The model of the file. By default the only one that is not static. Several are one robot,
+        with the joints of the world between them; names of parts begin with that of their model,
+        as in ``arm::tool``, where another part has the rest of it too.
     root : str, optional
         Link on which the tree stands. By default the one that is no joint's child, or of several
         the canonical link.
@@ -144,7 +146,7 @@ def read_sdf(
         loops = tuple(tree.close(joint) for joint in closing)
         for name, (link, oMf) in sdf.frames.items():
             tree.mark(name, link, oMf)
-        root_pose = tree.poses[spanned.start] if floating else None
+        root_poses = [tree.poses[start] for start, _ in spanned.trees] if floating else []
         moving = [link for link in links if tree.moves(link.name)]
         light = [link.name for link in moving if not (link.weighs or link.massless)]
         if light and len(light) == sum(not link.massless for link in moving):
@@ -160,7 +162,7 @@ def read_sdf(
             springs=_springs(joints, spanned),
             reversed=spanned.reversed,
             unused=(
-                *_unused_parts(sdf, kinds, drop, root_pose, idle),
+                *_unused_parts(sdf, kinds, drop, root_poses, idle),
                 *_defaults(sdf, [link.name for link in moving]),
                 *(f"{what}: {quoted(names)}" for what, names in settings.items() if what in _SMALL),
                 *_doubts(links),
@@ -170,6 +172,8 @@ def read_sdf(
                 *([f"links without gravity: {quoted(light)}; here they weigh"] if light else ()),
                 *(f"{what}: {quoted(names)}" for what, names in settings.items() if what in _LARGE),
             ),
+            lost_rows=sdf.lost_rows,
+            exclusions=sdf.exclusions,
         )
 
 
@@ -228,7 +232,7 @@ def _unused_parts(
     sdf: SdfModel,
     kinds: Mapping[str, str],
     drop: Sequence[str],
-    root_pose: Any | None,
+    root_poses: Sequence[Any],
     idle: Sequence[str],
 ) -> Iterator[str]:
     """Parts of the file that are not in the model, a phrase for each kind."""
@@ -244,7 +248,7 @@ def _unused_parts(
         yield f"joint types of the file: {', '.join(changed)}"
     if idle:
         yield f"joints between links that cannot move against each other: {quoted(idle)}"
-    if root_pose is not None and not root_pose.isIdentity():
+    if any(not pose.isIdentity() for pose in root_poses):
         yield "pose of the root link in the file: the root joint's configuration replaces it"
 
 

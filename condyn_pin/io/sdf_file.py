@@ -37,6 +37,7 @@ from condyn_pin.io.sdf_parts import (
     model_poses,
     parts_of,
     pose_of,
+    short_names,
     truth,
 )
 from condyn_pin.io.xml import UNLIMITED, Schema, Tag, check_counts, label
@@ -127,7 +128,7 @@ class SdfModel:
 
     name: str
     pose: Any  # wMo, the model frame in the world
-    canonical: str  # the link with which the model frame moves
+    canonical: tuple[str, ...]  # the link with which the frame of each model moves
     links: tuple[Link, ...]
     joints: tuple[Joint, ...]
     frames: Mapping[str, tuple[str, Any]]  # the link that carries each, and its pose in the model
@@ -135,6 +136,8 @@ class SdfModel:
     defaults: Mapping[str, Sequence[str]]  # inertias that the file leaves out, with their links
     unread: tuple[str, ...]  # sentences
     unmodelled: tuple[str, ...]  # sentences
+    lost_rows: tuple[str, ...]  # sentences among them
+    exclusions: frozenset[frozenset[str]]  # links that do not touch each other
 
 
 # What changes the motion and is not modelled, unless it is zero or false: by the element that has
@@ -165,12 +168,18 @@ _CHANGES: Final[Mapping[str, Mapping[str, str]]] = {
         "{*}mimic": "Drake's mimic joints",
     },
 }
+# Those of them that close the robot, which without them is another mechanism.
+_CLOSURES: Final = (
+    "joints of the world", "Drake's joints", "Drake's ball constraints", "Drake's mimic joints",
+)  # fmt: skip
 _AXIS: Final = Tag("*", one="xyz limit dynamics use_parent_model_frame mimic")
 _NUMBER: Final = Tag(text=1)
 _MOMENTS: Final = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 _TAGS: Final[Mapping[str, Tag]] = {
     "link": Tag(
-        "*", one="pose inertial gravity enable_wind kinematic must_be_base_link velocity_decay"
+        "*",
+        one="pose inertial gravity enable_wind kinematic must_be_base_link velocity_decay "
+        "self_collide",
     ),
     "inertial": Tag("*", one="pose mass inertia fluid_added_mass"),
     "inertia": Tag(one=" ".join(_MOMENTS)),
@@ -191,7 +200,9 @@ _TAGS: Final[Mapping[str, Tag]] = {
     **dict.fromkeys(("lower", "upper", "effort", "velocity"), Tag(text=1, infinite=True)),
     **dict.fromkeys(("damping", "friction", "spring_stiffness", "spring_reference"), _NUMBER),
 }
-_OF_MODEL: Final = ("pose", "link", "joint", "frame", "model", "include", "static", "plugin")
+_OF_MODEL: Final = (
+    "pose", "link", "joint", "frame", "model", "include", "static", "plugin", "self_collide",
+)  # fmt: skip
 _OF_WORLD: Final = ("world", "model", "include", "gravity", "plugin", "physics")
 _DRIVES: Final = re.compile(  # in the name or the file of a plugin
     "actuat|attach|buoyan|control|conveyor|damp|drag|drive|force(?!.?torque)|friction|gear|grasp|"
@@ -200,8 +211,8 @@ _DRIVES: Final = re.compile(  # in the name or the file of a plugin
 )
 
 
-def parse(path: str | PathLike[str], name: str | None) -> SdfModel:
-    """Return the only moving model of a file, or the one of this name."""
+def parse(path: str | PathLike[str], name: str | Sequence[str] | None) -> SdfModel:
+    """Return the only moving model of a file, the one of a name, or those of several as one."""
     files = Files(Path(path))
     chosen = files.chosen(name)
     top = chosen.model
@@ -216,30 +227,53 @@ def parse(path: str | PathLike[str], name: str | None) -> SdfModel:
     joints = [part for part in tagged["joint"].values() if part.element.get("type") != "fixed"]
     check_counts(len(tagged["link"]), len(joints))
     poses, link_of = model_poses(parts, top), links_of(parts, top)
+    short = short_names(parts, chosen.models)
     defaults: dict[str, list[str]] = defaultdict(list)
     links = [_link(part, each, poses, defaults) for each, part in tagged["link"].items()]
+    joints = [_joint(part, each, poses, link_of) for each, part in tagged["joint"].items()]
+    unmodelled = {
+        what: f"{what}: {quoted(short.get(name, name) for name in dict.fromkeys(names))}"
+        for what, names in _unmodelled(chosen, parts).items()
+    }
     return SdfModel(
         name=top.name,
         pose=poses[WORLD].inverse(),
-        canonical=link_of[MODEL],
-        links=tuple(links),
-        joints=tuple(_joint(part, each, poses, link_of) for each, part in tagged["joint"].items()),
+        canonical=tuple(short[link_of[each]] for each in chosen.models or (MODEL,)),
+        links=tuple(replace(link, name=short[link.name]) for link in links),
+        joints=tuple(_shortened(joint, short | {WORLD: WORLD}) for joint in joints),
         frames={
-            each: (link_of[each], poses[each])
+            short[each]: (short[link_of[each]], poses[each])
             for each, part in parts.items()
             if part.element.tag == "frame" or is_model(part)
         },
         gravity=chosen.gravity,
-        defaults=defaults,
+        defaults={value: [short[each] for each in names] for value, names in defaults.items()},
         unread=(*chosen.unused, *_unread(chosen, parts, schema)),
-        unmodelled=tuple(_unmodelled(chosen, parts)),
+        unmodelled=tuple(unmodelled.values()),
+        lost_rows=tuple(text for what, text in unmodelled.items() if what in _CLOSURES),
+        exclusions=frozenset(
+            frozenset(short[each] for each in names) for names in _exclusions(tagged["link"])
+        ),
     )
 
 
+def _shortened(joint: Joint, short: Mapping[str, str]) -> Joint:
+    """Joint with the short names of itself, of its links, and of what it follows."""
+    axes = [
+        axis if axis.mimic is None else replace(axis, mimic=replace(
+            axis.mimic, leader=short.get(axis.mimic.leader, axis.mimic.leader)
+        ))
+        for axis in (joint.axis, joint.axis2)
+    ]  # fmt: skip
+    gear = joint.gear and replace(joint.gear, reference=short[joint.gear.reference])
+    names = {key: short[getattr(joint, key)] for key in ("name", "parent", "child")}
+    return replace(joint, **names, axis=axes[0], axis2=axes[1], gear=gear)
+
+
 def _roots(chosen: Chosen, parts: Mapping[str, Part]) -> list[Element]:
-    """Elements of the model and the models it includes, each once."""
-    included = [p.model.model for p in parts.values() if p.element.tag == "include"]
-    return list({id(model): model for model in (chosen.model.model, *included)}.values())
+    """Elements of the model and the models in it, each once."""
+    inner = [part.model.model for part in parts.values() if is_model(part)]
+    return list({id(model): model for model in (chosen.model.model, *inner)}.values())
 
 
 def _unread(chosen: Chosen, parts: Mapping[str, Part], schema: Schema) -> Iterator[str]:
@@ -257,8 +291,8 @@ def _changing(tag: str) -> Iterable[str]:
     return (path.partition("/")[0] for path in _CHANGES.get(tag, ()))
 
 
-def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:
-    """Parts that change the motion and are not modelled, with their places, a phrase each."""
+def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> dict[str, list[str]]:
+    """Parts that change the motion and are not modelled, with their places."""
     places = [(chosen.world.get("name", ""), chosen.world), (chosen.model.name, chosen.model.model)]
     places += [(name, part.model.model if is_model(part) else part.element)
                for name, part in parts.items()]  # fmt: skip
@@ -270,8 +304,19 @@ def _unmodelled(chosen: Chosen, parts: Mapping[str, Part]) -> Iterator[str]:
                 found[what].append(name)
     if driving := [_named(p) for p in _plugins(chosen, parts) if _drives(p)]:
         found["plugins that may drive it or push"] = driving
-    for what, names in found.items():
-        yield f"{what}: {quoted(dict.fromkeys(names))}"
+    return found
+
+
+def _exclusions(links: Mapping[str, Part]) -> frozenset[frozenset[str]]:
+    """Links of each model that must not touch each other: <self_collide> is false, if written."""
+    of_model: dict[str, str] = {}
+    apart: dict[str, set[str]] = defaultdict(set)
+    for name, part in links.items():
+        if part.home not in of_model:
+            of_model[part.home] = str(flag(part.model.model, "self_collide", "true"))
+        if not flag(part.element, "self_collide", of_model[part.home]):
+            apart[part.home].add(name)
+    return frozenset(frozenset(names) for names in apart.values() if len(names) > 1)
 
 
 def _says(element: Element) -> bool:

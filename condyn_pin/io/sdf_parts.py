@@ -1,7 +1,9 @@
 """The parts of an SDF file: its models and those it includes, and their poses.
 
-A world has everything that is drawn in it; a robot is one model that moves. A <model>, and an
-<include> that brings one, are the same here: a `Placed` model, where its owner puts it. Included
+A world has everything that is drawn in it; a robot is one model that moves, or several of them,
+which are then the models in a model that stands in the world, with the world's joints between
+them. A <model>, and an <include> that brings one, are the same here: a `Placed` model, where its
+owner puts it. Included
 files are looked for beside the one that includes them and in the folders above that, down from the
 folder of the first file, which nothing leaves.
 
@@ -18,7 +20,8 @@ scope of its owner, and is the frame _merged__n__model__ there.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Mapping
+from collections import Counter
+from collections.abc import Collection, Container, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 from xml.etree.ElementTree import Element
@@ -28,7 +31,7 @@ import numpy as np
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import quoted
 from condyn_pin._core.arrays import Array
-from condyn_pin.errors import InvalidModel, UnknownName, unknown_name
+from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName, unknown_name
 from condyn_pin.io.xml import find, floats, label, open_xml, place
 
 WORLD: Final = "world"
@@ -74,8 +77,9 @@ class Chosen(NamedTuple):
 
     model: Placed
     gravity: Array | None  # [m/s^2]; None where no world is
-    world: Element  # <sdf> where there is none
+    world: Element  # <sdf> where there is none; without what belongs to the robot
     unused: tuple[str, ...]  # sentences
+    models: tuple[str, ...] = ()  # of which the robot is made, if they are several
 
 
 class Files:
@@ -91,8 +95,8 @@ class Files:
         """Topmost folder for includes: that of the first file, which is open by then."""
         return self._first.resolve().parent
 
-    def chosen(self, name: str | None) -> Chosen:
-        """Return the model of a name, or the only one that moves."""
+    def chosen(self, wanted: str | Sequence[str] | None) -> Chosen:
+        """Return the model of a name, those of several names as one, or the only one that moves."""
         sdf = self._open(self._first)
         worlds = sdf.findall("world")
         found: list[tuple[Placed, Element]] = []
@@ -104,12 +108,18 @@ class Files:
                 else:
                     found.append((model, world))
         placed = [model for model, _ in found]
-        model = _choice(placed, lost, name)
-        home = next(world for candidate, world in found if candidate is model)
+        names = [wanted] if wanted is None or isinstance(wanted, str) else [*wanted]
+        taken = [_choice(placed, lost, name) for name in names]
+        homes = [next(w for candidate, w in found if candidate is model) for model in taken]
+        home, model = homes[0], taken[0]
+        if any(other is not home for other in homes):
+            raise InvalidModel(f"the models {quoted(names)} are in different worlds; choose of one")
         if home is sdf and len(worlds) == 1:
             home = worlds[0]
-        still = [other.name for other in placed if other is not model and other.static]
-        moving = [other.name for other in placed if other is not model and not other.static]
+        if several := not (wanted is None or isinstance(wanted, str)):
+            model, home = _as_one(taken, home, self._first)
+        still = [other.name for other in placed if other not in taken and other.static]
+        moving = [other.name for other in placed if other not in taken and not other.static]
         said = {
             "static models, which stand around": still,
             "other models": moving,
@@ -121,7 +131,8 @@ class Files:
             gravity, given = _gravity(home, _version(sdf))
             if not given:
                 unused.append("gravity is left out of the <world>: 9.8 m/s^2, as the format has it")
-        return Chosen(model, gravity, home, tuple(unused))
+        inner = tuple(each.name for each in taken) if several else ()
+        return Chosen(model, gravity, home, tuple(unused), inner)
 
     def models_in(
         self, owner: Element, file: Path, version: tuple[int, ...]
@@ -208,7 +219,8 @@ def _choice(models: list[Placed], lost: list[str], name: str | None) -> Placed:
         moving = quoted(model.name for model in found[:8]) + ", ..." * (len(found) > 8)
         raise InvalidModel(
             f"the file has the models {moving}, which can move; choose one with model="
-            f"{found[0].name!r}" + ("" if name is None else "; rename those of one name")
+            f"{found[0].name!r}, or several, model=[...]"
+            + ("" if name is None else "; rename those of one name")
         )
     if not models:
         included = f", but <include> {quoted(lost)}, not found in its folder" if lost else ""
@@ -219,6 +231,31 @@ def _choice(models: list[Placed], lost: list[str], name: str | None) -> Placed:
             f"<static> models do not move: {still}; take <static> out of the one that is the robot"
         )
     return found[0]
+
+
+def _as_one(models: Sequence[Placed], world: Element, file: Path) -> tuple[Placed, Element]:
+    """Models of a world as the models in one, with its joints and frames, and the rest of it."""
+    names = {model.name for model in models}
+    if len(names) < len(models):
+        raise InvalidArgument(f"model = {[model.name for model in models]}: one is there twice")
+    frames = {frame.get("name", "") for frame in world.findall("frame")}
+    strangers = {e.get("name", "") for e in world.findall("model")} - names
+    strangers |= {(e.findtext("name") or "").strip() for e in world.findall("include")} - names
+
+    def belongs(element: Element) -> bool:
+        """True unless a joint or a frame of the world is at a model that is not chosen."""
+        ends = [element.findtext("parent"), element.findtext("child")]
+        ends += [element.get("attached_to")]
+        ends += [pose.get("relative_to") for pose in element.findall("pose")]
+        said = {(end or "").strip().partition("::")[0] for end in ends}
+        return element.tag in ("joint", "frame") and not (said - frames) & strangers
+
+    own = [element for element in world if belongs(element)]
+    whole = Element("model", name=" + ".join(model.name for model in models))
+    whole.extend([*(model.owner for model in models), *own])
+    rest = Element(world.tag, world.attrib)
+    rest.extend(element for element in world if element not in own)
+    return Placed(whole.get("name", ""), whole, whole, file, models[0].version), rest
 
 
 def _gravity(world: Element, version: tuple[int, ...]) -> tuple[Array, bool]:
@@ -342,19 +379,31 @@ def parts_of(top: Placed, files: Files) -> dict[str, Part]:
     return parts
 
 
+def short_names(parts: Collection[str], models: Sequence[str]) -> dict[str, str]:
+    """Name of each part without that of its model, of several, where no other part has it."""
+    bare = {
+        name: rest if model in models and rest else name
+        for name, (model, _, rest) in ((name, name.partition("::")) for name in parts)
+    }
+    count = Counter(bare.values())
+    return {name: short if count[short] == 1 else name for name, short in bare.items()}
+
+
 def links_in(path: Path, model: str) -> list[tuple[str, Element, Path]]:
     """Return the links of a model in a file, by name, and the files in which they are written.
 
-    It is the model of a name, or the only one that moves, whatever the robot is called.
+    It is the model of a name, several with + between their names, or the only one that moves,
+    whatever the robot is called.
     """
     files = Files(path)
     try:
-        chosen = files.chosen(model)
+        chosen = files.chosen(model.split(" + ") if " + " in model else model)
     except UnknownName:
         chosen = files.chosen(None)
     parts = parts_of(chosen.model, files)
+    short = short_names(parts, chosen.models)
     return [
-        (name, part.element, part.model.file)
+        (short[name], part.element, part.model.file)
         for name, part in parts.items()
         if part.element.tag == "link"
     ]

@@ -244,12 +244,11 @@ def _share(link: Link, n: int) -> Link:
 
 
 class Span(NamedTuple):
-    """A spanning tree."""
+    """A spanning tree, or one for each of several models that nothing connects."""
 
-    start: str  # the link on which it stands, or the world
-    tree: tuple[Joint, ...]  # depth-first, each from the root on
+    trees: tuple[tuple[str, tuple[Joint, ...]], ...]  # root link, or the world; depth-first joints
     cut: tuple[Joint, ...]  # in the order of the file
-    reversed: tuple[str, ...]  # of the tree
+    reversed: tuple[str, ...]  # of the trees
 
 
 def span(
@@ -261,30 +260,43 @@ def span(
     kept: Mapping[str, str],
     cut: Sequence[str],
 ) -> Span:
-    """Return the tree that these joints make from the root to every link of the file.
+    """Return the trees that these joints make from their roots to every link of the file.
 
     `kept` has the joints that must not be cut, each with the reason; `cut` those that must be.
     """
     for name in cut:
         if name not in [joint.name for joint in joints]:
             raise unknown_name("joint", name, [joint.name for joint in joints])
-    start = _start(sdf, joints, root, floating)
     names = _spanning(joints, kept, cut)
-    tree, backwards = _depth_first([joint for joint in joints if joint.name in names], start)
-    reached = {start, *(joint.child for joint in tree)}
+    spanning = [joint for joint in joints if joint.name in names]
+    anchored = _anchored(sdf, joints, root, floating)
+    trees: list[tuple[str, tuple[Joint, ...]]] = []
+    backwards: list[str] = []
+    reached = set[str]()
+    several = len(sdf.canonical) > 1
+    starts = ((WORLD,) if anchored else ()) + (sdf.canonical if several or not anchored else ())
+    for start in starts:
+        if start in reached:
+            continue
+        if start != WORLD:
+            start = _root(sdf, joints, root, start, spanning if several else None)
+        tree, turned = _depth_first(spanning, start)
+        trees.append((start, tree))
+        backwards += turned
+        reached |= {start, *(joint.child for joint in tree)}
     lost = [link.name for link in sdf.links if link.name not in reached]
     if lost:
         raise InvalidModel(
-            f"no joint leads from {start!r} to the links {quoted(lost)}: add a joint that connects "
-            "them, or leave them out of the file"
+            f"no joint leads from {trees[0][0]!r} to the links {quoted(lost)}: add a joint that "
+            "connects them, or leave them out of the file"
         )
     opened = tuple(joint for joint in joints if joint.name not in names)
     _check_cuts(names, opened, kept, cut)
-    return Span(start, tree, opened, backwards)
+    return Span(tuple(trees), opened, tuple(backwards))
 
 
-def _start(sdf: SdfModel, joints: Sequence[Joint], root: str | None, floating: bool) -> str:
-    """Return the link on which the tree stands, or the world if joints attach links to it."""
+def _anchored(sdf: SdfModel, joints: Sequence[Joint], root: str | None, floating: bool) -> bool:
+    """True if joints attach links to the world; refuse another root then."""
     links = [link.name for link in sdf.links]
     if root is not None and root not in links:
         raise unknown_name("link", root, links)
@@ -301,10 +313,25 @@ def _start(sdf: SdfModel, joints: Sequence[Joint], root: str | None, floating: b
                 f"root {root!r} is not what the joints {names} attach to the world: leave them out "
                 "with drop, or do not name a root"
             )
-        return WORLD
+    return bool(anchors)
+
+
+def _root(
+    sdf: SdfModel,
+    joints: Sequence[Joint],
+    root: str | None,
+    canonical: str,
+    spanning: Sequence[Joint] | None,
+) -> str:
+    """Return the link on which the tree of a model stands, of several what they are joined to."""
+    links = [link.name for link in sdf.links]
+    if spanning is not None:
+        links = [canonical, *(joint.child for joint in _depth_first(spanning, canonical)[0])]
+    if root in links:
+        return str(root)
     children = {joint.child for joint in joints}
-    roots = [root] if root is not None else [link for link in links if link not in children]
-    return roots[0] if len(roots) == 1 else sdf.canonical
+    roots = [link for link in links if link not in children]
+    return roots[0] if len(roots) == 1 else canonical
 
 
 def _spanning(
@@ -397,12 +424,14 @@ class SdfTree(Tree):
         self.poses = {link.name: link.pose for link in sdf.links} | {WORLD: sdf.pose.inverse()}
         self._links = {link.name: link for link in sdf.links}
         self._frames = {WORLD: 0}  # Pinocchio's frame 0 is the universe
-        self._plant(spanned.start, root_joint)
-        for joint in spanned.tree:
-            self._attach(joint)
+        for start, joints in spanned.trees:
+            name = "root_joint" if len(spanned.trees) == 1 else f"{start}_root_joint"
+            self._plant(start, root_joint, name)
+            for joint in joints:
+                self._attach(joint)
 
-    def _plant(self, start: str, root_joint: Any | None) -> None:
-        """Add the root link; the world itself is there already."""
+    def _plant(self, start: str, root_joint: Any | None, name: str) -> None:
+        """Add a root link; the world itself is there already."""
         if start == WORLD:
             return
         if root_joint is None:
@@ -410,8 +439,8 @@ class SdfTree(Tree):
             self._carry(start, 0, 0, wMlink)
             return
         identity = pin.SE3.Identity()
-        i = self.add_joint(0, root_joint, identity, "root_joint")
-        self._carry(start, i, self.add_frame("root_joint", i, identity, "JOINT"), identity)
+        i = self.add_joint(0, root_joint, identity, name)
+        self._carry(start, i, self.add_frame(name, i, identity, "JOINT"), identity)
 
     def _attach(self, joint: Joint) -> None:
         """Add a joint of the tree and its child link."""

@@ -1,4 +1,4 @@
-"""SRDF: named configurations, and the rotors behind the joints.
+"""SRDF: named configurations, the rotors behind the joints, and links that do not collide.
 
 Pinocchio's own reader ends the process at a joint named universe, and at texts where it wants
 numbers.
@@ -54,6 +54,21 @@ def read_srdf(
             for q in found.values():
                 q[joint.idx_q : joint.idx_q + 3] *= -1.0
     return found
+
+
+def read_exclusions(model: Any, path: Path) -> frozenset[frozenset[str]]:
+    """Pairs of links that do not collide, of <disable_collisions>; those of other links left out.
+
+    Raises
+    ------
+    InvalidModel
+        If it cannot be read.
+    """
+    with place(path):
+        disabled = open_xml(path, "robot").findall("disable_collisions")
+    links = {frame.name for frame in model.frames}
+    pairs = (frozenset({each.get("link1"), each.get("link2")} & links) for each in disabled)
+    return frozenset(pair for pair in pairs if len(pair) == 2)
 
 
 def _read_rotors(model: Any, root: Element) -> None:

@@ -69,9 +69,10 @@ _ACTS: Final = re.compile(
     "mimic|underactuat|buoyan|hydro|wind|lift|drag|thrust|propel|friction|spring|damp"
 )
 # What Drake and others say beside the joints, most of it in a namespace.
+_CLOSURES: Final = ("mimic", "ball_constraint")
 _OF_OTHERS: Final = (
-    "motorInertia", "rotor_inertia", "mimic", "ball_constraint", "tendon_constraint",
-    "linear_bushing_rpy", "linear_spring_damper",
+    "motorInertia", "rotor_inertia", *_CLOSURES, "tendon_constraint", "linear_bushing_rpy",
+    "linear_spring_damper",
 )  # fmt: skip
 _TAGS: Final = {
     "robot": Tag("name version", many="link joint loop_joint constraint gazebo"),
@@ -169,6 +170,7 @@ class _Reader:
             loops=(*couplings, *(beside.loops or named), *close(model, cuts)),
             unused=(*told, *beside.unused()),
             unmodelled=tuple(self._unmodelled()),
+            lost_rows=tuple(self._others(_CLOSURES)),
             actuated=beside.motors,
             name=robot.attrib["name"],
         )
@@ -410,15 +412,17 @@ class _Reader:
         ]
         if acting:
             yield f"plugins that may drive it or push ({few(acting)})"
-        others = Counter(e.tag.rpartition("}")[2] for e in self._file.iter() if e.tag not in _TAGS)
-        for tag in _OF_OTHERS:
-            if others[tag]:
-                yield f"<{tag}> ({others[tag]})"
+        yield from self._others(_OF_OTHERS)
         for name, joint in self.cut.items():
             found = joint.find("dynamics")
             lost = [] if found is None else [k for k, x in found.attrib.items() if float(x)]
             if lost:
                 yield f"{' and '.join(lost)} of joint {name!r}, at which a loop is cut"
+
+    def _others(self, tags: Iterable[str]) -> Iterator[str]:
+        """Unread elements of these tags, with their number."""
+        found = Counter(e.tag.rpartition("}")[2] for e in self._file.iter() if e.tag not in _TAGS)
+        yield from (f"<{tag}> ({found[tag]})" for tag in tags if found[tag])
 
 
 def _named(robot: Element, tag: str) -> dict[str, Element]:

@@ -224,7 +224,7 @@ def _unused(scene: Scene) -> Iterator[str]:
 
 def _notes(scene: Scene, at: Rank) -> Iterator[str]:
     yield from at.notes
-    if lost := [text for text in scene.robot.unmodelled if text.startswith("equality ")]:
+    if lost := scene.robot.lost_rows:
         yield f"rows of the file are missing, and this is another mechanism: {'; '.join(lost)}"
     if at.condition > _ILL_CONDITIONED:
         yield (

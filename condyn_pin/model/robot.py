@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields, replace
 from functools import cached_property
 from sys import getrefcount
 from types import MappingProxyType
@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from condyn_pin._core import show, tolerances
-from condyn_pin._core._pin import pin
+from condyn_pin._core._pin import pin, set_numbers, without_infinity
 from condyn_pin._core.arguments import Arguments, counted, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.joints import rotation_fault
@@ -48,6 +48,7 @@ _MEMBERS: Final[Mapping[str, tuple[type, ...]]] = {
     "unmodelled": (str,),
     "package_dirs": (str,),
     "coupled_motors": (CoupledMotor,),
+    "lost_rows": (str,),
 }
 
 
@@ -111,6 +112,20 @@ def check_ends(robot: Robot) -> None:
                 f"spring-damper between {each.frame_a!r} and {each.frame_b!r}: both are on one "
                 "body, where it does nothing; frames of two bodies are needed"
             )
+
+
+def exclusions(robot: Robot) -> frozenset[frozenset[str]]:
+    """Sets of bodies that do not touch, or InvalidArgument or UnknownName."""
+    known = {*robot.frames, *robot.joints, *WORLD}
+    found = set[frozenset[str]]()
+    for each in members("exclusions", robot.exclusions, (Collection,)):
+        names = frozenset(members("exclusions", each, (str,)))
+        if len(names) < 2:
+            raise InvalidArgument(f"exclusions: {each!r}: two or more bodies are needed")
+        for name in names - known:
+            raise unknown_name("frame", name, sorted(known))
+        found.add(names)
+    return frozenset(found)
 
 
 def postures(model: Any, value: Any) -> Mapping[str, Array]:
@@ -266,6 +281,10 @@ class Robot:
         Folders in which the meshes of the description are looked for.
     coupled_motors : sequence of CoupledMotor, optional
         Motors that act on several joints at once, through a differential or a cable.
+    lost_rows : sequence of str, optional
+        Those of `unmodelled` that close the robot: the model without them is another mechanism.
+    exclusions : collection of sets of str, optional
+        Bodies that do not touch each other, by their frames: pairs, or more of which no two touch.
 
     Raises
     ------
@@ -291,6 +310,8 @@ class Robot:
     unmodelled: Sequence[str] = ()
     package_dirs: Sequence[str] = ()
     coupled_motors: Sequence[CoupledMotor] = ()
+    lost_rows: Sequence[str] = ()
+    exclusions: Collection[Collection[str]] = frozenset()
 
     def __post_init__(self) -> None:
         check_origin(self.name, self.model)
@@ -302,6 +323,7 @@ class Robot:
             object.__setattr__(self, key, its)
         check_joints(self)
         check_ends(self)
+        object.__setattr__(self, "exclusions", exclusions(self))
         object.__setattr__(self, "postures", postures(self.model, self.postures))
         # A private copy: what the model was when it was checked.
         object.__setattr__(self, "_pristine", pin.Model(self.model))
@@ -704,7 +726,7 @@ class Robot:
             return NotImplemented
         if self is other:
             return True
-        plain = ("name", *lists(), "source", "licence", "precision")
+        plain = ("name", *lists(), "source", "licence", "precision", "exclusions")
         return (
             all(getattr(self, key) == getattr(other, key) for key in plain)
             and self.postures.keys() == other.postures.keys()
@@ -716,11 +738,9 @@ class Robot:
         return hash((self.name, self.nq, self.nv, self.loops))
 
     def __reduce__(self) -> tuple[Any, ...]:
-        state = (self.name, self.model, dict(self.postures), self.loops, self.contacts)
-        origin = (self.source, self.licence, self.description)
-        rest = (*origin, self.spring_dampers, self.precision, self.unmodelled, self.package_dirs)
-        motors = self.coupled_motors
-        return Robot, (*state, self.actuated, self.springs, self.unused, *rest, motors)
+        own = {field.name: getattr(self, field.name) for field in fields(self)}
+        own["model"], infinite = without_infinity(self.model)
+        return _unpickled, (own | {"postures": dict(self.postures)}, infinite)
 
     def _repr_html_(self) -> str:
         """HTML summary for notebooks."""
@@ -732,6 +752,11 @@ class Robot:
             f"{counted(len(self.loops), 'loop')}, "
             f"postures: {', '.join(self.postures) or 'none'})"
         )
+
+
+def _unpickled(own: dict[str, Any], infinite: Mapping[str, Array]) -> Robot:
+    set_numbers(own["model"], infinite)
+    return Robot(**own)
 
 
 # A Robot as a notebook shows it.

@@ -57,9 +57,11 @@ def smaller_robot(
     """
     left = [name for name in robot.joints if name not in joints]
     index_q, _ = indices(robot.model, left)
+    model = smaller_tree(robot.model, joints, q, cut=cut)
+    known = {*(frame.name for frame in model.frames), *left, *WORLD}
     bare = replace(
         robot,
-        model=smaller_tree(robot.model, joints, q, cut=cut),
+        model=model,
         postures={name: posture[index_q] for name, posture in robot.postures.items()},
         loops=(),
         contacts=(),
@@ -68,6 +70,7 @@ def smaller_robot(
         springs=tuple(spring for spring in robot.springs if spring.joint not in joints),
         spring_dampers=(),
         unused=(*robot.unused, remark),
+        exclusions=[names & known for names in robot.exclusions if len(names & known) > 1],
     )
     loops, _ = sifted(bare, robot.loops if cut else with_held(robot, robot.loops, joints, q))
     contacts, _ = sifted(bare, robot.contacts)
@@ -384,6 +387,8 @@ def together(robots: Mapping[str, Robot]) -> Robot:
             for each in robot.spring_dampers
         ],
         precision=max(robot.precision for robot in robots.values()),
+        lost_rows=[f"{name}: {text}" for name, robot in robots.items() for text in robot.lost_rows],
+        exclusions=[[*map(new, names)] for new, robot in pairs for names in robot.exclusions],
     )
 
 

@@ -82,7 +82,7 @@ CHOICES: Final[dict[str, type]] = {"integrator": Integrator, "drift": Drift, "so
 _LISTS = ("loops", "contacts", "springs", "spring_dampers", "coupled_motors")
 _WORDS = (
     "name", "actuated", "unused", "unmodelled", "source", "licence", "description", "precision",
-    "package_dirs",
+    "package_dirs", "lost_rows", "exclusions",
 )  # fmt: skip
 _POSTURE = "posture "
 _MODEL = "model "
@@ -93,6 +93,7 @@ def write(
 ) -> None:
     """Write a file of a `kind`: a header of words and numbers, and arrays."""
     about = {key: getattr(robot, key) for key in _WORDS}
+    about["exclusions"] = sorted(sorted(names) for names in robot.exclusions)
     about |= {key: [encode(c) for c in getattr(robot, key)] for key in _LISTS}
     about["model"], numbers = model_words(robot.model)
     header = {"format": kind, "pinocchio": VERSION_TEXT, "robot": about, **header}
@@ -154,8 +155,9 @@ def _robot(about: dict[str, Any], content: Content) -> Robot:
     postures = {k.removeprefix(_POSTURE): q for k, q in content.items() if k.startswith(_POSTURE)}
     model, lost = model_of(about["model"], numbers)
     # files of before have none of these
-    before = dict.fromkeys(("unmodelled", "package_dirs", "coupled_motors"), ())
-    about = {"precision": tolerances.ROUNDED_GEOMETRY, **before, **about}
+    since = ("unmodelled", "package_dirs", "coupled_motors", "lost_rows", "exclusions")
+    before = dict.fromkeys(since, ()) | {"precision": tolerances.ROUNDED_GEOMETRY}
+    about = before | about
     lists: dict[str, Any] = {key: [decode(c) for c in about[key]] for key in _LISTS}
     words: dict[str, Any] = {key: about[key] for key in _WORDS}
     for key in ("source", "licence", "description"):

@@ -20,6 +20,7 @@ from condyn_pin._core import tolerances
 from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms, data_of
+from condyn_pin.constraints.base import WORLD
 from condyn_pin.constraints.rows.bound import ConstraintViolation, beyond_text
 from condyn_pin.errors import CondynError
 from condyn_pin.io.shapes import shapes_of
@@ -82,6 +83,7 @@ class _Ground(NamedTuple):
     placement: Any  # z out of the ground
     friction: float
     allowed: dict[int, float]  # by joint: how deep its shapes may be [m]
+    apart: frozenset[str]  # bodies that do not touch it, by the description
 
 
 class _Passed(NamedTuple):
@@ -145,7 +147,7 @@ def _passed(
             oMp = data.oMi[plane.ground] * plane.placement
             n, height = oMp.rotation[:, 2], float(oMp.rotation[:, 2] @ oMp.translation)
             for s, solid in enumerate(solids):
-                if solid.joint == plane.ground:
+                if solid.joint == plane.ground or solid.link in plane.apart:
                     continue
                 oMi = data.oMi[solid.joint]
                 down = oMi.rotation.T @ n
@@ -171,9 +173,18 @@ def _planes(scene: Scene) -> list[_Ground]:
             key = (touch.ground, *np.round([*n, height], 9).tolist())
             if key not in found:
                 words = _words(scene, touch.ground, n, height)
-                found[key] = _Ground(*words, touch.ground, touch.plane, touch.friction, {})
+                apart = _apart(scene.robot, touch.ground)
+                found[key] = _Ground(*words, touch.ground, touch.plane, touch.friction, {}, apart)
             found[key].allowed[touch.joint] = tolerances.FEET_IN_THE_GROUND
     return list(found.values())
+
+
+def _apart(robot: Robot, joint: int) -> frozenset[str]:
+    """Bodies that a description lets pass through the world, or through those on a joint."""
+    here = {*WORLD}
+    if joint:
+        here = {frame.name for frame in robot.model.frames if frame.parentJoint == joint}
+    return frozenset().union(*(names for names in robot.exclusions if names & here))
 
 
 def _words(scene: Scene, ground: int, n: Array, height: float) -> tuple[str, str]:
