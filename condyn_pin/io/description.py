@@ -16,6 +16,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.errors import InvalidArgument, InvalidModel, MissingExtra
 from condyn_pin.model.motors import CoupledMotor
+from condyn_pin.model.robot import Robot
 from condyn_pin.model.springs import Spring, SpringDamper
 
 # Name, mass [kg], and inertia about the centre of mass [kg m^2]
@@ -24,15 +25,7 @@ Body = tuple[str, float, Array]
 
 @dataclass(frozen=True)
 class Description:
-    """Content of a robot's file; all fields but `reversed` are those of `Robot`.
-
-    The name is empty if the file has none.
-
-    Attributes
-    ----------
-    reversed : tuple of str
-        Joints that run from child to parent in the tree.
-    """
+    """Content of a robot's file; all fields but `reversed` are those of `Robot`."""
 
     model: Any
     loops: tuple[Constraint, ...] = ()
@@ -44,9 +37,14 @@ class Description:
     unmodelled: tuple[str, ...] = ()
     lost_rows: tuple[str, ...] = ()
     exclusions: frozenset[frozenset[str]] = frozenset()
-    name: str = ""
-    reversed: tuple[str, ...] = ()
+    name: str = ""  # empty if the file has none
+    reversed: tuple[str, ...] = ()  # joints that run from child to parent in the tree
     coupled_motors: tuple[CoupledMotor, ...] = ()
+
+    def robot(self, **said: Any) -> Robot:
+        """Return the robot, with what is said beside the file."""
+        read = {key: value for key, value in vars(self).items() if key != "reversed"}
+        return Robot(**{"precision": tolerances.WRITTEN_GEOMETRY} | read | said)
 
 
 def tensor(xx: float, yy: float, zz: float, xy: float, xz: float, yz: float) -> Array:

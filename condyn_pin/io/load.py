@@ -1,24 +1,7 @@
 """load_robot: a robot by name, from a URDF, SDF or MJCF, or from a folder with a robot.toml.
 
 A folder is a robot. Its `robot.toml` says which description to read and adds what descriptions
-leave out: loops, contacts, motors, postures, the licence.
-
-    name = "..."           source = "..."           licence = "..."    ("unknown" if left out)
-    actuated = ["joint", ...]
-    precision = 1e-5       of the geometry [rad, sizes of a loop], see `Robot.precision`
-    [description]  file (in example-robot-data, or beside the toml), srdf, root_joint
-                   ("free_flyer" or "fixed"), rotors = true, lock = ["joint", ...];
-                   for URDF also mimic = false, for joints that then move on their own;
-                   for SDF also model, root, kinds, drop, cut, as_file: see `io.sdf.read_sdf`
-    [[frames]]     name, parent, translation, rotation: more frames, see `Robot.with_frame`
-    [[loops]]      kind and the fields of `Loop`; or kind = "coupling" and those of `Coupling`
-                   (an SDF and an MJCF bring their own, a URDF mimic joints, links named as
-                   halves of a loop and a YAML beside it, see `io.urdf`; an entry with the same
-                   two ends replaces theirs)
-    [[contacts]]   kind = "point", "surface", "line" or "planar", and the fields of that class
-    [postures.X]   joint = value or list of values; joints left out stay at neutral; of a joint
-                   without limits, which is (cos, sin), also its angle [rad]
-    [variants.OPTION.VALUE]  pieces of the config that are merged over it: see `io.robot_toml`
+leave out: loops, contacts, motors, postures, the licence. docs/robot-toml.md has all entries.
 """
 
 from __future__ import annotations
@@ -122,7 +105,8 @@ def load_robot(
         robot = replace(robot, actuated=actuated, coupled_motors=())
     changes: dict[str, Any] = {"precision": precision}
     if package_dirs:
-        _check_folders(package_dirs)
+        if isinstance(package_dirs, (str, Path)) or not all(Path(d).is_dir() for d in package_dirs):
+            raise InvalidArgument(f"package_dirs = {package_dirs!r}: a list of folders is needed")
         changes["package_dirs"] = [str(folder) for folder in package_dirs]
     if changes := {key: value for key, value in changes.items() if value is not None}:
         robot = replace(robot, **changes)
@@ -131,12 +115,6 @@ def load_robot(
         text = f"{robot.name}: changes the motion, and is not modelled: {said}"
         warn(text, UnmodelledWarning, stacklevel=2)
     return robot
-
-
-def _check_folders(package_dirs: Sequence[str | Path]) -> None:
-    """Refuse a single path, and folders that do not exist."""
-    if isinstance(package_dirs, (str, Path)) or not all(Path(d).is_dir() for d in package_dirs):
-        raise InvalidArgument(f"package_dirs = {package_dirs!r}: a list of folders is needed")
 
 
 def _root_joint(floating: bool | None, root_joint: str | None) -> str | None:
@@ -192,7 +170,9 @@ def _loaded(
     if str(name) in MECHANISMS:
         check_variant(chosen, {})
         return MECHANISMS[str(name)]()
-    config = _config(robots_folder() / str(name) if str(name) in known else path)
+    config = robots_folder() / str(name) if str(name) in known else path
+    if not (config.suffix == ".toml" and config.is_file()):
+        config = config / "robot.toml"
     if config.is_file():
         return _read_config(config, chosen)
     if path.suffix == ".xacro":
@@ -242,8 +222,3 @@ def _path(name: str | Path) -> Path:
     except (OSError, RuntimeError) as error:  # too long, or of a user that does not exist
         raise InvalidArgument(f"name = {str(name)[:80]!r}: no name and no path: {error}") from error
     return path
-
-
-def _config(path: Path) -> Path:
-    """Path of the robot.toml in a folder, existing or not, or of a .toml file itself."""
-    return path if path.suffix == ".toml" and path.is_file() else path / "robot.toml"

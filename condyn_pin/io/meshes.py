@@ -17,18 +17,10 @@ from condyn_pin.errors import InvalidModel, MissingExtra
 
 @dataclass(frozen=True, eq=False)
 class Mesh:
-    """Triangles.
+    """Triangles."""
 
-    Attributes
-    ----------
-    vertices : (k, 3) array
-        [m]
-    faces : (n, 3) array of int
-        Corners of each triangle, counter-clockwise from outside.
-    """
-
-    vertices: Array
-    faces: NDArray[np.uint32]
+    vertices: Array  # (k, 3) [m]
+    faces: NDArray[np.uint32]  # (n, 3), corners of each, counter-clockwise from outside
 
     def moved(self, T: ArrayLike) -> Mesh:
         """Return the mesh mapped by a homogeneous matrix (4, 4)."""
@@ -143,11 +135,6 @@ def read_mesh(path: Path) -> Mesh:
     A binary STL is read here; all else (DAE, OBJ, PLY, text STL) by trimesh, with all materials,
     each under the transform of its node. As in ROS and Gazebo, the up axis of a COLLADA file does
     not rotate it.
-
-    Raises
-    ------
-    InvalidModel
-        If the file cannot be read.
     """
     try:
         content = path.read_bytes()
@@ -156,13 +143,9 @@ def read_mesh(path: Path) -> Mesh:
     if path.suffix.lower() == ".stl" and len(content) >= _HEADER:
         count = int.from_bytes(content[80:_HEADER], "little")
         if len(content) == _HEADER + count * _FACET.itemsize:
-            return _from_corners(_binary_stl(content, count), path)
+            corners = np.frombuffer(content, _FACET, count, _HEADER)["corners"]
+            return _from_corners(corners.reshape(-1, 3), path)
     return _from_corners(_by_trimesh(content, path), path)
-
-
-def _binary_stl(content: bytes, count: int) -> Array:
-    corners: Array = np.frombuffer(content, _FACET, count, _HEADER)["corners"]
-    return corners.reshape(-1, 3)
 
 
 def _by_trimesh(content: bytes, path: Path) -> Array:

@@ -37,29 +37,16 @@ _HISTORY: Final = ("nsample", "actdim")
 _DEEPEST: Final = 16  # models that attach models
 
 
-def open_mjcf(path: Path, tag: str = "") -> Element:
-    """Return the root of a file, its includes inserted; refuse one that becomes too large."""
-    root = _whole(path, tag)
-    check_counts(sum(1 for _ in root.iter("body")), 0)
-    _parts(root, path.parent, 1)
-    return root
-
-
 def compiled(path: str | PathLike[str], tag: str = "") -> tuple[Any, tuple[str, ...]]:
     """Return the mujoco.MjModel of a file, and its missing meshes, a sentence each.
 
     A missing mesh is left out if no inertia depends on it. MuJoCo writes no file of warnings.
-
-    Raises
-    ------
-    MissingExtra
-        If MuJoCo is not installed.
-    InvalidModel
-        If MuJoCo refuses the file, it is too large, or a number in it is NaN.
     """
     path = Path(path)
     if path.suffix == ".xml":
-        open_mjcf(path, tag)
+        root = _whole(path, tag)
+        check_counts(sum(1 for _ in root.iter("body")), 0)
+        _parts(root, path.parent, 1)
     mujoco = require_mujoco("MuJoCo's own compiler reads an MJCF")
     told: list[str] = []
     handler = mujoco.get_mju_user_warning()
@@ -160,16 +147,18 @@ def _parts(root: Element, folder: Path, depth: int) -> float:
     if depth > _DEEPEST:
         raise InvalidModel("<attach>: models attach each other without an end")
     attached = {
-        model.get("name", model.get("file")): _parts_of_file(folder / model.get("file", ""), depth)
+        model.get("name", model.get("file")): _parts(_whole(path), path.parent, depth + 1)
         for model in root.iter("model")
         if model.get("file")
+        for path in [folder / model.get("file", "")]
+        if path.suffix == ".xml" and path.is_file()  # MuJoCo reads, or misses, others
     }
     total, waiting = 0.0, [(root, 1.0)]
     while waiting:
         element, times = waiting.pop()
         _check_tables(element)
         made = prod(_counts(element, _MAKES.get(element.tag, "")))
-        made += attached.get(element.get("model"), 0) if element.tag == "attach" else 0
+        made += attached.get(element.get("model"), 1) if element.tag == "attach" else 0
         total += times * made - 1
         times *= prod(_counts(element, _MULTIPLIES.get(element.tag, "")))
         if total > _PARTS or times > _PARTS:
@@ -178,12 +167,6 @@ def _parts(root: Element, folder: Path, depth: int) -> float:
             )
         waiting.extend((child, times) for child in element)
     return total
-
-
-def _parts_of_file(path: Path, depth: int) -> float:
-    if path.suffix != ".xml" or not path.is_file():  # MuJoCo reads, or misses, it
-        return 1
-    return _parts(_whole(path), path.parent, depth + 1)
 
 
 def _check_tables(element: Element) -> None:

@@ -23,7 +23,7 @@ from collections import defaultdict
 from collections.abc import Iterable, Mapping, Sequence
 from math import inf
 from pathlib import Path
-from typing import Any, Final, Protocol
+from typing import Any, Final
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element, SubElement
 
@@ -54,18 +54,7 @@ def to_mjcf(
     contacts: Iterable[Contact] = (),
     shapes: bool = False,
 ) -> str:
-    """Return a robot as the text of an MJCF; see `Robot.to_mjcf`.
-
-    Parameters
-    ----------
-    robot : Robot
-    without : iterable of str
-        Names of loops to leave out.
-    contacts : iterable of Contact
-        Unilateral contacts.
-    shapes : bool
-        Write the visual shapes of the description.
-    """
+    """Return a robot as the text of an MJCF; see `Robot.to_mjcf`."""
     robot.check_unedited()
     if isinstance(contacts, str) or not isinstance(contacts, Iterable):
         raise InvalidArgument(f"contacts = {contacts!r}: a list of contacts is needed")
@@ -275,19 +264,10 @@ _TOUCHING: Final = {"contype": "0", "conaffinity": "0", "group": "3"}
 _TWIST_AND_ROLL: Final = (0.005, 0.0001, 0.0001)
 
 
-class Writer(Protocol):
-    """The MJCF under construction."""
-
-    robot: Robot
-    root: Element
-    on: dict[int, tuple[Element, Any]]  # by joint: its body, and the inverse pose of that in it
-    joints: dict[str, Element]
-
-
 class GeomWriter:
     """Writer of geoms: visual shapes, and the shapes of contacts."""
 
-    def __init__(self, to: Writer) -> None:
+    def __init__(self, to: RobotWriter) -> None:
         self.to, self.robot = to, to.robot
         self._meshes: dict[Any, str] = {}
         self._assets: Element | None = None

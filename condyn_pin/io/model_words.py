@@ -43,13 +43,7 @@ _ALWAYS: Final = ("lowerPositionLimit", "upperPositionLimit", *_OF_V[:7])  # of 
 
 
 def model_words(model: Any) -> tuple[Words, Arrays]:
-    """Return a model as words and arrays.
-
-    Raises
-    ------
-    InvalidModel
-        If the model would not come back as it is.
-    """
+    """Return a model as words and arrays; InvalidModel if it would not come back as it is."""
     joints, frames = range(1, model.njoints), list(model.frames)
     references = {entry.key(): np.array(entry.data()) for entry in model.referenceConfigurations}
     try:
@@ -89,10 +83,7 @@ def model_words(model: Any) -> tuple[Words, Arrays]:
 def model_of(words: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> tuple[Any, list[str]]:
     """Return the model of untrusted words and arrays, and the numbers it lost, a sentence each.
 
-    Raises
-    ------
-    LookupError, TypeError, ValueError, RuntimeError
-        If they are of no model.
+    LookupError, TypeError, ValueError or RuntimeError if they are of no model.
     """
     joints, frames = _list(words["joints"]), _list(words["frames"])
     n, f = len(joints), len(frames)
@@ -214,8 +205,8 @@ def joint_words(joint: Any) -> Words:
     kind = joint.shortname().removeprefix(_PREFIX)
     if kind == _COMPOSITE:
         parts = zip(joint.joints, joint.jointPlacements, strict=True)
-        placed = ((joint_words(part), _placement_numbers(M)) for part, M in parts)
-        return {"type": kind, "parts": [part | {"placement": at} for part, at in placed]}
+        placed = ((joint_words(part), M.homogeneous[:3].ravel()) for part, M in parts)
+        return {"type": kind, "parts": [part | {"placement": x.tolist()} for part, x in placed]}
     if kind == _ANY_ANGLE:  # which does not tell its axis, but turns about it
         return {"type": kind, "axis": _axis_of(joint).tolist()}
     if kind not in _MADE_OF:
@@ -225,13 +216,7 @@ def joint_words(joint: Any) -> Words:
 
 
 def joint_of(words: Mapping[str, Any]) -> Any:
-    """Return the joint of untrusted words and numbers.
-
-    Raises
-    ------
-    ValueError, LookupError, TypeError
-        If they are of no joint.
-    """
+    """Return the joint of untrusted words and numbers; any error if they are of none."""
     kind = words["type"]
     if kind == _COMPOSITE:
         return _composite(words["parts"])
@@ -252,13 +237,8 @@ def _composite(parts: Any) -> Any:
         if part["type"] == _COMPOSITE:
             raise ValueError("a composite joint in a composite joint")
         R_p = _numbers("placement", part["placement"], (12,)).reshape(3, 4)
-        composite.addJoint(joint_of(part), pin.SE3(R_p[:, :3].copy(), R_p[:, 3].copy()))
+        composite.addJoint(joint_of(part), _se3(R_p))
     return composite
-
-
-def _placement_numbers(M: Any) -> list[float]:
-    numbers: list[float] = M.homogeneous[:3].ravel().tolist()
-    return numbers
 
 
 def _numbers(name: str, value: Any, shape: tuple[int, ...]) -> Array:
@@ -287,14 +267,9 @@ def _about(axis: Array) -> Any:
     model = pin.buildModelFromXML(_ANY_ANGLE_URDF)
     text = model.saveToString()
     for old, new in zip(_axis_of(model.joints[1].extract()), axis, strict=True):
-        text = text.replace(_written(old), _written(new))
+        text = text.replace(f"{old:.17e}", f"{new:.17e}")  # exact, in Pinocchio's format
     model.loadFromString(text)
     return model.joints[1].extract()
-
-
-def _written(number: float) -> str:
-    """Exact text of a number in Pinocchio's format."""
-    return f"{number:.17e}"
 
 
 # Its axis has numbers that nothing else in the model has; its limits are finite, for 3.9 reads back

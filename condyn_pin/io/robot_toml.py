@@ -7,7 +7,7 @@ Errors name the entry of the file, its value, and the values that are allowed.
     lock = ["left-knee-shin-joint"]
 
 The first value of an option is its default. A piece has the entries of the config: tables are
-merged, lists grow, and the rest is replaced. `load` opens with the format.
+merged, lists grow, and the rest is replaced. docs/robot-toml.md has the format.
 """
 
 from __future__ import annotations
@@ -36,8 +36,6 @@ from condyn_pin.model.motors import CoupledMotor
 from condyn_pin.model.robot import Robot
 from condyn_pin.model.smaller import lock_joints
 
-_UNKNOWN = "unknown"
-
 
 def read_config(path: Path, variant: Mapping[str, str]) -> Robot:
     """Return the robot of a robot.toml."""
@@ -62,9 +60,8 @@ def read_alone(
 
         read, where, of_file = read_urdf(source, root_joint), "the text of a URDF", {}
     with place(where):
-        fields = _fields(read) | of_file | {"precision": tolerances.WRITTEN_GEOMETRY}
-        fields["name"] = read.name or (source.stem if isinstance(source, Path) else "robot")
-        robot = Robot(**fields)
+        name = read.name or (source.stem if isinstance(source, Path) else "robot")
+        robot = read.robot(name=name, **of_file)
         for loop in robot.loops:
             bind(robot, [loop])
         return _with_notices(robot)
@@ -77,22 +74,22 @@ def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
     root_joint = description.get("root_joint", "fixed")
     check_root_joint(root_joint)
     read = _read(file, description, root_joint, config.get("actuated", ()))
+    found, exclusions = _of_srdf(description, folder, read)
+    for name, values in config.get("postures", {}).items():
+        found[name] = _posture(read.model, values, f"postures.{name}")
     own = loops_of(config.get("loops", ()))
     ends = {_ends(loop) for loop in own}
-    robot = Robot(
-        **_fields(read)
-        | {
-            "name": config["name"],
-            "postures": _postures(config, folder, read),
-            "exclusions": read.exclusions | _exclusions(description, folder, read.model),
-            "loops": (*(loop for loop in read.loops if _ends(loop) not in ends), *own),
-            "contacts": contacts_of(config.get("contacts", ())),
-            **_motors(config, read),
-            "source": config.get("source", _UNKNOWN),
-            "licence": config.get("licence", _UNKNOWN),
-            "description": str(file),
-            "precision": config.get("precision", tolerances.WRITTEN_GEOMETRY),
-        },
+    said = {key: config[key] for key in ("name", "precision") if key in config}
+    robot = read.robot(
+        **said,
+        **_motors(config),
+        postures={**found, **read.postures, **found},
+        exclusions=read.exclusions | exclusions,
+        loops=(*(loop for loop in read.loops if _ends(loop) not in ends), *own),
+        contacts=contacts_of(config.get("contacts", ())),
+        source=config.get("source", "unknown"),
+        licence=config.get("licence", "unknown"),
+        description=str(file),
     )
     for i, table in enumerate(config.get("frames", ())):
         with place(f"frames[{i}]"):
@@ -127,12 +124,7 @@ def _read(
     return read
 
 
-def _fields(read: Description) -> dict[str, Any]:
-    """Return the fields of a Robot."""
-    return {key: value for key, value in vars(read).items() if key != "reversed"}
-
-
-def _motors(config: Mapping[str, Any], read: Description) -> dict[str, Any]:
+def _motors(config: Mapping[str, Any]) -> dict[str, Any]:
     """Motors of the config, all of them if it has any, else those of the description."""
     if "actuated" not in config and "coupled_motors" not in config:
         return {}
@@ -145,29 +137,17 @@ def _motors(config: Mapping[str, Any], read: Description) -> dict[str, Any]:
     }
 
 
-def _postures(config: Mapping[str, Any], folder: Path, read: Description) -> dict[str, Array]:
-    """Postures of the SRDF, of the config, and last of an MJCF."""
-    found, description = {}, config["description"]
-    if "srdf" in description:
-        from condyn_pin.io.srdf import read_srdf
-
-        srdf = description_file(description["srdf"], folder)
-        rotors = description.get("rotors", False)
-        found = read_srdf(read.model, srdf, rotors=rotors, inverted=read.reversed)
-    for name, values in config.get("postures", {}).items():
-        found[name] = _posture(read.model, values, f"postures.{name}")
-    return {**found, **read.postures, **found}
-
-
-def _exclusions(
-    description: Mapping[str, Any], folder: Path, model: Any
-) -> frozenset[frozenset[str]]:
-    """Pairs of links that the SRDF lets pass through each other."""
+def _of_srdf(
+    description: Mapping[str, Any], folder: Path, read: Description
+) -> tuple[dict[str, Array], frozenset[frozenset[str]]]:
+    """Postures of the SRDF, and its pairs of links that do not collide."""
     if "srdf" not in description:
-        return frozenset()
-    from condyn_pin.io.srdf import read_exclusions
+        return {}, frozenset()
+    from condyn_pin.io.srdf import read_exclusions, read_srdf
 
-    return read_exclusions(model, description_file(description["srdf"], folder))
+    srdf, rotors = description_file(description["srdf"], folder), description.get("rotors", False)
+    found = read_srdf(read.model, srdf, rotors=rotors, inverted=read.reversed)
+    return found, read_exclusions(read.model, srdf)
 
 
 def _posture(model: Any, values: Mapping[str, Any], where: str) -> Array:
@@ -306,21 +286,17 @@ def _check_file(description: Table) -> None:
 
 def loops_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
     """Return the loops that a config lists: a kind without its own class is one of `Loop`."""
-    known = worded(closes=True)
-    made = []
+    known, made = worded(closes=True), []
     for i, table in enumerate(tables):
         kind = table.get("kind")
-        if isinstance(kind, str) and kind in known:
-            made.append(_made(known[kind], _without_kind(table), f"loops[{i}]"))
-        else:
-            made.append(_made(Loop, table, f"loops[{i}]"))
+        own = known.get(kind) if isinstance(kind, str) else None
+        made.append(_made(own or Loop, _without_kind(table) if own else table, f"loops[{i}]"))
     return tuple(made)
 
 
 def contacts_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
     """Return the contacts that a config lists."""
-    known = worded(closes=False)
-    made = []
+    known, made = worded(closes=False), []
     for i, table in enumerate(tables):
         where, kind = f"contacts[{i}]", table.get("kind")
         if kind is None:
@@ -374,20 +350,7 @@ def _check(where: str, key: str, value: Any, check: Check) -> None:
 
 
 def chosen_config(config: Mapping[str, Any], variant: Mapping[str, str]) -> dict[str, Any]:
-    """Return a config with the chosen values of its options, and the defaults of the others.
-
-    Parameters
-    ----------
-    config : mapping
-        A robot.toml, as read.
-    variant : mapping of str to str
-        Option to value, such as ``{"springs": "locked"}``.
-
-    Raises
-    ------
-    UnknownName
-        If the robot has no such option, or the option no such value.
-    """
+    """Return a config with the chosen values of its options, and the defaults of the others."""
     options = config.get("variants", {})
     _check_options(options)
     check_variant(variant, options)
@@ -440,13 +403,12 @@ def _merged(below: Mapping[str, Any], above: Mapping[str, Any], where: str) -> d
             raise InvalidModel(f"the entry {where}.{key} = {entry!r} does not fit over {old!r}")
         if isinstance(old, Mapping):
             merged[key] = _merged(old, entry, f"{where}.{key}")
-        elif isinstance(old, list) and key in below and not _is_value(old):
+        elif (
+            isinstance(old, list)
+            and key in below
+            and any(not isinstance(x, (int, float)) for x in old)
+        ):  # else it is one value, such as the quaternion of a posture
             merged[key] = [*old, *entry]
         else:
             merged[key] = entry
     return merged
-
-
-def _is_value(entry: list[Any]) -> bool:
-    """True if a list is one value, such as the quaternion of a posture, and no collection."""
-    return all(isinstance(x, (int, float)) for x in entry)

@@ -11,7 +11,7 @@ The format: http://sdformat.org/spec
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from os import PathLike
@@ -26,7 +26,6 @@ from condyn_pin.io.description import Description, doubts
 from condyn_pin.io.sdf_file import Joint, Link, SdfModel, parse
 from condyn_pin.io.sdf_tree import (
     SdfTree,
-    Span,
     chosen_joints,
     coupling_of,
     in_series,
@@ -123,7 +122,11 @@ def read_sdf(
     Gravity is that of the <world>, or Pinocchio's where there is none, and zero if <gravity> is
     false for every link that moves.
     """
-    _check_as_file(as_file, cut)
+    if not isinstance(as_file, bool):
+        raise InvalidArgument(f"as_file = {as_file!r}: True or False is needed")
+    if as_file and cut:
+        cuts = list(cut)
+        raise InvalidArgument(f"cut = {cuts!r}: with as_file no joint is cut; give one of the two")
     with place(path):
         sdf = parse(path, model)
         if as_file:
@@ -159,13 +162,17 @@ def read_sdf(
             tree.model,
             name=sdf.name,
             loops=(*loops, *welds, *geared, *mimics),
-            springs=_springs(joints, spanned),
+            springs=tuple(
+                Spring(joint.name, joint.axis.stiffness, joint.axis.reference)
+                for joint in joints
+                if joint.axis.stiffness != 0 and joint.has_axis and joint not in spanned.cut
+            ),
             reversed=spanned.reversed,
             unused=(
                 *_unused_parts(sdf, kinds, drop, root_poses, idle),
                 *_defaults(sdf, [link.name for link in moving]),
                 *(f"{what}: {quoted(names)}" for what, names in settings.items() if what in _SMALL),
-                *_doubts(links),
+                *doubts((k.name, k.inertia.mass, k.inertia.inertia) for k in links if k.inertia),
             ),
             unmodelled=(
                 *sdf.unmodelled,
@@ -174,20 +181,6 @@ def read_sdf(
             ),
             lost_rows=sdf.lost_rows,
             exclusions=sdf.exclusions,
-        )
-
-
-def _doubts(links: Sequence[Link]) -> Iterable[str]:
-    bodies = ((link.name, link.inertia) for link in links)
-    return doubts((name, Y.mass, Y.inertia) for name, Y in bodies if Y is not None)
-
-
-def _check_as_file(as_file: Any, cut: Sequence[str]) -> None:
-    if not isinstance(as_file, bool):
-        raise InvalidArgument(f"as_file = {as_file!r}: True or False is needed")
-    if as_file and cut:
-        raise InvalidArgument(
-            f"cut = {list(cut)!r}: with as_file no joint is cut; give one of the two"
         )
 
 
@@ -204,12 +197,10 @@ def _kept(
         if name not in names:
             raise unknown_name("joint", name, names)
     kept = dict.fromkeys(actuated, "is actuated")
-    for coupling in geared:
-        for name in coupling.joints:
-            kept.setdefault(name, f"is a hinge of the gearbox {coupling.name!r}")
-    for coupling in mimics:
-        for name in coupling.joints:
-            kept.setdefault(name, f"is in the <mimic> {coupling.name!r}")
+    for what, couplings in (("a hinge of the gearbox", geared), ("in the <mimic>", mimics)):
+        for coupling in couplings:
+            for name in coupling.joints:
+                kept.setdefault(name, f"is {what} {coupling.name!r}")
     crosses = {link.name for link in links if link.massless}
     for joint in joints:
         if joint.parent in crosses or joint.child in crosses:
@@ -217,15 +208,6 @@ def _kept(
         if joint.kind == "screw":
             kept.setdefault(joint.name, "is a screw")
     return kept
-
-
-def _springs(joints: Sequence[Joint], spanned: Span) -> tuple[Spring, ...]:
-    """Return the springs of joints that are in the tree."""
-    return tuple(
-        Spring(joint.name, joint.axis.stiffness, joint.axis.reference)
-        for joint in joints
-        if joint.axis.stiffness != 0 and joint.has_axis and joint not in spanned.cut
-    )
 
 
 def _unused_parts(

@@ -9,7 +9,7 @@ cannot be read is left out, and a sentence says so.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Final, Literal
@@ -38,16 +38,8 @@ def shapes_of(
 ) -> tuple[tuple[Shape, ...], tuple[str, ...]]:
     """Return the shapes of a file, and those that cannot be drawn, a sentence each.
 
-    Parameters
-    ----------
-    description : str
-        Path of a URDF, an SDF or an MJCF; of any other file, or of none, nothing is drawn.
-    element : {"visual", "collision"}
-        Which of them.
-    model : str
-        Of an SDF with several models that move, which of them.
-    package_dirs : sequence of str
-        Folders to look in for meshes, before all others.
+    Of a file that is none of the three, or of none, nothing is drawn. `model` is the one of an SDF
+    with several; in `package_dirs` meshes are looked for before all other folders.
     """
     path = Path(description)
     if path.suffix == ".xml" and path.is_file():
@@ -78,12 +70,9 @@ def shapes_of(
 
 
 def _shape(
-    path: Path,
-    link: str,
-    visual: Element,
-    colours: dict[str | None, Colour],
+    path: Path, link: str, visual: Element, colours: dict[str | None, Colour],
     package_dirs: Sequence[str],
-) -> Shape:
+) -> Shape:  # fmt: skip
     geometry = visual.find("geometry")
     if geometry is None or not len(geometry):
         raise ValueError(f"a <{visual.tag}> without <geometry>")
@@ -144,18 +133,14 @@ def _found(path: Path, uri: str, package_dirs: Sequence[str]) -> Path:
     if rest.is_absolute() and Path(rest).is_file():
         return Path(rest)
     words = [word for word in rest.parts if word != "/"]
-    for folder, i in _places(path, len(words), package_dirs):
-        candidate = folder.joinpath(*words[i:])
-        if candidate.is_file():
-            return candidate
-    raise OSError(f"no file {uri!r}")
-
-
-def _places(path: Path, count: int, package_dirs: Sequence[str]) -> Iterator[tuple[Path, int]]:
     ros = [Path(x) for x in os.environ.get("ROS_PACKAGE_PATH", "").split(os.pathsep) if x]
-    for i in range(count):
-        for folder in (*map(Path, package_dirs), *path.absolute().parents, *ros):
-            yield folder, i
+    folders = (*map(Path, package_dirs), *path.absolute().parents, *ros)
+    for i in range(len(words)):
+        for folder in folders:
+            candidate = folder.joinpath(*words[i:])
+            if candidate.is_file():
+                return candidate
+    raise OSError(f"no file {uri!r}")
 
 
 Colour = tuple[float, float, float]  # red, green, blue from 0 to 1
@@ -166,32 +151,17 @@ BODY: Final[Colour] = (0.72, 0.74, 0.77)  # of a shape whose file says none
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """A piece of a link.
+    """A piece of a link."""
 
-    Attributes
-    ----------
-    link : str
-        The link that carries it: the name of a frame.
-    placement : pin.SE3
-        Its pose in the frame of the link.
-    kind : {"mesh", "box", "cylinder", "sphere", "capsule", "ellipsoid"}
-    size : tuple of float
-        Edges of a box, half axes of an ellipsoid, radius and length of what is round [m]; factors
-        of a mesh along its axes.
-    file : Path, optional
-        Of a mesh.
-    colour : Colour
-    triangles : Mesh, optional
-        Of a mesh that was read already.
-    """
-
-    link: str
-    placement: Any
-    kind: str
+    link: str  # that carries it: the name of a frame
+    placement: Any  # its pose in the frame of the link
+    kind: str  # one of `_SIZES`
+    # Edges of a box, half axes of an ellipsoid, radius and length of what is round [m]; factors of
+    # a mesh along its axes.
     size: tuple[float, ...]
-    file: Path | None = None
+    file: Path | None = None  # of a mesh
     colour: Colour = BODY
-    triangles: Mesh | None = None
+    triangles: Mesh | None = None  # of a mesh that was read already
 
     def mesh(self) -> Mesh:
         """Return its triangles, in the axes of the link."""
@@ -205,15 +175,11 @@ class Shape:
         return shape.moved(self.placement.homogeneous)
 
 
-def _ellipsoid(*radii: float) -> Mesh:
-    return sphere(1.0).moved(np.diag([*radii, 1.0]))
-
-
 _SOLIDS: dict[str, Callable[..., Mesh]] = {
     "box": box,
     "capsule": centred_capsule,
     "cylinder": cylinder,
-    "ellipsoid": _ellipsoid,
+    "ellipsoid": lambda *radii: sphere(1.0).moved(np.diag([*radii, 1.0])),
     "sphere": sphere,
 }
 
@@ -239,15 +205,10 @@ def geoms_of(path: Path, *, collide: bool) -> tuple[tuple[Shape, ...], tuple[str
     else:
         seen = [g for g in range(mj.ngeom) if mj.geom_group[g] < _HIDDEN] or range(mj.ngeom)
         chosen = [g for g in seen if _geom_colour(mj, g)[3] > 0.0]
-    kinds = {g: _KINDS[int(mj.geom_type[g])] for g in chosen}
-    unknown = sorted(
-        {kind for kind in kinds.values() if kind not in (*_GEOM_SIZES, "mesh", "plane")}
-    )
+    kinds, known = {g: _KINDS[int(mj.geom_type[g])] for g in chosen}, {*_GEOM_SIZES, "mesh"}
+    unknown = sorted({*kinds.values()} - known - {"plane"})
     missing += tuple(f"{path.name}: a {kind} is not drawn" for kind in unknown)
-    shapes = (
-        _geom_shape(mj, g, kind) for g, kind in kinds.items() if kind in (*_GEOM_SIZES, "mesh")
-    )
-    return tuple(shapes), missing
+    return tuple(_geom_shape(mj, g, kind) for g, kind in kinds.items() if kind in known), missing
 
 
 # Edges, or radius and length, of half axes as MuJoCo has them.

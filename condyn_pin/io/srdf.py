@@ -24,20 +24,8 @@ def read_srdf(
 ) -> dict[str, Array]:
     """Return the configurations of an SRDF; joints that the model lacks are left out.
 
-    Parameters
-    ----------
-    model : pin.Model
-        It gets the configurations, and the rotors with their armature, if these are read.
-    path : Path
-    rotors : bool
-        Whether the file has rotors to read.
-    inverted : sequence of str
-        Joints that the tree holds from child to parent.
-
-    Raises
-    ------
-    InvalidModel
-        If it cannot be read; the text names the element.
+    The model gets them too, and with `rotors` these and their armature. Joints that are `inverted`
+    run from child to parent in the tree.
     """
     with place(path):
         root = open_xml(path, "robot")
@@ -57,13 +45,7 @@ def read_srdf(
 
 
 def read_exclusions(model: Any, path: Path) -> frozenset[frozenset[str]]:
-    """Pairs of links that do not collide, of <disable_collisions>; those of other links left out.
-
-    Raises
-    ------
-    InvalidModel
-        If it cannot be read.
-    """
+    """Pairs of links that do not collide; those that the model lacks are left out."""
     with place(path):
         disabled = open_xml(path, "robot").findall("disable_collisions")
     links = {frame.name for frame in model.frames}

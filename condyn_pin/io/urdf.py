@@ -263,8 +263,14 @@ class _Reader:
         for link in self.links.values():
             made = SubElement(copy, "link", name=link.attrib["name"])
             if (inertial := link.find("inertial")) is not None:
-                _check_inertial(link, inertial)
+                for tag in ("mass", "inertia"):
+                    if inertial.find(tag) is None:
+                        raise InvalidModel(f"{label(link)}: <inertial> has no <{tag}>; give it one")
                 made.append(inertial)
+        for name, mass, _ in _bodies(self.links):
+            if mass < 0:
+                where = label(self.links[name])
+                raise InvalidModel(f"{where}: <mass value={mass:g}>: it must not be negative")
         coupled = {*self.leaders, *self.leaders.values()}
         for name, joint in self.joints.items():
             # a continuous joint is (cos, sin) in Pinocchio; what is proportional needs an angle
@@ -272,9 +278,9 @@ class _Reader:
             self._limit(joint, unbounded=unbounded)
             if unbounded:
                 joint.set("type", "revolute")
-            axis = joint.find("axis")
-            if axis is not None and joint.get("type") != "fixed" and not any(_numbers(axis, "xyz")):
-                raise InvalidModel(f"{label(joint)}: <axis xyz> is zero; give it a direction")
+            if (axis := joint.find("axis")) is not None and joint.get("type") != "fixed":
+                with place(label(joint)):
+                    along(axis)
             for mimic in joint.findall("mimic"):
                 joint.remove(mimic)
             copy.append(joint)
@@ -436,20 +442,6 @@ def _named(robot: Element, tag: str) -> dict[str, Element]:
             raise InvalidModel(f"two <{tag}> are named {name!r}; rename one")
         found[name] = element
     return found
-
-
-def _check_inertial(link: Element, inertial: Element) -> None:
-    for tag in ("mass", "inertia"):
-        if inertial.find(tag) is None:
-            raise InvalidModel(f"{label(link)}: <inertial> has no <{tag}>; give it one")
-    (mass,) = _numbers(inertial.find("mass"), "value")
-    if mass < 0:
-        raise InvalidModel(f"{label(link)}: <mass value={mass:g}>: it must not be negative")
-
-
-def _numbers(element: Element | None, key: str) -> list[float]:
-    assert element is not None
-    return [float(word) for word in element.attrib[key].split()]
 
 
 def _without_bounds(joint: Element) -> bool:

@@ -60,25 +60,15 @@ _AXIS: Final = "1 0 0"  # of the format, where it says none
 
 @dataclass(frozen=True)
 class Cut:
-    """A joint that closes a loop, by a frame on its parent link and one on its child link.
-
-    Attributes
-    ----------
-    name, parent, child : str
-    kind : LoopKind
-    one, two : pin.SE3 or None
-        The frames on both links; None if it coincides with the other one as drawn.
-    oriented : bool
-        Whether the axes of `two` are the file's; else they are drawn as those of `one`.
-    """
+    """A joint that closes a loop, by a frame on its parent link and one on its child link."""
 
     name: str
     kind: LoopKind
     parent: str
     child: str
-    one: Any
-    two: Any
-    oriented: bool
+    one: Any  # the frame on the parent; None if it coincides with the other one as drawn
+    two: Any  # that on the child, likewise
+    oriented: bool  # whether the axes of `two` are the file's; else they are those of `one`
 
 
 def cuts_of(robot: Element, beside: Iterable[Element]) -> Iterator[Cut]:
@@ -140,12 +130,9 @@ def _by_two_origins(element: Element) -> Cut:
     turn = along(axis)
     if axis is not None and axis.get("frame") == "parent" and one is not None:
         turn = pin.SE3(one.rotation.T, np.zeros(3)) * turn  # the axis is in the link, not in one
+    if two is not None and (other is not None or one is None):
+        two = two * along(axis if other is None else other)
     one = None if one is None else one * turn
-    two = (
-        two
-        if two is None or (other is None and one is not None)
-        else two * along(axis if other is None else other)
-    )
     return _cut(element, links, one, two, oriented=one is None or other is not None)
 
 
@@ -207,8 +194,8 @@ _POINT: Final = re.compile(r"3D", re.IGNORECASE)
 def closings(links: Iterable[str], joints: Iterable[str]) -> Iterator[Loop]:
     """Yield the loops of pairs of links, or of joints, with names of closures."""
     links = sorted(links)
-    for name, first, second in _pairs(links, _CLOSING):
-        yield Loop(first, second, "ball", name=name)
+    for name, *ends in _pairs(links, _CLOSING):
+        yield Loop(*ends, "ball", name=name)
     for name, first, second in _pairs(sorted({*links, *joints}), _CLOSED_LOOP):
         point = _POINT.search(first) and _POINT.search(second)
         yield Loop(first, second, "ball" if point else "weld", name=name)
@@ -255,27 +242,13 @@ _LARGEST: Final = 2**20  # bytes: a robot with a thousand loops has a tenth
 
 @dataclass(frozen=True)
 class Beside:
-    """Content of a file beside a URDF: loops, motors and joint types.
+    """Content of a file beside a URDF: loops, motors and joint types."""
 
-    Attributes
-    ----------
-    path : Path, optional
-        None where there is no such file.
-    loops : tuple of Loop, optional
-        None if the file names no loops.
-    motors : tuple of str
-        Joints with a motor.
-    joints : mapping of str to str
-        Type of each joint, one of `JOINT_TYPES`.
-    unread : tuple of str
-        Its other entries.
-    """
-
-    path: Path | None = None
-    loops: tuple[Loop, ...] | None = None
+    path: Path | None = None  # None where there is no such file
+    loops: tuple[Loop, ...] | None = None  # None if the file names no loops
     motors: tuple[str, ...] = ()
-    joints: Mapping[str, str] = field(default_factory=dict)
-    unread: tuple[str, ...] = ()
+    joints: Mapping[str, str] = field(default_factory=dict)  # type of each, one of `JOINT_TYPES`
+    unread: tuple[str, ...] = ()  # its other entries
 
     def unused(self) -> Iterator[str]:
         """Yield the unread entries, and the unused numbers of retyped joints, as sentences."""
@@ -292,27 +265,15 @@ class Beside:
 
 
 def read_beside(urdf: Path) -> Beside:
-    """Return the content of the file beside a URDF; empty if there is none.
-
-    Raises
-    ------
-    InvalidModel
-        If it is wrong; the text names the file and the entry.
-    MissingExtra
-        If it is a YAML, and PyYAML is not installed.
-    """
-    for path in _candidates(urdf):
+    """Return the content of the file beside a URDF; empty if there is none."""
+    places = [urdf.with_name(name) for name in dict.fromkeys((urdf.stem, "robot"))]
+    paths = [Path(f"{start}{suffix}") for start in places for suffix in (".yaml", ".yml", ".toml")]
+    for path in filter(Path.is_file, paths):
         with place(path):
-            said = _toml(path) if path.suffix == ".toml" else _yaml(path)
+            said = _entries(path)
             if said.keys() & set(_OWN):
                 return _beside(path, said)
     return Beside()
-
-
-def _candidates(urdf: Path) -> list[Path]:
-    places = [urdf.with_name(name) for name in dict.fromkeys((urdf.stem, "robot"))]
-    paths = [Path(f"{start}{suffix}") for start in places for suffix in (".yaml", ".yml", ".toml")]
-    return [path for path in paths if path.is_file()]
 
 
 def _text(path: Path) -> str:
@@ -330,17 +291,16 @@ def _text(path: Path) -> str:
     return text
 
 
-def _toml(path: Path) -> Mapping[str, Any]:
-    try:
-        return parse_toml(_text(path))
-    except ValueError as error:
-        raise InvalidModel(f"it is not valid TOML: {error}") from error
-
-
-def _yaml(path: Path) -> Mapping[str, Any]:
+def _entries(path: Path) -> Mapping[str, Any]:
+    """Entries of a TOML or a YAML; none if it has none of ours."""
     text = _text(path)
     if not text:
         return {}
+    if path.suffix == ".toml":
+        try:
+            return parse_toml(text)
+        except ValueError as error:
+            raise InvalidModel(f"it is not valid TOML: {error}") from error
     try:
         import yaml
     except ImportError as error:

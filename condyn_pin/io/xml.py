@@ -159,35 +159,16 @@ def _numbers(text: str | None, count: int, where: str, infinite: bool) -> list[f
 
 
 class Tag(NamedTuple):
-    """Schema of an element: the attributes, numbers and children that are read.
+    """Schema of an element; of names there may be several, with spaces between."""
 
-    Attributes
-    ----------
-    words : str
-        Its attributes that are texts, with spaces between; "*" for all.
-    numbers : mapping of str to int
-        Its attributes that are numbers, and how many each has.
-    needed : str
-        Those of them that cannot be left out.
-    text : int
-        How many numbers its text has; 0 where it is none.
-    one, many : str
-        The elements below it, of which there may be one, or many; ``{*}NAME`` in any namespace. One
-        that the schema has no `Tag` of is taken as it is.
-    infinite : bool
-        Whether its numbers may be infinite.
-    raw : bool
-        Whether what is below it is taken as it is, by no schema.
-    """
-
-    words: str = ""
-    numbers: Mapping[str, int] = MappingProxyType({})
-    needed: str = ""
-    text: int = 0
-    one: str = ""
-    many: str = ""
-    infinite: bool = False
-    raw: bool = False
+    words: str = ""  # attributes that are texts; "*" for all
+    numbers: Mapping[str, int] = MappingProxyType({})  # attributes that are, and how many in each
+    needed: str = ""  # those of them that cannot be left out
+    text: int = 0  # how many numbers its text has; 0 where it is none
+    one: str = ""  # elements below it, of which there may be one; ``{*}NAME`` in any namespace
+    many: str = ""  # those of which there may be many; one without a `Tag` is taken as it is
+    infinite: bool = False  # whether its numbers may be infinite
+    raw: bool = False  # whether what is below it is taken as it is, by no schema
 
 
 class Schema:
@@ -203,17 +184,7 @@ class Schema:
     def checked(self, element: Element, where: str = "", path: str = "") -> Element:
         """Return a copy of the read part of an element: numbers checked, single children once.
 
-        Parameters
-        ----------
-        element : Element
-        where : str
-            Name in error texts of the part to which it belongs; itself by default.
-        path : str
-            The tags from that part to it.
-
-        Raises
-        ------
-        InvalidModel
+        In error texts it is the `path` of tags in the part `where`, by default itself.
         """
         tag, words, one, many = self._tags[element.tag]
         where = where or label(element)
