@@ -39,7 +39,7 @@ from condyn_pin.constraints.contacts.base import Contact
 from condyn_pin.constraints.contacts.kinds import bind_contacts
 from condyn_pin.constraints.contacts.shapes import Plane, Shape
 from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
-from condyn_pin.io.meshes import Mesh, read_mesh
+from condyn_pin.io.meshes import read_mesh
 from condyn_pin.io.mjcf import DRAWN, FAR
 from condyn_pin.io.shapes import Shape as Drawn
 from condyn_pin.io.shapes import shapes_of
@@ -365,7 +365,9 @@ class GeomWriter:
     def _drawn(self, shape: Drawn) -> dict[str, str]:
         """Attributes of the geom of a visual shape."""
         if shape.kind == "mesh":
-            mesh = shape.triangles or self._read(shape)
+            mesh = shape.triangles or read_mesh(Path(str(shape.file))).moved(
+                np.diag([*shape.size, 1.0])
+            )
             key = (shape.file, shape.size) if shape.triangles is None else id(shape.triangles)
             return {"type": "mesh", "mesh": self._mesh(key, mesh.vertices, mesh.faces)}
         size = np.array(shape.size)
@@ -374,10 +376,6 @@ class GeomWriter:
         elif shape.kind in ("cylinder", "capsule"):
             size = size * (1.0, 0.5)
         return {"type": shape.kind, "size": numbers(size)}
-
-    def _read(self, shape: Drawn) -> Mesh:
-        assert shape.file is not None
-        return read_mesh(Path(shape.file)).moved(np.diag([*shape.size, 1.0]))
 
     def _mesh(self, key: Any, vertices: ArrayLike, faces: ArrayLike | None) -> str:
         """Name of a mesh asset, written once for all geoms that use it."""

@@ -10,7 +10,7 @@ checks none, sees it.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Final
+from typing import Any, Final, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,6 +21,7 @@ from condyn_pin._core.joints import UNLIMITED
 from condyn_pin._core.tolerances import HUGE
 from condyn_pin.errors import InvalidModel
 
+Kind = TypeVar("Kind")
 Words = dict[str, Any]
 Arrays = dict[str, NDArray[Any]]
 
@@ -85,15 +86,15 @@ def model_of(words: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> tu
 
     LookupError, TypeError, ValueError or RuntimeError if they are of no model.
     """
-    joints, frames = _list(words["joints"]), _list(words["frames"])
+    joints, frames = _a(list, words["joints"]), _a(list, words["frames"])
     n, f = len(joints), len(frames)
     model = pin.Model()
-    model.name = _text(words["name"])
+    model.name = _a(str, words["name"])
     model.gravity = pin.Motion(_array(arrays, "gravity", (6,)))
     placements = _array(arrays, "placements", (n, 3, 4))
     for i, (joint, R_p) in enumerate(zip(joints, placements, strict=True), 1):
         parent = _index(joint["parent"], i)
-        model.addJoint(parent, joint_of(joint), _se3(R_p), _text(joint["name"]))
+        model.addJoint(parent, joint_of(joint), _se3(R_p), _a(str, joint["name"]))
     for _ in range(_index(words["bodies"], _MOST_BODIES) - 1):  # Pinocchio counts them, no more
         model.appendBodyToJoint(0, pin.Inertia.Zero(), pin.SE3.Identity())
     for i, numbers in enumerate(_array(arrays, "inertias", (n + 1, 10))):
@@ -101,13 +102,13 @@ def model_of(words: Mapping[str, Any], arrays: Mapping[str, NDArray[Any]]) -> tu
     placements = _array(arrays, "frame_placements", (f, 3, 4))
     inertias = _array(arrays, "frame_inertias", (f, 10))
     for frame, R_p, numbers in zip(frames, placements, inertias, strict=True):
-        kind = pin.FrameType.names[_text(frame["type"])]
+        kind = pin.FrameType.names[_a(str, frame["type"])]
         parents = _index(frame["joint"], n + 1), _index(frame["in"], f + 1)
-        made = pin.Frame(_text(frame["name"]), *parents, _se3(R_p), kind, _inertia(numbers))
+        made = pin.Frame(_a(str, frame["name"]), *parents, _se3(R_p), kind, _inertia(numbers))
         model.addFrame(made, False)  # its inertia is on the joint already
     if model.nframes != f + 1:
         raise ValueError("two frames of one type have the same name")
-    names = [_text(name) for name in _list(words["references"])]
+    names = [_a(str, name) for name in _a(list, words["references"])]
     for name, q in zip(names, _array(arrays, "references", (len(names), model.nq)), strict=True):
         model.referenceConfigurations[name] = q.copy()
     return model, _set_numbers(model, arrays)
@@ -160,15 +161,9 @@ def _array(arrays: Mapping[str, NDArray[Any]], name: str, shape: tuple[int, ...]
     return array
 
 
-def _list(value: Any) -> list[Any]:
-    if not isinstance(value, list):
-        raise TypeError(f"{value!r}: a list is needed")
-    return value
-
-
-def _text(value: Any) -> str:
-    if not isinstance(value, str):
-        raise TypeError(f"{value!r}: a text is needed")
+def _a(kind: type[Kind], value: Any) -> Kind:
+    if not isinstance(value, kind):
+        raise TypeError(f"{value!r}: a {kind.__name__} is needed")
     return value
 
 

@@ -28,7 +28,7 @@ from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.kinds import Loop, bind, worded
 from condyn_pin.constraints.rows.bound import gap_of
 from condyn_pin.constraints.rows.equations import Equations
-from condyn_pin.errors import InvalidArgument, InvalidModel, UnknownName, unknown_name
+from condyn_pin.errors import InvalidArgument, InvalidModel, unknown_name
 from condyn_pin.io.description import Description, check_root_joint, description_file
 from condyn_pin.io.xml import place
 from condyn_pin.model.joints import Limits, with_values
@@ -76,7 +76,8 @@ def _robot(config: Mapping[str, Any], folder: Path) -> Robot:
     read = _read(file, description, root_joint, config.get("actuated", ()))
     found, exclusions = _of_srdf(description, folder, read)
     for name, values in config.get("postures", {}).items():
-        found[name] = _posture(read.model, values, f"postures.{name}")
+        with place(f"postures.{name}"):
+            found[name] = with_values(read.model, np.array(pin.neutral(read.model)), values)
     own = loops_of(config.get("loops", ()))
     ends = {_ends(loop) for loop in own}
     said = {key: config[key] for key in ("name", "precision") if key in config}
@@ -150,14 +151,6 @@ def _of_srdf(
     return found, read_exclusions(read.model, srdf)
 
 
-def _posture(model: Any, values: Mapping[str, Any], where: str) -> Array:
-    """Configuration (nq,) with these values by joint, neutral otherwise."""
-    try:
-        return with_values(model, np.array(pin.neutral(model)), values, f"{where}: ")
-    except UnknownName as error:
-        raise UnknownName(f"{where}: {error}") from error
-
-
 def _check_constraints(robot: Robot, own: Sequence[Constraint]) -> None:
     """Refuse loops and contacts that do not fit the robot, at loading instead of in a scene."""
     first = len(robot.loops) - len(own)
@@ -175,23 +168,15 @@ def _check_constraints(robot: Robot, own: Sequence[Constraint]) -> None:
 
 def _with_notices(robot: Robot) -> Robot:
     """Robot with its locked joints and its open loops added to `Robot.unused`."""
-    said = [*_locked(robot), *_gaps(robot)]
-    return replace(robot, unused=(*robot.unused, *said)) if said else robot
-
-
-def _locked(robot: Robot) -> Iterator[str]:
-    """Joints with equal lower and upper limits, in a sentence."""
-    limits = Limits.of(robot.model)
-    names = [
-        name
-        for name, lower, upper in zip(limits.joints, limits.lower, limits.upper, strict=True)
-        if lower == upper
-    ]
-    if names:
-        yield (
+    said, limits = [*_gaps(robot)], Limits.of(robot.model)
+    equal = np.asarray(limits.lower) == np.asarray(limits.upper)
+    if names := [name for name, same in zip(limits.joints, equal, strict=True) if same]:
+        said.insert(
+            0,
             f"the lower limit is the upper one ({few(names)}): loops are closed without moving "
-            "them, unless you pass within_limits=False; fix them, or give them a range"
+            "them, unless you pass within_limits=False; fix them, or give them a range",
         )
+    return replace(robot, unused=(*robot.unused, *said)) if said else robot
 
 
 def _gaps(robot: Robot) -> Iterator[str]:
@@ -269,10 +254,8 @@ def check_config(config: Table) -> None:
 def _check_file(description: Table) -> None:
     """Refuse entries for another format than that of the file."""
     file = description["file"]
-    if not file.endswith(".sdf"):
-        for key in FOR_SDF:
-            if key in description:
-                raise InvalidModel(f"the entry description.{key} is for an SDF, not for {file!r}")
+    if not file.endswith(".sdf") and (key := next((k for k in FOR_SDF if k in description), "")):
+        raise InvalidModel(f"the entry description.{key} is for an SDF, not for {file!r}")
     if "rotors" in description and "srdf" not in description:
         raise InvalidModel(
             "the entry description.rotors is for the rotors of an SRDF: name its file in "
@@ -288,9 +271,10 @@ def loops_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
     """Return the loops that a config lists: a kind without its own class is one of `Loop`."""
     known, made = worded(closes=True), []
     for i, table in enumerate(tables):
-        kind = table.get("kind")
+        others = dict(table)
+        kind = others.pop("kind", "")
         own = known.get(kind) if isinstance(kind, str) else None
-        made.append(_made(own or Loop, _without_kind(table) if own else table, f"loops[{i}]"))
+        made.append(_made(own or Loop, others if own else table, f"loops[{i}]"))
     return tuple(made)
 
 
@@ -298,17 +282,14 @@ def contacts_of(tables: Sequence[Table]) -> tuple[Constraint, ...]:
     """Return the contacts that a config lists."""
     known, made = worded(closes=False), []
     for i, table in enumerate(tables):
-        where, kind = f"contacts[{i}]", table.get("kind")
+        where, others = f"contacts[{i}]", dict(table)
+        kind = others.pop("kind", None)
         if kind is None:
             raise InvalidModel(f"{where}: the entry 'kind' is missing: one of {', '.join(known)}")
         if not isinstance(kind, str) or kind not in known:
             raise InvalidModel(f"{where}: {unknown_name('kind of contact', str(kind), known)}")
-        made.append(_made(known[kind], _without_kind(table), where))
+        made.append(_made(known[kind], others, where))
     return tuple(made)
-
-
-def _without_kind(table: Table) -> Table:
-    return {key: value for key, value in table.items() if key != "kind"}
 
 
 def _made(kind: Callable[..., _Made], table: Table, where: str) -> _Made:

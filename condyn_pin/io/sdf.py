@@ -11,7 +11,7 @@ The format: http://sdformat.org/spec
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from os import PathLike
@@ -157,7 +157,11 @@ def read_sdf(
             light = []
         elif sdf.gravity is not None:
             tree.model.gravity.linear = sdf.gravity
-        settings = dict(_settings((*joints, *gearboxes), (*spanned.cut, *gearboxes)))
+        settings: dict[str, list[str]] = {what: [] for what in (*_SMALL, *_LARGE)}
+        for joint in (*joints, *gearboxes):
+            for what in _lost(joint, joint not in (*spanned.cut, *gearboxes)):
+                settings[what].append(joint.name)
+        said = {what: f"{what}: {quoted(names)}" for what, names in settings.items() if names}
         return Description(
             tree.model,
             name=sdf.name,
@@ -170,14 +174,19 @@ def read_sdf(
             reversed=spanned.reversed,
             unused=(
                 *_unused_parts(sdf, kinds, drop, root_poses, idle),
-                *_defaults(sdf, [link.name for link in moving]),
-                *(f"{what}: {quoted(names)}" for what, names in settings.items() if what in _SMALL),
+                *(
+                    f"left out of <inertial>, and {value} here, as the format has it: "
+                    f"{quoted(found)}"
+                    for value, names in sdf.defaults.items()
+                    if (found := [link.name for link in moving if link.name in names])
+                ),
+                *(text for what, text in said.items() if what in _SMALL),
                 *doubts((k.name, k.inertia.mass, k.inertia.inertia) for k in links if k.inertia),
             ),
             unmodelled=(
                 *sdf.unmodelled,
                 *([f"links without gravity: {quoted(light)}; here they weigh"] if light else ()),
-                *(f"{what}: {quoted(names)}" for what, names in settings.items() if what in _LARGE),
+                *(text for what, text in said.items() if what in _LARGE),
             ),
             lost_rows=sdf.lost_rows,
             exclusions=sdf.exclusions,
@@ -232,21 +241,6 @@ def _unused_parts(
         yield f"joints between links that cannot move against each other: {quoted(idle)}"
     if any(not pose.isIdentity() for pose in root_poses):
         yield "pose of the root link in the file: the root joint's configuration replaces it"
-
-
-def _defaults(sdf: SdfModel, moving: Collection[str]) -> Iterator[str]:
-    """Moving links whose inertia has defaults of the format, a phrase for each value."""
-    for value, links in sdf.defaults.items():
-        if names := [name for name in links if name in moving]:
-            yield f"left out of <inertial>, and {value} here, as the format has it: {quoted(names)}"
-
-
-def _settings(joints: Sequence[Joint], cut: Sequence[Joint]) -> Iterator[tuple[str, list[str]]]:
-    """Joint settings that the dynamics do not use, each with its joints."""
-    said = [(joint.name, tuple(_lost(joint, joint not in cut))) for joint in joints]
-    for setting in (*_SMALL, *_LARGE):
-        if names := [name for name, settings in said if setting in settings]:
-            yield setting, names
 
 
 def _lost(joint: Joint, hanging: bool) -> Iterator[str]:

@@ -230,7 +230,6 @@ def parse(path: str | PathLike[str], name: str | Sequence[str] | None) -> SdfMod
     short = short_names(parts, chosen.models)
     defaults: dict[str, list[str]] = defaultdict(list)
     links = [_link(part, each, poses, defaults) for each, part in tagged["link"].items()]
-    joints = [_joint(part, each, poses, link_of) for each, part in tagged["joint"].items()]
     unmodelled = {
         what: f"{what}: {quoted(short.get(name, name) for name in dict.fromkeys(names))}"
         for what, names in _unmodelled(chosen, parts).items()
@@ -240,7 +239,10 @@ def parse(path: str | PathLike[str], name: str | Sequence[str] | None) -> SdfMod
         pose=poses[WORLD].inverse(),
         canonical=tuple(short[link_of[each]] for each in chosen.models or (MODEL,)),
         links=tuple(replace(link, name=short[link.name]) for link in links),
-        joints=tuple(_shortened(joint, short | {WORLD: WORLD}) for joint in joints),
+        joints=tuple(
+            _shortened(_joint(part, each, poses, link_of), short | {WORLD: WORLD})
+            for each, part in tagged["joint"].items()
+        ),
         frames={
             short[each]: (short[link_of[each]], poses[each])
             for each, part in parts.items()
@@ -266,8 +268,9 @@ def _shortened(joint: Joint, short: Mapping[str, str]) -> Joint:
         for axis in (joint.axis, joint.axis2)
     ]  # fmt: skip
     gear = joint.gear and replace(joint.gear, reference=short[joint.gear.reference])
-    names = {key: short[getattr(joint, key)] for key in ("name", "parent", "child")}
-    return replace(joint, **names, axis=axes[0], axis2=axes[1], gear=gear)
+    name, parent, child = (short[each] for each in (joint.name, joint.parent, joint.child))
+    joint = replace(joint, name=name, parent=parent, child=child)
+    return replace(joint, axis=axes[0], axis2=axes[1], gear=gear)
 
 
 def _roots(chosen: Chosen, parts: Mapping[str, Part]) -> list[Element]:
@@ -464,7 +467,7 @@ def _direction(part: Part, tag: str, name: str, poses: Mapping[str, Any]) -> Arr
     axis = np.array([float(x) for x in (xyz.text or "").split()])
     if not axis.any():
         raise InvalidModel(f"{label(element)}: <{tag}/xyz> is zero; give it a direction")
-    in_model = "true" if part.model.axes_of_model else "false"
+    in_model = "true" if part.model.version < (1, 5) else "false"
     frame = part.named(xyz.get("expressed_in", "")) or (
         part.home if flag(element, f"{tag}/use_parent_model_frame", in_model) else name
     )

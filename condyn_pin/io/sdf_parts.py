@@ -49,11 +49,6 @@ class Placed(NamedTuple):
     version: tuple[int, ...]
 
     @property
-    def axes_of_model(self) -> bool:
-        """True if an axis without a frame is in the axes of the model."""
-        return self.version < (1, 5)
-
-    @property
     def static(self) -> bool:
         """True if the model is static."""
         return flag(self.owner if find(self.owner, "static") is not None else self.model, "static")
@@ -108,24 +103,27 @@ class Files:
                 else:
                     found.append((model, world))
         placed = [model for model, _ in found]
-        names = [wanted] if wanted is None or isinstance(wanted, str) else [*wanted]
+        names: Sequence[str | None] = (
+            [wanted] if wanted is None or isinstance(wanted, str) else wanted
+        )
         taken = [_choice(placed, lost, name) for name in names]
         homes = [next(w for candidate, w in found if candidate is model) for model in taken]
         home, model = homes[0], taken[0]
         if any(other is not home for other in homes):
-            raise InvalidModel(f"the models {quoted(names)} are in different worlds; choose of one")
+            said = quoted(each.name for each in taken)
+            raise InvalidModel(f"the models {said} are in different worlds; choose of one")
         if home is sdf and len(worlds) == 1:
             home = worlds[0]
-        if several := not (wanted is None or isinstance(wanted, str)):
+        if several := names is wanted:
             model, home = _as_one(taken, home, self._first)
         still = [other.name for other in placed if other not in taken and other.static]
         moving = [other.name for other in placed if other not in taken and not other.static]
-        said = {
+        about = {
             "static models, which stand around": still,
             "other models": moving,
             "includes without a model, or not in the folder of the file": lost,
         }
-        unused = [f"{what}: {quoted(names)}" for what, names in said.items() if names]
+        unused = [f"{what}: {quoted(each)}" for what, each in about.items() if each]
         gravity = None
         if home.tag == "world":
             gravity, given = _gravity(home, _version(sdf))
@@ -254,7 +252,8 @@ def _as_one(models: Sequence[Placed], world: Element, file: Path) -> tuple[Place
     whole = Element("model", name=" + ".join(model.name for model in models))
     whole.extend([*(model.owner for model in models), *own])
     rest = Element(world.tag, world.attrib)
-    rest.extend(element for element in world if element not in own)
+    others = {id(element) for element in world} - {id(element) for element in own}
+    rest.extend(element for element in world if id(element) in others)
     return Placed(whole.get("name", ""), whole, whole, file, models[0].version), rest
 
 

@@ -41,7 +41,7 @@ adds a rounding to the rotation; what goes into the model is made orthonormal on
 from __future__ import annotations
 
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import replace
 from math import inf
 from typing import Any, Final, Literal, NamedTuple
@@ -214,7 +214,11 @@ def with_copies(
 ) -> tuple[tuple[Link, ...], tuple[Joint, ...], tuple[Loop, ...]]:
     """Return links and joints without loops, and the welds that close them again."""
     parents = Counter(joint.child for joint in joints)
-    shared = {link.name: _share(link, parents[link.name]) for link in links}
+    shared = {link.name: link for link in links}
+    for link in links:
+        if link.inertia is not None and (n := parents[link.name]) > 1:
+            m, c, I = link.inertia.mass, link.inertia.lever, link.inertia.inertia  # noqa: E741
+            shared[link.name] = replace(link, inertia=pin.Inertia(m / n, c, I / n))
     copies: list[Link] = []
     hanging: list[Joint] = []
     welds: list[Loop] = []
@@ -233,14 +237,6 @@ def with_copies(
         carried.add(joint.child)
         hanging.append(joint)
     return (*shared.values(), *copies), tuple(hanging), tuple(welds)
-
-
-def _share(link: Link, n: int) -> Link:
-    """Return a link with one n-th of its inertia."""
-    if link.inertia is None or n < 2:
-        return link
-    Y = link.inertia
-    return replace(link, inertia=pin.Inertia(Y.mass / n, Y.lever, Y.inertia / n))
 
 
 class Span(NamedTuple):
@@ -268,7 +264,12 @@ def span(
         if name not in [joint.name for joint in joints]:
             raise unknown_name("joint", name, [joint.name for joint in joints])
     names = _spanning(joints, kept, cut)
-    spanning = [joint for joint in joints if joint.name in names]
+    at: dict[str, list[Joint]] = defaultdict(list)
+    for joint in joints:
+        if joint.name in names:
+            at[joint.parent].append(joint)
+            at[joint.child].append(joint)
+    children = {joint.child for joint in joints}
     anchored = _anchored(sdf, joints, root, floating)
     trees: list[tuple[str, tuple[Joint, ...]]] = []
     backwards: list[str] = []
@@ -278,9 +279,11 @@ def span(
     for start in starts:
         if start in reached:
             continue
-        if start != WORLD:
-            start = _root(sdf, joints, root, start, spanning if several else None)
-        tree, turned = _depth_first(spanning, start)
+        if start != WORLD:  # the root, or the only link here without a parent, or else canonical
+            here = {start, *(joint.child for joint in _depth_first(at, start)[0])}
+            roots = {root} & here or here - children
+            start = str(roots.pop()) if len(roots) == 1 else start
+        tree, turned = _depth_first(at, start)
         trees.append((start, tree))
         backwards += turned
         reached |= {start, *(joint.child for joint in tree)}
@@ -316,24 +319,6 @@ def _anchored(sdf: SdfModel, joints: Sequence[Joint], root: str | None, floating
     return bool(anchors)
 
 
-def _root(
-    sdf: SdfModel,
-    joints: Sequence[Joint],
-    root: str | None,
-    canonical: str,
-    spanning: Sequence[Joint] | None,
-) -> str:
-    """Return the link on which the tree of a model stands, of several what they are joined to."""
-    links = [link.name for link in sdf.links]
-    if spanning is not None:
-        links = [canonical, *(joint.child for joint in _depth_first(spanning, canonical)[0])]
-    if root in links:
-        return str(root)
-    children = {joint.child for joint in joints}
-    roots = [link for link in links if link not in children]
-    return roots[0] if len(roots) == 1 else canonical
-
-
 def _spanning(
     joints: Sequence[Joint], kept: Mapping[str, str], cut: Collection[str]
 ) -> frozenset[str]:
@@ -362,12 +347,13 @@ def _spanning(
     return frozenset(names)
 
 
-def _depth_first(joints: Iterable[Joint], start: str) -> tuple[tuple[Joint, ...], tuple[str, ...]]:
-    """Return the joints of a tree depth-first, as crba needs them, and which ones are reversed."""
-    at: dict[str, list[Joint]] = defaultdict(list)
-    for joint in joints:
-        at[joint.parent].append(joint)
-        at[joint.child].append(joint)
+def _depth_first(
+    at: Mapping[str, Sequence[Joint]], start: str
+) -> tuple[tuple[Joint, ...], tuple[str, ...]]:
+    """Return the joints of a tree depth-first, as crba needs them, and which ones are reversed.
+
+    `at` has the joints of the tree at each link.
+    """
     tree: list[Joint] = []
     backwards: list[str] = []
     waiting = [(joint, start) for joint in reversed(at[start])]

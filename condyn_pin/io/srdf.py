@@ -49,7 +49,7 @@ def read_exclusions(model: Any, path: Path) -> frozenset[frozenset[str]]:
     with place(path):
         disabled = open_xml(path, "robot").findall("disable_collisions")
     links = {frame.name for frame in model.frames}
-    pairs = (frozenset({each.get("link1"), each.get("link2")} & links) for each in disabled)
+    pairs = (frozenset(links & {each.get("link1"), each.get("link2")}) for each in disabled)
     return frozenset(pair for pair in pairs if len(pair) == 2)
 
 

@@ -19,7 +19,7 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ET
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any, Final
@@ -149,7 +149,14 @@ class _Reader:
         for name in self.cut:
             del self.joints[name]
         self.leaders = self._leaders() if mimic else {}
-        self.free = [name for name, joint in self.joints.items() if _without_bounds(joint)]
+        # by the format both bounds are then 0, which locks it; exporters mean no bounds
+        self.free = [
+            name
+            for name, joint in self.joints.items()
+            if joint.get("type") in ("revolute", "prismatic")
+            for limit in joint.findall("limit")
+            if not {"lower", "upper"} & limit.attrib.keys()
+        ]
 
     def read(self, root_joint: str) -> Description:
         root = self._root()
@@ -202,21 +209,18 @@ class _Reader:
         roots = [link for link in self.links if link not in parent_of]
         if len(roots) != 1:
             found = f"the links {', '.join(map(repr, roots[:4]))} have" if roots else "no link has"
-            advice = (
-                "" if roots else "; exchange parent and child of the joint that closes the loop"
-            )
+            advice = "; exchange parent and child of the joint that closes the loop" * (not roots)
             raise InvalidModel(
                 f"{found} no parent joint; exactly one link, the root, must have none{advice}"
             )
-        children: dict[str, list[str]] = {}
+        children = defaultdict[str, list[str]](list)
         for child, parent in parent_of.items():
-            children.setdefault(parent, []).append(child)
-        reached, waiting = {roots[0]}, [roots[0]]
-        while waiting:
-            below = children.get(waiting.pop(), [])
-            reached.update(below)
-            waiting.extend(below)
-        if lost := [link for link in self.links if link not in reached]:
+            children[parent].append(child)
+        reached = [roots[0]]
+        for link in reached:  # it grows
+            reached += children[link]
+        reached_links = {*reached}
+        if lost := [link for link in self.links if link not in reached_links]:
             raise InvalidModel(f"no joint leads from {roots[0]!r} to the links {lost[:4]}; add one")
         return roots[0]
 
@@ -251,10 +255,9 @@ class _Reader:
 
     def _couplings(self) -> Iterator[Coupling]:
         for name, leader in self.leaders.items():
-            mimic = self.joints[name].find("mimic")
-            assert mimic is not None
-            ratio, offset = (float(mimic.get(*of)) for of in (("multiplier", "1"), ("offset", "0")))
-            yield Coupling(name, leader, ratio=ratio, offset=offset)
+            for mimic in self.joints[name].findall("mimic"):
+                ratio, offset = (float(mimic.get(*x)) for x in (("multiplier", 1), ("offset", 0)))
+                yield Coupling(name, leader, ratio, offset)
 
     # For Pinocchio
 
@@ -442,17 +445,6 @@ def _named(robot: Element, tag: str) -> dict[str, Element]:
             raise InvalidModel(f"two <{tag}> are named {name!r}; rename one")
         found[name] = element
     return found
-
-
-def _without_bounds(joint: Element) -> bool:
-    """True if a joint that needs limits has some of effort and velocity only.
-
-    By the format both bounds are then 0, which locks it. Exporters mean a joint without bounds.
-    """
-    limit = joint.find("limit")
-    if joint.get("type") not in ("revolute", "prismatic") or limit is None:
-        return False
-    return not {"lower", "upper"} & limit.attrib.keys()
 
 
 def _having(joints: Iterable[Element], tag: str, key: str = "") -> list[str]:

@@ -194,8 +194,8 @@ _POINT: Final = re.compile(r"3D", re.IGNORECASE)
 def closings(links: Iterable[str], joints: Iterable[str]) -> Iterator[Loop]:
     """Yield the loops of pairs of links, or of joints, with names of closures."""
     links = sorted(links)
-    for name, *ends in _pairs(links, _CLOSING):
-        yield Loop(*ends, "ball", name=name)
+    for name, first, second in _pairs(links, _CLOSING):
+        yield Loop(first, second, "ball", name=name)
     for name, first, second in _pairs(sorted({*links, *joints}), _CLOSED_LOOP):
         point = _POINT.search(first) and _POINT.search(second)
         yield Loop(first, second, "ball" if point else "weld", name=name)

@@ -70,7 +70,7 @@ def smaller_robot(
         springs=tuple(spring for spring in robot.springs if spring.joint not in joints),
         spring_dampers=(),
         unused=(*robot.unused, remark),
-        exclusions=[names & known for names in robot.exclusions if len(names & known) > 1],
+        exclusions=[here for each in robot.exclusions if len(here := known.intersection(each)) > 1],
     )
     loops, _ = sifted(bare, robot.loops if cut else with_held(robot, robot.loops, joints, q))
     contacts, _ = sifted(bare, robot.contacts)

@@ -184,7 +184,7 @@ def _apart(robot: Robot, joint: int) -> frozenset[str]:
     here = {*WORLD}
     if joint:
         here = {frame.name for frame in robot.model.frames if frame.parentJoint == joint}
-    return frozenset().union(*(names for names in robot.exclusions if names & here))
+    return frozenset().union(*(names for names in robot.exclusions if here.intersection(names)))
 
 
 def _words(scene: Scene, ground: int, n: Array, height: float) -> tuple[str, str]:
