@@ -296,6 +296,7 @@ def judged(
         status = ContactStatus.NOT_FINITE
     lam, sigma = read_only((found.lam, problem.velocities(found.lam)))
     return ContactSolution(
-        lam, sigma, natural, status, found.iterations, found.path, solve_time, problem, unmet,
-        found.several,
+        lam=lam, sigma=sigma, natural=natural, status=status, iterations=found.iterations,
+        path=found.path, solve_time=solve_time, problem=problem, unmet=unmet,
+        several=found.several,
     )  # fmt: skip

@@ -258,7 +258,18 @@ def verdict(
             status = ControlStatus.OUT_OF_BUDGET
         unknown = ControlResiduals(np.inf, np.inf, np.inf)
         rigid = np.full(len(program.rigid), np.nan)
-        return Verdict(u, nothing, nothing, none, rigid, {}, (), infeasible, unknown, status)
+        return Verdict(
+            u=u,
+            tau=nothing,
+            a=nothing,
+            lam=none,
+            rigid=rigid,
+            errors={},
+            active=(),
+            infeasible=infeasible,
+            residuals=unknown,
+            status=status,
+        )
     a, u, tau, lam, rigid = program.recover(x)
     passive = program.passive + rigid @ program.rigid if len(rigid) else program.passive
     residuals, status = _proof(program, a, tau, passive, lam, answers)
@@ -268,7 +279,19 @@ def verdict(
     size = max(peak(a), tolerances.GRAVITY)
     if program.left_out or residuals.constraints > tolerances.SOLVED * size:
         notices += program.unkept(program.motion.q, program.motion.v, a, lam, size)
-    return Verdict(u, tau, a, lam, rigid, errors, active, None, residuals, status, notices)
+    return Verdict(
+        u=u,
+        tau=tau,
+        a=a,
+        lam=lam,
+        rigid=rigid,
+        errors=errors,
+        active=active,
+        infeasible=None,
+        residuals=residuals,
+        status=status,
+        notices=notices,
+    )
 
 
 def _proof(

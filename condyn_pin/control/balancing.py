@@ -652,7 +652,16 @@ def push_bound(
     q_ = scene.robot.arguments.configuration("q", q)
     floor = level_floor(Sites(scene, q_))
     along = floor.axes[:2].T @ along_plane(floor.axes[:2], way)
-    brake = Brake(anchored(scene, q_), q_, floor, along, cones, actuation, torque, rigid)
+    brake = Brake(
+        scene=anchored(scene, q_),
+        q=q_,
+        floor=floor,
+        way=along,
+        cones=cones,
+        actuation=actuation,
+        torque=torque,
+        rigid=rigid,
+    )
     travel, pressure, motors = brake.stop(q_)
     return PushBound(along, travel, pressure, motors, brake.height, scene.robot.mass, brake.gravity)
 

@@ -130,7 +130,14 @@ class Controller(OneThread):
         limits = ControlLimits() if limits is None else limits
         stiff = checked("rigid", rigid, scene.robot.joints, "joint")
         self._settings = Settings(
-            cones, qp, limits, actuation, drift, regularisation, stiff, native
+            cones=cones,
+            qp=qp,
+            limits=limits,
+            actuation=actuation,
+            drift=drift,
+            regularisation=regularisation,
+            rigid=stiff,
+            native=native,
         )
         self._siblings: dict[tuple[Scene, object], Controller] = {}
         self._set_up(scene, tasks, cones)
@@ -153,8 +160,9 @@ class Controller(OneThread):
         self._still = np.zeros(scene.robot.nv)
         home = lru_cache(maxsize=1)(lambda: scene.state()[0])
         self._program = Program(
-            scene, levels, ContactCones(scene, cones), settings.limits, self.actuation, equations,
-            home, settings.rigid, settings.regularisation,
+            scene=scene, levels=levels, cones=ContactCones(scene, cones), limits=settings.limits,
+            actuation=self.actuation, equations=equations, home=home, rigid=settings.rigid,
+            regularisation=settings.regularisation,
         )  # fmt: skip
         cascade = Cascade(settings.qp or default, len(levels), settings.regularisation)
         self._python = PythonTick(

@@ -148,8 +148,8 @@ def of_rows(bounds: Sequence[BoundConstraint], drift: Baumgarte | None) -> dict[
     """Return the rows of a scene, and the gains that draw them back."""
     rows = [made for bound in bounds if (made := bound.compiled())]
     return {
-        "constraints": np.array([ints for ints, _ in rows], np.int32).reshape(-1, 14),
-        "of_constraints": np.array([numbers for _, numbers in rows], float).reshape(-1, 27),
+        "constraints": np.array([row.integers for row in rows], np.int32).reshape(-1, 14),
+        "of_constraints": np.array([row.numbers for row in rows], float).reshape(-1, 27),
         "drift": np.array([drift.Kp, drift.Kd] if drift else [0.0, 0.0]),
     }
 
@@ -343,8 +343,8 @@ class CompiledCore:
         a, lam, q, v = self._ends
         question = Question(out[lam:q], out[q:v], _owned(tau), (), self.workspace.drift)
         return Solution(
-            out[:a], out[a:lam], Residuals._make(residuals), _OK, iterations, seconds, self._scene,
-            question,
+            a=out[:a], lam=out[a:lam], residuals=Residuals._make(residuals), status=_OK,
+            iterations=iterations, solve_time=seconds, scene=self._scene, question=question,
         )  # fmt: skip
 
     def velocity(self, out: Array) -> Array:

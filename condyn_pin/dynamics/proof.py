@@ -97,7 +97,15 @@ class Verifier:
         iterations = self._method.iterations()
         question = self._question(state, load)
         return Solution(
-            a, lam, residuals, status, iterations, solve_time, self._scene, question, rest
+            a=a,
+            lam=lam,
+            residuals=residuals,
+            status=status,
+            iterations=iterations,
+            solve_time=solve_time,
+            scene=self._scene,
+            question=question,
+            missed=rest,
         )
 
     def _question(self, state: State, load: Load | None) -> Question:
@@ -173,14 +181,14 @@ class Verifier:
                 q, v, nothing, nothing, lam
             )
         return Solution(
-            np.full(self._workspace.model.nv, nan),
-            np.full(self._scene.rows, nan),
-            Residuals(inf, inf, violation, velocity, inf),
-            Status.SINGULAR,
-            self._method.iterations(),
-            solve_time,
-            self._scene,
-            self._question(state, load),
+            a=np.full(self._workspace.model.nv, nan),
+            lam=np.full(self._scene.rows, nan),
+            residuals=Residuals(inf, inf, violation, velocity, inf),
+            status=Status.SINGULAR,
+            iterations=self._method.iterations(),
+            solve_time=solve_time,
+            scene=self._scene,
+            question=self._question(state, load),
         )
 
     @one_blas_thread

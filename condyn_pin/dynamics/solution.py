@@ -534,8 +534,9 @@ class ConstraintForce(ArrayValue):
         b = self._sites.scene.bounds[self._index]
         scale = b.reaction(on_first=self._first)
         return ConstraintForce(
-            self.name, read_only(-scale * self.components), self.by, self.on, self.frame, self.lam,
-            self._sites, self._index, not self._first,
+            name=self.name, components=read_only(-scale * self.components), on=self.by, by=self.on,
+            frame=self.frame, lam=self.lam, _sites=self._sites, _index=self._index,
+            _first=not self._first,
         )  # fmt: skip
 
     def generalized(self) -> Array:
@@ -665,7 +666,15 @@ def _force(sites: Sites, i: int, lam: Array) -> ConstraintForce:
         turn = R.T @ sites.placements[i][0].rotation
         components, frame = (components.reshape(-1, 3) @ turn.T).ravel(), str(constraint.axes)
     return ConstraintForce(
-        bound.name, read_only(components), on, by, frame, read_only(lam.copy()), sites, i, True
+        name=bound.name,
+        components=read_only(components),
+        on=on,
+        by=by,
+        frame=frame,
+        lam=read_only(lam.copy()),
+        _sites=sites,
+        _index=i,
+        _first=True,
     )
 
 

@@ -213,10 +213,16 @@ def _solids(robot: Robot) -> tuple[_Solid, ...]:
         low, high = corners.min(axis=0), corners.max(axis=0)
         made.append(
             _Solid(
-                link, int(frame.parentJoint), placed, middle, radius, kind, (high - low) / 2.0,
-                (high + low) / 2.0,
+                link=link,
+                joint=int(frame.parentJoint),
+                corners=placed,
+                middle=middle,
+                radius=radius,
+                kind=kind,
+                size=(high - low) / 2.0,
+                centre=(high + low) / 2.0,
             )
-        )  # fmt: skip
+        )
     return tuple(made)
 
 

@@ -372,27 +372,47 @@ def _method(solver: ContactSolver) -> _Method:
     """
     if isinstance(solver, ADMM):
         return _Method(
-            True, solver == ADMM(), not solver.polish, POLISH if solver.polish else 0,
-            solver.tolerance, solver.max_iterations,
-            min(solver.anderson, solver.max_iterations), RESCUE,  # more is never remembered
+            alternates=True, newton_first=solver == ADMM(), sticks_first=not solver.polish,
+            polish=POLISH if solver.polish else 0, tolerance=solver.tolerance,
+            max_iterations=solver.max_iterations,
+            anderson=min(solver.anderson, solver.max_iterations),  # more is never remembered
+            steps=RESCUE,
         )  # fmt: skip
     assert isinstance(solver, SemismoothNewton)
-    return _Method(False, False, False, 0, 1.0, 0, 0, solver.max_iterations)
+    return _Method(
+        alternates=False,
+        newton_first=False,
+        sticks_first=False,
+        polish=0,
+        tolerance=1.0,
+        max_iterations=0,
+        anderson=0,
+        steps=solver.max_iterations,
+    )
+
+
+class _StepPlan(NamedTuple):
+    """Tolerances of a step behind dt and its `_Method`, as the ``StepPlan`` of the core."""
+
+    near: float  # gap of a contact that takes part [m]
+    pushed_out: float  # share of a penetration that a step removes [1]
+    pushes: float  # its largest speed [m/s, rad/s]
+    at_rest: float  # penetration that stays [m, rad]
+    touches: float  # gap of a touching contact [m, rad]
+    solved: float = tolerances.CONTACT_SOLVED
+    moves: float = problem.MOVES
+    straight: float = step_problem.STRAIGHT
+    missed: float = step_problem.MISSED
+    closed: float = contact_steps.CLOSED
+    small: float = contact_steps.SMALL
+    rank: float = tolerances.RANK
+    deep: float = _DEEP
+    not_driven: float = tolerances.NOT_DRIVEN
+    out_of_reach: float = tolerances.OUT_OF_REACH
 
 
 def _plan(dt: float, method: _Method) -> Array:
-    return np.array(
-        [
-            *(dt, *method),
-            *sizes_of_gaps(),
-            *(tolerances.CONTACT_SOLVED, problem.MOVES),
-            *(step_problem.STRAIGHT, step_problem.MISSED),
-            *(contact_steps.CLOSED, contact_steps.SMALL),
-            *(tolerances.RANK, _DEEP),
-            *(tolerances.NOT_DRIVEN, tolerances.OUT_OF_REACH),
-        ],
-        dtype=float,
-    )
+    return np.array([dt, *method, *_StepPlan(*sizes_of_gaps())], dtype=float)
 
 
 # The columns of what momentum is off by and loops are open by, and a share of the weight from which

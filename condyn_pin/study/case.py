@@ -69,7 +69,17 @@ def prepare(label: str, scene: Scene, measure: Measure, states: States, accuracy
     truth = tuple(measure.truth(scene, states.judged_at(scene, state)) for state in chosen)
     floor = scene.nominal.estimator.rounding
     promised = accuracy if states.exact else max(accuracy, DOUBT)
-    return Case(label, scene, measure, accuracy, states.name, chosen, truth, floor, promised)
+    return Case(
+        label=label,
+        scene=scene,
+        measure=measure,
+        accuracy=accuracy,
+        set_name=states.name,
+        states=chosen,
+        truth=truth,
+        floor=floor,
+        promised=promised,
+    )
 
 
 @one_blas_thread  # the same bits each time, however many cores there are

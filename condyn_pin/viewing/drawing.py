@@ -184,7 +184,16 @@ def draw(
     placed = spread(tuple(_apart(unique.values())), instants[0], eye_at(middle, size, toward))
     when = np.arange(len(instants), dtype=float) if frames is None else frames
     return Drawing(
-        title, tuple(placed), tuple(instants), fps, middle, size, notes, when, toward, speed
+        title=title,
+        parts=tuple(placed),
+        instants=tuple(instants),
+        fps=fps,
+        middle=middle,
+        size=size,
+        notes=notes,
+        frames=when,
+        toward=toward,
+        speed=speed,
     )
 
 

@@ -76,14 +76,14 @@ def instant(
     touching = dict(touching_at(scene, equations.data, q, felt or PlottedForce()))
     com = np.array(pin.centerOfMass(scene.robot.model, equations.data, q))
     return Instant(
-        oMi,
-        com,
-        {name: (pin.SE3(ends[0]), pin.SE3(ends[1])) for name, ends in placed if ends},
-        opening,
-        {bound.name: bound for bound in scene.bounds},
-        forces or {},
-        touching,
-        balance,
+        joints=oMi,
+        com=com,
+        ends={name: (pin.SE3(ends[0]), pin.SE3(ends[1])) for name, ends in placed if ends},
+        gaps=opening,
+        bounds={bound.name: bound for bound in scene.bounds},
+        forces=forces or {},
+        touching=touching,
+        balance=balance,
     )
 
 
@@ -165,9 +165,9 @@ def touching_at(
         if not np.isfinite(gaps[i]):  # two bodies may meet in fewer places
             continue
         yield name, ContactView(
-            points[i].copy(), axes[i].copy(), float(gaps[i]), float(candidates.friction[i]),
-            name, model.names[grounds[name]], felt.modes.get(name, ""),
-            np.asarray(felt.forces.get(name, np.zeros(3))),
+            at=points[i].copy(), axes=axes[i].copy(), gap=float(gaps[i]),
+            friction=float(candidates.friction[i]), on=name, by=model.names[grounds[name]],
+            mode=felt.modes.get(name, ""), force=np.asarray(felt.forces.get(name, np.zeros(3))),
         )  # fmt: skip
 
 

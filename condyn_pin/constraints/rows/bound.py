@@ -41,20 +41,37 @@ STILL: Final = (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0)
 
 
 class CompiledRows(NamedTuple):
-    """The rows of one constraint.
+    """The rows of one constraint."""
 
-    Attributes
-    ----------
-    integers : list of int
-        How they are evaluated, first row and number of rows, joint 1 and 2, which of the six rows
-        as bits, anchored, axis or axle (-1 of a ball), hinge, slider, and of a coupling where q and
-        v hold its joints: 14.
-    numbers : list of float
-        Placements 1 and 2, 12 each; sign, length or radius [m] or ratio, offset: 27.
-    """
+    how: int  # number of the evaluation in the core
+    rows: slice  # among those of the scene
+    joint1: int = 0  # joints of its bodies
+    joint2: int = 0
+    selection: tuple[int, ...] = ()  # which of the six rows it has
+    is_anchored: bool = True
+    is_hinge: bool = False
+    is_slider: bool = False
+    axis: int = 0  # or axle, -1 of a ball
+    places: tuple[int, ...] = (0, 0, 0, 0)  # of the joints of a coupling, two in q and two in v
+    placement1: Sequence[float] = STILL  # rotation by rows and translation of its frames
+    placement2: Sequence[float] = STILL
+    sign: float = 1.0
+    length: float = 0.0  # of a rod, radius of a wheel [m], or ratio of a coupling [1]
+    offset: float = 0.0  # of a coupling
 
-    integers: list[int]
-    numbers: list[float]
+    @property
+    def integers(self) -> list[int]:
+        """Fourteen integers, in the order of `native/src/core/constraint.hpp`."""
+        chosen = sum(1 << row for row in self.selection)
+        return [
+            self.how, self.rows.start, self.rows.stop - self.rows.start, self.joint1, self.joint2,
+            chosen, self.is_anchored, self.axis, self.is_hinge, self.is_slider, *self.places,
+        ]  # fmt: skip
+
+    @property
+    def numbers(self) -> list[float]:
+        """Twenty-seven numbers, in the order of the core."""
+        return [*self.placement1, *self.placement2, self.sign, self.length, self.offset]
 
 
 def placement(M: Any) -> list[float]:
@@ -433,15 +450,12 @@ class Bound(TwoFrameConstraint):
             how = ROD
         else:
             how = {POINT: BALL, FRAME: WELD}.get(self.selection, CUT)
-        chosen = sum(1 << row for row in self.selection)
-        slider = self.size == 5 and not self.is_hinge
-        integers = [
-            how, self.rows.start, self.size, self.joint1, self.joint2, chosen, self.anchored,
-            self.axis, self.is_hinge, slider, 0, 0, 0, 0,
-        ]  # fmt: skip
-        length = self.length if self.is_rod else 0.0
-        placed = [*placement(self.placement1), *placement(self.placement2)]
-        return CompiledRows(integers, [*placed, self.sign, length, 0.0])
+        return CompiledRows(
+            how, self.rows, self.joint1, self.joint2, self.selection, is_anchored=self.anchored,
+            is_hinge=self.is_hinge, is_slider=self.size == 5 and not self.is_hinge, axis=self.axis,
+            placement1=placement(self.placement1), placement2=placement(self.placement2),
+            sign=self.sign, length=self.length if self.is_rod else 0.0,
+        )  # fmt: skip
 
     def whole(self, lam: Array) -> Array:
         """Force with zeros for the components that the kind does not transmit.

@@ -24,7 +24,6 @@ from condyn_pin.constraints.rows.bound import (
     COUPLING,
     CUT,
     ROLL,
-    STILL,
     BoundConstraint,
     CompiledRows,
     Drive,
@@ -132,13 +131,11 @@ class BoundRelation(TwoFrameConstraint):
         """Rows in the format of the compiled core, those of cut joints, if W selects rows of s."""
         if not isinstance(self.relation, RelativePosition):
             return None
-        chosen = sum(1 << row for row in self.relation.chosen)
-        integers = [
-            CUT, self.rows.start, self.size, self.joint1, self.joint2, chosen, True,
-            0, False, False, 0, 0, 0, 0,
-        ]  # fmt: skip
-        placed = [*placement(self.placement1), *placement(self.placement2)]
-        return CompiledRows(integers, [*placed, self.sign, 0.0, 0.0])
+        return CompiledRows(
+            CUT, self.rows, self.joint1, self.joint2, self.relation.chosen,
+            placement1=placement(self.placement1), placement2=placement(self.placement2),
+            sign=self.sign,
+        )  # fmt: skip
 
 
 @dataclass(frozen=True)
@@ -274,10 +271,9 @@ class BoundCoupling(BoundConstraint):
         """Row in the format of the compiled core: q_a - ratio q_b, or one joint alone."""
         if self.bends or self.weights[0] != 1.0 or len(self.weights) > 2:
             return None
-        places = [p[i] for p in (self.configuration, self.velocity) for i in (0, -1)]
+        places = tuple(p[i] for p in (self.configuration, self.velocity) for i in (0, -1))
         ratio = 0.0 if self.is_alone else -self.weights[1]
-        integers = [COUPLING, self.rows.start, 1, 0, 0, 0, True, 0, False, False, *places]
-        return CompiledRows(integers, [*STILL, *STILL, 1.0, ratio, self.offset])
+        return CompiledRows(COUPLING, self.rows, places=places, length=ratio, offset=self.offset)
 
     def moved(self, joints: Sequence[int]) -> BoundCoupling:
         """Coupling as it is: joint numbers do not change its columns."""
@@ -434,14 +430,12 @@ class BoundRolling(TwoFrameConstraint):
 
     def compiled(self) -> CompiledRows:
         """Rows in the format of the compiled core."""
-        chosen = sum(1 << row for row in self.selection)
-        axle = -1 if self.axle is None else self.axle
-        integers = [
-            ROLL, self.rows.start, self.size, self.joint1, 0, chosen, self.anchored, axle,
-            False, False, 0, 0, 0, 0,
-        ]  # fmt: skip
-        placed = [*placement(self.placement1), *placement(self.placement2)]
-        return CompiledRows(integers, [*placed, self.sign, self.radius, 0.0])
+        return CompiledRows(
+            ROLL, self.rows, self.joint1, selection=self.selection, is_anchored=self.anchored,
+            axis=-1 if self.axle is None else self.axle,
+            placement1=placement(self.placement1), placement2=placement(self.placement2),
+            sign=self.sign, length=self.radius,
+        )  # fmt: skip
 
     def whole(self, lam: Array) -> Array:
         """Force (3,) with zeros for the directions that slip [N]."""

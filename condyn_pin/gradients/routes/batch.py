@@ -303,8 +303,9 @@ class BatchStepDerivatives(Batch[StepDerivatives]):
         codes = self.codes[i].tolist()
         modes = dict(zip(candidates.names, (MODES[code] for code in codes), strict=True))
         return StepDerivatives(
-            self.q[i], self.v[i], modes, float(self.margins[i]), self.route,
-            candidates.names[: candidates.cones], (self.dq[i], self.dv[i]), self.parameters,
+            q=self.q[i], v=self.v[i], modes=modes, margin=float(self.margins[i]), route=self.route,
+            names=candidates.names[: candidates.cones], matrices=(self.dq[i], self.dv[i]),
+            parameters=self.parameters,
         )  # fmt: skip
 
     def __repr__(self) -> str:

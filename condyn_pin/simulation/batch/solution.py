@@ -150,14 +150,14 @@ class BatchSolution(BatchResult, Batch[Solution]):
             raise WorkersLost(f"no worker got to state {i}; `missing` has all of them", self)
         residuals = Residuals(*self.residuals[i].tolist())
         return Solution(
-            self.a[i],
-            self.lam[i],
-            residuals,
-            STATUSES[status],
-            int(self.iterations[i]),
-            float(self.solve_times[i]),
-            self.scene,
-            Question(self.q[i], self.v[i], self.tau[i], self._applied(i), self.drift),
+            a=self.a[i],
+            lam=self.lam[i],
+            residuals=residuals,
+            status=STATUSES[status],
+            iterations=int(self.iterations[i]),
+            solve_time=float(self.solve_times[i]),
+            scene=self.scene,
+            question=Question(self.q[i], self.v[i], self.tau[i], self._applied(i), self.drift),
         )
 
     def _applied(self, i: int | Some) -> tuple[AppliedForce, ...]:
