@@ -10,7 +10,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
-from condyn_pin.dynamics.scene import Scene, check_scene
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
@@ -174,6 +174,8 @@ def derivatives(
 
 def workspace_for(scene: Scene, solver: Solver | None, drift: Baumgarte | None) -> Workspace:
     """Return this thread's workspace for a scene: one of the last ones, or a new one."""
-    check_scene(scene)
-    scene.robot.check_unedited()
-    return _workspaces.of(scene, (solver, drift), lambda: Workspace(scene, solver, drift=drift))
+    workspace = _workspaces.of(  # a new one checks the scene
+        scene, (solver, drift), lambda: Workspace(scene, solver, drift=drift)
+    )
+    workspace.check_unedited()
+    return workspace
