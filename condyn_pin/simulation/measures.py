@@ -146,6 +146,7 @@ class Gauge:
     def __init__(self, scene: Scene) -> None:
         self.scene = scene
         self.equations = Equations(scene.robot.model, scene.bounds)
+        self._run = algorithms(self.equations.data)
         self._armature = np.array(scene.robot.model.armature)
         # Pinocchio leaves the armature of joints about a slanted axis out of the kinetic energy
         self._links = pin.Model(scene.robot.model)
@@ -162,7 +163,7 @@ class Gauge:
         worst, energies = np.zeros((2, 2, count))
         for start in range(0, count, MANY):
             block = range(start, min(start + MANY, count))
-            run = algorithms(data)
+            run = self._run
             for i in block:
                 states.look(i - start, q[i], v[i], t[i])
                 # the rest reads what that has left in data
@@ -182,7 +183,7 @@ class Gauge:
         """
         links, data, found = self._links, self.equations.data, np.zeros((len(q), 6))
         for i in range(len(q)):
-            found[i] = algorithms(data).computeCentroidalMomentum(links, data, q[i], v[i]).vector
+            found[i] = self._run.computeCentroidalMomentum(links, data, q[i], v[i]).vector
         return found
 
 

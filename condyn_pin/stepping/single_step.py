@@ -18,10 +18,12 @@ from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.trees import algorithms
+from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.forces import AppliedForce, Load, applied_forces
 from condyn_pin.contact.attempts import judged
 from condyn_pin.contact.problem import MODES, ContactProblem
-from condyn_pin.contact.solution import ContactSolution, ContactStatus, contact_load
+from condyn_pin.contact.solution import ContactSolution, ContactStatus
 from condyn_pin.dynamics.scene import Scene, check_scene, time_of
 from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, SolveFailed
@@ -277,6 +279,7 @@ class ProvedSteps:
     """Steps of one scene by one scheme and dt; not to be shared between threads."""
 
     def __init__(self, scene: Scene, dt: float, scheme: ContactScheme) -> None:
+        check_scene(scene)
         self._t = time_of(scene)  # where the step begins [s]
         if not isinstance(scheme, ContactScheme):
             raise InvalidArgument(
@@ -287,6 +290,13 @@ class ProvedSteps:
         self._scene, self._dt, self._scheme = scene, step_size(dt), scheme
         self._system = System(Workspace(scene.bilateral), contacts=scene.contact_bounds)
         self._steps = ContactSteps(scheme, self._system, self._dt)
+        self._run = algorithms(self._system.equations.data)
+        self._rows, bounds = scene.rows, scene.contact_bounds
+        # the candidates of the proof, not of the step: joints of their sides, and of stops and dry
+        # friction where v has them, with their signs
+        self._candidates, self._sides = Candidates(self._system.model, bounds), _sides(bounds)
+        stops = [(stop.iv, stop.sign) for bound in bounds for stop in bound.stops]
+        self._along = stops + [(each.iv, 1.0) for bound in bounds for each in bound.dry]
         gravity = float(np.linalg.norm(scene.robot.model.gravity.linear))
         self._weight = scene.robot.mass * gravity  # [N]
 
@@ -352,7 +362,7 @@ class ProvedSteps:
         """Residuals of the balance of momentum [N s, N m s], and of J_b v+ [m/s, rad/s]."""
         equations, passive = self._system.equations, self._system.passive
         self._system.at(self._steps.looks_at(self._t))
-        at, v, rows = posed.at, posed.v, self._scene.rows
+        at, v, rows = posed.at, posed.v, self._rows
         gained = (ended - v) / self._dt
         tau = posed.tau - passive.inertia(posed.span) * gained
         if passive.between is not None:
@@ -370,7 +380,7 @@ class ProvedSteps:
     def _dynamics_limit(self, posed: StepProblem, ended: Array, a: Array) -> float:
         """Return the largest error of the balance of momentum that is right [N s, N m s]."""
         model, data, L = self._system.model, self._system.equations.data, posed.condensed.factors.L
-        M, h = L.dot(L.T), algorithms(data).nonLinearEffects(model, data, posed.at, posed.mean)
+        M, h = L.dot(L.T), self._run.nonLinearEffects(model, data, posed.at, posed.mean)
         a, v1 = np.abs((a, ended))
         sizes = self._dt * (np.abs(M).dot(a) + np.abs(h) + np.abs(posed.tau))
         momenta = np.abs(M).dot(np.abs(posed.v) + v1)
@@ -406,18 +416,45 @@ class ProvedSteps:
     def _push(self, posed: StepProblem, lam: Array) -> Load:
         """Generalised force of the contacts, at the placements of the step."""
         model, data = self._system.model, self._system.equations.data
-        bounds, floating, path = self._scene.contact_bounds, self._steps.floating, posed.path
+        floating, path = self._steps.floating, posed.path
         if path is None:
-            return contact_load(model, data, posed.at, bounds, lam)
+            return self._load(posed.at, lam)
         there = floating.integrate(posed.at, self._dt * path)
-        push = contact_load(model, data, there, bounds, lam)
+        push = self._load(there, lam)
         still = pin.StdVec_Force([pin.Force.Zero() for _ in range(model.njoints)])
-        held = (
-            algorithms(data).computeStaticTorque(model, data, there, push.on_top_of(still)).copy()
-        )
-        pulled = algorithms(data).computeGeneralizedGravity(model, data, there) - held
+        held = self._run.computeStaticTorque(model, data, there, push.on_top_of(still)).copy()
+        pulled = self._run.computeGeneralizedGravity(model, data, there) - held
         torque = push.torque + floating.rows_before(pulled[None], path, self._dt)[0]
         return Load(torque, np.abs(torque), (), ())
+
+    def _load(self, q: Array, lam: Array) -> Load:
+        """Forces lam of all candidates at q (rows,) [N, N m], as wrenches: without Jacobians.
+
+        Wrenches are those of cones, on the robot and on what carries its ground; the torque is that
+        of stops and of dry friction.
+        """
+        model, data, candidates = self._system.model, self._system.equations.data, self._candidates
+        self._run.forwardKinematics(model, data, q)
+        points, axes = candidates.points(data, q), candidates.axes(data, q)
+        cones, wrenches = 3 * candidates.cones, []
+        forces = lam[:cones].reshape(-1, 3)
+        for (joint, ground), p, E, force in zip(self._sides, points, axes, forces, strict=True):
+            if force.any():  # a point of a pair that has none may be nowhere
+                f = E @ force
+                on_robot = pin.Force(f, np.cross(p, f))  # at the world's origin
+                wrenches.append((joint, data.oMi[joint].actInv(on_robot)))
+                wrenches.append((ground, data.oMi[ground].actInv(-on_robot)))
+        torque = np.zeros(model.nv)
+        for (iv, sign), force in zip(self._along, lam[cones:], strict=True):
+            torque[iv] += sign * force
+        return Load(torque, np.abs(torque), tuple(wrenches), ())
+
+
+def _sides(bounds: Sequence[BoundContact]) -> list[tuple[int, int]]:
+    """Joints that carry the two sides of each cone, in the order of `Candidates`."""
+    bodies = [(touch.joint, touch.ground) for bound in bounds for touch in bound.touches]
+    pairs = [pair for bound in bounds for pair in bound.pairs]
+    return bodies + [(pair.joint, pair.ground) for pair in pairs for _ in range(pair.points)]
 
 
 # StepStart: where a step with contacts begins, and what acts on it.
@@ -563,9 +600,9 @@ _kept = ThreadCache[ProvedSteps]()
 
 
 def _steps(scene: Scene, dt: float, integrator: ContactScheme) -> ProvedSteps:
-    check_scene(scene)
+    steps = _kept.of(scene, (dt, integrator), lambda: ProvedSteps(scene, dt, integrator))
     scene.robot.check_unedited()
-    return _kept.of(scene, (dt, integrator), lambda: ProvedSteps(scene, dt, integrator))
+    return steps
 
 
 def _state(scene: Scene, q: ArrayLike, v: ArrayLike) -> tuple[Array, Array]:
