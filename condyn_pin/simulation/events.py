@@ -24,7 +24,7 @@ from condyn_pin.dynamics.impacts import Impact, Restitution, impact, restitution
 from condyn_pin.dynamics.scene import Scene, check_scene
 from condyn_pin.dynamics.solution import ConstraintForce, Sites
 from condyn_pin.errors import InvalidArgument, UnknownName
-from condyn_pin.simulation.records import Row, codes_in, contact_rows
+from condyn_pin.simulation.records import ContactWork, Row, codes_in, contact_rows, with_work
 from condyn_pin.simulation.system import NO_TOUCH, System
 
 
@@ -221,7 +221,7 @@ class ContactEvent:
     energy_lost : float
         [J]
     before, after : Row
-        Samples.
+        Samples; those of a step have no work of contacts until the run adds it.
     driven : float
         Work of driven constraints in it [J].
     """
@@ -240,6 +240,15 @@ class ContactEvent:
     def t(self) -> float:
         """Time of the event [s]."""
         return self.after[0]
+
+    def behind(self, work: ContactWork) -> ContactEvent:
+        """The event with the work of contacts since the start, its own included."""
+        k, before = len(self.candidates.names), work.more(contact=self.energy_lost)
+        return replace(
+            self,
+            before=(*self.before[:-1], with_work(self.before[-1], k, before)),
+            after=(*self.after[:-1], with_work(self.after[-1], k, work)),
+        )
 
     def at(self, t: float) -> ContactEvent:
         """The event at a time that differs by rounding."""
@@ -356,6 +365,7 @@ class Snapshot:
     q: Array
     v: Array
     _system: System
+    _sample: Callable[[float, Array, Array], Row]
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "_state", (self.q, self.v))  # that the system knows again
@@ -413,7 +423,7 @@ class Snapshot:
     def _solved(self) -> tuple[Array, Array, Array]:
         system, state = self._system, self._state  # type: ignore[attr-defined]
         if system.contacts.names:
-            _, _, _, a, lam, _, touch = system.look(self.t, *state)
+            _, _, _, a, lam, _, touch = self._sample(self.t, *state)
             return a, lam, codes_in(touch, len(system.contacts.names))
         return system.acceleration(self.t, *state), system.lam(), NO_TOUCH
 

@@ -39,12 +39,12 @@ from condyn_pin.simulation.outcome import Effects, MotionLimits, Run, RunStatus,
 from condyn_pin.simulation.records import (
     ContactRecord,
     Phase,
+    Remark,
     candidates_of,
     row_names,
     width,
     written_before,
 )
-from condyn_pin.simulation.remarks import Remark
 from condyn_pin.simulation.trajectory import Trajectory, columns
 
 # Archives: npz files with a header in JSON, and a robot as words and arrays.

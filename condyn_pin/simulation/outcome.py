@@ -22,7 +22,7 @@ from condyn_pin.model.robot import Robot
 from condyn_pin.simulation.events import EventRecord
 from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.manifold import Manifold
-from condyn_pin.simulation.remarks import Remark
+from condyn_pin.simulation.records import Remark
 
 if TYPE_CHECKING:
     from condyn_pin.simulation.trajectory import Trajectory

@@ -96,8 +96,9 @@ def plan(
     _check_jacobian(tau, jacobian, integrator)
     torque = Applied(scene.robot, tau, jacobian, applied_forces(forces, functions=True))
     return Plan(
-        scene, torque, duration, dt, steps, record, integrator, drift, solver, effects,
-        happenings, check_limits(limits),
+        scene=scene, tau=torque, duration=duration, dt=dt, steps=steps, every=record,
+        integrator=integrator, drift=drift, solver=solver, effects=effects, events=happenings,
+        limits=check_limits(limits),
     )  # fmt: skip
 
 
@@ -303,3 +304,31 @@ def _raise(
         fit.raise_if_open(violation=limit, constraint_velocity=limit + allowed / speed)
     except NotAssembled as error:
         raise NotAssembled(f"{what}{error}") from None
+
+
+def check_solver(solver: Solver, plan: Plan) -> None:
+    """Refuse constraints that would be both soft and rigid."""
+    if solver.exact:
+        return
+    if plan.integrator.keeps_constraints:
+        raise InvalidArgument(
+            f"solver = {solver!r}: {plan.integrator.title} keeps hard constraints itself, and "
+            "would leave none of them soft; use RungeKutta4() or another solver"
+        )
+    if plan.drift.corrects:
+        raise InvalidArgument(
+            f"drift = {plan.drift!r}: it closes what {solver.title} lets open, and would "
+            "leave nothing soft; use NoDrift() or another solver"
+        )
+
+
+def check_rows(scene: Scene, integrator: Integrator) -> None:
+    """Refuse rows that an integrator cannot hold."""
+    if not integrator.needs_positions:
+        return
+    for bound in scene.bounds:
+        if len(bound.positioned) < bound.size:
+            raise UnsupportedConstraint(
+                f"{bound.name}: {integrator.title} holds positions, and it has rows that restrict "
+                "velocities only; use RungeKutta4() or GearGuptaLeimkuhler()"
+            )

@@ -1,12 +1,12 @@
-"""Samples, contacts and work that a run records.
+"""Samples, contacts, work and remarks that a run records.
 
 Recorder: the samples of a run, packed as they come.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
 from itertools import accumulate
 from typing import Final, NamedTuple
 
@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.contact.indeterminacy import Indeterminacy
 from condyn_pin.contact.problem import MODES, OPEN, Modes, mode_words
 from condyn_pin.dynamics.scene import Scene
 
@@ -201,7 +202,9 @@ def width(candidates: int, *, is_driven: bool = False) -> int:
     return _WORKS + candidates + is_driven
 
 
-def touch_of(natural: float, work: ContactWork, modes: Modes, *, is_driven: bool = False) -> Array:
+def touch_of(
+    natural: float, work: ContactWork, modes: Modes | Array, *, is_driven: bool = False
+) -> Array:
     """Return a row of the columns of a record."""
     *works, driven = work
     return np.concatenate(((natural, *works), modes, (driven,) if is_driven else ()))
@@ -210,6 +213,14 @@ def touch_of(natural: float, work: ContactWork, modes: Modes, *, is_driven: bool
 def codes_in(columns: Array, candidates: int) -> Array:
     """Return the modes (..., candidates) in rows of a record, as places in `MODES`."""
     return columns[..., _WORKS : _WORKS + candidates]
+
+
+def with_work(touch: Array, candidates: int, work: ContactWork) -> Array:
+    """Row of a record with this work; without contacts an empty one."""
+    if not len(touch):
+        return touch
+    is_driven = len(touch) > width(candidates)
+    return touch_of(float(touch[0]), work, codes_in(touch, candidates), is_driven=is_driven)
 
 
 def written_before(columns: Array, candidates: int) -> Array:
@@ -329,3 +340,61 @@ class ContactWork(NamedTuple):
 
 
 NO_WORK: Final = ContactWork(0.0, 0.0, 0.0)
+
+
+# Remarks: sentences of the steps of a run, each once, with its first time.
+
+
+class Note(NamedTuple):
+    """A sentence of one step, with the contacts that it is of."""
+
+    kind: str
+    names: tuple[str, ...]  # of contacts
+    text: str
+
+
+def notes_of(several: Iterable[Indeterminacy]) -> list[Note]:
+    """Notes on contacts whose velocities Coulomb's law does not determine."""
+    return [Note(each.kind, each.whole_names, each.text) for each in several]
+
+
+@dataclass(frozen=True)
+class Remark:
+    """Message of one or more steps of a run, with its first time.
+
+    Attributes
+    ----------
+    text : str
+        Sentence of the first step.
+    t : float
+        Time of the first step [s].
+    steps : int
+        Number of steps with this message.
+    """
+
+    text: str
+    t: float  # [s]
+    steps: int = 1
+
+    def __str__(self) -> str:
+        more = f", in {self.steps} steps" if self.steps > 1 else ""
+        return f"from t = {self.t:.4g} s{more}: {self.text}"
+
+
+class Remarks:
+    """Remarks of a run in progress: one of a kind for the same contacts."""
+
+    def __init__(self) -> None:
+        self._made: dict[tuple[str, tuple[str, ...]], tuple[Remark, float]] = {}
+
+    def count(self, notes: Iterable[tuple[float, Note]]) -> None:
+        """Count notes, each with its time [s]; those of a step that is taken again count once."""
+        for t, (kind, names, text) in notes:
+            made, last = self._made.get((kind, names), (Remark(text, t, 0), -1.0))
+            if t > last:
+                self._made[kind, names] = replace(made, steps=made.steps + 1), t
+
+    @property
+    def all(self) -> tuple[Remark, ...]:
+        """Remarks in the order of their times."""
+        return tuple(sorted((made for made, _ in self._made.values()), key=lambda one: one.t))

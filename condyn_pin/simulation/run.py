@@ -6,7 +6,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from math import inf, isfinite
 from time import perf_counter
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -21,7 +21,7 @@ from condyn_pin.constraints.path import check_along
 from condyn_pin.dynamics.scene import Scene, check_at_all_times, check_scene
 from condyn_pin.dynamics.solvers.base import Solver
 from condyn_pin.dynamics.workspace import Workspace
-from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled, UnsupportedConstraint
+from condyn_pin.errors import CondynError, InvalidArgument, NotAssembled
 from condyn_pin.mechanism.closing import with_anchors
 from condyn_pin.simulation.events import (
     Event,
@@ -33,7 +33,7 @@ from condyn_pin.simulation.events import (
     ZenoDetected,
     switch,
 )
-from condyn_pin.simulation.integrators.base import Integrator
+from condyn_pin.simulation.integrators.base import CorrectedStepper, Integrator, StepEffects
 from condyn_pin.simulation.outcome import Effects, MotionLimits, Run, RunStatus
 from condyn_pin.simulation.plan import (
     Plan,
@@ -41,15 +41,25 @@ from condyn_pin.simulation.plan import (
     check_deeper,
     check_initial_state,
     check_penetration,
+    check_rows,
+    check_solver,
     check_velocity,
     default_solver,
     plan,
     velocity_of_steps,
 )
-from condyn_pin.simulation.records import BLOCK, NO_WORK, Recorder, Row, merge
-from condyn_pin.simulation.remarks import Remark
+from condyn_pin.simulation.records import (
+    BLOCK,
+    NO_WORK,
+    ContactWork,
+    Recorder,
+    Remark,
+    Remarks,
+    Row,
+    merge,
+)
 from condyn_pin.simulation.stability import stiff_damping, stiff_springs
-from condyn_pin.simulation.system import CorrectedStepper, System
+from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
 
@@ -224,7 +234,17 @@ def follow(
         differenced=plan.tau.differenced, remarks=simulator.remarks,
         wall_time=perf_counter() - begun,
     )  # fmt: skip
-    motion = Trajectory(phases, t, positions, velocities, a, lam, torques, run, contact)
+    motion = Trajectory(
+        phases=phases,
+        t=t,
+        q=positions,
+        v=velocities,
+        a=a,
+        lam=lam,
+        tau=torques,
+        run=run,
+        contact=contact,
+    )
     return motion, simulator.phase
 
 
@@ -253,7 +273,7 @@ def _run(
         lost = is_lost(simulator.v)
         if not lost:
             with suppress(CondynError):  # no step leads away from it, but it may be a sample
-                simulator.phase.end(simulator.t, simulator.q, simulator.v)
+                simulator.end()
         if not any(recorder.count for recorder in simulator.recorders):
             raise
         hint = hint_of(simulator, q0)
@@ -324,11 +344,9 @@ class HybridSimulator:
         placed = self._placed(plan.scene)
         self.phase = phase or HybridPhase(placed, plan)
         self.phase.use(placed)
-        self._contact_work = self.phase.system.contact_work = NO_WORK
-        self.phase.system.located = ()
-        self._remarks = self.phase.system.remarks
-        self._remarks.clear()
-        self.recorders = [self.phase.begin(self.t, q, v)]
+        self._work = NO_WORK  # of contacts, up to t
+        self._remarks = self.phase.remarks = Remarks()
+        self.recorders = [self.phase.begin(self.t, q, v, self._work)]
         self.happened: list[EventRecord] = []
         self._watch = Watch(plan.events)
         if plan.events:
@@ -344,18 +362,25 @@ class HybridSimulator:
         """
         located = self.plan.integrator.locates_events
         (self._run_watched if self._watch.events or located else self._run_free)(tick)
-        self.phase.end(self.t, self.q, self.v)
+        self.end()
+
+    def end(self) -> None:
+        """Keep the last state, unless the last step did."""
+        self.phase.end(self.t, self.q, self.v, self._work)
 
     def _run_free(self, tick: Callable[[int], None] | None) -> None:
         """Take the steps where no event can happen: nothing is checked in between."""
         take, turn, recorder = self.phase.stepper.take, self.phase.turn, self.phase.recorder
         every, dt, rows = self.plan.every, self.plan.dt, recorder.rows
-        t, q, v = self.t, self.q, self.v
+        t, q, v, effects = self.t, self.q, self.v, self.phase.stepper.effects
         try:
             for k in range(self.plan.steps):
                 t1 = (k + 1) * dt
-                q, v = take(t, q, v, t1, rows.append if k % every == turn else None)
+                q, v = take(t, q, v, t1, rows.append if k % every == turn else None, self._work)
                 t = t1
+                if effects:
+                    self._work, _, notes = effects(self._work)
+                    self._remarks.count(notes)
                 if len(rows) == BLOCK:
                     recorder.pack()
                 if tick:
@@ -366,12 +391,11 @@ class HybridSimulator:
     def _run_watched(self, tick: Callable[[int], None] | None) -> None:
         """Take the steps, and look after each which event has happened in it."""
         for k in range(self.plan.steps):
-            q, v = self.phase.step(self.t, self.q, self.v, k)
+            step = self.phase.step(self.t, self.q, self.v, k, self._work)
             t1 = (k + 1) * self.plan.dt
-            q, v = self._through_events(t1, q, v, (k + 1) % self.plan.every == 0)
-            self._keep_located(t1)
+            q, v, effects = self._through_events(t1, step, (k + 1) % self.plan.every == 0)
+            self._add(t1, effects)
             self.t, self.q, self.v = t1, q, v
-            self._contact_work = self.phase.system.contact_work
             if tick:
                 tick(k + 1)
 
@@ -389,22 +413,21 @@ class HybridSimulator:
             if event.name not in names
         )
 
-    def _through_events(self, t1: float, q1: Array, v1: Array, keep: bool) -> tuple[Array, Array]:
-        """Return the state at t1, a sample if it is to be kept, from that without events."""
+    def _through_events(self, t1: float, step: PhaseStep, keep: bool) -> PhaseStep:
+        """Return the last step to t1, a sample if it is to be kept, from that without events."""
         for _ in range(_MOST):
+            q1, v1, _ = step
             values = self._look(t1, q1, v1)
             event, share = self._first(t1, values)
             if event is None:
                 break
             self.phase.take_back(self.t)
-            self.phase.system.contact_work = self._contact_work  # of steps that count
-            self.phase.system.located = ()
             self._go(event, self.t + share * (t1 - self.t))
             self._happen(event)
             if self._is_there(t1):
-                q1, v1 = self.q, self.v
+                step = PhaseStep(self.q, self.v, StepEffects(self._work))
             else:
-                q1, v1 = self.phase.part(self.t, self.q, self.v, t1, keep=keep)
+                step = self.phase.part(self.t, self.q, self.v, self._work, t1, keep=keep)
         else:
             names = " and ".join(sorted({each.name for each in self.happened[-_MOST:]}))
             raise ZenoDetected(
@@ -414,11 +437,11 @@ class HybridSimulator:
             )
         if not self._is_there(t1):  # else the last event was at t1, and its values are known
             self._watch.after_step(t1, values)
-        return q1, v1
+        return step
 
     def _look(self, t: float, q: Array, v: Array) -> dict[str, float]:
         """Return the value of every event at a state."""
-        return self._watch.look(Snapshot(t, q, v, self.phase.system), self._asked)
+        return self._watch.look(self.phase.snapshot(t, q, v), self._asked)
 
     def _first(self, t1: float, values: dict[str, float]) -> tuple[Event | None, float]:
         """First event on the way to t1, and the share of the way at which it happens."""
@@ -447,8 +470,8 @@ class HybridSimulator:
             if share in (0.0, 1.0):
                 return after if share else before
             t = self.t + share * way
-            q, v = self.phase.part(self.t, self.q, self.v, t)
-            return event.value(Snapshot(t, q, v, self.phase.system))
+            q, v, _ = self.phase.part(self.t, self.q, self.v, self._work, t)
+            return event.value(self.phase.snapshot(t, q, v))
 
         return float(brentq(value, 0.0, 1.0, xtol=_FOUND, rtol=_FOUND))
 
@@ -456,26 +479,24 @@ class HybridSimulator:
         """Go on by less than a step, to an event at t."""
         t = t if event.at is None else event.at
         if t - self.t > _NOTHING * self.plan.dt:
-            self.q, self.v = self.phase.part(self.t, self.q, self.v, t)
-            self._contact_work = self.phase.system.contact_work
-            self._keep_located(t)
+            self.q, self.v, effects = self.phase.part(self.t, self.q, self.v, self._work, t)
+            self._add(t, effects)
         self.t = max(t, self.t)  # also if that is not worth a step: a time does not come again
 
-    def _keep_located(self, t1: float) -> None:
-        """Keep the events of contacts in a step to t1 that counts."""
-        system = self.phase.system
-        for located in system.located:
+    def _add(self, t1: float, effects: StepEffects) -> None:
+        """Add the work and the located events of a step to t1 that counts."""
+        self._work = effects.work
+        for located in effects.events:
             if abs(t1 - located.t) <= _NOTHING * self.plan.dt:
                 located = located.at(t1)  # k dt and (k - 1) dt + dt are one time
             if self.plan.at_events:
                 self.recorders.append(self.phase.split(located.before, located.after))
             sample = sum(recorder.count for recorder in self.recorders)
             self.happened.append(located.happened(sample - self.plan.at_events))
-        system.located = ()
 
     def _happen(self, event: Event) -> None:
         """Let an event happen here; Ended if it ends the run."""
-        self.phase.end(self.t, self.q, self.v)
+        self.end()
         sample = sum(recorder.count for recorder in self.recorders)
         if event.ends:
             self.happened.append(EventRecord(event.name, self.t, sample - 1))
@@ -502,9 +523,8 @@ class HybridSimulator:
             check_deeper(after, before, self.q, self.plan.integrator, what=what)
             self._asked = event.scene
             self.phase = HybridPhase(after, self.plan)
-            self.phase.system.contact_work = self._contact_work
-            self.phase.system.remarks = self._remarks
-        self.recorders.append(self.phase.begin(self.t, self.q, self.v))
+            self.phase.remarks = self._remarks
+        self.recorders.append(self.phase.begin(self.t, self.q, self.v, self._work))
         self.happened.append(_happened(event, self.t, sample, before, self.phase.scene, change))
         self._watch.after_event(event, left, self._look(self.t, self.q, self.v), self._asked)
 
@@ -530,20 +550,28 @@ def _happened(
 # HybridPhase: a part of a motion with the same constraints.
 
 
+class PhaseStep(NamedTuple):
+    """State behind a step of a phase, and the effects of the step."""
+
+    q: Array
+    v: Array
+    effects: StepEffects
+
+
 class HybridPhase:
     """One scene, every contact anchored, with its solver, its stepper and its samples.
 
     `stepper` takes steps of the plan's dt; `turn` says which of so many steps, as one is kept of,
-    is the sample.
+    is the sample. `remarks` are those of the run; `work` is that of contacts since its start.
     """
 
     def __init__(self, scene: Scene, plan: Plan) -> None:
         self.scene, self.plan = scene, plan
-        _check_rows(scene, plan.integrator)
+        check_rows(scene, plan.integrator)
         held = scene.bilateral.at(0.0)  # the system takes it through time
         self.solver = default_solver(held) if plan.solver is None else plan.solver
         workspace = Workspace(held, self.solver, drift=plan.drift.rows)
-        _check_solver(self.solver, plan)
+        check_solver(self.solver, plan)
         effects = plan.effects
         self.system = System(
             workspace, plan.tau, springs=effects.springs, damping=effects.damping,
@@ -551,6 +579,7 @@ class HybridPhase:
         )  # fmt: skip
         self._samples_start = plan.integrator.a_at == "start"
         self.turn = 0 if self._samples_start else plan.every - 1
+        self.remarks = Remarks()
 
     def use(self, scene: Scene) -> None:
         """Begin anew with a scene whose contacts may be anchored elsewhere, in the same memory."""
@@ -558,31 +587,29 @@ class HybridPhase:
             self.scene = scene
             self.system.use(scene)
 
-    def begin(self, t: float, q: Array, v: Array) -> Recorder:
+    def begin(self, t: float, q: Array, v: Array, work: ContactWork = NO_WORK) -> Recorder:
         """Begin to keep samples, with another stepper; return what they go to."""
         self.recorder = Recorder(self.scene)
         self.plan.tau.begin(t, q, v)
         self.stepper = self._stepper_of(self.plan.dt)
-        self.system.look = self.stepper.sample
         if not self._samples_start:  # else the first step keeps it
-            self._sample(t, q, v)
+            self.recorder.add(self.sample(t, q, v, work))
         return self.recorder
 
-    def step(self, t: float, q: Array, v: Array, k: int) -> tuple[Array, Array]:
+    def step(self, t: float, q: Array, v: Array, k: int, work: ContactWork = NO_WORK) -> PhaseStep:
         """Take step k, which ends at (k + 1) dt, and keep its sample if it is its turn."""
         # the first sample of a phase always is
         keep = k % self.plan.every == self.turn or not self.recorder.count
         if self._samples_start and self.recorder.last == t:
             keep = False  # an event of contacts has kept it
-        t1 = (k + 1) * self.plan.dt
-        return self.stepper.take(t, q, v, t1, self.recorder.add if keep else None)
+        return self._take(self.stepper, t, q, v, work, (k + 1) * self.plan.dt, keep)
 
     def part(
-        self, t: float, q: Array, v: Array, t1: float, *, keep: bool = False
-    ) -> tuple[Array, Array]:
+        self, t: float, q: Array, v: Array, work: ContactWork, t1: float, *, keep: bool = False
+    ) -> PhaseStep:
         """Take a step to t1; `keep` says whether its end is to be a sample."""
         keep = not self.recorder.count if self._samples_start else keep
-        return self._stepper_of(t1 - t).take(t, q, v, t1, self.recorder.add if keep else None)
+        return self._take(self._stepper_of(t1 - t), t, q, v, work, t1, keep)
 
     def split(self, before: Row, after: Row) -> Recorder:
         """Go on with another recorder behind an event; return it."""
@@ -597,45 +624,40 @@ class HybridPhase:
         if not self._samples_start:
             self.recorder.drop_after(t)
 
-    def end(self, t: float, q: Array, v: Array) -> None:
+    def end(self, t: float, q: Array, v: Array, work: ContactWork) -> None:
         """Keep the last state, unless the last step did."""
         if self.recorder.last != t:
-            self._sample(t, q, v)
+            self.recorder.add(self.sample(t, q, v, work))
 
-    def _sample(self, t: float, q: Array, v: Array) -> None:
-        """Keep a state, by the solve there; a step that begins with the same one finds it made."""
-        self.recorder.add(self.stepper.sample(t, q, v))
+    def sample(self, t: float, q: Array, v: Array, work: ContactWork = NO_WORK) -> Row:
+        """Sample of a state, by the solve there; a step that begins with the same one has it."""
+        try:
+            return self.stepper.sample(t, q, v, work)
+        finally:
+            self._effects(self.stepper, work)
+
+    def snapshot(self, t: float, q: Array, v: Array) -> Snapshot:
+        """State as conditions of events see it."""
+        return Snapshot(t, q, v, self.system, self.sample)
+
+    def _take(
+        self, stepper: CorrectedStepper, t: float, q: Array, v: Array, work: ContactWork, t1: float,
+        keep: bool,
+    ) -> PhaseStep:  # fmt: skip
+        try:
+            q, v = stepper.take(t, q, v, t1, self.recorder.add if keep else None, work)
+        finally:
+            effects = self._effects(stepper, work)
+        return PhaseStep(q, v, effects)
+
+    def _effects(self, stepper: CorrectedStepper, work: ContactWork) -> StepEffects:
+        """Effects of the last step of a stepper, its notes counted, also of one that failed."""
+        effects = stepper.effects(work) if stepper.effects else StepEffects(work)
+        self.remarks.count(effects.notes)
+        return effects
 
     def _stepper_of(self, dt: float) -> CorrectedStepper:
         return CorrectedStepper(self.system, self.plan.integrator, self.plan.drift, dt)
-
-
-def _check_solver(solver: Solver, plan: Plan) -> None:
-    """Refuse constraints that would be both soft and rigid."""
-    if solver.exact:
-        return
-    if plan.integrator.keeps_constraints:
-        raise InvalidArgument(
-            f"solver = {solver!r}: {plan.integrator.title} keeps hard constraints itself, and "
-            "would leave none of them soft; use RungeKutta4() or another solver"
-        )
-    if plan.drift.corrects:
-        raise InvalidArgument(
-            f"drift = {plan.drift!r}: it closes what {solver.title} lets open, and would "
-            "leave nothing soft; use NoDrift() or another solver"
-        )
-
-
-def _check_rows(scene: Scene, integrator: Integrator) -> None:
-    """Refuse rows that an integrator cannot hold."""
-    if not integrator.needs_positions:
-        return
-    for bound in scene.bounds:
-        if len(bound.positioned) < bound.size:
-            raise UnsupportedConstraint(
-                f"{bound.name}: {integrator.title} holds positions, and it has rows that restrict "
-                "velocities only; use RungeKutta4() or GearGuptaLeimkuhler()"
-            )
 
 
 # Why a run broke down, and what may help.

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from functools import cached_property, partial
 from math import isclose
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,21 +22,14 @@ from condyn_pin._core.linalg import factorise, inverse
 from condyn_pin._core.trees import algorithms
 from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.constraints.contacts.touches import BoundContact
-from condyn_pin.constraints.drift import Drift
 from condyn_pin.constraints.rows.equations import Equations
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.dynamics.solvers.base import Singular
 from condyn_pin.dynamics.workspace import LARGEST, SMALLEST, Workspace
 from condyn_pin.errors import NotAssembled, StepFailed
 from condyn_pin.simulation.manifold import Manifold
-from condyn_pin.simulation.records import NO_WORK, Row
-from condyn_pin.simulation.remarks import Remarks
+from condyn_pin.simulation.records import Row
 from condyn_pin.simulation.torques import Applied, Passive, Torque
-
-if TYPE_CHECKING:
-    from condyn_pin.simulation.events import ContactEvent
-    from condyn_pin.simulation.integrators.base import Integrator
-
 
 # A step of an integrator: (t, q, v) -> (q, v, a)
 Step = Callable[[float, Array, Array], tuple[Array, Array, Array]]
@@ -67,14 +60,6 @@ class System:
         (q, dq) -> q moved along dq, on a screw: for moves that are small, as corrections are.
     contacts : Candidates
         What may touch; the workspace and its scene know nothing of them.
-    contact_work : ContactWork
-        Since the start of the run.
-    located : tuple of ContactEvent
-        Events of contacts in the last step, of an integrator that finds them.
-    remarks : Remarks
-        What the steps of the run have to say.
-    look : callable
-        (t, q, v) -> a sample of the state, by a step where contacts open and slide.
     """
 
     def __init__(
@@ -93,11 +78,7 @@ class System:
         self.passive = Passive.of(robot, springs=springs, damping=damping)
         self.torque = total_torque(self.applied, self.passive)
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
-        self.contacts, self.contact_work = Candidates(self.model, contacts), NO_WORK
-        self._bounds = contacts
-        self.located: tuple[ContactEvent, ...] = ()
-        self.remarks = Remarks()
-        self.look: Callable[[float, Array, Array], Row] = self.sample
+        self.contacts, self._bounds = Candidates(self.model, contacts), contacts
         self._is_driven = workspace.scene.is_driven
         self._last = _NOTHING
         self._implicit: tuple[System, float] = (self, 0.0)  # the last one, and its dt
@@ -298,60 +279,6 @@ def _felt(bound: BoundContact) -> Iterator[int]:
             yield touch.joint
     for pair in bound.pairs:
         yield from (pair.joint, pair.ground)
-
-
-class CorrectedStepper:
-    """An integrator's steps of one size, the correction of a drift scheme behind each."""
-
-    def __init__(self, system: System, integrator: Integrator, drift: Drift, dt: float) -> None:
-        self._dt, self._turn_fault = dt, system.turn_fault
-        bare = integrator.start(system, dt)
-        self._step, self._lam, self._touch = bare.step, bare.lam, bare.touch
-        self.sample = bare.sample or system.sample
-        # what a step begins with may be another system's solve
-        self._first = bare.sample or (bare.system or system).sample
-        self._samples_start = integrator.a_at == "start"
-        # a correction reads what the solve of the next step leaves behind
-        self._system = bare.system or system
-        self._correct = drift.start(self._system, dt)
-        self._is_driven = system.scene.is_driven
-        # substeps may lead far: their rows are their own
-        self._open_rows = None
-        if not integrator.is_adaptive:
-            self._open_rows = self._system.workspace.bound.open_rows
-        self._slow = None if integrator.between_events.is_adaptive else system.manifold.slow(dt)
-
-    def take(
-        self, t: float, q: Array, v: Array, t1: float, keep: Callable[[Row], None] | None = None
-    ) -> tuple[Array, Array]:
-        """Return q and v after a step to t1; `keep` is handed the sample that belongs to it."""
-        slow, lam = self._slow, None
-        if self._open_rows:
-            self._open_rows.held = []
-        if keep and self._samples_start:
-            keep(self._first(t, q, v))
-        if slow and v.dot(v) > slow:  # all velocities together: most often that is enough
-            self._check_turn(v)
-        q, v, a = self._step(t, q, v)
-        if slow and v.dot(v) > slow:
-            self._check_turn(v)
-        if self._is_driven:
-            self._system.check_reach(t1, q, v)
-        if keep and self._lam:
-            lam = self._lam()  # before the correction solves again
-        if self._correct:
-            q, v = self._correct(t + self._dt, q, v)
-        if self._open_rows:
-            self._open_rows.held = None
-        if keep and lam is not None:
-            touch = self._touch() if self._touch else NO_TOUCH
-            keep((t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v), touch))
-        return q, v
-
-    def _check_turn(self, v: Array) -> None:
-        fault = self._turn_fault(v, self._dt)
-        if fault:
-            raise StepFailed(fault)
 
 
 # Torques at the end of a step: springs, damping and the slopes of functions join the inertia.

@@ -130,8 +130,9 @@ class Trajectory:
         """The motion as its status is judged."""
         run, measured = self.run, self._kinematics
         return Course(
-            self.phases, self.t, self.q, self.v, measured.violation, measured.constraint_velocity,
-            self.energy, run.dt, run.integrator, run.solver, run.limits,
+            phases=self.phases, t=self.t, q=self.q, v=self.v, violation=measured.violation,
+            constraint_velocity=measured.constraint_velocity, energy=self.energy, dt=run.dt,
+            integrator=run.integrator, solver=run.solver, limits=run.limits,
         )  # fmt: skip
 
     @property
@@ -350,10 +351,11 @@ def energy_of(trajectory: Trajectory, kinematics: Kinematics) -> Energy:
         impacts[event.sample :] -= event.energy_lost
     done, taken = applied.work(), damped.work()
     driven = _driven_work(trajectory)
+    contact, correction, algorithmic = _contact_work(trajectory)
     return Energy(
-        kinematics.kinetic, kinematics.potential, sprung, done[0], taken[0], impacts,
-        driven[0] + struck, *_contact_work(trajectory),
-        doubt=done[1] + taken[1] + driven[1],
+        kinetic=kinematics.kinetic, potential=kinematics.potential, springs=sprung, work=done[0],
+        damping=taken[0], impacts=impacts, driven=driven[0] + struck, contact=contact,
+        correction=correction, algorithmic=algorithmic, doubt=done[1] + taken[1] + driven[1],
     )  # fmt: skip
 
 

@@ -38,7 +38,7 @@ from condyn_pin.contact.restitution import Strike
 from condyn_pin.contact.solvers.newton import SemismoothNewton
 from condyn_pin.errors import SolveFailed, StepFailed
 from condyn_pin.model.soundness import singular_mass
-from condyn_pin.simulation.integrators.base import Stepper
+from condyn_pin.simulation.integrators.base import StepEffects, Stepper
 from condyn_pin.simulation.integrators.contact_scheme import (
     AT_REST,
     ContactScheme,
@@ -46,8 +46,7 @@ from condyn_pin.simulation.integrators.contact_scheme import (
     fastest,
     yielding_gaps,
 )
-from condyn_pin.simulation.records import Row, touch_of
-from condyn_pin.simulation.remarks import notes_of
+from condyn_pin.simulation.records import NO_WORK, ContactWork, Note, Row, notes_of, touch_of
 from condyn_pin.simulation.system import System, blocked_path_error, total_torque
 from condyn_pin.stepping.step_problem import (
     MISSED,
@@ -65,7 +64,7 @@ from condyn_pin.stepping.step_problem import (
     step_work,
 )
 
-# StepProblemBuilder: the contact problem of a step, from a state; equations in `contact_steps`.
+# ContactSteps: the contact problem of a step posed from a state, and answered.
 #
 # M, h, J and gamma are taken where the scheme looks at them, springs and damping put into M and
 # tau, the constraints eliminated, and of the contacts those chosen that may touch within the step.
@@ -77,25 +76,37 @@ _SLOW = 1e-9
 # How far from that of a bent path the rate of a gap may be where it rests, relative to it.
 _LIKE = 2.0
 
+# How often a step is posed anew because its paths end elsewhere, at most: each time their error
+# falls by a factor of two at least, and most often by one of about dt |v|.
+_AGAIN = 6
 
-class StepProblemBuilder:
-    """The steps of one system with one scheme and one dt, posed and not yet answered.
+# Places on the way to the next step at which shapes are looked at that may pass each other.
+_LOOKS = 64
+
+
+class ContactSteps:
+    """The steps of one system with one scheme and one dt.
 
     Attributes
     ----------
     floating : Manifold
         The axes of floating bodies.
-    paths : CurvedPaths
-    ends : PathEnds
+    paths : CurvatureCorrection
+    ends : EndsOfPaths
+    closings : LoopProjection
+    last : AcceptedStep
+        The step that was taken last.
     always_strikes : bool
         Whether impacts are apart from the step behind them also where Newton's law is the same.
     """
 
     always_strikes: bool = False
+    last: AcceptedStep
 
     def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
         self._scheme, self._system, self._dt = scheme, system, dt
         self._equations, self._candidates = system.equations, system.contacts
+        self._run = algorithms(self._equations.data)
         self.floating = system.manifold
         self.paths = CurvatureCorrection(system, self.floating, dt)
         self.ends = EndsOfPaths(system, self.floating, dt)
@@ -109,230 +120,11 @@ class StepProblemBuilder:
         self._chosen: tuple[bytes, ActiveCandidates] | None = None
         self._is_driven = system.scene.is_driven
         self._share = 0.5 if scheme.at_midpoint else 1.0  # of dt, from `at` to the end
-
-    def looks_at(self, t: float) -> float:
-        """Return the time at which the equations of a step from t are evaluated [s]."""
-        return t + (1.0 - self._share) * self._dt
-
-    def pose(
-        self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None
-    ) -> StepProblem:
-        """Return the step from a state with its contact problem, not yet solved.
-
-        The gaps that take part are those that are near, or those that are `active`.
-        """
-        scheme, system, floating, dt = self._scheme, self._system, self.floating, self._dt
-        at, looks_at = q, self.looks_at(t)
-        if scheme.at_midpoint:
-            at, v = floating.integrate(q, 0.5 * dt * v), floating.turned(v, 0.5 * dt)
-        else:
-            tau = self._torques[dt](t, q, v)
-        if self._is_driven:
-            system.at(looks_at)  # with what is driven where it is there
-        M, h, J_b, gamma = self._equations.consistent_parts(at, v)
-        if scheme.at_midpoint:
-            self._span = 0.5 * dt if self._is_resolved(M, at) else dt
-            tau = self._torques[self._span - 0.5 * dt](looks_at, at, v)
-        rates = None
-        if self._is_driven:
-            rates = self._equations.wanted[1].copy()
-            system.at(t + dt)  # where loops are closed behind the step
-        data = self._equations.data  # it has the placements and Jacobians of `at` now
-        gaps, J = self._candidates.evaluate(data, at)
-        touch, bent, straight = scheme.near(gaps, v, dt), None, None
-        if scheme.follows_planes:
-            bent, straight = self._bent(at, v, gaps, J)
-            if bent is not None:
-                touch |= (bent != 0.0) & (gaps <= scheme.touching + np.abs(bent))
-        chosen = self._choose(touch if active is None else active)
-        J_c, turning = J[chosen.rows], floating.turning(v)
-        before = J_c.dot(v)
-        slip = -0.5 * dt * (gamma - J_b.dot(turning)) if len(J_b) else gamma  # none
-        if rates is not None:
-            slip += rates
-        # without springs and damping: they act in v+ - v, as it is in these axes
-        inertia = M.copy() if self._is_implicit else M
-        factors, mean = self._factors(M, J_b, at), v
-        now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip, rates)
-        if not len(J_c):
-            mean = 0.5 * (v + now.free_velocity)
-            if scheme.at_midpoint and self._applied.constant is None:
-                tau = tau + (self._applied(looks_at, at, mean) - self._applied(looks_at, at, v))
-            h = algorithms(data).nonLinearEffects(system.model, data, at, mean)
-            turning = floating.turning(mean)
-            now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip, rates)
-        here = gaps[chosen.gaps]
-        bends, end, e = 0.0 * here, None, chosen.restitution
-        if scheme.closes_gaps:
-            bends, end = self.paths.bends(at, v, here, before, chosen)
-        elif bent is not None:
-            bends, end = bent[chosen.gaps], straight
-            e = np.where(bends == 0.0, e, 0.0)  # what rests does not rebound
-        near = Near(
-            dt, here, bends, e, chosen.normals, now.G, before, now.contact_velocities,
-            chosen.sets.blocks,
-        )  # fmt: skip
-        if scheme.closes_gaps:
-            near = near._replace(allowed=yielding_gaps(near))
-        strike = self._struck(chosen, near)
-        if strike is not None:
-            near = near.behind(strike)
-        problem = chosen.problem(scheme, near)
-        J_n = J_c[chosen.normals]
-        return StepProblem(
-            at, v, mean, turning, tau, gaps, J, end, None, J_c, J_n, chosen, now, near, problem,
-            strike, self._span, looks_at,
-        )  # fmt: skip
-
-    def _bent(
-        self, at: Array, v: Array, gaps: Array, J: Array
-    ) -> tuple[Array | None, Array | None]:
-        """Path bend s of contacts at rest on a plane (k,) [m], and q at the end of dt v.
-
-            s = gap(q (+) dt v) - gap - dt J_n v
-
-        A contact is at rest if its gap and rate are of the size of s, and s / dt. None without one.
-        """
-        candidates, dt = self._candidates, self._dt
-        k, small = candidates.contact_points, self._scheme.touching
-        speeds = J[2 : 3 * k : 3].dot(v)
-        moved = dt * np.abs(speeds)
-        if not ((gaps[:k] <= small + moved) & (moved > small)).any():
-            return None, None
-        end, data = self.floating.integrate(at, dt * v), self._equations.data
-        algorithms(data).forwardKinematics(self._system.model, data, end)
-        s = candidates.gaps_over_planes(data) - gaps[:k] - dt * speeds
-        rests = (np.abs(s) > small) & (np.abs(dt * speeds - s) <= _LIKE * np.abs(s))
-        rests &= gaps[:k] <= small + np.abs(s)
-        if not rests.any():
-            return None, None
-        bent = np.zeros(len(gaps))
-        bent[:k] = np.where(rests, s, 0.0)
-        return bent, end
-
-    def _is_resolved(self, M: Array, q: Array) -> bool:
-        """True if springs and dampers are soft enough to act in the middle of a step.
-
-        trace M^-1 (dt D + dt^2 K) <= 1: at the middle of the step stiffer ones would swing on,
-        which they do not at its end.
-        """
-        if not self._is_implicit:
-            return True
-        try:
-            M_inv = np.linalg.inv(M)
-        except np.linalg.LinAlgError:
-            return False
-        size = float(self._inertias[self._dt].dot(M_inv.diagonal()))
-        if self._between is not None:
-            rows, weights = self._between.inertia_rows(q, self._dt)
-            size += float(weights.dot(np.einsum("ri,ij,rj->r", rows, M_inv, rows)))
-        return size <= 1.0
-
-    def _struck(self, chosen: ActiveCandidates, near: Near) -> Strike | None:
-        """Return the impact with which a step begins, None if nothing strikes."""
-        law, e = self._scheme.impacts, near.restitution
-        if law is None or not e.any():
-            return None
-        closing = near.before[near.normals]
-        if not ((closing < -_SLOW * max(1.0, fastest(near.before))) & (e > 0.0)).any():
-            return None
-        strike = law.strike(chosen.impact(near), e, always=self.always_strikes)
-        return strike if strike.notes or strike.apart.any() else None
-
-    def impact_at(
-        self, chosen: ActiveCandidates, near: Near, at: Array, v: Array
-    ) -> ContactProblem:
-        """Contact problem of the same contacts before an impact at another state.
-
-        Placements are those of that state; `near` has the contacts of the step.
-        """
-        M, _, J_b, _ = self._equations.consistent_parts(at, v)
-        _, J = self._candidates.evaluate(self._equations.data, at)
-        factors = self._factors(M.copy() if self._is_implicit else M, J_b, at)
-        J_c = J[chosen.rows]
-        there = condense(factors, J_c, v, 0.0 * v, J_b.dot(v))
-        return chosen.impact(near._replace(G=there.G, before=J_c.dot(v)))
-
-    def pose_along(self, posed: StepProblem, u: Array, kept: Kept | None = None) -> StepProblem:
-        """Return a step again, with its contacts as they are where a path along u ends.
-
-        Those that are `kept` at the beginning bend as they did there.
-        """
-        there, dt = self.ends.there(posed.at, u), self._dt
-        near_there = self._scheme.near(there.gaps, u, dt)
-        active = self.ends.takes_part(posed, there, near_there)
-        begun, rates = self.ends.begun(posed)
-        bent = there.gaps - begun
-        if kept is not None:
-            its, first = kept.gaps, kept.first
-            active[its] = first.chosen.near[its]
-            begun, rates = np.where(its, first.gaps, begun), rates.copy()
-            rates[its], bent[its] = first.J[self._candidates.normals[its]], 0.0
-            bent[first.chosen.near & its] = first.near.bends[its[first.chosen.near]]
-        chosen = self._choose(active)
-        J_c = there.J[chosen.rows]
-        now, gaps = posed.condensed.with_contacts(J_c), begun[chosen.gaps]
-        bends = bent[chosen.gaps] - dt * J_c.dot(u)[chosen.normals]
-        near = Near(
-            dt, gaps, bends, chosen.restitution, chosen.normals, now.G, J_c.dot(posed.v),
-            now.contact_velocities, chosen.sets.blocks,
-        )  # fmt: skip
-        near = near._replace(allowed=yielding_gaps(near))
-        return posed._replace(
-            path=u, J_c=J_c, J_n=rates[chosen.gaps], chosen=chosen, condensed=now, near=near,
-            problem=chosen.problem(self._scheme, near), kept=kept,
-        )  # fmt: skip
-
-    def _choose(self, near: NDArray[np.bool_]) -> ActiveCandidates:
-        """Return the candidates that take part; most often they are those of the step before."""
-        key = near.tobytes()
-        if self._chosen is None or self._chosen[0] != key:
-            dry = np.ones(self._candidates.intervals, dtype=bool)
-            active = np.concatenate((near, dry))
-            self._chosen = key, ActiveCandidates(self._candidates, active, self._dt)
-        return self._chosen[1]
-
-    def _factors(self, M: Array, J_b: Array, q: Array) -> MinimumNorm:
-        """Return the factors of J_b and of M with what springs and damping add to it in a step."""
-        if self._is_implicit:
-            diagonal = diagonal_of(M)
-            diagonal += self._inertias[self._span]
-        if self._between is not None:
-            rows, weights = self._between.inertia_rows(q, self._span)
-            M += rows.T @ (weights[:, None] * rows)
-        why = singular_mass(self._system.model, q)
-        return factorise(M, J_b, tolerances.RANK, why=why)
-
-
-# ContactSteps: steps of one size of a robot whose contacts open, stick and slide.
-
-
-# How often a step is posed anew because its paths end elsewhere, at most: each time their error
-# falls by a factor of two at least, and most often by one of about dt |v|.
-_AGAIN = 6
-
-# Places on the way to the next step at which shapes are looked at that may pass each other.
-_LOOKS = 64
-
-
-class ContactSteps(StepProblemBuilder):
-    """The steps of one system with one scheme and one dt.
-
-    Attributes
-    ----------
-    closings : Closings
-    last : Taken
-        The step that was taken last.
-    """
-
-    last: AcceptedStep
-
-    def __init__(self, scheme: ContactScheme, system: System, dt: float) -> None:
-        super().__init__(scheme, system, dt)
         self.closings = LoopProjection(system, self._factors)
         self._normals = self._candidates.normals
         self._driven = system.equations.driven
         self._furthest: tuple[str, float] | None = None
+        self._own = StepEffects(NO_WORK)  # of the last step alone
         self._slow = system.manifold.slow(dt)
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
@@ -340,12 +132,13 @@ class ContactSteps(StepProblemBuilder):
 
         StepFailed if the contact solver has no answer.
         """
+        self._own = StepEffects(NO_WORK)
         taken = self.attempt(t, q, v)
         if self._is_driven:
             self.check_path(t, taken[0])
         if not self.last.natural <= tolerances.CONTACT_SOLVED:
             self._check_answer(t)
-        last = self.last
+        last, notes = self.last, list[tuple[float, Note]]()
         if (
             last.attempt.several
             or last.missed
@@ -353,8 +146,14 @@ class ContactSteps(StepProblemBuilder):
             or last.posed.strike is not None
             or last.posed.near.gaps.min(initial=0.0) < -AT_REST
         ):
-            self._system.remarks.note(t, (*notes_of(last.attempt.several), *last.notes))
+            said = (*notes_of(last.attempt.several), *last.notes)
+            notes = [(t, note) for note in said]
+        self._own = StepEffects(last.work, notes=tuple(notes))
         return taken
+
+    def effects(self, work: ContactWork) -> StepEffects:
+        """Effects of the last step, behind this work of contacts."""
+        return self._own._replace(work=work.plus(self._own.work))
 
     def turn_fault(self, v: Array, v1: Array) -> str:
         """Message on a joint that turns too far in a step from v to v1; empty if none does."""
@@ -379,7 +178,7 @@ class ContactSteps(StepProblemBuilder):
         if not stuck.any():
             return
         data = self._equations.data
-        algorithms(data).forwardKinematics(self._system.model, data, q1)
+        self._run.forwardKinematics(self._system.model, data, q1)
         gaps = self._candidates.gaps(data, q1)
         for place in np.flatnonzero(posed.chosen.near)[stuck]:
             if gaps[place] < min(-MISSED, posed.gaps[place]):
@@ -425,11 +224,17 @@ class ContactSteps(StepProblemBuilder):
             work = work.more(driven=drive_work(posed, lam, self._driven))
         if q1 is not moved:
             work = work.more(correction=self.closings.work(moved, q1, turned))
-        self._system.contact_work = self._system.contact_work.plus(work)
         if not isfinite(q1.dot(q1).item() + v1.dot(v1).item() + work.total):
             natural = nan  # also where no contact takes part
         self.last = AcceptedStep(
-            posed, v1, found, natural, work, tuple(tried), self._furthest, self._through(posed, v1)
+            posed=posed,
+            v=v1,
+            attempt=found,
+            natural=natural,
+            work=work,
+            tried=tuple(tried),
+            missed=self._furthest,
+            through=self._through(posed, v1),
         )
         return q1, turned, a
 
@@ -449,7 +254,7 @@ class ContactSteps(StepProblemBuilder):
 
         def met(share: float) -> NDArray[np.bool_]:
             q = floating.integrate(posed.at, share * dt * v1)
-            algorithms(data).forwardKinematics(self._system.model, data, q)
+            self._run.forwardKinematics(self._system.model, data, q)
             return np.asarray(candidates.gaps(data, q)[k:cones] <= 0.0)
 
         def each(flags: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -481,9 +286,8 @@ class ContactSteps(StepProblemBuilder):
         impulses[rows:][posed.chosen.rows] = found
         return impulses
 
-    def touch(self) -> Array:
-        """Contact record of the last step: natural residual, work and modes."""
-        work = self._system.contact_work
+    def touch(self, work: ContactWork) -> Array:
+        """Contact record of the last step: natural residual, work so far and modes."""
         return touch_of(self.last.natural, work, self.modes(), is_driven=self._is_driven)
 
     def modes(self) -> Modes:
@@ -494,12 +298,11 @@ class ContactSteps(StepProblemBuilder):
             modes[posed.chosen.active] = contact_modes(posed.problem, self.last.attempt.lam)
         return modes
 
-    def sample(self, t: float, q: Array, v: Array) -> Row:
+    def sample(self, t: float, q: Array, v: Array, work: ContactWork) -> Row:
         """Return a sample of a state: with the forces of the step that begins there."""
-        system, work = self._system, self._system.contact_work
         _, _, a = self.step(t, q, v)
-        system.contact_work = work
-        return t, q, v, a, self.lam(), system.applied.at_sample(t, q, v), self.touch()
+        tau = self._system.applied.at_sample(t, q, v)
+        return t, q, v, a, self.lam(), tau, self.touch(work)
 
     def _answered(self, t: float, q: Array, v: Array) -> list[StepAttempt]:
         """Return a step as it was tried, each time along the path before; the last one is taken."""
@@ -581,11 +384,210 @@ class ContactSteps(StepProblemBuilder):
         missed = (posed.gaps + self._dt * posed.J[self._normals].dot(v1) < 0) & ~near
         return missed if missed.any() else None
 
+    # The step as it is posed.
+
+    def looks_at(self, t: float) -> float:
+        """Return the time at which the equations of a step from t are evaluated [s]."""
+        return t + (1.0 - self._share) * self._dt
+
+    def pose(
+        self, t: float, q: Array, v: Array, active: NDArray[np.bool_] | None = None
+    ) -> StepProblem:
+        """Return the step from a state with its contact problem, not yet solved.
+
+        The gaps that take part are those that are near, or those that are `active`.
+        """
+        scheme, system, floating, dt = self._scheme, self._system, self.floating, self._dt
+        at, looks_at = q, self.looks_at(t)
+        if scheme.at_midpoint:
+            at, v = floating.integrate(q, 0.5 * dt * v), floating.turned(v, 0.5 * dt)
+        else:
+            tau = self._torques[dt](t, q, v)
+        if self._is_driven:
+            system.at(looks_at)  # with what is driven where it is there
+        M, h, J_b, gamma = self._equations.consistent_parts(at, v)
+        if scheme.at_midpoint:
+            self._span = 0.5 * dt if self._is_resolved(M, at) else dt
+            tau = self._torques[self._span - 0.5 * dt](looks_at, at, v)
+        rates = None
+        if self._is_driven:
+            rates = self._equations.wanted[1].copy()
+            system.at(t + dt)  # where loops are closed behind the step
+        data = self._equations.data  # it has the placements and Jacobians of `at` now
+        gaps, J = self._candidates.evaluate(data, at)
+        touch, bent, straight = scheme.near(gaps, v, dt), None, None
+        if scheme.follows_planes:
+            bent, straight = self._bent(at, v, gaps, J)
+            if bent is not None:
+                touch |= (bent != 0.0) & (gaps <= scheme.touching + np.abs(bent))
+        chosen = self._choose(touch if active is None else active)
+        J_c, turning = J[chosen.rows], floating.turning(v)
+        before = J_c.dot(v)
+        slip = -0.5 * dt * (gamma - J_b.dot(turning)) if len(J_b) else gamma  # none
+        if rates is not None:
+            slip += rates
+        # without springs and damping: they act in v+ - v, as it is in these axes
+        inertia = M.copy() if self._is_implicit else M
+        factors, mean = self._factors(M, J_b, at), v
+        now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip, rates)
+        if not len(J_c):
+            mean = 0.5 * (v + now.free_velocity)
+            if scheme.at_midpoint and self._applied.constant is None:
+                tau = tau + (self._applied(looks_at, at, mean) - self._applied(looks_at, at, v))
+            h = self._run.nonLinearEffects(system.model, data, at, mean)
+            turning = floating.turning(mean)
+            now = condense(factors, J_c, v, dt * (tau - h + inertia.dot(turning)), slip, rates)
+        here = gaps[chosen.gaps]
+        bends, end, e = 0.0 * here, None, chosen.restitution
+        if scheme.closes_gaps:
+            bends, end = self.paths.bends(at, v, here, before, chosen)
+        elif bent is not None:
+            bends, end = bent[chosen.gaps], straight
+            e = np.where(bends == 0.0, e, 0.0)  # what rests does not rebound
+        near = Near(
+            dt=dt, gaps=here, bends=bends, restitution=e, normals=chosen.normals, G=now.G,
+            before=before, free=now.contact_velocities, blocks=chosen.sets.blocks,
+        )  # fmt: skip
+        if scheme.closes_gaps:
+            near = near._replace(allowed=yielding_gaps(near))
+        strike = self._struck(chosen, near)
+        if strike is not None:
+            near = near.behind(strike)
+        problem = chosen.problem(scheme, near)
+        J_n = J_c[chosen.normals]
+        return StepProblem(
+            at=at, v=v, mean=mean, turning=turning, tau=tau, gaps=gaps, J=J, straight=end,
+            path=None, J_c=J_c, J_n=J_n, chosen=chosen, condensed=now, near=near, problem=problem,
+            strike=strike, span=self._span, t=looks_at,
+        )  # fmt: skip
+
+    def _bent(
+        self, at: Array, v: Array, gaps: Array, J: Array
+    ) -> tuple[Array | None, Array | None]:
+        """Path bend s of contacts at rest on a plane (k,) [m], and q at the end of dt v.
+
+            s = gap(q (+) dt v) - gap - dt J_n v
+
+        A contact is at rest if its gap and rate are of the size of s, and s / dt. None without one.
+        """
+        candidates, dt = self._candidates, self._dt
+        k, small = candidates.contact_points, self._scheme.touching
+        speeds = J[2 : 3 * k : 3].dot(v)
+        moved = dt * np.abs(speeds)
+        if not ((gaps[:k] <= small + moved) & (moved > small)).any():
+            return None, None
+        end, data = self.floating.integrate(at, dt * v), self._equations.data
+        self._run.forwardKinematics(self._system.model, data, end)
+        s = candidates.gaps_over_planes(data) - gaps[:k] - dt * speeds
+        rests = (np.abs(s) > small) & (np.abs(dt * speeds - s) <= _LIKE * np.abs(s))
+        rests &= gaps[:k] <= small + np.abs(s)
+        if not rests.any():
+            return None, None
+        bent = np.zeros(len(gaps))
+        bent[:k] = np.where(rests, s, 0.0)
+        return bent, end
+
+    def _is_resolved(self, M: Array, q: Array) -> bool:
+        """True if springs and dampers are soft enough to act in the middle of a step.
+
+        trace M^-1 (dt D + dt^2 K) <= 1: at the middle of the step stiffer ones would swing on,
+        which they do not at its end.
+        """
+        if not self._is_implicit:
+            return True
+        try:
+            M_inv = np.linalg.inv(M)
+        except np.linalg.LinAlgError:
+            return False
+        size = float(self._inertias[self._dt].dot(M_inv.diagonal()))
+        if self._between is not None:
+            rows, weights = self._between.inertia_rows(q, self._dt)
+            size += float(weights.dot(np.einsum("ri,ij,rj->r", rows, M_inv, rows)))
+        return size <= 1.0
+
+    def _struck(self, chosen: ActiveCandidates, near: Near) -> Strike | None:
+        """Return the impact with which a step begins, None if nothing strikes."""
+        law, e = self._scheme.impacts, near.restitution
+        if law is None or not e.any():
+            return None
+        closing = near.before[near.normals]
+        if not ((closing < -_SLOW * max(1.0, fastest(near.before))) & (e > 0.0)).any():
+            return None
+        strike = law.strike(chosen.impact(near), e, always=self.always_strikes)
+        return strike if strike.notes or strike.apart.any() else None
+
+    def impact_at(
+        self, chosen: ActiveCandidates, near: Near, at: Array, v: Array
+    ) -> ContactProblem:
+        """Contact problem of the same contacts before an impact at another state.
+
+        Placements are those of that state; `near` has the contacts of the step.
+        """
+        M, _, J_b, _ = self._equations.consistent_parts(at, v)
+        _, J = self._candidates.evaluate(self._equations.data, at)
+        factors = self._factors(M.copy() if self._is_implicit else M, J_b, at)
+        J_c = J[chosen.rows]
+        there = condense(factors, J_c, v, 0.0 * v, J_b.dot(v))
+        return chosen.impact(near._replace(G=there.G, before=J_c.dot(v)))
+
+    def pose_along(self, posed: StepProblem, u: Array, kept: Kept | None = None) -> StepProblem:
+        """Return a step again, with its contacts as they are where a path along u ends.
+
+        Those that are `kept` at the beginning bend as they did there.
+        """
+        there, dt = self.ends.there(posed.at, u), self._dt
+        near_there = self._scheme.near(there.gaps, u, dt)
+        active = self.ends.takes_part(posed, there, near_there)
+        begun, rates = self.ends.begun(posed)
+        bent = there.gaps - begun
+        if kept is not None:
+            its, first = kept.gaps, kept.first
+            active[its] = first.chosen.near[its]
+            begun, rates = np.where(its, first.gaps, begun), rates.copy()
+            rates[its], bent[its] = first.J[self._candidates.normals[its]], 0.0
+            bent[first.chosen.near & its] = first.near.bends[its[first.chosen.near]]
+        chosen = self._choose(active)
+        J_c = there.J[chosen.rows]
+        now, gaps = posed.condensed.with_contacts(J_c), begun[chosen.gaps]
+        bends = bent[chosen.gaps] - dt * J_c.dot(u)[chosen.normals]
+        near = Near(
+            dt=dt, gaps=gaps, bends=bends, restitution=chosen.restitution, normals=chosen.normals,
+            G=now.G, before=J_c.dot(posed.v), free=now.contact_velocities,
+            blocks=chosen.sets.blocks,
+        )  # fmt: skip
+        near = near._replace(allowed=yielding_gaps(near))
+        return posed._replace(
+            path=u, J_c=J_c, J_n=rates[chosen.gaps], chosen=chosen, condensed=now, near=near,
+            problem=chosen.problem(self._scheme, near), kept=kept,
+        )  # fmt: skip
+
+    def _choose(self, near: NDArray[np.bool_]) -> ActiveCandidates:
+        """Return the candidates that take part; most often they are those of the step before."""
+        key = near.tobytes()
+        if self._chosen is None or self._chosen[0] != key:
+            dry = np.ones(self._candidates.intervals, dtype=bool)
+            active = np.concatenate((near, dry))
+            self._chosen = key, ActiveCandidates(self._candidates, active, self._dt)
+        return self._chosen[1]
+
+    def _factors(self, M: Array, J_b: Array, q: Array) -> MinimumNorm:
+        """Return the factors of J_b and of M with what springs and damping add to it in a step."""
+        if self._is_implicit:
+            diagonal = diagonal_of(M)
+            diagonal += self._inertias[self._span]
+        if self._between is not None:
+            rows, weights = self._between.inertia_rows(q, self._span)
+            M += rows.T @ (weights[:, None] * rows)
+        why = singular_mass(self._system.model, q)
+        return factorise(M, J_b, tolerances.RANK, why=why)
+
 
 def contact_stepper(scheme: ContactScheme, system: System, dt: float) -> Stepper:
     """Return a scheme at work on a system."""
     steps = ContactSteps(scheme, system, dt)
-    return Stepper(steps.step, steps.lam, touch=steps.touch, sample=steps.sample)
+    return Stepper(
+        steps.step, steps.lam, effects=steps.effects, touch=steps.touch, sample=steps.sample
+    )
 
 
 # Closings: what a step leaves open of loops is closed behind it.

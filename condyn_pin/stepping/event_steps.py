@@ -24,8 +24,8 @@ from condyn_pin.constraints.contacts.candidates import Candidates
 from condyn_pin.contact.problem import OPEN, SLIDE
 from condyn_pin.model.soundness import singular_mass
 from condyn_pin.simulation.events import ContactEvent, ZenoDetected
-from condyn_pin.simulation.integrators.base import Integrator
-from condyn_pin.simulation.records import ContactWork, Row, touch_of
+from condyn_pin.simulation.integrators.base import Integrator, StepEffects
+from condyn_pin.simulation.records import NO_WORK, ContactWork, Row, touch_of
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.modes import (
     ContactTerms,
@@ -60,16 +60,20 @@ class EventSteps:
         self._begun: tuple[float, PhaseStart] | None = None
         self._v: Array | None = None  # as the state that has begun was handed in
         self._ended: tuple[Array, ModeDynamics] | None = None  # q at the end of the last step
+        # work [J] of the parts of the last step, in turn, each with its event if it is one
+        self._parts: list[tuple[float, ContactEvent | None]] = []
 
     def step(self, t: float, q: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return q and v at the end of a step, and the acceleration at its start."""
-        system, end, events = self._system, t + self._dt, list[ContactEvent]()
+        end, notes = t + self._dt, self._begin.notes
+        self._parts.clear()
         now = self._at(t, q, v)
+        notes[:] = [note for note in notes if note[0] >= t]  # others were of the step before
         dynamics, a = self._dynamics_before(q) or now.dynamics, now.held.a
         for _ in range(_MOST):
-            self._count(events, dynamics, v, now)
+            self._count(dynamics, v, now)
             segment, dynamics = self._segment.take(now, end), now.dynamics
-            system.contact_work = system.contact_work.more(contact=segment.work)
+            self._parts.append((segment.work, None))
             is_last = end - segment.t <= _NOTHING * self._dt
             q, v = self._closed(segment, dynamics)
             if segment.is_event or not is_last:
@@ -77,20 +81,29 @@ class EventSteps:
                 now = self._begin.at(t1, q, v, at_end=segment.at_end)
             if is_last:
                 if segment.is_event:
-                    self._count(events, dynamics, v, now)
+                    self._count(dynamics, v, now)
                     v, dynamics = now.terms.v, now.dynamics
                     self._keep(end, q, v, now.without_impulse())
-                self._ended, system.located = (q, dynamics), tuple(events)
+                self._ended = q, dynamics
                 return q, v, a
         raise ZenoDetected(
             f"more than {_MOST} segments from t = {t:g} s to {end:g} s: events pile up; "
             "take a longer shortest_bounce, or a stepper, such as StewartTrinkle()"
         )
 
-    def sample(self, t: float, q: Array, v: Array) -> Row:
+    def effects(self, work: ContactWork) -> StepEffects:
+        """Effects of the last step, behind this work of contacts."""
+        events = []
+        for part, event in self._parts:
+            work = work.more(contact=part)
+            if event is not None:
+                events.append(event.behind(work))
+        return StepEffects(work, tuple(events), tuple(self._begin.notes))
+
+    def sample(self, t: float, q: Array, v: Array, work: ContactWork = NO_WORK) -> Row:
         """Sample of a state, with the contact forces of the motion that follows."""
         now = self._at(t, q, v)
-        return self._row(t, q, v, now.dynamics, now.held, now.natural)
+        return self._row(t, q, v, now.dynamics, now.held, now.natural, work)
 
     def _at(self, t: float, q: Array, v: Array) -> PhaseStart:
         """Start of the smooth motion from a state; that of the last state is cached."""
@@ -98,6 +111,7 @@ class EventSteps:
             at, begun = self._begun
             if q is begun.terms.q and v is self._v and isclose(t, at, rel_tol=1e-14):
                 return begun
+        self._begin.notes.clear()
         begun = self._begin.at(t, q, v)
         self._keep(t, q, v, begun)
         return begun
@@ -109,44 +123,32 @@ class EventSteps:
         """Contact dynamics at the end of the step before, if this step begins there."""
         return self._ended[1] if self._ended is not None and self._ended[0] is q else None
 
-    def _count(
-        self, events: list[ContactEvent], dynamics: ModeDynamics, v: Array, now: PhaseStart
-    ) -> None:
+    def _count(self, dynamics: ModeDynamics, v: Array, now: PhaseStart) -> None:
         """Count what happens in the instant in which modes change, with the velocity v."""
-        system = self._system
-        system.contact_work = system.contact_work.more(contact=now.work)
-        back = dynamics.reversed_in(now.dynamics, now.terms.t)
+        back, event = dynamics.reversed_in(now.dynamics, now.terms.t), None
         if now.what or back.any() or (dynamics.modes != now.dynamics.modes).any():
-            terms = ContactTerms(system, now.terms.t, now.terms.q, v)
-            events.append(self._event(dynamics, terms, now, back))
+            terms = ContactTerms(self._system, now.terms.t, now.terms.q, v)
+            event = self._event(dynamics, terms, now, back)
+        self._parts.append((now.work, event))
 
     def _event(
         self, dynamics: ModeDynamics, terms: ContactTerms, now: PhaseStart, back: NDArray[np.bool_]
     ) -> ContactEvent:
         """Event between old and new modes; `back` flags reversed slips."""
-        t, work = terms.t, self._system.contact_work
-        before = self._row(
-            t,
-            terms.q,
-            terms.v,
-            dynamics,
-            dynamics.solve(terms),
-            0.0,
-            work.more(contact=-now.work),
-        )
+        t = terms.t
+        before = self._row(t, terms.q, terms.v, dynamics, dynamics.solve(terms), 0.0)
         after = self._row(t, terms.q, now.terms.v, now.dynamics, now.held, now.natural)
         modes = dynamics.modes, now.dynamics.modes
         candidates = self._system.contacts
         return ContactEvent(
-            now.what, candidates, modes, back, now.impulse, 0.0 - now.work, before, after,
-            now.driven,
+            what=now.what, candidates=candidates, modes=modes, back=back, impulse=now.impulse,
+            energy_lost=0.0 - now.work, before=before, after=after, driven=now.driven,
         )  # fmt: skip
 
     def _row(
         self, t: float, q: Array, v: Array, dynamics: ModeDynamics, held: FixedModes,
-        natural: float, work: ContactWork | None = None,
+        natural: float, work: ContactWork = NO_WORK,
     ) -> Row:  # fmt: skip
-        work = self._system.contact_work if work is None else work
         lam = np.concatenate((held.of_constraints, held.lam))
         touch, is_driven = np.zeros(0), self._system.scene.is_driven
         if len(dynamics.modes):

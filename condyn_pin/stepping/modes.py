@@ -111,7 +111,14 @@ class ModeDynamics:
     def guiding(self, which: NDArray[np.bool_], turning: Array, since: float) -> ModeDynamics:
         """The modes, with the slips of these cones guided."""
         return ModeDynamics(
-            self.candidates, self.modes, self.along, self.sense, self.lam, which, turning, since
+            candidates=self.candidates,
+            modes=self.modes,
+            along=self.along,
+            sense=self.sense,
+            lam=self.lam,
+            guided=which,
+            turning=turning,
+            since=since,
         )
 
     def with_forces(self, lam: Array) -> ModeDynamics:

@@ -39,8 +39,7 @@ from condyn_pin.simulation.integrators.contact_scheme import (
     are_slower,
 )
 from condyn_pin.simulation.manifold import Manifold
-from condyn_pin.simulation.records import NO_WORK, ContactWork
-from condyn_pin.simulation.remarks import Note
+from condyn_pin.simulation.records import NO_WORK, ContactWork, Note
 from condyn_pin.simulation.system import System
 
 
@@ -306,6 +305,7 @@ class CurvatureCorrection:
 
     def __init__(self, system: System, floating: Manifold, dt: float) -> None:
         self._system, self._floating, self._dt = system, floating, dt
+        self._run = algorithms(system.equations.data)
 
     def bends(
         self, q: Array, v: Array, gaps: Array, speeds: Array, chosen: ActiveCandidates
@@ -333,7 +333,7 @@ class CurvatureCorrection:
         if not k:
             return bends, None
         end = self._floating.integrate(q, dt * v)
-        algorithms(data).forwardKinematics(self._system.model, data, end)
+        self._run.forwardKinematics(self._system.model, data, end)
         ends = contacts.gaps_over_planes(data)[chosen.over_planes]
         np.subtract(ends - gaps[:k], dt * speeds[2 : 3 * k : 3], out=bends[:k])
         return bends, end

@@ -28,7 +28,7 @@ from condyn_pin.contact.restitution import RestitutionLaw
 from condyn_pin.contact.solvers.base import ContactSolver
 from condyn_pin.errors import StepFailed
 from condyn_pin.simulation.events import ZenoDetected
-from condyn_pin.simulation.remarks import Note, notes_of
+from condyn_pin.simulation.records import Note, notes_of
 from condyn_pin.simulation.system import System, blocked_path_error
 from condyn_pin.stepping.modes import (
     AT_ITS_END,
@@ -91,11 +91,17 @@ class Transition:
     choice : NextModes
     shortest : float
         The shortest bounce [s].
+
+    Attributes
+    ----------
+    notes : list of (float, Note)
+        Sentences on the instants so far, each with its time [s].
     """
 
     def __init__(self, system: System, choice: NextModes, shortest: float) -> None:
         self._system, self._shortest = system, shortest
         self._choice = choice
+        self.notes: list[tuple[float, Note]] = []
 
     def at(self, t: float, q: Array, v: Array, *, at_end: bool = False) -> PhaseStart:
         """Start of the smooth motion from a state, behind its impacts and shocks.
@@ -109,7 +115,7 @@ class Transition:
             if terms.approaches.any():
                 struck, what = self._choice.impact(terms), "impact"
                 self._note(t)
-                self._system.remarks.note(t, [Note(*note) for note in struck.notes])
+                self.notes += [(t, Note(*note)) for note in struck.notes]
             else:
                 choice = self._choice.next(terms)
                 self._note(t)
@@ -118,7 +124,14 @@ class Transition:
                     settled = self._settled(terms, dynamics, held)
                     if settled is v:
                         return PhaseStart(
-                            terms, dynamics, held, choice.natural, impulse, work, driven, what
+                            terms=terms,
+                            dynamics=dynamics,
+                            held=held,
+                            natural=choice.natural,
+                            impulse=impulse,
+                            work=work,
+                            driven=driven,
+                            what=what,
                         )
                     v = settled
                     continue
@@ -130,8 +143,7 @@ class Transition:
 
     def _note(self, t: float) -> None:
         """Note the velocities that the last contact problem does not determine."""
-        if self._choice.several:
-            self._system.remarks.note(t, notes_of(self._choice.several))
+        self.notes += [(t, note) for note in notes_of(self._choice.several)]
 
     def _shared(
         self, terms: ContactTerms, dynamics: ModeDynamics, at_end: bool

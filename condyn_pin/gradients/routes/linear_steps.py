@@ -50,7 +50,7 @@ from condyn_pin.gradients.routes.partials import (
 )
 from condyn_pin.gradients.routes.step_derivatives import Columns, ContactLaw, least
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
-from condyn_pin.simulation.remarks import Note
+from condyn_pin.simulation.records import Note
 from condyn_pin.simulation.system import System
 from condyn_pin.stepping.contact_steps import ContactSteps
 from condyn_pin.stepping.step_problem import AcceptedStep, StepProblem, kept_paths, next_path

@@ -26,7 +26,7 @@ from condyn_pin.gradients.routes.step_derivatives import (
     made,
     modes_of,
 )
-from condyn_pin.simulation.remarks import Note
+from condyn_pin.simulation.records import Note
 from condyn_pin.stepping.contact_steps import ContactSteps
 from condyn_pin.stepping.step_problem import ActiveCandidates, StepProblem
 

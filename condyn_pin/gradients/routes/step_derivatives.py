@@ -17,7 +17,7 @@ from condyn_pin.contact.indeterminacy import COMPLIANCE, compliance
 from condyn_pin.contact.problem import MODES, OPEN, ContactProblem, Modes, contact_modes
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import AT_REST, ContactScheme
-from condyn_pin.simulation.remarks import Note
+from condyn_pin.simulation.records import Note
 
 if TYPE_CHECKING:
     from condyn_pin.gradients.routes.base import Route
@@ -193,7 +193,17 @@ def made(
     candidates, parameters = steps.system.contacts, found_parameters(route, steps.scheme, steps.wrt)
     q, v, dq, dv = read_only((*state, *matrices))
     names = candidates.names[: candidates.cones]
-    return StepDerivatives(q, v, modes, margin, route, names, (dq, dv), parameters, notes)
+    return StepDerivatives(
+        q=q,
+        v=v,
+        modes=modes,
+        margin=margin,
+        route=route,
+        names=names,
+        matrices=(dq, dv),
+        parameters=parameters,
+        notes=notes,
+    )
 
 
 def found_parameters(route: Route, scheme: ContactScheme, wrt: Sequence[str]) -> tuple[str, ...]:

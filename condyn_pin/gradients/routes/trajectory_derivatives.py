@@ -26,7 +26,7 @@ from condyn_pin.gradients.routes.linear_steps import LinearizedStep
 from condyn_pin.gradients.routes.step_derivatives import PARAMETERS, StepDerivatives
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme
 from condyn_pin.simulation.outcome import RunStatus
-from condyn_pin.simulation.remarks import Note, Remarks
+from condyn_pin.simulation.records import Note, Remarks
 from condyn_pin.simulation.system import System
 from condyn_pin.simulation.torques import Applied, Torque, TorqueJacobian
 from condyn_pin.simulation.trajectory import Trajectory
@@ -82,7 +82,7 @@ class TrajectoryDerivatives:
         self._sweep()
         remarks = Remarks()
         for i in sorted(self._notes):
-            remarks.note(i * self._chain.steps.dt, self._notes[i])
+            remarks.count((i * self._chain.steps.dt, note) for note in self._notes[i])
         return tuple(str(remark) for remark in remarks.all)
 
     def _sweep(self) -> None:

@@ -153,7 +153,17 @@ def simulate_batch(
     function = TAU if callable(TAU) else None
     every = 1 if record is None else record
     limits = check_limits(limits)
-    motions = Motions(function, jacobian, duration, dt, integrator, drift, solver, every, limits)
+    motions = Motions(
+        function=function,
+        jacobian=jacobian,
+        duration=duration,
+        dt=dt,
+        integrator=integrator,
+        drift=drift,
+        solver=solver,
+        every=every,
+        limits=limits,
+    )
     planned = motions.plan(scene)
     every = max(planned.steps // _LOOKS, _APART) if record is None else record
     given: ArrayLike = 0.0 if function is not None else TAU  # type: ignore[assignment]
@@ -202,9 +212,10 @@ def _batch(planned: Plan, begun: float, outputs: Arrays) -> BatchTrajectory:
     """Return the outputs as a value."""
     solver = default_solver(planned.scene.bilateral) if planned.solver is None else planned.solver
     return BatchTrajectory(
-        planned.scene, planned.integrator, planned.drift, solver, planned.duration, planned.dt,
-        planned.steps, planned.limits, **{name: outputs[name] for name in ENDS},
-        reasons=outputs["words"], samples=samples_in(outputs), seconds=perf_counter() - begun,
+        scene=planned.scene, integrator=planned.integrator, drift=planned.drift, solver=solver,
+        duration=planned.duration, dt=planned.dt, steps=planned.steps, limits=planned.limits,
+        **{name: outputs[name] for name in ENDS}, reasons=outputs["words"],
+        samples=samples_in(outputs), seconds=perf_counter() - begun,
     )  # fmt: skip
 
 
@@ -466,8 +477,9 @@ def put_motions(
     for k, row in enumerate(ok.tolist()):
         scene = with_anchors(made.scene, q[k, 0], {})
         course = Course(
-            (Phase(scene, slice(0, len(t[k])), ()),), t[k], q[k], v[k], violation[k], slip[k],
-            energy.of(k), made.dt, made.integrator, made.solver, made.limits,
+            phases=(Phase(scene, slice(0, len(t[k])), ()),), t=t[k], q=q[k], v=v[k],
+            violation=violation[k], constraint_velocity=slip[k], energy=energy.of(k), dt=made.dt,
+            integrator=made.integrator, solver=made.solver, limits=made.limits,
         )  # fmt: skip
         status, said = judged(course)
         outputs["statuses"][row] = tuple(RunStatus).index(status)
@@ -500,8 +512,9 @@ def _energies(found: dict[str, Any], tau: Array, made: Made) -> Energy:
         driven = work(t, drives)
         off = off + doubt(t, drives, driven, 0.5 * (drives[1:] + drives[:-1]))
     return Energy(
-        kinetic.T, potential.T, springs.T, *done, none, driven, contact, correction, algorithmic,
-        np.asarray(off),
+        kinetic=kinetic.T, potential=potential.T, springs=springs.T, work=done[0], damping=done[1],
+        impacts=none, driven=driven, contact=contact, correction=correction,
+        algorithmic=algorithmic, doubt=np.asarray(off),
     )  # fmt: skip
 
 
@@ -591,7 +604,6 @@ class _Steps:
         if not self._is_anchored:  # but where its motion has begun, which nobody knows here
             return
         self._system.applied.hold(tau, ())
-        self._system.contact_work = work
         try:
             with np.errstate(all="ignore"):
                 q1, v1, a = self._steps.step(k * of.dt, q, v)
@@ -607,7 +619,7 @@ class _Steps:
             self._keep(ways, i, k // of.every + 1, (k * of.dt, q, v, a), work)
             ways.done[i] = 1
             return
-        work, end = self._system.contact_work, k + 1
+        work, end = self._steps.effects(work).work, k + 1
         ways.q[i], ways.v[i], ways.works[i], ways.step[i] = q1, v1, work, end
         if end % of.every == 0:
             self._keep(ways, i, end // of.every, (end * of.dt, q1, v1, a), work)

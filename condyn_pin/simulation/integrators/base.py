@@ -26,8 +26,9 @@
 8. An implicit method that uses the slopes of torques (`Applied.slopes`) sets `takes_jacobian`.
 9. An explicit method needs a small dt where the damping of joints is stiff, and a run that
    breaks down says so; one that does not overrides `takes_stiff_damping`.
-10. A scheme whose contacts open and slide inherits from `ContactScheme`, whose file says how; one
-    that finds the times at which they do leaves these in `System.located`: `locates_events`.
+10. A scheme whose contacts open and slide inherits from `ContactScheme`, whose file says how; the
+    `effects` of its stepper are the work, the events and the notes of the last step. One that finds
+    the times at which contacts open and slide sets `locates_events`.
 11. Rows that are driven are at their paths by `system.acceleration(t, ...)`, and for anything else
     that is asked of `system.equations` by `system.at(t)`: c and J v are differences to them.
 12. Sources: cite the paper in the docstring.
@@ -46,9 +47,11 @@ from condyn_pin._core.arguments import enter
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import whole_data
 from condyn_pin.constraints.contacts.candidates import Candidates
+from condyn_pin.constraints.drift import Drift
 from condyn_pin.errors import InvalidArgument, SolveFailed, StepFailed
-from condyn_pin.simulation.records import Row
-from condyn_pin.simulation.system import Step, System
+from condyn_pin.simulation.events import ContactEvent
+from condyn_pin.simulation.records import NO_WORK, ContactWork, Note, Row
+from condyn_pin.simulation.system import NO_TOUCH, Step, System
 
 INTEGRATORS: dict[str, type[Integrator]] = {}
 
@@ -61,15 +64,39 @@ class Order(NamedTuple):
     lam: int
 
 
+class StepEffects(NamedTuple):
+    """Effects of a step with contacts, besides its state.
+
+    Attributes
+    ----------
+    work : ContactWork
+        Work of contacts since the start of the run, this step included [J].
+    events : tuple of ContactEvent
+        Events located in the step.
+    notes : tuple of (float, Note)
+        Sentences on the step, each with its time [s]. A step that failed has those so far.
+    """
+
+    work: ContactWork
+    events: tuple[ContactEvent, ...] = ()
+    notes: tuple[tuple[float, Note], ...] = ()
+
+
 @dataclass(frozen=True)
 class Stepper:
-    """An integrator at work on one system with one dt."""
+    """An integrator at work on one system with one dt.
+
+    The last three are of steps with contacts; `work` is that of contacts since the start.
+    """
 
     step: Step
     lam: Callable[[], Array] | None = None  # where a belongs to the end of the step
     system: System | None = None  # whose solve a step begins with, if not that it was started with
-    touch: Callable[[], Array] | None = None  # of contacts that open and slide, beside lam
-    sample: Callable[[float, Array, Array], Row] | None = None  # a state, if not by a solve
+    # (work before the step) -> effects of the last step
+    effects: Callable[[ContactWork], StepEffects] | None = None
+    touch: Callable[[ContactWork], Array] | None = None  # (work) -> contact record of the last step
+    # (t, q, v, work) -> sample of a state
+    sample: Callable[[float, Array, Array, ContactWork], Row] | None = None
 
 
 class Integrator(ABC):
@@ -121,6 +148,72 @@ class Integrator(ABC):
     @abstractmethod
     def start(self, system: System, dt: float) -> Stepper:
         """Return this integrator at work on `system`."""
+
+
+class CorrectedStepper:
+    """An integrator's steps of one size, the correction of a drift scheme behind each.
+
+    Attributes
+    ----------
+    effects : callable or None
+        (work before the step) -> effects of the last step, where contacts open and slide.
+    """
+
+    def __init__(self, system: System, integrator: Integrator, drift: Drift, dt: float) -> None:
+        self._dt, self._turn_fault = dt, system.turn_fault
+        bare = integrator.start(system, dt)
+        self._step, self._lam, self._touch = bare.step, bare.lam, bare.touch
+        self.effects, self._sample, self._given = bare.effects, bare.sample, system
+        self._samples_start = integrator.a_at == "start"
+        # a correction reads what the solve of the next step leaves behind, and a step may begin
+        # with another system's solve
+        self._system = bare.system or system
+        self._correct = drift.start(self._system, dt)
+        self._is_driven = system.scene.is_driven
+        # substeps may lead far: their rows are their own
+        self._open_rows = None
+        if not integrator.is_adaptive:
+            self._open_rows = self._system.workspace.bound.open_rows
+        self._slow = None if integrator.between_events.is_adaptive else system.manifold.slow(dt)
+
+    def take(
+        self, t: float, q: Array, v: Array, t1: float, keep: Callable[[Row], None] | None = None,
+        work: ContactWork = NO_WORK,
+    ) -> tuple[Array, Array]:  # fmt: skip
+        """Return q and v after a step to t1; `keep` is handed the sample that belongs to it."""
+        slow, lam = self._slow, None
+        if self._open_rows:
+            self._open_rows.held = []
+        if keep and self._samples_start:
+            keep(self._sample(t, q, v, work) if self._sample else self._system.sample(t, q, v))
+        if slow and v.dot(v) > slow:  # all velocities together: most often that is enough
+            self._check_turn(v)
+        q, v, a = self._step(t, q, v)
+        if slow and v.dot(v) > slow:
+            self._check_turn(v)
+        if self._is_driven:
+            self._system.check_reach(t1, q, v)
+        if keep and self._lam:
+            lam = self._lam()  # before the correction solves again
+        if self._correct:
+            q, v = self._correct(t + self._dt, q, v)
+        if self._open_rows:
+            self._open_rows.held = None
+        if keep and lam is not None:
+            touch = NO_TOUCH
+            if self._touch and self.effects:
+                touch = self._touch(self.effects(work).work)
+            keep((t1, q, v, a, lam, self._system.applied.at_sample(t1, q, v), touch))
+        return q, v
+
+    def sample(self, t: float, q: Array, v: Array, work: ContactWork = NO_WORK) -> Row:
+        """Sample of a state; `work` is that of contacts since the start of the run."""
+        return self._sample(t, q, v, work) if self._sample else self._given.sample(t, q, v)
+
+    def _check_turn(self, v: Array) -> None:
+        fault = self._turn_fault(v, self._dt)
+        if fault:
+            raise StepFailed(fault)
 
 
 # Iterations of implicit steps: to the last digit, or an error that says what would do.

@@ -135,4 +135,4 @@ class EventDriven(Integrator):
         """Return this integrator at work on `system`."""
         choice = NextModes(system.contacts, self.contact, self.restitution_law)
         steps = EventSteps(system, dt, self.inner, choice, self.shortest_bounce)
-        return Stepper(steps.step, sample=steps.sample)
+        return Stepper(steps.step, effects=steps.effects, sample=steps.sample)
