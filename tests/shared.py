@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import subprocess
 import sys
 from collections.abc import Callable
 
@@ -190,3 +191,20 @@ def short_lever(r: float) -> cp.Scene:
     held = cp.SurfaceContact("body")
     tips = [cp.FrictionalContact("tip", cp.constraints.Point(), friction=0.0)]
     return cp.Scene(cp.Robot("lever", model), [held], contacts=tips)
+
+
+@functools.cache
+def imported_by_a_solve() -> frozenset[str]:
+    """What a first solve of a four-bar imports of this library, in an interpreter of its own."""
+    program = """
+import sys
+import numpy as np
+import condyn_pin as cp
+bar = cp.model.four_bar()
+scene = cp.Scene(bar, bar.loops)
+cp.solve(scene, cp.dynamics.described_posture(scene), np.zeros(3), np.zeros(3))
+print(*sys.modules)
+"""
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
+    assert result.returncode == 0, result.stderr
+    return frozenset(name for name in result.stdout.split() if name.startswith("condyn_pin"))

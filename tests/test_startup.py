@@ -2,16 +2,13 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections import Counter
 from dataclasses import replace
-from functools import cache
 from importlib import import_module
 
 import numpy as np
 import pytest
-from shared import robot
+from shared import imported_by_a_solve, robot
 
 import condyn_pin as cp
 from condyn_pin.dynamics.scene import standard_scenes
@@ -38,7 +35,7 @@ NEEDED = (
 )
 
 # Modules of this library that a first solve of a four-bar imports: each costs every user its time.
-MODULES = 86
+MODULES = 69
 
 
 @pytest.fixture
@@ -110,23 +107,6 @@ def test_an_open_posture_is_closed_before_the_scene_is_measured(calls):
     assert calls["assemble"]
     assert scene.nominal.closed
     np.testing.assert_array_equal(scene.nominal.q, scene.state()[0])
-
-
-@cache
-def imported_by_a_solve() -> frozenset[str]:
-    """What a first solve of a four-bar imports of this library, in an interpreter of its own."""
-    program = """
-import sys
-import numpy as np
-import condyn_pin as cp
-bar = cp.model.four_bar()
-scene = cp.Scene(bar, bar.loops)
-cp.solve(scene, cp.dynamics.described_posture(scene), np.zeros(3), np.zeros(3))
-print(*sys.modules)
-"""
-    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
-    assert result.returncode == 0, result.stderr
-    return frozenset(name for name in result.stdout.split() if name.startswith("condyn_pin"))
 
 
 def test_a_solve_imports_nothing_that_analyses():
