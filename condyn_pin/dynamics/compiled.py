@@ -12,7 +12,7 @@ from __future__ import annotations
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from functools import cached_property
 from math import inf
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -41,12 +41,9 @@ from condyn_pin.dynamics.solvers.base import Singular, Solver
 from condyn_pin.dynamics.solvers.dense_kkt import DenseKKT
 from condyn_pin.dynamics.solvers.null_space import NullSpace
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import UnsupportedBackend
 from condyn_pin.model.robot import Robot
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
-
 
 # A scene as plain arrays, and what of it the compiled core does not take.
 #

@@ -20,7 +20,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import ceil, log10, pi
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -37,9 +37,7 @@ from condyn_pin.constraints.rows.redundancy import (
     Redundancy,
     scales,
 )
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
+from condyn_pin.dynamics.scene import Scene
 
 # States, how far they are from each other [rad, l], how often that is halved where the loops do not
 # close, and Newton's steps that close them.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -20,11 +20,9 @@ from condyn_pin._core.arguments import (
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.linalg import factorise
 from condyn_pin._core.tolerances import RANK
+from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.nominal import NominalAnalysis
-    from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace
 
 
 @dataclass(frozen=True)

@@ -27,12 +27,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from condyn_pin._core import _pin, tolerances
+from condyn_pin.dynamics.nominal import NominalAnalysis, NominalState
 from condyn_pin.dynamics.solvers.base import BoundSolver
 from condyn_pin.dynamics.solvers.reference import Reference
 from condyn_pin.errors import NotAssembled
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.nominal import NominalAnalysis, NominalState
     from condyn_pin.dynamics.recursion import ArticulatedSolver
     from condyn_pin.dynamics.workspace import Workspace
 
@@ -296,8 +296,6 @@ def _drawn_states(workspace: Workspace) -> Iterator[NominalState]:
 
     Where a state is nearly singular even that cannot: nothing can be measured by it.
     """
-    from condyn_pin.dynamics.nominal import NominalState  # it imports a solver
-
     scene, rng = workspace.scene, np.random.default_rng(1)
     if not scene.nominal.closed:
         return

@@ -48,13 +48,13 @@ from condyn_pin.errors import (
     NotAssembled,
     unknown_name,
 )
+from condyn_pin.model.robot import Robot
 from condyn_pin.model.soundness import massless_motion, singular_mass
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.rows.redundancy import Redundancy
     from condyn_pin.dynamics.digits import Digits
     from condyn_pin.dynamics.scene import Scene
-    from condyn_pin.model.robot import Robot
 
 
 # How far joints are moved to open loops [rad, m].

@@ -21,7 +21,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar, Final
+from typing import Any, ClassVar, Final
 
 import numpy as np
 
@@ -39,10 +39,7 @@ from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.rows.bound import PinocchioConstraint
 from condyn_pin.dynamics.mu import Choice, Start, best_choice
 from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
-
+from condyn_pin.dynamics.workspace import Workspace
 
 Acceleration = Callable[[Array, Array, Array], Array]
 

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike
 from condyn_pin._core.arguments import counted, renamed
 from condyn_pin._core.arrays import Array
 from condyn_pin.constraints.base import Constraint
+from condyn_pin.constraints.contacts.touches import BoundContact
 from condyn_pin.constraints.kinds import bind
 from condyn_pin.constraints.places import settled
 from condyn_pin.constraints.rigid import RIGID, rigid_constraint
@@ -34,7 +35,6 @@ from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.base import Contact, Mode
-    from condyn_pin.constraints.contacts.touches import BoundContact
     from condyn_pin.mechanism.closing import Assembly
     from condyn_pin.mechanism.minimal_scene import Minimal
     from condyn_pin.mechanism.rank import Check, Rank

@@ -11,12 +11,16 @@ from typing import TYPE_CHECKING, Any, Final, NamedTuple
 import numpy as np
 
 from condyn_pin._core import show, tolerances
+from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array, ArrayValue, read_only
+from condyn_pin._core.linalg import redundant_rows
+from condyn_pin._core.show import require_pandas
 from condyn_pin.constraints.base import Constraint
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.constraints.rows.equations import Equations
+from condyn_pin.dynamics.at_state import left_out_at, moves_back
 from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import InvalidArgument
@@ -134,8 +138,6 @@ class StateError(_Gaps):
 
     @cached_property
     def _moves(self) -> tuple[Array, Array]:
-        from condyn_pin.dynamics.at_state import moves_back
-
         solution = self._solution
         return moves_back(solution.scene, solution.q, solution.v)
 
@@ -268,8 +270,6 @@ class Solution:
     @cached_property
     def _kept(self) -> LeftOut:
         """The combinations of rows that are left out, on closed loops those that are redundant."""
-        from condyn_pin.dynamics.at_state import left_out_at
-
         return left_out_at(self.scene, self.q)
 
     @property
@@ -280,8 +280,6 @@ class Solution:
     @cached_property
     def left_out(self) -> tuple[str, ...]:
         """Rows that can go without changing the answer, as ``constraint.axis``."""
-        from condyn_pin._core.linalg import redundant_rows  # most answers are not asked
-
         return redundant_rows(self._kept.N, self.scene.row_names)
 
     @property
@@ -313,7 +311,6 @@ class Solution:
         InvalidArgument
             If the state is not finite.
         """
-        from condyn_pin._core._pin import pin
         from condyn_pin.dynamics.verbs import solve
 
         error = self.state_error
@@ -377,8 +374,6 @@ class Solution:
         MissingExtra
             If pandas is not installed.
         """
-        from condyn_pin._core.show import require_pandas
-
         status, errors = [self.status.name.lower()], np.array(self.residuals)
         table = solution_columns(self.scene, status, self.q, self.a, self.lam, errors)
         table |= {"iterations": [self.iterations], "solve_time": [self.solve_time]}

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 
-from condyn_pin._core import tolerances
+from condyn_pin._core import show, tolerances
 from condyn_pin._core.arguments import counted, few
 from condyn_pin._core.arrays import Array
 from condyn_pin._core.joints import indices
@@ -114,8 +114,6 @@ class Summary:
 
     def _repr_html_(self) -> str:
         """Return the summary as HTML for a notebook."""
-        from condyn_pin._core import show
-
         facts = list(self.facts().items())
         listed = [(name, kind, str(rows)) for name, kind, rows in self.constraints]
         return show.page(

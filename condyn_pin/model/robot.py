@@ -18,12 +18,13 @@ from condyn_pin._core.arguments import Arguments, counted, normalised
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.joints import rotation_fault
 from condyn_pin.constraints.base import WORLD, Constraint, check_size
+from condyn_pin.constraints.contacts.shapes import Plane
 from condyn_pin.constraints.kinds import of_loops
 from condyn_pin.constraints.places import FrameLike, frame_text, number_of, place_of, settled
 from condyn_pin.constraints.rows.equations import least_pivots
 from condyn_pin.errors import InvalidArgument, InvalidModel, StaleModel, unknown_name
 from condyn_pin.model import joints as robot_joints
-from condyn_pin.model.joints import joint_of
+from condyn_pin.model.joints import Limits, joint_of
 from condyn_pin.model.motors import CoupledMotor, check_coupled
 from condyn_pin.model.soundness import check_model
 from condyn_pin.model.springs import Spring, SpringDamper, spring_dampers_of
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from condyn_pin.constraints.contacts.base import Contact
     from condyn_pin.constraints.contacts.frictional_contact import FrictionalContact
     from condyn_pin.constraints.contacts.joint_limit import JointLimit
-    from condyn_pin.constraints.contacts.shapes import Plane
 
 
 # What the fields of a Robot have to be.
@@ -640,7 +640,6 @@ class Robot:
     def limits(self) -> tuple[JointLimit, ...]:
         """Return the stops of all joints with a finite limit, for `Scene(contacts=...)`."""
         from condyn_pin.constraints.contacts.joint_limit import JointLimit
-        from condyn_pin.model.joints import Limits
 
         return tuple(JointLimit(joint) for joint in dict.fromkeys(Limits.of(self.model).joints))
 

@@ -22,13 +22,13 @@ from condyn_pin._core.arrays import Array
 from condyn_pin._core.trees import algorithms, data_of
 from condyn_pin.constraints.base import WORLD
 from condyn_pin.constraints.rows.bound import ConstraintViolation, beyond_text
+from condyn_pin.dynamics.scene import Scene
 from condyn_pin.errors import CondynError
 from condyn_pin.io.shapes import shapes_of
 from condyn_pin.model.joints import Limits
+from condyn_pin.model.robot import Robot
 
 if TYPE_CHECKING:
-    from condyn_pin.dynamics.scene import Scene
-    from condyn_pin.model.robot import Robot
     from condyn_pin.simulation.trajectory import Trajectory
 
 # Samples at which shapes are looked at: a body that falls by 1 m moves 2 cm from one to the next.

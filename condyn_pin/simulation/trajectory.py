@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from condyn_pin._core import show
 from condyn_pin._core.arguments import counted, renamed
 from condyn_pin._core.arrays import Array
+from condyn_pin._core.show import require_pandas
 from condyn_pin.contact.problem import MODES
 from condyn_pin.dynamics.scene import Scene
 from condyn_pin.model.joints import coordinate_names
@@ -267,8 +268,6 @@ class Trajectory:
         MissingExtra
             If pandas is not installed.
         """
-        from condyn_pin._core.show import require_pandas
-
         return require_pandas().DataFrame(columns(self)).set_index("t [s]")
 
     def __len__(self) -> int:

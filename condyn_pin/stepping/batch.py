@@ -19,6 +19,7 @@ from condyn_pin._core.arguments import NORMALISED, normalised
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.compiled import compiled
 from condyn_pin._core.rows import MISSING, Batch, BatchResult, Native, Rows, Some
+from condyn_pin._core.show import require_pandas
 from condyn_pin._core.threads import ThreadCache
 from condyn_pin._core.work import Arrays, Kind, Messages, Progress, silent
 from condyn_pin.constraints.contacts.base import Contact
@@ -39,6 +40,7 @@ from condyn_pin.simulation.integrators.base import Integrator
 from condyn_pin.simulation.integrators.contact_scheme import ContactScheme, sizes_of_gaps
 from condyn_pin.simulation.manifold import Manifold
 from condyn_pin.simulation.records import candidates_of, row_names
+from condyn_pin.simulation.trajectory import step_columns
 from condyn_pin.stepping import contact_steps, step_problem
 from condyn_pin.stepping.schemes.stewart_trinkle import StewartTrinkle
 from condyn_pin.stepping.single_step import StepSolution, contact_problem, step
@@ -289,9 +291,6 @@ class BatchStep(BatchResult, Batch[StepSolution]):
         MissingExtra
             If pandas is not installed.
         """
-        from condyn_pin._core.show import require_pandas
-        from condyn_pin.simulation.trajectory import step_columns
-
         return require_pandas().DataFrame(step_columns(self, ERRORS))
 
     def __len__(self) -> int:

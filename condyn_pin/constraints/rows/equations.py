@@ -320,7 +320,7 @@ class BatchedGaps:
     """
 
     def __init__(self, equations: Equations) -> None:
-        self._equations = equations
+        self._equations, self._run = equations, algorithms(equations.data)
         self._gaps = np.zeros((2, MANY, equations.m))
         self._accelerations = np.zeros(MANY * equations.m)  # not asked for
         found = sorted_by_rows(equations.bounds)
@@ -344,7 +344,7 @@ class BatchedGaps:
         if not self._at_once:
             self._gaps[:, i] = equations.gaps(q, v)
             return
-        algorithms(equations.data).forwardKinematics(equations.model, equations.data, q, v)
+        self._run.forwardKinematics(equations.model, equations.data, q, v)
         for ends in self._ends:
             ends.read(i)
 

@@ -47,7 +47,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from math import inf
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -56,9 +56,7 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arrays import Array, Indices, read_only
 from condyn_pin._core.linalg import lapack
 from condyn_pin._core.trees import whole_data
-
-if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.equations import ConstraintRows
+from condyn_pin.constraints.rows.equations import ConstraintRows
 
 _EPS: Final = float(np.finfo(float).eps)
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -19,12 +18,9 @@ from condyn_pin.dynamics.derivatives.differences import DifferenceDerivatives, c
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives
 from condyn_pin.dynamics.derivatives.pinocchio import PinocchioDerivatives
 from condyn_pin.dynamics.proof import failure
-from condyn_pin.dynamics.solution import Status
+from condyn_pin.dynamics.solution import Solution, Status
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import unknown_name
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.solution import Solution
-    from condyn_pin.dynamics.workspace import Workspace
 
 # By the name that `derivatives` takes.
 METHODS: dict[str, Callable[[Workspace, Solution, Array, Array], Derivatives]] = {

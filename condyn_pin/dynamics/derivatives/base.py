@@ -39,13 +39,13 @@ from condyn_pin.constraints.forces import AppliedForce, Loads, frame_jacobian, i
 from condyn_pin.constraints.partials.motion import dual_cross
 from condyn_pin.constraints.rows.bound import BoundConstraint
 from condyn_pin.dynamics.at_state import without_gravity
+from condyn_pin.dynamics.solution import Solution
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import InvalidArgument, unknown_name
 from condyn_pin.io.mjcf_write import drawn
 
 if TYPE_CHECKING:
     from condyn_pin.dynamics.derivatives.kkt import Linearisation
-    from condyn_pin.dynamics.solution import Solution
-    from condyn_pin.dynamics.workspace import Workspace
 
 
 # What answers are derived by.

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,10 +24,8 @@ from condyn_pin._core.threads import of_workspace
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.reference import Reference
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import DerivativesDisagree
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
 
 # Rounding of f is divided by h, the remainder of the stencil goes with h^4.
 STEPS = (1e-3, 3e-4, 1e-4, 3e-5)

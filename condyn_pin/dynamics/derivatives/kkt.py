@@ -21,7 +21,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from functools import cached_property, partial
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -49,9 +49,7 @@ from condyn_pin.dynamics.derivatives.base import (
     placement_partials,
 )
 from condyn_pin.dynamics.solution import Solution
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace
 
 
 class KktDerivatives(Derivatives):

@@ -22,7 +22,7 @@ of J, and stays there as the rows turn (`condyn_pin.dynamics.derivatives.kkt`).
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -35,10 +35,8 @@ from condyn_pin.dynamics.derivatives.base import Derivatives, load_partial
 from condyn_pin.dynamics.derivatives.kkt import KktDerivatives, turning_null_space
 from condyn_pin.dynamics.solution import Solution
 from condyn_pin.dynamics.solvers.proximal import Proximal
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import DerivativesDisagree, InvalidArgument, UnsupportedConstraint
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
 
 # What may be off, of the largest entry: torques in which that one plays a small part are no less.
 _LARGEST_OFF: Final = 0.1 * tolerances.DERIVATIVES

@@ -13,8 +13,6 @@ and the partials of J a + gamma of hard constraints (`condyn_pin.dynamics.deriva
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
 from condyn_pin._core.arrays import Array
@@ -35,10 +33,8 @@ from condyn_pin.dynamics.solvers.soft import (
     impedance_slope,
     reference_by,
 )
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import SolveFailed
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
 
 
 class SoftDerivatives(Derivatives):

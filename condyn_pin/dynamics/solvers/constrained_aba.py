@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from condyn_pin._core import _pin
 from condyn_pin._core.compiled import missing_constrained_aba
@@ -14,9 +14,7 @@ from condyn_pin.dynamics.compiled import CompiledMethod
 from condyn_pin.dynamics.mu import Choice
 from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected
 from condyn_pin.dynamics.solvers.base import BoundSolver
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace
 
 
 @dataclass(frozen=True)

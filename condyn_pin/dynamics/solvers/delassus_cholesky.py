@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -12,9 +12,7 @@ from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import range_space
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace
 
 
 @dataclass(frozen=True)

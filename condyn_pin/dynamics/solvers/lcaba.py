@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, ClassVar
+from typing import Any, ClassVar
 
 from condyn_pin._core import _pin
 from condyn_pin._core.trees import whole_data
@@ -12,10 +12,8 @@ from condyn_pin.dynamics.at_state import raw_constraints, without_gravity
 from condyn_pin.dynamics.mu import Choice
 from condyn_pin.dynamics.recursion import ArticulatedSolver, Corrected, Recursion
 from condyn_pin.dynamics.solvers.base import BoundSolver
+from condyn_pin.dynamics.workspace import Workspace
 from condyn_pin.errors import UnsupportedConstraint
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -16,9 +16,7 @@ from condyn_pin._core.trees import whole_data
 from condyn_pin.dynamics.at_state import without_gravity
 from condyn_pin.dynamics.matrix_free import MatrixFreeSolver, inverse_delassus
 from condyn_pin.dynamics.solvers.base import BoundSolver, free_force
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace
 
 
 @dataclass(frozen=True)

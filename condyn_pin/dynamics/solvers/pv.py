@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 from condyn_pin._core import _pin
 from condyn_pin._core.arguments import (
@@ -18,9 +18,7 @@ from condyn_pin._core.compiled import missing_constrained_aba
 from condyn_pin.dynamics.compiled import CompiledMethod
 from condyn_pin.dynamics.mu import default_accuracy, default_mu
 from condyn_pin.dynamics.solvers.base import BoundSolver, Solver
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace
 
 
 @dataclass(frozen=True)

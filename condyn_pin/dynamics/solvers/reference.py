@@ -13,11 +13,11 @@ from condyn_pin._core.arguments import check_count, check_share
 from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.blas_threads import one_blas_thread
 from condyn_pin._core.linalg import add, exact_residual, factorise
+from condyn_pin.constraints.rows.bound import Terms
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver
 from condyn_pin.errors import InvalidModel
 
 if TYPE_CHECKING:
-    from condyn_pin.constraints.rows.bound import Terms
     from condyn_pin.dynamics.workspace import Workspace
 
 

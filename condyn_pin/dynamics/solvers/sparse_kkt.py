@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, ClassVar
+from typing import ClassVar
 
 import numpy as np
 
@@ -13,11 +13,9 @@ from condyn_pin._core._pin import pin
 from condyn_pin._core.arguments import WEIGHTS, Grid, check_damping
 from condyn_pin._core.arrays import Array, ignore_float_errors
 from condyn_pin._core.linalg import whiten
+from condyn_pin.dynamics.nominal import NominalAnalysis
 from condyn_pin.dynamics.solvers.base import BoundSolver, Singular, Solver, free_force
-
-if TYPE_CHECKING:
-    from condyn_pin.dynamics.nominal import NominalAnalysis
-    from condyn_pin.dynamics.workspace import Workspace
+from condyn_pin.dynamics.workspace import Workspace
 
 
 @dataclass(frozen=True)

@@ -18,11 +18,11 @@ from condyn_pin.contact.problem import MODES, OPEN, ContactProblem, Modes, conta
 from condyn_pin.errors import InvalidArgument, SolveFailed
 from condyn_pin.simulation.integrators.contact_scheme import AT_REST, ContactScheme
 from condyn_pin.simulation.records import Note
+from condyn_pin.stepping.step_problem import StepProblem
 
 if TYPE_CHECKING:
     from condyn_pin.gradients.routes.base import Route
     from condyn_pin.gradients.routes.linear_steps import Ended, LinearizedStep
-    from condyn_pin.stepping.step_problem import StepProblem
 
 
 @dataclass(frozen=True, eq=False, repr=False)

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from condyn_pin._core.arguments import renamed
 from condyn_pin._core.arrays import Array, read_only
 from condyn_pin._core.rows import MISSING, Batch, BatchResult, Some
+from condyn_pin._core.show import require_pandas
 from condyn_pin.constraints.baumgarte import Baumgarte
 from condyn_pin.constraints.forces import AppliedForce
 from condyn_pin.dynamics.derivatives.base import Derivatives
 from condyn_pin.dynamics.derivatives.differences import BLOCKS
 from condyn_pin.dynamics.residuals import Residuals
 from condyn_pin.dynamics.scene import Scene
-from condyn_pin.dynamics.solution import Question, Solution, Status
+from condyn_pin.dynamics.solution import Question, Solution, Status, solution_columns
 from condyn_pin.errors import WorkersLost
 
 # A status as a number is its place here.
@@ -129,9 +130,6 @@ class BatchSolution(BatchResult, Batch[Solution]):
         MissingExtra
             If pandas is not installed.
         """
-        from condyn_pin._core.show import require_pandas
-        from condyn_pin.dynamics.solution import solution_columns
-
         of_states = self.status_names, self.q, self.a, self.lam, self.residuals
         table = solution_columns(self.scene, *of_states)
         table |= {"iterations": self.iterations, "solve_times": self.solve_times}

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from condyn_pin._core.arguments import check_count, renamed
 from condyn_pin._core.arrays import Array, finite, read_only
 from condyn_pin._core.rows import MISSING, Batch, BatchResult, Some
+from condyn_pin._core.show import require_pandas
 from condyn_pin._core.work import Arrays, Kind
 from condyn_pin.constraints.drift import Drift
 from condyn_pin.dynamics.scene import Scene
@@ -47,7 +48,7 @@ from condyn_pin.simulation.records import (
     width,
     written_before,
 )
-from condyn_pin.simulation.trajectory import Trajectory
+from condyn_pin.simulation.trajectory import Trajectory, ends
 
 # A status as a number is its place here.
 RUN_STATUSES: Final = tuple(RunStatus)
@@ -170,9 +171,6 @@ class BatchTrajectory(BatchResult, Batch[Trajectory]):
         MissingExtra
             If pandas is not installed.
         """
-        from condyn_pin._core.show import require_pandas
-        from condyn_pin.simulation.trajectory import ends
-
         return require_pandas().DataFrame(ends(self))
 
     def __len__(self) -> int:

@@ -1,0 +1,217 @@
+"""How many files a reader of one call meets, where the equations are written, and imports.
+
+Bounds are what was reached: they go down, and only a new idea in the call itself takes one up.
+"""
+
+from __future__ import annotations
+
+import ast
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from types import FrameType
+
+import numpy as np
+import pytest
+from shared import imported_by_a_solve, robot
+
+import condyn_pin as cp
+from condyn_pin.control import CenterOfMass, Orientation, Posture
+
+HOUSE = Path(cp.__file__).parent
+
+pytestmark = pytest.mark.once  # Pinocchio has no part in them
+
+
+def files_of(call: Callable[[], object]) -> list[str]:
+    """Files of the library in which functions are called, in turn."""
+    turns: list[str] = []
+
+    def look(frame: FrameType, event: str, _: object) -> None:
+        path = Path(frame.f_code.co_filename)
+        if event == "call" and path.is_relative_to(HOUSE):
+            name = path.relative_to(HOUSE).as_posix()
+            if not turns or turns[-1] != name:
+                turns.append(name)
+
+    sys.setprofile(look)
+    try:
+        call()
+    finally:
+        sys.setprofile(None)
+    return turns
+
+
+def cassie() -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """Closed loops, with a velocity."""
+    scene = cp.Scene(robot("cassie"), robot("cassie").loops)
+    return scene, *scene.sample(np.random.default_rng(1))
+
+
+def solo(*, opens: bool) -> tuple[cp.Scene, np.ndarray, np.ndarray]:
+    """Four feet on the ground, that may open or not."""
+    its, feet = robot("solo12"), robot("solo12").contacts
+    if not opens:
+        scene = cp.Scene(its, feet)
+    else:
+        touches = [cp.FrictionalContact(foot.frame, friction=0.7) for foot in feet]
+        scene = cp.Scene(its, contacts=touches)
+    return scene, *scene.state()
+
+
+def solve() -> Callable[[], object]:
+    scene, q, v = cassie()
+    return lambda: cp.solve(scene, q, v, np.zeros(len(v)))
+
+
+def derivatives() -> Callable[[], object]:
+    scene, q, v = cassie()
+    return lambda: cp.derivatives(scene, q, v, np.zeros(len(v)))
+
+
+def step() -> Callable[[], object]:
+    scene, q, v = solo(opens=True)
+    return lambda: cp.step(scene, q, v, dt=1e-3)
+
+
+def control() -> Callable[[], object]:
+    scene, q, v = solo(opens=False)
+    stand = [
+        CenterOfMass(kp=20, weight=100),
+        Orientation("base_link", weight=50),
+        Posture("standing", weight=0.1),
+    ]
+    controller = cp.Controller(scene, stand, cones=cp.contact.FrictionCone(0.6))
+    return lambda: controller.solve(q, v)
+
+
+@pytest.mark.parametrize(
+    ("made", "most"), [(solve, 13), (derivatives, 18), (step, 30), (control, 25)]
+)
+def test_a_warm_call_is_read_in_few_files(made, most):
+    call = made()
+    for _ in range(2):  # a second one fills what is kept for later ones
+        call()
+    found = set(files_of(call))
+    assert len(found) <= most, sorted(found)
+
+
+def test_one_more_step_is_read_in_few_files():
+    scene, q, v = cassie()
+
+    def run(steps: int) -> list[str]:
+        return files_of(lambda: cp.simulate(scene, q, v, duration=1e-3 * steps, record=100))
+
+    run(3)
+    shorter, longer = run(8), run(9)
+    assert len(longer) - len(shorter) <= 21
+    assert len(set(longer) - set(shorter)) == 0
+
+
+# Where the residuals are evaluated.
+
+# Newton-Euler by `rnea`: in the equations, in place of a product with M that is not formed, and in
+# an iteration that closes c(q) with its own rows.
+BY_NEWTON_EULER = {
+    "constraints/rows/equations.py",
+    "dynamics/solvers/minimum_residual.py",
+    "simulation/integrators/base.py",
+}
+
+
+def parsed() -> dict[str, ast.Module]:
+    """Syntax of every file of the library, by its place."""
+    return {
+        path.relative_to(HOUSE).as_posix(): ast.parse(path.read_text("utf-8"))
+        for path in sorted(HOUSE.rglob("*.py"))
+    }
+
+
+def test_residuals_are_those_of_the_equations():
+    """M a + h - tau - J^T lam and J a + gamma - a_ref have one home, `Equations.residuals`."""
+    found = {
+        name
+        for name, tree in parsed().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] == "rnea"
+    }
+    assert found == BY_NEWTON_EULER
+
+
+# Imports: at the top of a file, but for circles and what a first solve does without.
+
+
+# Rooms above, which `pyproject.toml` has among its exceptions.
+UPWARDS = {
+    ("condyn_pin.stepping.single_step", "condyn_pin.gradients.routes.step_derivatives"),
+    ("condyn_pin.dynamics.solvers.soft", "condyn_pin.io.mjcf_write"),
+}
+
+# Rooms and files that import in turn when they are asked, and names of registries that fill then.
+ON_DEMAND = (
+    "__main__.py",
+    "cli/",
+    "io/",
+    "layers/",
+    "study/",
+    "control/controller.py",
+    "_core/doctor.py",
+)
+REGISTRIES = {"INTEGRATORS", "MECHANISMS", "SOLVERS"}
+
+
+def imported(node: ast.AST, modules: set[str]) -> set[str]:
+    """Modules of the library that a statement imports."""
+    if isinstance(node, ast.ImportFrom) and node.module:
+        names = {f"{node.module}.{each.name}" for each in node.names} & modules
+        return names or {node.module} & modules
+    return {each.name for each in node.names} & modules if isinstance(node, ast.Import) else set()
+
+
+def is_registry(node: ast.AST) -> bool:
+    """True if a statement imports a registry."""
+    return isinstance(node, ast.ImportFrom) and {each.name for each in node.names} <= REGISTRIES
+
+
+def with_rooms(module: str) -> set[str]:
+    """A module, and the packages whose files are read before it."""
+    parts = module.split(".")
+    return {".".join(parts[:i]) for i in range(1, len(parts) + 1)}
+
+
+def test_imports_stand_at_the_top():
+    """In functions and under TYPE_CHECKING: circles, and what a first solve does without."""
+    trees = {
+        f"condyn_pin.{name[:-3].replace('/', '.')}".removesuffix(".__init__"): (name, tree)
+        for name, tree in parsed().items()
+    }
+    modules, first = set(trees), imported_by_a_solve()
+    at_top: dict[str, set[str]] = {name: set() for name in trees}
+    later: dict[str, set[str]] = {name: set() for name in trees}
+    for name, (_, tree) in trees.items():
+        for node in tree.body:
+            if isinstance(node, ast.Import | ast.ImportFrom):
+                at_top[name].update(*map(with_rooms, imported(node, modules)))
+            else:
+                within = (each for each in ast.walk(node) if not is_registry(each))
+                later[name].update(*(imported(each, modules) for each in within))
+
+    def reached(name: str) -> set[str]:
+        seen, left = set[str](), [name]
+        while left:
+            one = left.pop()
+            if one not in seen:
+                seen.add(one)
+                left += at_top[one]
+        return seen
+
+    needless = [
+        (name, other)
+        for name, others in later.items()
+        for other in others
+        if name not in (there := reached(other))
+        and not (name in first and there - first)
+        and not trees[name][0].startswith(ON_DEMAND)
+        and (name, other) not in UPWARDS
+    ]
+    assert not needless, f"import these at the top: {needless}"
