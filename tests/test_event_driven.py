@@ -432,3 +432,29 @@ def test_what_is_refused() -> None:
         cp.simulate(pair, *pair.state(), duration=0.1, integrator=LOCATED)
     with pytest.raises(cp.InvalidArgument, match="simulate takes the others"):
         cp.step(scene, q, still, dt=1e-3, integrator=LOCATED)  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("integrator", [LOCATED, cp.StewartTrinkle()], ids=["located", "steps"])
+def test_contacts_come_and_go_with_scenes(integrator) -> None:
+    """The work of contacts is counted through phases that have none, before and behind."""
+    on_floor, q = box_scene(0.5)
+    free = cp.Scene(on_floor.robot)
+    v = np.array([0.9, 0.3, 0, 0, 0, 0])
+    lifts = cp.Event(name="lift", at=0.03, scene=free)
+    run = cp.simulate(on_floor, q, v, duration=0.06, dt=2e-3, integrator=integrator, events=[lifts])
+    assert run.contact is not None
+    left, after = (p.samples for p in run.phases)
+    taken = run.contact.work[left][-1]
+    assert taken < -0.05
+    np.testing.assert_array_equal(run.contact.work[after], taken)
+    assert set(run.contact.codes[after].ravel()) == {0}
+
+    drop = q + np.array([0, 0, 0.006, 0, 0, 0, 0])
+    lands = cp.Event(name="floor", at=0.0301, scene=on_floor)
+    run = cp.simulate(
+        free, drop, 0.0 * v, duration=0.06, dt=2e-3, integrator=integrator, events=[lands]
+    )
+    assert run.status.ok, run.reason
+    assert run.contact is not None
+    assert not run.contact.work[run.phases[0].samples].any()
+    assert run.contact.work[-1] < 0

@@ -118,7 +118,7 @@ def merge(
         touches.append(touch)
         start += recorder.count
     contact = None
-    if touches[0].shape[1]:
+    if any(touch.shape[1] for touch in touches):
         contact = joined([candidates_of(phase.scene).names for phase in phases], touches)
     return tuple(phases), tuple(np.concatenate(p) for p in zip(*parts, strict=True)), contact
 
@@ -237,6 +237,10 @@ def joined(names: Sequence[tuple[str, ...]], parts: Sequence[Array]) -> ContactR
     is_driven = any(part.shape[1] > own for part, own in zip(parts, widths, strict=True))
     columns, driven = [], 0.0  # its work stays what it is while nothing is
     for its, own, part in zip(names, widths, parts, strict=True):
+        if not part.shape[1]:  # without contacts, their work stays what it is
+            part = np.zeros((len(part), own))
+            if columns:
+                part[:, 1:] = columns[-1][-1, 1:_WORKS]
         everything = np.full((len(part), width(len(places), is_driven=is_driven)), float(OPEN))
         everything[:, [*range(_WORKS), *(_WORKS + places[name] for name in its)]] = part[:, :own]
         if is_driven:
