@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import ast
 import sys
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
@@ -104,8 +105,9 @@ def test_one_more_step_is_read_in_few_files():
 
     run(3)
     shorter, longer = run(8), run(9)
-    assert len(longer) - len(shorter) <= 21
-    assert len(set(longer) - set(shorter)) == 0
+    more = Counter(longer) - Counter(shorter)
+    assert len(more) <= 7, sorted(more)
+    assert more.total() <= 21, more
 
 
 # Where the residuals are evaluated.
