@@ -221,7 +221,7 @@ class ContactEvent:
     energy_lost : float
         [J]
     before, after : Row
-        Samples; those of a step have no work of contacts until the run adds it.
+        Samples, without the work of contacts before their step: `behind` adds it.
     driven : float
         Work of driven constraints in it [J].
     """

@@ -8,6 +8,7 @@ on the manifold of configurations. All that a stage of a step calls is in this f
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from copy import copy
 from functools import cached_property, partial
 from math import isclose
 from typing import Final
@@ -69,13 +70,14 @@ class System:
         *,
         springs: bool = True,
         damping: bool = True,
+        passive: Passive | None = None,
         contacts: Sequence[BoundContact] = (),
     ) -> None:
         robot = workspace.scene.robot
         self.workspace, self.model = workspace, workspace.model
         self.manifold = Manifold(self.model)
         self.applied = tau if isinstance(tau, Applied) else Applied(robot, tau)
-        self.passive = Passive.of(robot, springs=springs, damping=damping)
+        self.passive = passive or Passive.of(robot, springs=springs, damping=damping)
         self.torque = total_torque(self.applied, self.passive)
         self.integrate: Callable[[Array, Array], Array] = partial(pin.integrate, self.model)
         self.contacts, self._bounds = Candidates(self.model, contacts), contacts
@@ -94,6 +96,12 @@ class System:
             self.spare.model.armature[:] = self.model.armature  # another model would be refused
             self.spare.use(scene.bilateral.at(0.0))
             self._implicit[0]._last = _NOTHING
+
+    def with_contacts(self, contacts: Candidates) -> System:
+        """The same system in the same memory, with other coefficients of its contacts."""
+        varied = copy(self)
+        varied.contacts = contacts
+        return varied
 
     @property
     def scene(self) -> Scene:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from copy import copy
 from dataclasses import replace
 
 import numpy as np
@@ -56,9 +55,8 @@ class VariedSteps:
                 "sigma is needed"
             )
         of = {"friction": system.contacts.friction, "restitution": system.contacts.restitution}
-        varied = copy(system)
-        varied.contacts = system.contacts.with_coefficients(**{**of, name: values})
-        return self._by(scheme, varied)
+        contacts = system.contacts.with_coefficients(**{**of, name: values})
+        return self._by(scheme, system.with_contacts(contacts))
 
     def _by(self, scheme: ContactScheme, system: System) -> Step:
         steps = ContactSteps(scheme, system, self._steps.dt)
@@ -68,9 +66,10 @@ class VariedSteps:
         """Return the system of the same robot with other inertias (bodies, 10)."""
         scene, system = self._steps.scene, self._steps.system
         heavy = replace(scene, robot=weighing(scene.robot, inertias))
-        made = System(Workspace(heavy.bilateral), system.applied, contacts=heavy.contact_bounds)
-        made.passive = system.passive  # springs and damping that are on
-        return made
+        return System(
+            Workspace(heavy.bilateral), system.applied, passive=system.passive,
+            contacts=heavy.contact_bounds,
+        )  # fmt: skip
 
 
 def _values(steps: LinearizedStep, parameter: str) -> Array:
